@@ -10,12 +10,14 @@ bin/. The only command there is `epson_driver`.
 import os
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup  # before distutils, which it provides
 
 from distutils.command.build_scripts import build_scripts  # isort: skip
 
 NAME = 'epson_driver'
+MANIFEST = ElementTree.parse(Path(__file__).with_name('package.xml')).getroot()  # noqa: S314 - our own
 LAUNCHER = Path('scripts', 'executable')  # what the others are links to
 EXECUTABLES = [str(path) for path in sorted(LAUNCHER.parent.iterdir()) if path != LAUNCHER]
 OF_ROS = ('control_msgs', 'tf2_msgs')
@@ -82,19 +84,32 @@ if BY_COLCON:
 
 setup(
     name=NAME,
-    version='0.1.0',
-    description='ROS 2 driver for EPSON and other simple-message robot controllers',
-    license='Apache-2.0',
-    url='https://example.org/epson_driver',
-    author='epson_driver developers',
-    maintainer='epson_driver developers',
-    maintainer_email='epson-driver@example.org',
+    version=MANIFEST.findtext('version'),
+    description='ROS 2 driver and Python API for EPSON and other simple-message controllers',
+    long_description=Path(__file__).with_name('README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
+    classifiers=[
+        'Development Status :: 3 - Alpha',
+        'Intended Audience :: Manufacturing',
+        'Intended Audience :: Science/Research',
+        'Programming Language :: Python :: 3.11',
+        'Programming Language :: Python :: 3.12',
+        'Programming Language :: Python :: 3.13',
+        'Programming Language :: Python :: 3.14',
+        'Topic :: Scientific/Engineering',
+        'Typing :: Typed',
+    ],
+    license=MANIFEST.findtext('license'),
+    url=MANIFEST.findtext("url[@type='repository']"),
+    author=MANIFEST.findtext('author'),
+    maintainer=MANIFEST.findtext('maintainer'),
+    maintainer_email=MANIFEST.find('maintainer').get('email'),
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={NAME: ['py.typed', 'report/assets/*']},
     python_requires='>=3.11',
     # No ROS package is needed for the Python API. On a ROS machine rosdep brings them, and they
     # are not Python distributions; the extra `ros` is for an environment without ROS.
-    install_requires=['numpy', 'ruckig', 'PyYAML', 'rich'],
+    install_requires=['numpy', 'ruckig', 'PyYAML', 'rich', 'xacro'],
     extras_require={
         'ros': [
             'ros-jazzy-rclpy[fastrtps]',
@@ -106,11 +121,12 @@ setup(
         ],
         'report': ['matplotlib', 'rosbags'],
         'panel': ['viser==1.1.1'],  # exactly: panel/web_server.py relies on its inside
-        'planning': ['ompl', 'pin', 'py-opw-kinematics', 'scipy'],
+        'planning': ['ompl', 'pin'],  # of demo --plan alone
         # The name that colcon looks for: without it, `colcon test` collects with unittest.
         'test': ['catkin-pkg', 'hypothesis', 'pytest', 'pytest-timeout', 'scipy'],
         'dev': [
             'catkin-pkg',
+            'codespell',
             'colcon-common-extensions',
             'coverage',
             'hypothesis',
@@ -120,6 +136,7 @@ setup(
             'pytest-xdist',
             'rosdep',
             'ruff',
+            'scipy',
             'types-PyYAML',
         ],
     },

@@ -6,13 +6,12 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from importlib import import_module
 
-from benchmark.joint_splines import SplineUse, joint_spline
+from benchmark.baselines import SplineUse, joint_spline
 from benchmark.limit_sets import limit_set
 from benchmark.metrics import Metrics, commanded_rests, measure
 from benchmark.references import ReferenceTimes
-from benchmark.strategies import STRATEGIES, MakeSmoother, Strategy, run
+from benchmark.strategies import STRATEGIES, Strategy, run
 from benchmark.trajectories import BenchmarkTrajectory
 from epson_driver.motion import JointLimits
 
@@ -56,13 +55,12 @@ class Case:
 
 @dataclass(frozen=True)
 class Task:
-    """What to run. `smoother` is MODULE:NAME, '' for none."""
+    """What to run."""
 
     trajectory: BenchmarkTrajectory
     limits: str
     references: ReferenceTimes
     strategies: tuple[str, ...]
-    smoother: str
 
 
 def run_case(task: Task) -> Case:
@@ -83,11 +81,9 @@ def run_case(task: Task) -> Case:
             case.splines[name] = joint_spline(
                 trajectory.positions, trajectory.durations, limits, quintic
             )
-    if task.smoother:
-        make = factory(task.smoother)
-        for name in task.strategies:
-            if STRATEGIES[name].suits(trajectory):
-                _run_strategy(case, STRATEGIES[name], trajectory, limits, make)
+    for name in task.strategies:
+        if STRATEGIES[name].suits(trajectory):
+            _run_strategy(case, STRATEGIES[name], trajectory, limits)
     case.took = time.monotonic() - began
     return case
 
@@ -99,22 +95,11 @@ def _time_at_rest(trajectory: BenchmarkTrajectory, limits: JointLimits) -> float
     return sum(float(trajectory.durations[i + 1 : j + 1].sum()) for i, j in rests)
 
 
-def factory(name: str) -> MakeSmoother:
-    """Return what MODULE:NAME names; raises ImportError if there is none."""
-    module, _, function = name.partition(':')
-    try:
-        made: MakeSmoother = getattr(import_module(module), function)
-    except AttributeError as error:
-        raise ImportError(str(error)) from error
-    return made
-
-
 def _run_strategy(
     case: Case,
     strategy: Strategy,
     trajectory: BenchmarkTrajectory,
     limits: JointLimits,
-    make: MakeSmoother,
 ) -> None:
     def guarded(label: str, work: Callable[[], None]) -> None:
         try:
@@ -123,7 +108,7 @@ def _run_strategy(
             case.errors[label] = f'{type(error).__name__}: {error}'
 
     def whole() -> None:
-        record = run(strategy, trajectory, limits, make)
+        record = run(strategy, trajectory, limits)
         case.strategies[strategy.name] = measure(trajectory, record, limits, strategy.timed)
 
     def cut(points: int) -> None:
@@ -134,7 +119,7 @@ def _run_strategy(
             trajectory.positions[:points],
             None if durations is None else durations[:points],
         )
-        record = run(strategy, known, limits, make, cut=True)
+        record = run(strategy, known, limits, cut=True)
         metrics = measure(known, record, limits, strategy.timed)
         case.cut_streams.append(CutStream(strategy.name, points, metrics))
 

@@ -14,12 +14,12 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from benchmark.baselines import stop_and_go
 from benchmark.exact_extrema import Recorded, exact_extrema
 from benchmark.family_members import WORK_SEEDS, FamilyMember, members
 from benchmark.limit_sets import ramp_time
 from benchmark.metrics import stops
 from benchmark.motion_record import Record
-from benchmark.stop_and_go import stop_and_go
 from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.smoother import Mode
 from epson_driver.motion.smoother.planner import plan

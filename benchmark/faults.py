@@ -4,9 +4,9 @@
 
 `python -m benchmark.faults` runs all cells of test/support/fault_cells.py: real driver, simulated
 controller and TCP in virtual time, so its times do not depend on the machine. It writes
-results/faults.json, the picture and the table of docs/reliability.md. Exit code 1 if anything did
-not hold anywhere. `--only PATTERN` runs the cells whose names match, and writes nothing unless
-`--results` is there, too.
+build/benchmark/faults.json, and the table of docs/invariants.md. Exit code 1 if anything did
+not hold. `--only PATTERN` runs the cells whose names match, and writes nothing unless `--results`
+is there, too.
 """
 
 import argparse
@@ -24,8 +24,7 @@ from support.event_loop import run
 from support.fault_cells import Cell, cells
 from support.fault_play import play
 
-from benchmark.provenance import command_of, provenance
-from benchmark.reliability_page import FAULTS, RESULTS, write_figures
+from benchmark.reliability_page import FAULTS, command_of, provenance, write_figures
 
 _log = logging.getLogger(__name__)
 
@@ -52,12 +51,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog='benchmark.faults', description=__doc__)
     parser.add_argument('--only', metavar='PATTERN', default='', help='cells whose names match')
     parser.add_argument('--results', action='store_true', help='write the figures of those, too')
-    parser.add_argument('--render', action='store_true', help='draw the stored figures again')
     arguments = parser.parse_args()
     logging.disable(logging.CRITICAL)
-    if arguments.render:
-        render()
-        return 0
     chosen: list[Cell] = [cell for cell in cells() if re.search(arguments.only, cell.name)]
     found = []
     for number, cell in enumerate(chosen, 1):
@@ -72,7 +67,6 @@ def main() -> int:
     if arguments.results or not arguments.only:
         run_data = provenance(command_of('benchmark.faults'))
         write_figures(FAULTS, {'run': run_data, 'cells': found})
-        render()
     return int(failed > 0)
 
 
@@ -83,13 +77,6 @@ def _shown(figures: dict[str, Any]) -> str:
         f'{figures["end"]}; rest {figures["rest"]:.2f} s, recovery {figures["recovery"]:.2f} s; '
         f'{figures["text"]}; gate: {figures["gate"]}'
     )
-
-
-def render() -> None:
-    """Draw the stored figures."""
-    from benchmark import reliability_pictures  # here, so that the rest needs no matplotlib
-
-    reliability_pictures.faults(RESULTS)
 
 
 if __name__ == '__main__':

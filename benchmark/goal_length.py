@@ -23,10 +23,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.driver.delivery.delivery import DeliveryRules
 from epson_driver.driver.delivery.streaming import Streaming
-from epson_driver.driver.goal.goal import Goal
-from epson_driver.driver.goal.goal_checks import check_goal
+from epson_driver.driver.goal.goal import Goal, GoalSettings, checked_goal
 from epson_driver.driver.goal.goal_execution import GoalExecution
-from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.state.joint_mapping import unmapped
 from epson_driver.link import Link
 from epson_driver.motion import JointLimits
@@ -88,7 +86,7 @@ def measure_one(points: int, limits: JointLimits, rounds: int) -> GoalLength:
     )
     joints = len(limits.names)
     goal = Goal(trajectory, np.full(joints, 0.01), 0.0)
-    checks, _ = timed(lambda: check_goal(goal, limits), rounds)
+    checks, _ = timed(lambda: checked_goal(goal, limits), rounds)
     link = Link('none', '127.0.0.1', 1, on_packet=lambda _: None, on_state=lambda *_: None)
     delivery = Streaming(link, limits, unmapped(joints), DeliveryRules())
     sent: list[Message] = []
@@ -107,7 +105,7 @@ def measure_one(points: int, limits: JointLimits, rounds: int) -> GoalLength:
 
     first, _ = timed(begin, 10 * rounds)  # so short that a few would be noise
     tracemalloc.start()
-    check_goal(goal, limits)
+    checked_goal(goal, limits)
     begin()
     memory = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()

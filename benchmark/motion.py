@@ -2,31 +2,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """`make bench-motion`: the smoother against stop-and-go, splines in time, and two optima.
 
-Writes motion.json, motion.md and pictures to benchmark/results/. Exit code 0, unless --check is
+Writes motion.json, motion.md and pictures to build/benchmark. Exit code 0, unless --check is
 given and a required value is missed, or a reference is unsound.
 """
 
 import argparse
 import sys
 import time
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from itertools import repeat
 from pathlib import Path
 
-from benchmark import tables
-from benchmark.cases import Case, Task, factory, run_case
+from benchmark import RESULTS, tables
+from benchmark.cases import Case, Task, run_case
 from benchmark.families import FamilyFigures, PlanCosts, run_family
 from benchmark.family_members import FAMILIES, MEASURED_SEEDS
 from benchmark.limit_sets import FACTORS, limit_set
-from benchmark.look_ahead import TRAJECTORIES, Curve, CurveTask, run_curve
-from benchmark.references import ReferenceFile, ReferenceTimes, compute, digest
+from benchmark.references import References, ReferenceTimes, digest
 from benchmark.results_file import Results, render, write
 from benchmark.strategies import STRATEGIES
 from benchmark.targets import outcomes
 from benchmark.trajectories import BenchmarkTrajectory, benchmark_set
 
-RESULTS = Path(__file__).with_name('results')
-DRIVER = 'benchmark.driver:DriverSmoother'
 MAX_QUICK_POINTS = 60
 QUICK_STRATEGIES = (
     'time-optimal, all known',
@@ -44,14 +41,12 @@ def main(arguments: list[str] | None = None) -> int:
     began = time.monotonic()
     trajectories = _chosen(args)
     with ProcessPoolExecutor(args.jobs) as pool:
-        references = _references(pool, trajectories, args)
-        smoother = _available(args.smoother)
-        cases = _cases(pool, trajectories, references, args, smoother)
-        curves = _curves(pool, trajectories, args, smoother)
+        references = _references(trajectories, args)
+        cases = _cases(pool, trajectories, references, args)
         runs = _families(pool, args)
     families = _timed_alone(runs)
     results = outcomes(cases)
-    write(args.output, Results(cases, curves, results, families))
+    write(args.output, Results(cases, results, families))
     print(tables.summary(cases), tables.targets(results), sep='\n\n')
     missed = [result.metric for result in results if not result.met and result.worst is not None]
     missed += [f'{one.name}: {text}' for one in families for text in one.missed]
@@ -111,9 +106,6 @@ def _arguments(arguments: list[str] | None) -> argparse.Namespace:
         help='of the families (default: %(default)s; 0 8 are those to work with)',
     )
     parser.add_argument(
-        '--reference', action='store_true', help='compute the reference times anew'
-    )
-    parser.add_argument(
         '--render',
         action='store_true',
         help='run nothing: make report and pictures again from the stored figures',
@@ -126,17 +118,11 @@ def _arguments(arguments: list[str] | None) -> argparse.Namespace:
         '--output',
         type=Path,
         default=None,
-        help='folder for the results (default: benchmark/results for a whole run, '
+        help='folder for the results (default: build/benchmark for a whole run, '
         'build/bench-motion for a part)',
     )
-    parser.add_argument(
-        '--smoother',
-        default=DRIVER,
-        metavar='MODULE:NAME',
-        help='one like %(default)s, or none',
-    )
     args = parser.parse_args(arguments)
-    part = args.only or args.limits or args.strategy or args.quick or args.smoother != DRIVER
+    part = args.only or args.limits or args.strategy or args.quick
     if args.output is None:
         args.output = Path('build', 'bench-motion') if part else RESULTS
     args.sets = [args.limits] if args.limits else ['full'] if args.quick else list(FACTORS)
@@ -156,39 +142,15 @@ def _chosen(args: argparse.Namespace) -> list[BenchmarkTrajectory]:
     return chosen
 
 
-def _available(smoother: str) -> str:
-    """Return the smoother's name, or nothing if there is none to run."""
-    if smoother == 'none':
-        return ''
-    try:
-        make = factory(smoother)
-        make(limit_set('full'), benchmark_set()[0].positions[0], False, 0.0)
-    except ImportError as error:
-        print(f'no smoother to run ({error}): references and splines only', flush=True)
-        return ''
-    return smoother
-
-
 def _references(
-    pool: ProcessPoolExecutor, trajectories: list[BenchmarkTrajectory], args: argparse.Namespace
+    trajectories: list[BenchmarkTrajectory], args: argparse.Namespace
 ) -> dict[tuple[str, str], ReferenceTimes]:
-    stored = ReferenceFile(forget=args.reference)
-    wanted = [(trajectory, name) for name in args.sets for trajectory in trajectories]
-    keys = {
-        (trajectory.name, name): digest(trajectory.positions, limit_set(name))
-        for trajectory, name in wanted
+    stored = References()
+    return {
+        (trajectory.name, name): stored[digest(trajectory.positions, limit_set(name))]
+        for name in args.sets
+        for trajectory in trajectories
     }
-    waiting: dict[str, Future[ReferenceTimes]] = {}
-    for trajectory, name in wanted:
-        key = keys[trajectory.name, name]
-        if key not in stored and key not in waiting:
-            waiting[key] = pool.submit(compute, trajectory.positions, limit_set(name))
-    for trajectory, name in wanted:
-        key = keys[trajectory.name, name]
-        if key in waiting:
-            stored.put(key, trajectory.name, name, waiting.pop(key).result())
-            print(f'reference of {trajectory.name}, {name}', flush=True)
-    return {pair: stored[key] for pair, key in keys.items()}
 
 
 def _cases(
@@ -196,10 +158,9 @@ def _cases(
     trajectories: list[BenchmarkTrajectory],
     references: dict[tuple[str, str], ReferenceTimes],
     args: argparse.Namespace,
-    smoother: str,
 ) -> list[Case]:
     tasks = [
-        Task(trajectory, name, references[trajectory.name, name], args.strategies, smoother)
+        Task(trajectory, name, references[trajectory.name, name], args.strategies)
         for name in args.sets
         for trajectory in trajectories
     ]
@@ -223,35 +184,11 @@ def _progress(case: Case) -> str:
     return f'{case.name}, {case.limits}: ' + ' '.join([*ratios, *errors, f'({case.took:.0f} s)'])
 
 
-def _curves(
-    pool: ProcessPoolExecutor,
-    trajectories: list[BenchmarkTrajectory],
-    args: argparse.Namespace,
-    smoother: str,
-) -> list[Curve]:
-    if not smoother or args.strategy or args.quick:
-        return []
-    jobs = [
-        pool.submit(run_curve, CurveTask(trajectory, name, timed, smoother))
-        for name in args.sets
-        for trajectory in trajectories
-        if trajectory.name in TRAJECTORIES
-        for timed in (False, True)
-    ]
-    curves = []
-    for job in jobs:
-        try:
-            curves.append(job.result())
-        except Exception as error:  # noqa: BLE001  whatever the class under test raises
-            print(f'no look-ahead curve: {type(error).__name__}: {error}', flush=True)
-    return curves
-
-
 def _families(
     pool: ProcessPoolExecutor, args: argparse.Namespace
 ) -> list[tuple[FamilyFigures, PlanCosts]]:
     """Run the families of the whole benchmark, or of --family alone."""
-    part = args.only or args.limits or args.strategy or args.quick or args.smoother != DRIVER
+    part = args.only or args.limits or args.strategy or args.quick
     names = args.family or ([] if part else list(FAMILIES))
     found = []
     for figures, costs in pool.map(run_family, names, repeat(range(*args.seeds))):

@@ -27,7 +27,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from benchmark.goal_length import slow_wave
-from epson_driver.cli import processes
+from epson_driver.processes import processes
 from epson_driver.simple_message import JointTrajPt, PacketFramer, SpecialSequence
 
 PATIENCE_S = 120.0

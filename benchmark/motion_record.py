@@ -4,9 +4,14 @@
 
 from dataclasses import dataclass
 
-from benchmark.arrays import Index, Mask
+import numpy as np
+import numpy.typing as npt
+
 from epson_driver.motion import Array
 from epson_driver.motion.interpolation import cubic
+
+Index = npt.NDArray[np.intp]
+Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

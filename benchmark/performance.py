@@ -4,7 +4,7 @@
 
 Part of `make bench`. Ratios of what was measured side by side, each against what is required: the
 medians of three runs. Writes performance.json, performance.md and performance.png to
-benchmark/results/, and the newest figures into docs/performance.md (--quick: one run, to
+build/benchmark, and the newest figures into docs/performance.md (--quick: one run, to
 build/performance, and the docs stay).
 Exit code 0, unless --check is given and a required value is missed. Linux only.
 """
@@ -13,6 +13,7 @@ import argparse
 import json
 import os
 import platform
+import shutil
 import sys
 import time
 from collections.abc import Iterator
@@ -20,12 +21,18 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmark import codec, goal_length, motion_path, point_round_trip, state_path
+from benchmark import (
+    RESULTS,
+    ROOT,
+    codec,
+    goal_length,
+    motion_path,
+    point_round_trip,
+    state_path,
+)
 from benchmark.performance_report import Bar, docs_page, medians, picture, report
 from benchmark.results_file import rounded
 
-ROOT = Path(__file__).parents[1]
-RESULTS = ROOT / 'benchmark' / 'results'
 DOCS = ROOT / 'docs' / 'performance.md'
 COMMAND = 'make bench'
 MIN_DOWNLOAD_SPEED_UP = 50.0
@@ -131,6 +138,8 @@ def write(folder: Path, data: dict[str, Any]) -> None:
     (folder / 'performance.json').write_text(text + '\n', encoding='utf-8')
     (folder / 'performance.md').write_text(report(data), encoding='utf-8')
     picture(data, folder / 'performance.png')
+    if folder == RESULTS:  # docs keep the picture of the newest whole run
+        shutil.copy(folder / 'performance.png', ROOT / 'docs' / 'images')
 
 
 def _say(what: str) -> None:

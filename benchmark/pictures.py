@@ -11,8 +11,6 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
 from benchmark.cases import Case
-from benchmark.look_ahead import Curve
-from benchmark.strategies import MODES
 
 OPTIMAL = {
     'time-optimal, all known': ('tab:blue', 'o'),
@@ -141,36 +139,3 @@ def _dots(
     if found:
         xs, ys = zip(*found, strict=True)
         axes.plot(xs, ys, marker, color=colour, label=label, markersize=9 if marker == '|' else 5)
-
-
-def look_ahead(curves: list[Curve], path: Path) -> None:
-    """Draw the slow-down over what is known ahead, a line per curve."""
-    figure, axes = plt.subplots(1, 2, figsize=(11, 4.6), sharey=True, layout='constrained')
-    for axis, limits, ramp in zip(axes, ('full', 'half'), (0.1, 0.2), strict=True):
-        for curve in (curve for curve in curves if curve.limits == limits):
-            axis.plot(
-                curve.times,
-                curve.ratios,
-                '--s' if curve.timed else '-o',
-                markersize=4,
-                label=f'{curve.name}, {MODES[curve.timed]}',
-            )
-        for multiple in (2, 3):
-            known = multiple * ramp
-            if known <= max(curves[0].times) + 1e-9:
-                axis.axvline(known, color='tab:gray', linewidth=0.8, linestyle=':')
-                axis.text(
-                    known,
-                    0.02,
-                    f' {multiple}·A/J',
-                    fontsize=8,
-                    transform=axis.get_xaxis_transform(),
-                )
-        axis.axhline(1.10, color=REQUIRED, linewidth=1, label='10 % slower')
-        axis.set_title(f'{limits} limits (A/J: acceleration builds up in {ramp:g} s)')
-        axis.set_xlabel('known ahead of the arm, s')
-        axis.grid(alpha=0.3)
-        axis.legend(fontsize=8)
-    axes[0].set_ylabel('time / time with all points known')
-    figure.savefig(path, dpi=110)
-    plt.close(figure)

@@ -31,15 +31,14 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from epson_driver.cli import processes
 from epson_driver.driver.delivery.delivery import DeliveryRules
 from epson_driver.driver.delivery.streaming import Streaming
-from epson_driver.driver.goal.goal import Goal
+from epson_driver.driver.goal.goal import Goal, GoalSettings
 from epson_driver.driver.goal.goal_execution import GoalExecution
-from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.state.joint_mapping import unmapped
 from epson_driver.link import Link, LinkState
 from epson_driver.motion import Trajectory
+from epson_driver.processes import processes
 from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import JointTrajPt, Message, Packet, Ping
 

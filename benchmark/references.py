@@ -2,22 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The times that strategies are held against, per trajectory and limits; kept in a file.
 
-They change with the points, the limits and the algorithms only, so they are stored under a digest
-of these and computed once.
+They change with the points and the limits only, so they are stored under a digest of these. How
+they were found is in README.md.
 """
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from benchmark.stop_and_go import stop_and_go
 from epson_driver.motion import Array, JointLimits
 
-VERSION = 2
-"""Of the algorithms behind the times; a new one makes the stored ones invalid."""
-FILE = Path(__file__).with_name('results') / 'reference.json'
+FILE = Path(__file__).with_name('references.json')
 
 
 @dataclass(frozen=True)
@@ -57,46 +54,15 @@ class ReferenceTimes:
 def digest(positions: Array, limits: JointLimits) -> str:
     """Return the key of a trajectory (n, joints) under limits."""
     numbers = [positions, limits.velocity, limits.acceleration, limits.jerk]
-    parts = [f'version {VERSION}', *(repr(table.round(9).tolist()) for table in numbers)]
+    parts = ['version 2', *(repr(table.round(9).tolist()) for table in numbers)]
     return hashlib.sha256('\n'.join(parts).encode()).hexdigest()[:16]
 
 
-def compute(positions: Array, limits: JointLimits) -> ReferenceTimes:
-    """Return the reference times of one trajectory (n, joints); takes 0.5 to 40 s."""
-    # here, so that who only reads stored times needs neither scipy nor toppra
-    from benchmark.optimum import FreeOptimum, free_path_optimum, jerk_limited_optimum
-    from benchmark.spline_path import spline_path
-    from benchmark.topp_ra import jerk_free_time
+class References:
+    """The stored times, by digest."""
 
-    path = spline_path(positions, limits.velocity)
-    found = jerk_limited_optimum(path, limits)
-    spline = FreeOptimum(found.profile.duration, found.velocity, found.acceleration, found.jerk)
-    free = free_path_optimum(positions, limits)
-    optimum = spline if free is None or free.duration > spline.duration else free
-    ptp = stop_and_go(positions, limits)
-    return ReferenceTimes(
-        ptp=round(ptp.duration, 6),
-        ptp_stops=ptp.stops,
-        toppra=round(jerk_free_time(path, limits), 6),
-        opt=round(optimum.duration, 6),
-        opt_velocity=round(optimum.velocity, 5),
-        opt_acceleration=round(optimum.acceleration, 5),
-        opt_jerk=round(optimum.jerk, 5),
-        spline=round(spline.duration, 6),
-        spline_velocity=round(spline.velocity, 5),
-        spline_acceleration=round(spline.acceleration, 5),
-        spline_jerk=round(spline.jerk, 5),
-    )
-
-
-class ReferenceFile:
-    """The stored reference times, by digest; rewritten whenever one is added."""
-
-    def __init__(self, path: Path = FILE, forget: bool = False) -> None:
-        self._path = path
-        self._entries: dict[str, dict[str, Any]] = {}
-        if path.exists() and not forget:
-            self._entries = json.loads(path.read_text(encoding='utf-8'))
+    def __init__(self) -> None:
+        self._entries: dict[str, dict[str, Any]] = json.loads(FILE.read_text(encoding='utf-8'))
 
     def __contains__(self, key: str) -> bool:
         return key in self._entries
@@ -106,14 +72,3 @@ class ReferenceFile:
         return ReferenceTimes(
             **{field.name: entry[field.name] for field in fields(ReferenceTimes)}
         )
-
-    def put(self, key: str, name: str, limits: str, times: ReferenceTimes) -> None:
-        """Store reference times with the names of trajectory and limits, for readers."""
-        self._entries[key] = {'name': name, 'limits': limits, **asdict(times)}
-        self._path.parent.mkdir(exist_ok=True)
-        ordered = dict(sorted(self._entries.items(), key=lambda item: _order(item[1])))
-        self._path.write_text(json.dumps(ordered, indent=1) + '\n', encoding='utf-8')
-
-
-def _order(entry: dict[str, Any]) -> tuple[str, str]:
-    return str(entry['limits']), str(entry['name'])

@@ -1,23 +1,54 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""docs/reliability.md: its tables are made of the figures in benchmark/results.
-
-`python -m benchmark.reliability_page` writes them again; a test compares them. Each part of the
-page is made of one file; a file that is not there leaves its part empty.
-"""
+"""The measured part of docs/invariants.md: each table is made of one run, and says of which."""
 
 import json
+import os
+import platform
+import sys
 import textwrap
 from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
 from pathlib import Path
-from statistics import median
 from typing import Any
 
-from benchmark.provenance import sentence
+from benchmark import RESULTS, ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
-RESULTS = ROOT / 'benchmark' / 'results'
-PAGE = ROOT / 'docs' / 'reliability.md'
+
+def provenance(command: str) -> dict[str, Any]:
+    """Return what is to be known of the run that ends now; `command` repeats it."""
+    return {
+        'command': command,
+        'date': datetime.now(UTC).strftime('%Y-%m-%d'),
+        'machine': f'{_processor()}, {os.cpu_count()} cores',
+        'python': platform.python_version(),
+        'system': platform.system(),
+    }
+
+
+def sentence(data: dict[str, Any]) -> str:
+    """Return it in words."""
+    return (
+        f'`{data["command"]}`, {data["date"]}, {data["machine"]}, {data["system"]}, '
+        f'Python {data["python"]}'
+    )
+
+
+def command_of(module: str) -> str:
+    """Return the command of this run as a person would type it."""
+    return ' '.join(['python -m', module, *sys.argv[1:]])
+
+
+def _processor() -> str:
+    try:
+        text = Path('/proc/cpuinfo').read_text(encoding='utf-8')
+    except OSError:
+        return platform.machine()
+    names = [line.partition(':')[2].strip() for line in text.splitlines() if 'model name' in line]
+    return names[0] if names else platform.machine()
+
+
+PAGE = ROOT / 'docs' / 'invariants.md'
 
 FAULTS, SOAK, FUZZ = 'faults.json', 'soak.json', 'fuzz.json'
 
@@ -27,59 +58,44 @@ NAMES = {'memory': 'memory of the driver', 'controller_memory': 'memory of the c
 
 
 def write_figures(name: str, figures: Figures, folder: Path = RESULTS) -> None:
-    """Write figures to a file of the results; the page is written anew if it is of them."""
+    """Write figures to a file; a whole run's make its table of the page anew."""
     folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps(figures, indent=1, ensure_ascii=False, allow_nan=False)
     (folder / name).write_text(text + '\n', encoding='utf-8')
     if folder == RESULTS:
-        PAGE.write_text(page(), encoding='utf-8')
+        PAGE.write_text(page(PAGE.read_text(encoding='utf-8'), name, figures), encoding='utf-8')
 
 
-def page() -> str:
-    """Return the page as it should be."""
-    text = PAGE.read_text(encoding='utf-8')
-    for mark, (name, lines) in PARTS.items():
-        begin, end = f'<!-- {mark}: begin -->\n', f'<!-- {mark}: end -->\n'
-        head, rest = text.split(begin)
-        path = RESULTS / name
-        made: list[str] = []
-        if path.exists():
-            made = list(lines(json.loads(path.read_text(encoding='utf-8'))))
-        text = head + begin + ''.join(made) + end + rest.split(end)[1]
-    return text
+def page(text: str, name: str, figures: Figures) -> str:
+    """Return the page with the table of a file's figures."""
+    mark, lines = PARTS[name]
+    begin, end = f'<!-- {mark}: begin -->\n', f'<!-- {mark}: end -->\n'
+    head, rest = text.split(begin)
+    return head + begin + ''.join(lines(figures)) + end + rest.split(end)[1]
 
 
 def faults(figures: Figures) -> Iterator[str]:
-    """Yield the table of the fault matrix: a row for each fault and phase."""
+    """Yield the table of the fault matrix: a row for each fault."""
     cells = figures['cells']
     failed = [cell for cell in cells if cell['failure']]
     yield _text(
         f'{len(cells)} cells; in {len(failed)} of them something did not hold. '
         f'{sentence(figures["run"])}.'
     )
-    yield _row('fault', 'phase', 'cells', 'how the goal ended', 'rest [s]', 'recovery [s]')
-    yield _row('---', '---', '---:', '---', '---:', '---:')
-    names = list(dict.fromkeys((cell['fault'], cell['phase']) for cell in cells))
-    shown = ''
-    for fault, phase in sorted(names, key=lambda name: _first(cells, name[0])):
-        found = [cell for cell in cells if (cell['fault'], cell['phase']) == (fault, phase)]
+    yield _row('fault', 'cells', 'how the goal ended', 'longest rest [s]', 'longest recovery [s]')
+    yield _row('---', '---:', '---', '---:', '---:')
+    for fault in dict.fromkeys(cell['fault'] for cell in cells):
+        found = [cell for cell in cells if cell['fault'] == fault]
         good = [cell for cell in found if not cell['failure']]
         ends = dict.fromkeys(cell['end'] for cell in good)
         counted = (f'{sum(cell["end"] == end for cell in good)} {end}' for end in ends)
-        named = '' if fault == shown else f'`{fault}`'
-        shown = fault
         yield _row(
-            named,
-            phase,
+            f'`{fault}`',
             str(len(found)),
             ', '.join([*counted, *['**failed**'] * (len(good) < len(found))]),
-            _spread(cell['rest'] for cell in good),
-            _spread(cell['recovery'] for cell in good),
+            _longest(cell['rest'] for cell in good),
+            _longest(cell['recovery'] for cell in good),
         )
-
-
-def _first(cells: list[Figures], fault: str) -> int:
-    return [cell['fault'] for cell in cells].index(fault)
 
 
 def soak(figures: Figures) -> Iterator[str]:
@@ -98,12 +114,6 @@ def soak(figures: Figures) -> Iterator[str]:
         shown = (f'{values[when]:.{digits}f} {unit}'.strip() for when in ('warm', 'last', 'most'))
         yield _row(NAMES.get(name, name), *shown)
     yield '\n'
-    yield _row('what happened', 'times', 'outcomes of the goals')
-    yield _row('---', '---:', '---')
-    for name, outcomes in figures['episodes'].items():
-        told = ', '.join(f'{count} {outcome}' for outcome, count in sorted(outcomes.items()))
-        yield _row(name, str(sum(outcomes.values())), told)
-    yield '\n'
     problems = figures['problems']
     goals = f'{figures["minutes"]:.0f} minutes, {figures["goals"]} goals'
     yield f'{goals}; {len(problems)} things did not hold{":" if problems else "."}\n'
@@ -114,27 +124,20 @@ def soak(figures: Figures) -> Iterator[str]:
 
 
 def fuzz(figures: Figures) -> Iterator[str]:
-    """Yield the table of what was fuzzed: inputs, how many a second, and what was found."""
+    """Yield how much was fuzzed, and what was found."""
+    targets = figures['targets']
     yield _text(f'{sentence(figures["run"])}; seed {figures["seed"]}.')
-    yield _row('what', 'inputs', 'inputs/s', 'kept in the corpus', 'found')
-    yield _row('---', '---:', '---:', '---:', '---:')
-    for name, target in figures['targets'].items():
-        rate = target['inputs'] / max(target['seconds'], 1e-9)
-        yield _row(
-            name,
-            f'{target["inputs"]:,}',
-            f'{rate:,.0f}',
-            str(target['corpus']),
-            str(len(target['found'])),
-        )
-    total = sum(target['inputs'] for target in figures['targets'].values())
-    yield _row('**together**', f'{total:,}', '', '', '')
+    total = sum(target['inputs'] for target in targets.values())
+    found = {name: len(target['found']) for name, target in targets.items() if target['found']}
+    count = sum(found.values())
+    yield f'{total:,} inputs to {len(targets)} targets; {count} things did not hold'
+    yield f': {", ".join(f"{name} {each}" for name, each in found.items())}.\n' if found else '.\n'
 
 
-def _spread(values: Iterator[float]) -> str:
-    """Return median and most, s."""
-    found = list(values)
-    return f'{median(found):.2f} … {max(found):.2f}' if found else ''
+def _longest(times: Iterator[float]) -> str:
+    """Return the longest of some times, s."""
+    found = list(times)
+    return f'{max(found):.2f}' if found else ''
 
 
 def _text(words: str) -> str:
@@ -147,10 +150,7 @@ def _row(*cells: str) -> str:
 
 
 PARTS: dict[str, tuple[str, Callable[[Figures], Iterator[str]]]] = {
-    'faults': (FAULTS, faults),
-    'soak': (SOAK, soak),
-    'fuzz': (FUZZ, fuzz),
+    FAULTS: ('faults', faults),
+    SOAK: ('soak', soak),
+    FUZZ: ('fuzz', fuzz),
 }
-
-if __name__ == '__main__':
-    PAGE.write_text(page(), encoding='utf-8')

@@ -8,10 +8,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from benchmark.baselines import SplineUse
 from benchmark.cases import Case, CutStream
 from benchmark.families import FamilyFigures
-from benchmark.joint_splines import SplineUse
-from benchmark.look_ahead import Curve
 from benchmark.metrics import Metrics
 from benchmark.references import ReferenceTimes
 from benchmark.tables import report
@@ -24,7 +23,6 @@ class Results(NamedTuple):
     """All that one run of the benchmark found out."""
 
     cases: list[Case]
-    curves: list[Curve]
     outcomes: list[Outcome]
     families: list[FamilyFigures]
 
@@ -34,7 +32,6 @@ def write(folder: Path, results: Results) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     data = {
         'cases': [case.as_dict() for case in results.cases],
-        'look_ahead': [curve.as_dict() for curve in results.curves],
         'targets': [asdict(outcome) for outcome in results.outcomes],
         'families': [figures.as_dict() for figures in results.families],
     }
@@ -50,8 +47,6 @@ def render(folder: Path) -> None:
     results = read(folder)
     (folder / REPORT).write_text(report(*results), encoding='utf-8')
     pictures.overview(results.cases, folder / 'overview.png')
-    if results.curves:
-        pictures.look_ahead(results.curves, folder / 'look_ahead.png')
 
 
 def read(folder: Path) -> Results:
@@ -59,10 +54,6 @@ def read(folder: Path) -> Results:
     data = json.loads((folder / FIGURES).read_text(encoding='utf-8'))
     return Results(
         [_case(case) for case in data['cases']],
-        [
-            Curve(**curve | {name: tuple(curve[name]) for name in ('times', 'ratios')})
-            for curve in data['look_ahead']
-        ],
         [
             Outcome(**outcome | {name: _bound(outcome[name]) for name in ('required', 'goal')})
             for outcome in data['targets']

@@ -30,7 +30,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from epson_driver.cli import processes
+from epson_driver.processes import processes
 
 COUNTS = (1, 4, 16)
 WINDOW_S = 5.0

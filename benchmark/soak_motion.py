@@ -7,7 +7,7 @@ controller, and a user who sends goals, cancels and replaces them, streams setpo
 services, changes parameters, presses the E-stop and cuts the cable, at random moments. Every goal
 must end once, with the true outcome; between the episodes the memory of both processes, and the
 descriptors, threads and asyncio tasks of the client must be what they were after the warm-up.
-Writes results/soak.json, its picture and the table of docs/reliability.md. Exit code 1 if
+Writes build/benchmark/soak.json and the table of docs/invariants.md. Exit code 1 if
 anything does not hold. Linux only.
 """
 
@@ -24,11 +24,10 @@ from statistics import median
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from benchmark.provenance import command_of, provenance
-from benchmark.reliability_page import RESULTS, SOAK, write_figures
+from benchmark.reliability_page import SOAK, command_of, provenance, write_figures
 from benchmark.soak_user import FAR, SoakUser
-from epson_driver.cli import processes
-from epson_driver.cli.processes import Process
+from epson_driver.processes import processes
+from epson_driver.processes.processes import Process
 
 WARM_UP_S = 75.0
 """The driver keeps goals for 60 s."""
@@ -329,9 +328,6 @@ def main() -> int:
         print(f'PROBLEM {problem}')
     if not arguments.no_results:
         write_figures(SOAK, {'run': provenance(command_of('benchmark.soak_motion'))} | figures)
-        from benchmark import reliability_pictures  # here, so that the rest needs no matplotlib
-
-        reliability_pictures.soak(RESULTS)
     return int(bool(figures['problems']))
 
 

@@ -26,7 +26,7 @@ import numpy as np
 from benchmark.state_sender import Order, serve
 from benchmark.state_stages import Stages
 from benchmark.subscriber import Subscriber
-from epson_driver.cli import processes
+from epson_driver.processes import processes
 
 RATES_HZ = (182.0, 500.0, 1000.0)
 """182: what an RC620 sends."""

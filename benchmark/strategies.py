@@ -5,7 +5,7 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from benchmark.limit_sets import ramp_time
 from benchmark.motion_record import Record
 from benchmark.trajectories import BenchmarkTrajectory
 from epson_driver.motion import Array, JointLimits
+from epson_driver.motion.smoother import Mode, Smoother
+from epson_driver.motion.smoother.planner import plan
+from epson_driver.motion.smoother.request import Plan, Request
 
 SAMPLE_STEP_S = 0.001
 """The sampling step, s: finer than the 4 ms cycle, so that no spike hides between two cycles."""
@@ -26,50 +29,44 @@ MAX_WALL_TIME_S = 120.0
 """Wall time that one run may take, s: some hundred times what it should."""
 
 
-class State(Protocol):
-    """What a step returns: arrays of shape (n,)."""
+class DriverSmoother:
+    """The smoother as the benchmark runs it: the plans it makes are counted."""
 
-    @property
-    def position(self) -> Array:
-        """In rad."""
-
-    @property
-    def velocity(self) -> Array:
-        """In rad/s."""
-
-    @property
-    def acceleration(self) -> Array:
-        """In rad/s²."""
-
-
-class Smoother(Protocol):
-    """What the harness needs of the class under test.
-
-    If it has a counter `plans` of the plans it made, steps in which that rises count as planning,
-    which has a process of its own in a controller, and not as the cost of a cycle.
-    """
+    def __init__(
+        self,
+        limits: JointLimits,
+        start: Array,
+        timed: bool,
+        latency: float,
+        *,
+        refine: bool = True,
+    ) -> None:
+        mode = Mode.TIME_PRESERVING if timed else Mode.TIME_OPTIMAL
+        self.plans = 0
+        self._smoother = Smoother(
+            limits, start, mode, latency=latency, planner=self._plan, refine=refine
+        )
+        self.append = self._smoother.append
+        self.finish = self._smoother.finish
+        self.step = self._smoother.step
 
     @property
     def moving(self) -> bool:
-        """False when at rest with nothing left to do."""
+        """Whether the arm moves or has points to go to."""
+        return self._smoother.moving
 
     @property
     def look_ahead(self) -> float:
-        """Time known ahead of the arm, s."""
+        """How much is known ahead, s."""
+        return self._smoother.look_ahead
 
-    def append(self, position: Array, duration: float | None) -> None:
-        """Take a point."""
-
-    def step(self, dt: float) -> State:
-        """Move on by `dt` s."""
+    def _plan(self, request: Request, limits: JointLimits) -> Plan | None:
+        self.plans += 1
+        return plan(request, limits)
 
 
 MODES = {True: 'time-preserving', False: 'time-optimal'}
 """What is said of a strategy that keeps the commanded durations, or does not."""
-
-MakeSmoother = Callable[..., Smoother]
-"""Makes one from limits, start (n,), whether it keeps the times, and the planner's latency; with
-`refine=False` one that stays on the spline."""
 
 
 @dataclass(frozen=True)
@@ -127,13 +124,14 @@ def run(
     strategy: Strategy,
     trajectory: BenchmarkTrajectory,
     limits: JointLimits,
-    make: MakeSmoother,
+    make: Callable[..., Any] = DriverSmoother,
     cut: bool = False,
     patience: float = PATIENCE_S,
 ) -> Record:
     """Return the sampled motion of a smoother through the points.
 
-    A smoother with a method `finish` is told of the end, unless the stream is `cut`.
+    `make` takes limits, start (n,), whether times are kept, and the latency; `finish` tells it of
+    the end, unless the stream is `cut`.
 
     Raises RuntimeError if it does not end within `patience` s more than any motion needs.
     """

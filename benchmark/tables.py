@@ -9,9 +9,8 @@ import numpy as np
 from benchmark.cases import Case
 from benchmark.families import FamilyFigures
 from benchmark.family_members import FAMILIES
-from benchmark.look_ahead import Curve
 from benchmark.metrics import Metrics
-from benchmark.strategies import MODES, STRATEGIES
+from benchmark.strategies import STRATEGIES
 from benchmark.targets import Outcome
 
 WIDTH = 120
@@ -35,7 +34,7 @@ WORDS = """Written by `make bench-motion`; all figures are in motion.json as wel
 * **limits**: `full`: acceleration = 10 · velocity / s, jerk = 10 · acceleration / s; `half`: 5, 5.
 * **point to point**: the fastest moves that rest at every point. **TOPP-RA** keeps no jerk limit:
   nothing on the spline through the points can be faster. **optimum**: the fastest motion found
-  within all limits, whatever its path between the points (benchmark/optimum). **on the spline**:
+  within all limits, whatever its path between the points (benchmark/README.md). **on the spline**:
   both where it may not leave that path; where times are commanded, they are compared with the
   optimum there. **sparse**: on average, points are 0.5 A/J or more apart.
 * **v, a, j**: the largest velocity, acceleration and jerk, as a multiple of the joint's limit.
@@ -54,7 +53,6 @@ percentile."""
 
 def report(
     cases: list[Case],
-    curves: list[Curve],
     results: list[Outcome],
     of_families: Sequence[FamilyFigures] = (),
 ) -> str:
@@ -73,11 +71,6 @@ def report(
     ]
     if any(case.cut_streams for case in cases):
         parts += ['## Streams that are cut on the way', cut_streams(cases)]
-    if curves:
-        parts += [
-            '## Look-ahead\n\nTime relative to that with all points known.',
-            look_ahead(curves),
-        ]
     if of_families:
         parts += [f'## Families that are hard to plan\n\n{FAMILY_WORDS}', families(of_families)]
     errors = [
@@ -96,17 +89,7 @@ def targets(results: list[Outcome]) -> str:
     for result in results:
         unit = f' {result.unit}' if result.unit else ''
         if result.worst is None:
-            rows.append(
-                [
-                    result.metric,
-                    _bound(result.required, unit),
-                    _bound(result.goal, unit),
-                    'not measured',
-                    '',
-                    '',
-                    '–',
-                ]
-            )
+            rows.append([result.metric, *_bounds(result), 'not measured', '', '', '–'])
             continue
         met = 'goal met' if result.goal_met else 'met' if result.met else '**MISSED**'
         if not np.isfinite(result.required) and not result.goal_met:
@@ -114,32 +97,23 @@ def targets(results: list[Outcome]) -> str:
         rows.append(
             [
                 result.metric,
-                _bound(result.required, unit),
-                _bound(result.goal, unit),
+                *_bounds(result),
                 _short(result.worst) + unit,
                 result.where if result.worst > 0.0 else '',
                 _short(result.mean or 0.0),
                 met,
             ]
         )
-    header = ['metric', 'required', 'goal', 'worst', 'where', 'mean', 'result']
+    header = 'metric | required | goal | worst | where | mean | result'
     return _table(header, rows)
 
 
 def summary(cases: list[Case]) -> str:
     """Return a line per strategy, over all trajectories and limits."""
-    header = [
-        'strategy',
-        'runs',
-        'time / point to point',
-        '/ commanded',
-        '/ optimum',
-        '/ TOPP-RA',
-        'largest v, a, j / limit',
-        'stops',
-        'waypoint',
-        'overrun',
-    ]
+    header = (
+        'strategy | runs | time / point to point | / commanded | / optimum | / TOPP-RA | '
+        'largest v, a, j / limit | stops | waypoint | overrun'
+    )
     rows = [_ptp_row(cases)]
     for name in ('cubic', 'quintic'):
         found = [(case, case.splines[name]) for case in cases if name in case.splines]
@@ -205,17 +179,10 @@ def _strategy_row(name: str, runs: Sequence[tuple[Case, Metrics]]) -> list[str]:
 
 def trajectories(cases: list[Case]) -> str:
     """Return the references of every trajectory and what the optimum attains of the limits."""
-    header = [
-        'trajectory',
-        'what it is',
-        'limits',
-        'points',
-        'commanded',
-        'point to point',
-        'TOPP-RA',
-        'optimum',
-        'v, a, j of the optimum',
-    ]
+    header = (
+        'trajectory | what it is | limits | points | commanded | point to point | TOPP-RA | '
+        'optimum | v, a, j of the optimum'
+    )
     rows = []
     for case in cases:
         one = case.references
@@ -238,23 +205,10 @@ def trajectories(cases: list[Case]) -> str:
 
 def details(cases: list[Case]) -> str:
     """Return a line per trajectory, limits and strategy of DETAILED."""
-    header = [
-        'trajectory',
-        'limits',
-        'strategy',
-        'time, s',
-        '/ pt to pt',
-        '/ commanded',
-        '/ optimum',
-        '/ TOPP-RA',
-        'v',
-        'a',
-        'j',
-        'stops',
-        'waypoint',
-        'overrun',
-        'off lines',
-    ]
+    header = (
+        'trajectory | limits | strategy | time, s | / pt to pt | / commanded | / optimum | '
+        '/ TOPP-RA | v | a | j | stops | waypoint | overrun | off lines'
+    )
     rows = []
     for case in cases:
         for name in DETAILED:
@@ -286,15 +240,10 @@ def details(cases: list[Case]) -> str:
 
 def cut_streams(cases: list[Case]) -> str:
     """Return how motions ended whose stream was cut, per strategy and limits."""
-    header = [
-        'strategy',
-        'limits',
-        'runs',
-        'from the last point at the end, rad',
-        'overrun, rad',
-        'stops',
-        'largest velocity, acceleration, jerk',
-    ]
+    header = (
+        'strategy | limits | runs | from the last point at the end, rad | overrun, rad | '
+        'stops | largest velocity, acceleration, jerk'
+    )
     groups: dict[tuple[str, str], list[Metrics]] = {}
     for case in cases:
         for cut in case.cut_streams:
@@ -316,35 +265,12 @@ def cut_streams(cases: list[Case]) -> str:
     return _table(header, rows)
 
 
-def look_ahead(curves: list[Curve]) -> str:
-    """Return a line per curve."""
-    header = ['trajectory', 'limits', 'mode', *(f'{known:g} s' for known in curves[0].times)]
-    rows = [
-        [
-            curve.name,
-            curve.limits,
-            MODES[curve.timed],
-            *(f'{ratio:.3f}' for ratio in curve.ratios),
-        ]
-        for curve in curves
-    ]
-    return _table(header, rows)
-
-
 def families(found: Sequence[FamilyFigures]) -> str:
     """Return a line per family."""
-    header = [
-        'family',
-        'runs',
-        'plans',
-        'failed',
-        'stops',
-        '/ pt to pt',
-        '/ commanded',
-        'v, a, j (sampled)',
-        'plan, median',
-        '99 %',
-    ]
+    header = (
+        'family | runs | plans | failed | stops | / pt to pt | / commanded | '
+        'v, a, j (sampled) | plan, median | 99 %'
+    )
     rows = [
         [
             one.name,
@@ -372,8 +298,10 @@ def _pair(values: Iterable[float]) -> str:
     return f'{np.exp(np.mean(np.log(found))):.2f} / {found.max():.2f}'
 
 
-def _bound(value: float, unit: str) -> str:
-    return f'≤ {value:g}{unit}' if np.isfinite(value) else '–'
+def _bounds(result: Outcome) -> list[str]:
+    unit = f' {result.unit}' if result.unit else ''
+    bounds = (result.required, result.goal)
+    return [f'≤ {value:g}{unit}' if np.isfinite(value) else '–' for value in bounds]
 
 
 def _short(value: float) -> str:
@@ -390,9 +318,10 @@ def shortened(cell: str) -> str:
     )
 
 
-def _table(header: list[str], rows: Iterable[list[str]]) -> str:
+def _table(header: str, rows: Iterable[list[str]]) -> str:
     """Return a table; one that would be wider than WIDTH columns has no spaces beside its bars."""
-    lines = [header, ['---'] * len(header), *([shortened(cell) for cell in row] for row in rows)]
+    names = header.split(' | ')
+    lines = [names, ['---'] * len(names), *([shortened(cell) for cell in row] for row in rows)]
     spaced = [f'| {" | ".join(cells)} |' for cells in lines]
     if max(map(len, spaced)) <= WIDTH:
         return '\n'.join(spaced)

@@ -10,8 +10,8 @@ import numpy as np
 
 from benchmark.limit_sets import FACTORS, MAX_VELOCITY_RAD_S
 from benchmark.plans import TimedPath, blended, fastest_timing, random_vias
-from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.motion import Array
+from epson_driver.trajectory_file import read_trajectory
 
 SHARED = Path(__file__).parents[1] / 'config' / 'trajectories'
 WITHOUT_TIMES = 'around_pillar_positions_only'

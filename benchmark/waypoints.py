@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmark.arrays import Index, Mask
-from benchmark.motion_record import Record
+from benchmark.motion_record import Index, Mask, Record
 from epson_driver.motion import Array
 
 NEAR_RAD = 0.02

@@ -33,11 +33,11 @@ Function BytesInit
 Fend
 
 ' Writes x as binary32 to b(pos) and the three behind it. False: x is too large, and nothing is written.
-' place: where the power of two was found that is not larger than x; the next number of the same slot
+' place(slot): where the power of two was found that is not larger than x; the next number of the same slot
 ' usually has the same one. Begin with 150.
-Function PackFloat(x As Double, ByRef b() As Integer, pos As Integer, ByRef place As Integer) As Boolean
+Function PackFloat(x As Double, ByRef b() As Integer, pos As Integer, ByRef place() As Integer, slot As Integer) As Boolean
   Double m
-  Integer below, above, half, sign, field
+  Integer low_place, high_place, half, sign, field
   Long n
   PackFloat = False
   m = x
@@ -52,21 +52,21 @@ Function PackFloat(x As Double, ByRef b() As Integer, pos As Integer, ByRef plac
     field = 0
     m = m * g_pow2(POW2_TO_WHOLE)
   Else
-    If m < g_pow2(place) Or m >= g_pow2(place + 1) Then
-      below = POW2_NORMAL
-      above = POW2_OVER
-      Do While above - below > 1
-        half = Int((below + above) / 2)
+    If m < g_pow2(place(slot)) Or m >= g_pow2(place(slot) + 1) Then
+      low_place = POW2_NORMAL
+      high_place = POW2_OVER
+      Do While high_place - low_place > 1
+        half = Int((low_place + high_place) / 2)
         If m < g_pow2(half) Then
-          above = half
+          high_place = half
         Else
-          below = half
+          low_place = half
         EndIf
       Loop
-      place = below
+      place(slot) = low_place
     EndIf
-    field = place - 23
-    m = m * g_pow2(323 - place)
+    field = place(slot) - 23
+    m = m * g_pow2(323 - place(slot))
   EndIf
 
   n = Int(m)

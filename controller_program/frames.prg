@@ -77,17 +77,18 @@ Function AnswerOther(port As Integer, ByRef b() As Integer, length As Long, ByRe
   If GoodHead(ByRef b()) Then
     If UnpackLong(ByRef b(), 4) <> COMM_SERVICE_REQUEST Then Exit Function
     size = length - HEAD_BYTES
-    If kind = MSG_PING And (size = 0 Or size = 40) Then
-      PutHead ByRef message(), length, MSG_PING, COMM_SERVICE_REPLY, REPLY_SUCCESS
+    If kind = MSG_PING And size Mod 4 = 0 Then
+      If size <> 40 Then size = 0
+      PutHead ByRef message(), HEAD_BYTES + size, MSG_PING, COMM_SERVICE_REPLY, REPLY_SUCCESS
       For i = 16 To 15 + size
         message(i) = 0
       Next i
-      WriteBin #port, message(), length + LENGTH_BYTES
+      WriteBin #port, message(), LENGTH_BYTES + HEAD_BYTES + size
       Exit Function
     ElseIf kind = MSG_GET_VERSION And size = 0 Then
       PutHead ByRef message(), 24, MSG_GET_VERSION, COMM_SERVICE_REPLY, REPLY_SUCCESS
       PackLong 0, ByRef message(), 16
-      PackLong 1, ByRef message(), 20
+      PackLong 2, ByRef message(), 20
       PackLong 0, ByRef message(), 24
       WriteBin #port, message(), 28
       Exit Function

@@ -39,6 +39,7 @@ Double m_published
 
 ' A background task that never ends
 Function IoServer
+  OnErr GoTo io_error
   TmReset IO_STREAM_TIMER
   Do
     IoService
@@ -48,6 +49,8 @@ Function IoServer
     m_wrote = False
     Wait 0.1
   Loop
+io_error:
+  EResume Next
 Fend
 
 ' Serves one client
@@ -55,7 +58,7 @@ Function IoService
   Integer i, taken
   OnErr GoTo io_failed
   If ChkNet(IO_PORT) <> -3 Then CloseNet #IO_PORT
-  SetNet #IO_PORT, OWN_ADDRESS, IO_TCP_PORT, CRLF, NONE, 2, TCP
+  SetNet #IO_PORT, OWN_ADDRESS, IO_TCP_PORT, CRLF, NONE, 2
   OpenNet #IO_PORT As Server
   TmReset IO_TIMER
   Do While ChkNet(IO_PORT) < 0
@@ -115,7 +118,7 @@ Function TakeRequest
   Boolean well
   kind = UnpackLong(ByRef m_frame(), 0)
   well = GoodHead(ByRef m_frame())
-  If well Then well = UnpackLong(ByRef m_frame(), 4) = COMM_SERVICE_REQUEST
+  If well Then well = (UnpackLong(ByRef m_frame(), 4) = COMM_SERVICE_REQUEST)
   width = 0
   Select kind
     Case MSG_IO_READ, MSG_IO_RESET, MSG_IO_STREAM_UNSUB
@@ -268,7 +271,7 @@ Function WritePoint(sort As Long, index As Long, value As Long)
     most = 255
     If index >= IO_WORDS Then most = 65535
   EndIf
-  If sort = IO_DI Or sort = IO_GI Then
+  If sort = IO_DI Or sort = IO_GI Or Remote(sort, index) Then
     m_result = IO_READ_ONLY
   ElseIf value < 0 Or value > most Then
     m_result = IO_NO_VALUE
@@ -281,15 +284,25 @@ Function WritePoint(sort As Long, index As Long, value As Long)
   Else
     m_wrote = True
     If most = 65535 Then
-      OutW index - IO_WORDS, value
+      OutW index - IO_WORDS, value, Forced
     ElseIf most = 255 Then
-      Out index, value
+      Out index, value, Forced
     ElseIf value = 1 Then
-      On index
+      On index, Forced
     Else
-      Off index
+      Off index, Forced
     EndIf
   EndIf
+Fend
+
+' Whether an output is, or has, one that RC+ may use as a remote output
+Function Remote(sort As Long, index As Long) As Boolean
+  Long byte_index
+  byte_index = IO_FIRST_OUTPUT_BYTE
+  If sort = IO_DO Then byte_index = Int(index / 8)
+  If sort = IO_GO Then byte_index = index
+  If sort = IO_GO And index >= IO_WORDS Then byte_index = 2 * (index - IO_WORDS)
+  Remote = (byte_index < IO_FIRST_OUTPUT_BYTE)
 Fend
 
 Function ResetPoint(sort As Long, index As Long)
@@ -315,8 +328,8 @@ Function ResetAll(sort As Long)
       MemOut i, 0
     Next i
   Else
-    For i = 0 To IO_OUTPUT_BYTES - 1
-      Out i, 0
+    For i = IO_FIRST_OUTPUT_BYTE To IO_OUTPUT_BYTES - 1
+      Out i, 0, Forced
     Next i
   EndIf
 Fend

@@ -13,11 +13,14 @@ Boolean m_motors_off
 #ifndef NO_BACKGROUND
 ' Starts with the controller, as a background task
 Function BgMain
+  OnErr GoTo background_error
   SetUp
   Do
     KeepRunning
     Wait 0.1
   Loop
+background_error:
+  EResume Next
 Fend
 
 Function KeepRunning
@@ -131,9 +134,17 @@ Function MoveChain
       Speed g_speed(g_tail)
       Accel g_accel(g_tail), g_accel(g_tail)
       If g_head <> following Then
+#ifdef SCARA
+        Go AglToPls(g_q(6 * g_tail), g_q(6 * g_tail + 1), g_q(6 * g_tail + 2), g_q(6 * g_tail + 3)) CP Till
+#else
         Go AglToPls(g_q(6 * g_tail), g_q(6 * g_tail + 1), g_q(6 * g_tail + 2), g_q(6 * g_tail + 3), g_q(6 * g_tail + 4), g_q(6 * g_tail + 5)) CP Till
+#endif
       Else
+#ifdef SCARA
+        Go AglToPls(g_q(6 * g_tail), g_q(6 * g_tail + 1), g_q(6 * g_tail + 2), g_q(6 * g_tail + 3)) Till
+#else
         Go AglToPls(g_q(6 * g_tail), g_q(6 * g_tail + 1), g_q(6 * g_tail + 2), g_q(6 * g_tail + 3), g_q(6 * g_tail + 4), g_q(6 * g_tail + 5)) Till
+#endif
       EndIf
       If MemSw(STOP_BIT) = On Then
         Wait g_epoch <> g_seen, 0.1

@@ -8,9 +8,7 @@
 
 ' The last place before the ring would be full
 #define RING_FULL 250
-' Degrees for a radian
-#define DEGREES 57.29577951308232
-' What a limit that was rounded to binary32 may be beyond it, degrees
+' What a limit that was rounded to binary32 may be beyond it, degrees or mm
 #define ROUNDED 0.001
 
 ' What the client sends, and what it gets
@@ -18,6 +16,8 @@ Integer m_frame(1023), m_out(63)
 Long m_length
 ' Whether there is a client
 Boolean m_client
+' Whether it sends heartbeats, and whether it has hung since its last STOP
+Boolean m_beats, m_hung
 
 ' Points in the ring from g_head up to m_in are received but not yet main's; those up to m_ready may become it.
 Integer m_in, m_ready
@@ -46,13 +46,16 @@ Integer m_starts, m_faults, m_blocked
 
 ' A background task that never ends
 Function MotionServer
+  OnErr GoTo motion_error
   Do
     MotionService
     m_client = False
     g_lost = Following(g_lost)
-    Flush
+    DropPoints
     Wait 0.1
   Loop
+motion_error:
+  EResume Next
 Fend
 
 ' Serves one client
@@ -60,7 +63,7 @@ Function MotionService
   Integer i, taken
   OnErr GoTo motion_failed
   If ChkNet(MOTION_PORT) <> -3 Then CloseNet #MOTION_PORT
-  SetNet #MOTION_PORT, OWN_ADDRESS, MOTION_TCP_PORT, CRLF, NONE, 2, TCP
+  SetNet #MOTION_PORT, OWN_ADDRESS, MOTION_TCP_PORT, CRLF, NONE, 2
   OpenNet #MOTION_PORT As Server
   TmReset MOTION_TIMER
   Do While ChkNet(MOTION_PORT) < 0
@@ -71,15 +74,19 @@ Function MotionService
   ReadLimits
   m_length = 0
   m_client = True
+  m_beats = False
+  m_hung = False
   Do
     For i = 1 To 4
       Watch
       taken = TakeFrame(MOTION_PORT, MOTION_TIMER, ByRef m_frame(), ByRef m_length)
       If taken < 0 Then Exit Function
       If taken = 0 Then Exit For
+      TmReset CLIENT_TIMER
       TakeMessage
       m_length = 0
     Next i
+    WatchClient
     Plan
     Wait 0.01
   Loop
@@ -95,16 +102,30 @@ Function Watch
   If g_starts <> m_starts Or g_faults <> m_faults Then
     m_starts = g_starts
     m_faults = g_faults
-    Flush
+    DropPoints
   ElseIf why <> 0 And m_blocked = 0 Then
-    Flush
+    DropPoints
   EndIf
   m_blocked = why
 Fend
 
+' Drops all points of a client that hangs. A PING that failed tells it when it is back; its points are refused until
+' it sends a STOP. Points that were dropped stay in the ring until main has seen it: they are nobody's.
+Function WatchClient
+  If m_beats And Not m_hung And g_tail <> m_in And g_seen = g_epoch Then
+    If Tmr(CLIENT_TIMER) > CLIENT_TIMEOUT Then
+      m_hung = True
+      g_point_error = CLIENT_SILENT
+      PutHead ByRef m_out(), HEAD_BYTES, MSG_PING, COMM_SERVICE_REPLY, REPLY_FAILURE
+      WriteBin #MOTION_PORT, m_out(), 16
+      DropPoints
+    EndIf
+  EndIf
+Fend
+
 ' Stops the arm and drops all points: those that are not answered yet get FAILURE. The next one must have sequence 0.
 ' The bit comes before the count: see main.prg
-Function Flush
+Function DropPoints
   Integer i
   MemOn STOP_BIT
   g_epoch = Following(g_epoch)
@@ -135,6 +156,7 @@ Fend
 
 Function TakeMessage
   If UnpackLong(ByRef m_frame(), 0) <> MSG_JOINT_TRAJ_PT Then
+    If UnpackLong(ByRef m_frame(), 0) = MSG_PING And UnpackLong(ByRef m_frame(), 4) = COMM_TOPIC Then m_beats = True
     AnswerOther MOTION_PORT, ByRef m_frame(), m_length, ByRef m_out()
   ElseIf Not GoodHead(ByRef m_frame()) Or m_length <> POINT_BYTES Then
     Refuse 0, CORRUPT_MSG, True
@@ -146,7 +168,7 @@ Fend
 ' Ends the motion, and answers with FAILURE.
 Function Refuse(sequence As Long, number As Integer, answered As Boolean)
   g_point_error = number
-  Flush
+  DropPoints
   If answered Then AnswerPoint sequence, REPLY_FAILURE
 Fend
 
@@ -155,13 +177,15 @@ Function TakePoint
   Boolean asked
   Integer number
   sequence = UnpackLong(ByRef m_frame(), HEAD_BYTES)
-  asked = UnpackLong(ByRef m_frame(), 4) = COMM_SERVICE_REQUEST
+  asked = (UnpackLong(ByRef m_frame(), 4) = COMM_SERVICE_REQUEST)
   If sequence = SEQ_STOP_TRAJECTORY Then
-    Flush
+    DropPoints
+    m_hung = False
     If asked Then AnswerPoint sequence, REPLY_SUCCESS
     Exit Function
   EndIf
   number = Blocked
+  If m_hung Then number = CLIENT_SILENT
   If number = 0 Then number = CheckSequence(sequence, asked)
   If number = 0 Then number = CheckNumbers
   If number = 0 And ((m_in - g_tail) And 255) >= RING_FULL Then number = CORRUPT_MSG
@@ -214,7 +238,7 @@ Function CheckNumbers As Integer
   CheckNumbers = CORRUPT_MSG
   For j = 0 To JOINT_PLACES + 1
     If Not UnpackFloat(ByRef m_frame(), 16 + 4 * j, ByRef x) Then Exit Function
-    If j < JOINT_COUNT Then m_target(j) = x * DEGREES
+    If j < JOINT_COUNT Then m_target(j) = x * g_unit(j)
     If j = JOINT_PLACES Then
       If x < 0 Or x > 1 Then Exit Function
       m_velocity(m_in) = x
@@ -259,7 +283,7 @@ Function AddPoint(sequence As Long, asked As Boolean)
 Fend
 
 ' Makes points main's, as far as it may look ahead, and answers them: that is what holds a fast client back.
-' After a Flush, only when main has seen it: the arm stands, and the way to the first point is known.
+' After a DropPoints, only when main has seen it: the arm stands, and the way to the first point is known.
 Function Plan
   Do While g_head <> m_ready And g_seen = g_epoch And ((g_head - g_tail) And 255) < LOOK_AHEAD
     PlanPoint g_head

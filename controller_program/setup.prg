@@ -7,7 +7,14 @@
 
 ' Fills the tables: once, before anything else runs
 Function SetUp
+  Integer j
   BytesInit
+  For j = 0 To 5
+    g_unit(j) = 57.29577951308232
+  Next j
+#ifdef SCARA
+  g_unit(2) = 1000
+#endif
   g_most(0) = J1_SPEED
   g_most(1) = J2_SPEED
   g_most(2) = J3_SPEED
@@ -24,7 +31,15 @@ Function Calibrate
   Integer j
   Double one, two
   For j = 0 To JOINT_COUNT - 1
+#ifdef SCARA
+    If j = 2 Then
+      Measure j, -30, -10
+    Else
+      Measure j, -30, 30
+    EndIf
+#else
     Measure j, -30, 30
+#endif
   Next j
   ReadLimits
   For j = 0 To JOINT_COUNT - 1
@@ -46,9 +61,15 @@ Function Measure(j As Integer, one As Double, two As Double)
   Next i
   a(4) = 30
   a(j) = one
+#ifdef SCARA
+  at_one = PPls(AglToPls(a(0), a(1), a(2), a(3)), j + 1)
+  a(j) = two
+  at_two = PPls(AglToPls(a(0), a(1), a(2), a(3)), j + 1)
+#else
   at_one = PPls(AglToPls(a(0), a(1), a(2), a(3), a(4), a(5)), j + 1)
   a(j) = two
   at_two = PPls(AglToPls(a(0), a(1), a(2), a(3), a(4), a(5)), j + 1)
+#endif
   g_per_pulse(j) = (two - one) / (at_two - at_one)
   g_zero(j) = at_one - one / g_per_pulse(j)
   ' zero is at a whole pulse

@@ -26,7 +26,7 @@ Function StateService
   Integer i
   OnErr GoTo state_failed
   If ChkNet(STATE_PORT) <> -3 Then CloseNet #STATE_PORT
-  SetNet #STATE_PORT, OWN_ADDRESS, STATE_TCP_PORT, CRLF, NONE, 2, TCP
+  SetNet #STATE_PORT, OWN_ADDRESS, STATE_TCP_PORT, CRLF, NONE, 2
   OpenNet #STATE_PORT As Server
   TmReset STATE_FRAME_TIMER
   Do While ChkNet(STATE_PORT) < 0
@@ -78,14 +78,14 @@ Function NextSlot As Boolean
     TmReset STATE_TIMER
     m_due = 0
   EndIf
-  NextSlot = taken >= 0
+  NextSlot = (taken >= 0)
 Fend
 
 Function SendPosition
   Integer j
   Boolean fits
   For j = 0 To JOINT_COUNT - 1
-    fits = PackFloat((RealPls(j + 1) - g_zero(j)) * g_per_pulse(j) * 0.017453292519943295, ByRef m_position(), 20 + 4 * j, ByRef m_place(j))
+    fits = PackFloat((RealPls(j + 1) - g_zero(j)) * g_per_pulse(j) / g_unit(j), ByRef m_position(), 20 + 4 * j, ByRef m_place(), j)
   Next j
   WriteBin #STATE_PORT, m_position(), 60
 Fend

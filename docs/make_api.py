@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Write docs/python_api.md from the docstrings of the Python API: `python docs/make_api.py`.
+"""The reference of the Python API, from its docstrings: a page of the site.
 
-The sources are read, not imported. A test compares the page.
+The sources are read, not imported.
 """
 
 import ast
@@ -13,16 +13,15 @@ from pathlib import Path
 
 DOCS = Path(__file__).parent
 PACKAGE = DOCS.parent / 'epson_driver'
-PAGE = DOCS / 'python_api.md'
 WIDTH = 120
 MAX_SIGNATURE = 100
 """A longer one has each parameter on a line of its own, characters."""
 
 CLASSES = (
-    ('robot.py', 'Robot'),
-    ('api/synchronous.py', 'Motion'),
-    ('api/synchronous.py', 'Io'),
-    ('api/synchronous.py', 'Gripper'),
+    ('aio.py', 'Robot'),
+    ('api/motion.py', 'Motion'),
+    ('api/io.py', 'Io'),
+    ('api/gripper.py', 'Gripper'),
     ('api/settings.py', 'Settings'),
     ('api/status.py', 'RobotStatus'),
     ('api/status.py', 'ControllerError'),
@@ -30,21 +29,25 @@ CLASSES = (
     ('driver/io/gripper.py', 'GripperState'),
     ('api/errors.py', 'RobotError'),
     ('api/errors.py', 'MotionError'),
+    ('api/errors.py', 'ArgumentError'),
+    ('api/errors.py', 'PathError'),
 )
 """File and class, in the order of the page."""
+
+WITHIN = ('begin', 'finish')
+"""Methods that no user calls."""
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 HEAD = """\
 # Python API reference
 
-Made by `docs/make_api.py` from the docstrings; [python.md](python.md) explains it, with
-examples. All of it is in `epson_driver.robot`; `from epson_driver import Robot` is enough for
-most programs.
+[Python: the arm in ten lines](python.md) explains it, with examples. All of it is in
+`epson_driver.robot`; `from epson_driver import Robot` is enough for most programs.
 
 `epson_driver.aio` has the same classes for asyncio: there every method is awaited that is not
-a property, `simulated`, `set_speed_scaling`, `pose_of_epson_point` or one of the `on_` methods,
-and `Motion.wait` has no `timeout`, as `asyncio.timeout` does that. Besides, `await
-robot.catch_up()` lets what has come be read in a program that held the event loop, and `await
-robot.measured(lambda: robot.joints)` reads it then.
+a property, `simulated`, `pose_in`, one of the `set_` or one of the `on_` methods. `catch_up` and
+`measured` are there alone.
 """
 
 
@@ -71,7 +74,7 @@ def _class(node: ast.ClassDef) -> Iterator[str]:
     if fields:
         yield '```py\n' + '\n'.join(fields) + '\n```\n'
     for each in node.body:
-        if not isinstance(each, ast.FunctionDef):
+        if not isinstance(each, Function) or each.name in WITHIN:
             continue
         if each.name == '__init__' and not fields and len(each.args.kwonlyargs) > 1:
             yield _code(each, node.name)
@@ -82,7 +85,7 @@ def _class(node: ast.ClassDef) -> Iterator[str]:
             yield _text(each)
 
 
-def _attributes(function: ast.FunctionDef) -> Iterator[str]:
+def _attributes(function: Function) -> Iterator[str]:
     """Yield the attributes that have a docstring of their own."""
     for before, after in zip(function.body, function.body[1:], strict=False):
         if (
@@ -100,7 +103,7 @@ def _attributes(function: ast.FunctionDef) -> Iterator[str]:
             yield _wrapped(after.value.value)
 
 
-def _is_property(function: ast.FunctionDef) -> bool:
+def _is_property(function: Function) -> bool:
     return any(ast.unparse(each) == 'property' for each in function.decorator_list)
 
 
@@ -108,16 +111,16 @@ def _field(node: ast.AnnAssign) -> str:
     return ast.unparse(node)
 
 
-def _property(function: ast.FunctionDef) -> str:
+def _property(function: Function) -> str:
     return f'```py\n{function.name}: {_returned(function)}\n```\n'
 
 
-def _returned(function: ast.FunctionDef) -> str:
+def _returned(function: Function) -> str:
     text = 'None' if function.returns is None else ast.unparse(function.returns)
-    return {'R': 'Robot'}.get(text, text)
+    return {'Self': 'Robot'}.get(text, text)
 
 
-def _code(function: ast.FunctionDef, name: str) -> str:
+def _code(function: Function, name: str) -> str:
     """Return the signature in a block, without self."""
     arguments = function.args
     arguments.args = [each for each in arguments.args if each.arg not in ('self', 'cls')]
@@ -142,7 +145,7 @@ def _parameter(argument: ast.arg, default: ast.expr | None) -> str:
     return text if default is None else f'{text} = {ast.unparse(default)}'
 
 
-def _text(node: ast.ClassDef | ast.FunctionDef) -> str:
+def _text(node: ast.ClassDef | Function) -> str:
     return _wrapped(ast.get_docstring(node) or '')
 
 
@@ -162,7 +165,3 @@ def _wrapped(docstring: str) -> str:
                 )
             )
     return '\n\n'.join(paragraphs) + '\n'
-
-
-if __name__ == '__main__':
-    PAGE.write_text(page(), encoding='utf-8')

@@ -4,9 +4,10 @@
 
 The pages keep their places, so that every link between them holds. What they link to besides
 pages (profiles, robot models, the licence) is shown on pages made for it, and a folder as the list
-of its files. No page asks another host for anything: fonts are the reader's, and diagrams are
-drawn here instead of by a script from elsewhere. Only the search needs a server, as browsers start
-no worker from a file: `python -m http.server -d build/site`.
+of its files. What comes from code and data is made here: the parts of pages that say
+`<!-- made: NAME -->`, and two pages. No page asks another host for anything: fonts are the
+reader's, and diagrams are drawn here instead of by a script from elsewhere. All of it works from
+files, the search too.
 """
 
 import argparse
@@ -15,9 +16,12 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
+import make_api
+import make_diagrams
+import make_tables
 import mmdr
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -27,10 +31,33 @@ SITE = BUILD / 'site'
 CONFIGURATION = BUILD / 'zensical.toml'
 
 INDEX = 'docs/README.md'
-PAGES = ('*.md', 'docs/*.md', 'benchmark/*.md', 'benchmark/results/*.md')
+WORKER = 'iframe-worker.js'
+PAGES = ('*.md', 'docs/*.md', 'benchmark/*.md')
+MADE: dict[str, Callable[..., Iterable[str]]] = {
+    'approximate': make_tables.approximate,
+    'controller': make_diagrams.condition,
+    'errors': make_tables.errors,
+    'faults': make_tables.faults,
+    'keys': make_tables.keys,
+    'machines': make_diagrams.machines,
+    'models': make_tables.models,
+    'parameters': make_tables.parameters,
+    'remote_commands': make_tables.remote_commands,
+    'remote_errors': make_tables.remote_errors,
+    'spel_errors': make_tables.spel_errors,
+    'spel_rules': make_tables.spel_rules,
+    'spel_words': make_tables.spel_words,
+    'tests': make_tables.invariants,
+}
+"""Parts of pages."""
+MADE_PAGES: dict[str, Callable[[], Iterable[str]]] = {
+    'docs/python_api.md': make_api.page,
+    'docs/licences.md': make_tables.licences,
+}
 PICTURES = ('.png', '.webp', '.svg')
 
 LINK = re.compile(r'(!?\[[^\]]*\])\((?!https?:|#|mailto:)([^)\s#]+)(#[^)\s]*)?\)')
+PART = re.compile(r'<!-- made: (\w+) ?(.*?) -->\n')
 DIAGRAM = re.compile(r'(?ms)^```mermaid\n(.*?)^```\n')
 SECTION = re.compile(r'(?m)^## (.*)$')
 
@@ -56,13 +83,13 @@ def main() -> int:
 def write_source() -> None:
     """Write the pages and the configuration that the site is built from."""
     shutil.rmtree(SOURCE, ignore_errors=True)
-    pages = [page for pattern in PAGES for page in sorted(ROOT.glob(pattern))]
+    texts = {page: _whole(page) for pattern in PAGES for page in sorted(ROOT.glob(pattern))}
+    texts |= {ROOT / name: ''.join(made()) for name, made in MADE_PAGES.items()}
     wanted: set[Path] = set()
-    for page in pages:
-        text = page.read_text(encoding='utf-8')
+    for page, text in texts.items():
         wanted |= set(_targets(page, text))
         _write(page, _drawn(page, _linked(page, text)))
-    for target in sorted(wanted - set(pages)):
+    for target in sorted(wanted - set(texts)):
         if target.suffix in PICTURES:
             copy = SOURCE / target.relative_to(ROOT)
             copy.parent.mkdir(parents=True, exist_ok=True)
@@ -71,6 +98,7 @@ def write_source() -> None:
             _write(target / 'index.md', _folder(target))
         else:
             _write(target.with_name(target.name + '.md'), _file(target))
+    _write(ROOT / WORKER, (ROOT / 'docs' / WORKER).read_text(encoding='utf-8'))
     CONFIGURATION.write_text(configuration(), encoding='utf-8')
 
 
@@ -89,13 +117,22 @@ use_directory_urls = false
 nav = [
   {{ "epson_driver" = "README.md" }},
   {{ "Documentation" = "{INDEX}" }},
-{sections}]
+{sections}  {{ "Made from code and data" = {json.dumps(list(MADE_PAGES))} }},
+]
 
 [project.theme]
 font = false
 features = ["navigation.indexes", "content.code.copy"]
 
+[[project.extra.polyfills]]
+path = "{WORKER}"
+type = "text/javascript"
+async = false
+defer = false
+
 [project.plugins.search]
+
+[project.plugins.offline]
 """
 
 
@@ -111,6 +148,12 @@ def navigation() -> Iterator[tuple[str, list[str]]]:
             pages.append(name if place.suffix == '.md' else f'{name}.md')
         if pages and title != 'The executables':
             yield title, list(dict.fromkeys(pages))
+
+
+def _whole(page: Path) -> str:
+    """Return a page with the parts that are made."""
+    text = page.read_text(encoding='utf-8')
+    return PART.sub(lambda found: ''.join(MADE[found[1]](*found[2].split())), text)
 
 
 def _targets(page: Path, text: str) -> Iterator[Path]:

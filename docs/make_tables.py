@@ -1,23 +1,31 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the tables and lists that come from elsewhere, no wider than 120 columns.
+"""Tables and lists of the docs that come from code and data, no wider than 120 columns.
 
-Parameters in ros_interface.md, from node/parameters.py; error numbers in troubleshooting.md,
-from config/errors/epson.yaml; robot models in new_robot.md, from config/robots; the tests of each
-invariant in invariants.md, from their marker, one file a line.
-
-Run it after a change there: `python docs/make_tables.py`. Tests compare them.
+`make docs` puts them into the site.
 """
 
-import ast
+import re
 import textwrap
-from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from importlib.metadata import Distribution, distributions
 from pathlib import Path
+from xml.etree import ElementTree
 
 from epson_driver.error_texts import NO_ERROR, load_error_texts
 from epson_driver.node.parameters import TABLE, Row, joint_rows
-from epson_driver.robots import load_robot_model, robot_models
+from epson_driver.profiles.profile import load_controller_profile
+from epson_driver.profiles.profile_rules import RULES
+from epson_driver.remote_ethernet.errors import MEANINGS
+from epson_driver.robots import RobotModel, load_robot_model, robot_models
+from epson_driver.sim_controller.faults.fault_kinds import FAULTS
+from epson_driver.sim_controller.faults.fault_text import parameter_texts
+from epson_driver.sim_controller.remote.remote_commands import COMMANDS as REMOTE_COMMANDS
+from epson_driver.spel.commands import COMMANDS
+from epson_driver.spel.errors import TEXTS
+from epson_driver.spel.functions import FUNCTIONS
+from epson_driver.spel.lint import RULES as LINT_RULES
+from epson_driver.spel.words import CONSTANTS
 
 DOCS = Path(__file__).parent
 TEST = DOCS.parent / 'test'
@@ -46,73 +54,125 @@ def errors() -> Iterator[str]:
             yield item(f'`{number}`{doubt}: {text.meaning}{remedy}')
 
 
+def spel_words() -> Iterator[str]:
+    """Yield what of SPEL+ is understood."""
+    for kind, table in (('statements', COMMANDS), ('functions', FUNCTIONS)):
+        names = sorted((rule.name for rule in table.values()), key=str.lower)
+        yield item(f'{len(names)} {kind}: {", ".join(f"`{name}`" for name in names)}')
+    yield item(f'{len(CONSTANTS)} constants: all of appendix D')
+
+
+def spel_rules() -> Iterator[str]:
+    """Yield an item for each rule of the linter."""
+    yield from (item(f'`{name}`: {text}') for name, text in LINT_RULES.items())
+
+
+def spel_errors() -> Iterator[str]:
+    """Yield an item for each error number of the interpreter."""
+    yield from (item(f'`{number:d}`: {text}') for number, text in sorted(TEXTS.items()))
+
+
+def keys() -> Iterator[str]:
+    """Yield an item for each key of a controller profile."""
+    yield from (item(f'`{key}`: {rule.text}') for key, rule in RULES.items())
+
+
+def faults() -> Iterator[str]:
+    """Yield an item for each fault of the simulated controller, and below it its parameters."""
+    for name, kind in FAULTS.items():
+        yield item(f'**`{name}`**: {kind.text}')
+        for key, text in parameter_texts(kind).items():
+            yield textwrap.indent(item(f'`{key}`: {text}', WIDTH - 2), '  ')
+
+
+def remote_commands() -> Iterator[str]:
+    """Yield the table of the commands of Remote Ethernet."""
+    yield _row('command', 'what it does', 'accepted')
+    yield _row('---', '---', '---')
+    for name, command in REMOTE_COMMANDS.items():
+        written = ','.join(part for part in (f'${name}', command.usage) if part)
+        needs = ', '.join(need.text for need in command.requirements)
+        yield _row(f'`{written}`', command.text, needs or 'always')
+
+
+def remote_errors() -> Iterator[str]:
+    """Yield an item for each error number of Remote Ethernet."""
+    yield from (item(f'`{number:d}`: {text}') for number, text in MEANINGS.items())
+
+
 def models() -> Iterator[str]:
     """Yield the table of the robot models."""
-    marks = {'high': '', 'medium': 'medium', 'low': '**low**'}
-    quantities = ('position', 'velocity', 'acceleration', 'pulses_per_degree', 'chain')
+    quantities = ('range', 'speed', 'acceleration', 'pulses', 'origins')
     heads = ('range', 'speed', 'acceleration', 'encoder', 'chain')
     yield _row('model', 'kind', 'reach [mm]', 'payload [kg]', *heads)
     yield _row(*['---'] * (4 + len(heads)))
     for name in robot_models():
         model = load_robot_model(name)
         yield _row(
-            f'[{name}](../config/robots/{name}.yaml)',
+            f'[{name}](../config/robots/{name.partition("_")[0]}.yaml)',
             model.kind,
             f'{model.reach[0] * 1e3:.0f}',
             '' if model.payload is None else f'{model.payload:g}',
-            *(marks[model.provenance[each].worst] for each in quantities),
+            *(_mark(model, each) for each in quantities),
         )
 
 
+def _mark(model: RobotModel, quantity: str) -> str:
+    found = model.provenance.get(quantity)
+    mark = found.worst if found else 'not known'
+    return {'confirmed': '', 'estimated': '**estimated**'}.get(mark, mark)
+
+
+def approximate(profile: str) -> Iterator[str]:
+    """Yield an item for what a controller profile only approximates."""
+    yield from map(item, load_controller_profile(profile).approximate)
+
+
 def invariants() -> Iterator[str]:
-    """Yield an item for each invariant: how many tests carry its number; below, in which files."""
-    found: dict[int, Counter[str]] = defaultdict(Counter)
-    for path in sorted(TEST.rglob('test_*.py')):
-        for number in marked(path.read_text(encoding='utf-8')):
-            found[number][path.relative_to(TEST.parent).as_posix()] += 1
-    for number in sorted({*INVARIANTS, *found}):
-        yield f'* **{number}**: {found[number].total()} tests\n'
-        yield from (f'  * `{file}`\n' for file in found[number])
+    """Yield an item for each invariant, and below it the files that have a test of it."""
+    texts = {path: path.read_text(encoding='utf-8') for path in sorted(TEST.rglob('test_*.py'))}
+    for number in INVARIANTS:
+        marker = re.compile(rf'mark\.invariant\((\d, )*{number}[,)]')
+        files = [path for path, text in texts.items() if marker.search(text)]
+        yield f'* **{number}**\n'
+        yield from (f'  * `{path.relative_to(TEST.parent).as_posix()}`\n' for path in files)
 
 
-def marked(module: str) -> Iterator[int]:
-    """Yield the numbers of `pytest.mark.invariant`, once for each test of a module."""
-    tree = ast.parse(module)
-    of_all: set[int] = set()
-    for node in tree.body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == 'pytestmark':
-            of_all = _numbers(node.value)
-    for node in ast.walk(tree):
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            if node.name.startswith('test'):
-                yield from of_all.union(*map(_numbers, node.decorator_list))
-        elif isinstance(node, ast.Assign) and ast.unparse(node.value).endswith('.TestCase'):
-            yield from of_all  # hypothesis makes a test of a state machine
+def licences() -> Iterator[str]:
+    """Yield the table of the installed packages, and of what each states as its licence."""
+    yield '# Licences of what is installed\n\n'
+    yield 'As each Python package states it in the environment in which this site was built.\n\n'
+    yield _row('package', 'version', 'licence')
+    yield _row('---', '---', '---')
+    packages = {each.metadata['Name'].lower(): each for each in distributions()}
+    for _, package in sorted(packages.items()):
+        yield _row(package.metadata['Name'], package.version, _licence(package))
 
 
-def _numbers(expression: ast.expr) -> set[int]:
-    return {
-        ast.literal_eval(number)
-        for node in ast.walk(expression)
-        if isinstance(node, ast.Call) and ast.unparse(node.func) == 'pytest.mark.invariant'
-        for number in node.args
-    }
+def _licence(package: Distribution) -> str:
+    """Return what a package says: an expression, classifiers, a field, or a ROS manifest."""
+    about = package.metadata
+    classifiers = [
+        each.rpartition(' :: ')[2]
+        for each in about.get_all('Classifier') or ()
+        if each.startswith('License :: ') and not each.endswith('OSI Approved')
+    ]
+    field = (about.get('License') or '').strip().partition('\n')[0]
+    stated = about.get('License-Expression') or ', '.join(classifiers) or field
+    if stated in ('', 'UNKNOWN'):
+        manifests = [file for file in package.files or () if file.name == 'package.xml']
+        roots = [ElementTree.parse(str(package.locate_file(file))) for file in manifests]  # noqa: S314
+        found = {each.text or '' for root in roots for each in root.findall('license')}
+        stated = ', '.join(sorted(found))
+    return stated or 'not stated'
 
 
-def page(name: str) -> str:
-    """Return a page with its generated part as it should be."""
-    mark, lines = TABLES[name]
-    begin, end = f'<!-- {mark}: begin -->\n', f'<!-- {mark}: end -->\n'
-    head, rest = (DOCS / name).read_text(encoding='utf-8').split(begin)
-    return head + begin + ''.join(lines()) + end + rest.split(end)[1]
-
-
-def item(text: str) -> str:
+def item(text: str, width: int = WIDTH) -> str:
     """Return an item of a list, wrapped."""
     return (
         textwrap.fill(
             text,
-            WIDTH,
+            width,
             initial_indent='* ',
             subsequent_indent='  ',
             break_long_words=False,
@@ -136,15 +196,3 @@ def _allowed(row: Row) -> str:
     if row.choices:
         return ', '.join(row.choices)
     return '' if row.low is None else f'{row.low:g} … {row.high:g}'
-
-
-TABLES: dict[str, tuple[str, Callable[[], Iterator[str]]]] = {
-    'invariants.md': ('tests', invariants),
-    'new_robot.md': ('models', models),
-    'ros_interface.md': ('parameters', parameters),
-    'troubleshooting.md': ('errors', errors),
-}
-
-if __name__ == '__main__':
-    for name in TABLES:
-        (DOCS / name).write_text(page(name), encoding='utf-8')

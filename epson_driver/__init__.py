@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from epson_driver.robot import (
+        ArgumentError,
         EpsonPoint,
         GripperWiring,
         MotionError,
+        PathError,
         Robot,
         RobotError,
         Settings,
@@ -19,9 +21,11 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
+    'ArgumentError',
     'EpsonPoint',
     'GripperWiring',
     'MotionError',
+    'PathError',
     'Robot',
     'RobotError',
     'Settings',

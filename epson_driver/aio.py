@@ -11,20 +11,31 @@ explains it; epson_driver.robot has the same without asyncio.
 """
 
 import asyncio
+import weakref
 from collections.abc import Callable, Sequence
 from functools import partial
 from types import TracebackType
-from typing import Literal, TypeVar
+from typing import Literal, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from epson_driver.api import moves
 from epson_driver.api.connection import Connection
-from epson_driver.api.errors import MotionError, RobotError, not_begun, refusals
+from epson_driver.api.errors import (
+    ArgumentError,
+    MotionError,
+    PathError,
+    RobotError,
+    argument_errors,
+    motion,
+    not_begun,
+    refusals,
+)
 from epson_driver.api.gripper import Gripper, GripperState, GripperWiring
 from epson_driver.api.io import Io
 from epson_driver.api.motion import Motion
+from epson_driver.api.ownership import Unique
 from epson_driver.api.poses import (
     BASE,
     EpsonPoint,
@@ -33,22 +44,25 @@ from epson_driver.api.poses import (
     Tool,
     Waypoint,
     checked_tool,
+    is_pose,
     quaternion_pose,
 )
 from epson_driver.api.settings import Ports, Settings, make_setup
 from epson_driver.api.simulation import SimulatedController
-from epson_driver.api.status import ControllerError, RobotStatus
+from epson_driver.api.status import ControllerError, RobotStatus, Sample
+from epson_driver.api.streams import Streams
 from epson_driver.driver.arm_commands import ArmCommands
-from epson_driver.driver.goal.goal_plan import GoalPlan
+from epson_driver.driver.goal.planning_scope import PlanningScope
 from epson_driver.driver.smoothing.smoothing import Smoothing
 from epson_driver.driver.smoothing.smoothing_process import SmoothingError, SmoothingProcess
 from epson_driver.motion import Array
-from epson_driver.motion.blended_path import Run
 from epson_driver.robots import RobotModel
-from epson_driver.robots.cartesian_motion import ToolLimits, runs_trajectory
 from epson_driver.robots.kinematics import Kinematics
+from epson_driver.tool_motion.pose_path import Run
+from epson_driver.tool_motion.tool_trajectory import ToolLimits, runs_trajectory
 
 __all__ = [
+    'ArgumentError',
     'ControllerError',
     'EpsonPoint',
     'Gripper',
@@ -57,9 +71,11 @@ __all__ = [
     'Io',
     'Motion',
     'MotionError',
+    'PathError',
     'Robot',
     'RobotError',
     'RobotStatus',
+    'Sample',
     'Settings',
     'Waypoint',
 ]
@@ -67,11 +83,10 @@ __all__ = [
 READY_TIMEOUT_S = 10.0
 """How long `connect` waits for the controller unless it is told otherwise, s."""
 
-R = TypeVar('R', bound='Robot')
 T = TypeVar('T')
 
 
-class Robot:
+class Robot(Unique):
     """One arm. `connect` first, or use it as a context manager, which stops the arm at its end.
 
     controller, model: names of config/controllers and config/robots, or paths to files. Ports:
@@ -96,44 +111,54 @@ class Robot:
         self._connection = Connection(self._setup)
         self._kinematics = Kinematics(self._setup.model)
         self._hand = (Tool(np.eye(4)), self._kinematics)
+        self._streams = Streams(self._connection, self._setup.model.limits)
         self._frames = Frames(self._setup.model.base.matrix, float(self._setup.model.reach[0]))
-        self.io = Io(lambda: self._connection.running.io)
+        connection = self._connection  # not self: a robot that is lost is to be collected at once
+        self.io = Io(lambda: connection.running.io)
         """Inputs and outputs."""
-        self.gripper = Gripper(lambda: self._connection.gripper)
+        self.gripper = Gripper(lambda: connection.gripper)
         """The gripper that the settings describe."""
 
     @classmethod
     def simulated(
-        cls: type[R],
+        cls,
         *,
         controller: str = 'rc620',
         model: str = 'c3_a601s',
         start: Sequence[float] | None = None,
-        motion: Literal['smooth', 'ptp'] = 'smooth',
+        motion: Literal['smooth', 'ptp'] | None = None,
         settings: Settings | None = None,
-    ) -> R:
+    ) -> Self:
         """Return a robot that starts a simulated controller of its own when it connects.
 
-        start: its first joint positions, rad (m). motion: through all points without a stop, or
-        with a rest at each.
+        start: its first joint positions, rad (m). motion: through all points without a stop
+        ('smooth', the default), or with a rest at each ('ptp'); a SPEL+ program moves as its
+        statements say.
         """
         robot = cls(controller=controller, model=model, settings=settings)
-        if motion not in ('smooth', 'ptp'):
+        words = [f'--controller={controller}', f'--robot={model}']
+        if motion not in (None, 'smooth', 'ptp'):
             raise ValueError(f'motion = {motion!r}: must be smooth or ptp')
-        words = [f'--controller={controller}', f'--robot={model}', f'--motion={motion}']
+        if motion is not None:
+            words.append(f'--motion={motion}')
         if start is not None:
             (first,) = moves.targets('start', [start], robot.model.limits).positions
             words.append('--start=' + ','.join(f'{value:.9g}' for value in first))
         robot._connection.simulation = SimulatedController(words)
         return robot
 
+    def __repr__(self) -> str:
+        return f'<Robot: {self._setup.configuration.configured_as}, {self._connection.summary}>'
+
     # --- the connection ---------------------------------------------------------------------
 
-    async def connect(self: R, timeout: float = READY_TIMEOUT_S) -> R:
+    async def connect(self, timeout: float = READY_TIMEOUT_S) -> Self:
         """Connect, and wait until the controller has told its state and where the arm is.
 
         Raises RobotError that says what is missing after `timeout` s. The arm stays disabled.
         """
+        lost = weakref.finalize(self, self._connection.lost)
+        lost.atexit = False
         await self._connection.connect(timeout)
         return self
 
@@ -141,7 +166,7 @@ class Robot:
         """Stop the arm, disable it, and disconnect. Nothing if there is no connection."""
         await self._connection.close()
 
-    async def __aenter__(self: R) -> R:
+    async def __aenter__(self) -> Self:
         return await self.connect()
 
     async def __aexit__(
@@ -161,7 +186,7 @@ class Robot:
 
     @property
     def status(self) -> RobotStatus:
-        """What is known of arm and controller now, in words as well; also while a link is down."""
+        """What is known of arm and controller now, also while a link is down."""
         return self._connection.status
 
     @property
@@ -173,6 +198,10 @@ class Robot:
     def joint_velocities(self) -> Array:
         """Joint velocities, shape (n,), rad/s (m/s). Raises as `joints`."""
         return self._connection.sample().velocities.copy()
+
+    def sample(self) -> Sample:
+        """Return joints, time and state of the newest measurement. Raises as `joints`."""
+        return self._connection.stamped(self._connection.sample())
 
     @property
     def pose(self) -> Array:
@@ -215,7 +244,7 @@ class Robot:
         max_speed: float | None = None,
         max_acceleration: float | None = None,
     ) -> None:
-        """Set the tool (TCP) that lines, arcs and poses are about; at first it is the flange.
+        """Set the tool (TCP) that lines, arcs and poses are about, at first the flange.
 
         pose: in the flange (tool0), in any form that `move_line` takes. max_speed, m/s, and
         max_acceleration, m/s²: a line, an arc or a path that asks for more is refused; None: no
@@ -223,6 +252,41 @@ class Robot:
         """
         tool = checked_tool(pose, max_speed, max_acceleration)
         self._hand = (tool, Kinematics(self.model, tool.pose))
+
+    def forward(self, joints: npt.ArrayLike) -> Array:
+        """Return the tool in base_link at joint positions, shape (n,): shape (4, 4), m.
+
+        Raises ArgumentError.
+        """
+        with argument_errors():
+            values = moves.joint_rows('joints', joints, self.model.limits, rows=False)
+            return self._hand[1].forward(values)
+
+    def inverse(
+        self, pose: Pose, *, frame: str | None = None, near: npt.ArrayLike | None = None
+    ) -> Array:
+        """Return joint positions, shape (n,), rad (m), that bring the tool to a pose.
+
+        pose, frame: as in `move_line`. near: of all solutions the nearest to these joints; None:
+        to where the arm is. Raises PathError for a pose out of reach, ArgumentError, and, without
+        near, as `joints`.
+        """
+        with argument_errors():
+            if near is None:
+                start = self._connection.sample().positions
+            else:
+                start = moves.joint_rows('near', near, self.model.limits, rows=False)
+            return self._joints_at('pose', pose, frame, start)
+
+    def _joints_at(self, field: str, pose: Pose, frame: str | None, near: Array) -> Array:
+        arm = self._hand[1]
+        wanted = self._frames.target(field, pose, frame).seen_from(arm.forward(near))
+        found = arm.inverse(wanted, near)
+        if not len(found):
+            place = ', '.join(f'{1e3 * value:.1f}' for value in wanted[:3, 3])
+            why = arm.hindrance(wanted) or 'it is out of reach'
+            raise PathError(f'{field}: no joint positions lead to ({place}) mm: {why}')
+        return np.asarray(found[0])
 
     @property
     def frames(self) -> dict[str, Array]:
@@ -242,7 +306,7 @@ class Robot:
 
         In a program that held the event loop, or on a busy machine, newer ones may be waiting.
         """
-        await self._connection.fresh_moment()
+        await self._connection.wait_for_fresh_state()
 
     async def measured(self, read: Callable[[], T]) -> T:
         """Catch up, then return what `read` does: `await robot.measured(lambda: robot.joints)`.
@@ -250,6 +314,30 @@ class Robot:
         It reads what had come by then, however long this process is held up in between.
         """
         return await self._connection.measured(read)
+
+    async def wait_until(
+        self, condition: Callable[[Sample], bool], timeout: float | None = None
+    ) -> Sample:
+        """Wait until a condition, asked for each sample, holds for one, and return that.
+
+        Raises TimeoutError after `timeout` s, RobotError when joints are too old.
+        """
+        try:
+            async with asyncio.timeout(timeout):
+                while not condition(sample := await self.measured(self.sample)):
+                    await self._connection.next_joints()
+        except TimeoutError as error:
+            raise TimeoutError(f'the condition did not hold within {timeout:g} s') from error
+        return sample
+
+    async def wait_for_input(
+        self, index: int, value: int = 1, *, kind: str = 'DI', timeout: float | None = None
+    ) -> None:
+        """Wait until a point, an input unless `kind` says otherwise, has a value.
+
+        Raises TimeoutError after `timeout` s, otherwise as `io.read`.
+        """
+        await self.io.wait(kind, index, value, timeout)
 
     # --- commands ---------------------------------------------------------------------------
 
@@ -266,43 +354,56 @@ class Robot:
         return await self._connection.command(ArmCommands.reset_error)
 
     async def stop(self) -> str:
-        """Stop the arm; return a sentence when it stands. A motion that runs is aborted."""
+        """Stop the arm and abort its motion, and return a sentence when it stands."""
         return await self._connection.command(ArmCommands.stop)
 
     # --- motions ----------------------------------------------------------------------------
 
+    @motion
     async def move_joints(
         self,
-        target: npt.ArrayLike,
+        target: Pose,
         *,
-        speed: float = 1.0,
-        acceleration: float = 1.0,
+        speed: float = 0.2,
+        acceleration: float = 0.5,
         wait: bool = True,
     ) -> Motion:
-        """Move straight in joint space to n joint positions, rad (m), as fast as allowed.
+        """Move straight in joint space to n joint positions, rad (m), or to a pose of the tool.
 
-        speed, acceleration: shares of the joint limits, (0, 1]. wait: until the arm is there; a
-        caller that is cancelled meanwhile stops the arm. Otherwise return at once.
+        A pose is in any form that `move_line` takes, in base_link (an EpsonPoint: in EPSON's
+        world), and is reached in the configuration nearest to where the arm is.
 
-        Raises ValueError for bad arguments; MotionError if the arm is not enabled, a motion runs
-        already (none replaces it unnoticed: wait for it or cancel it), or this one fails.
+        speed, acceleration: shares of the joint limits, (0, 1]; 1 is as fast as the arm can. wait:
+        until the arm is there; Ctrl-C or a cancelled task meanwhile stops the arm. Otherwise
+        return at once.
+
+        Raises ArgumentError for bad arguments; MotionError if the arm is not enabled, a motion
+        runs already (none replaces it unnoticed: wait for it or cancel it), or this one fails.
+        Both are RobotErrors.
         """
         limits = self.model.limits
         moves.check_shares(speed, acceleration)
-        positions = moves.joint_rows('target', target, limits, rows=False)
-        moves.targets('target', positions[None, :], limits)
+        pose = is_pose(target, len(limits.names))
+        if pose:
+            self._frames.target('target', target, None)
+        else:
+            positions = moves.joint_rows('target', target, limits, rows=False)
+            positions = moves.targets('target', positions[None, :], limits).positions[0]
         start, plan = await self._connection.ready()
+        if pose:
+            positions = self._joints_at('target', target, None, start)
         trajectory = moves.straight(
             start, positions, limits, speed, acceleration, sampled=self._connection.interpolates
         )
         return await self._connection.execute(trajectory, plan, wait=wait)
 
+    @motion
     async def move_waypoints(
         self,
         points: npt.ArrayLike,
         *,
-        speed: float = 1.0,
-        acceleration: float = 1.0,
+        speed: float = 0.2,
+        acceleration: float = 0.5,
         wait: bool = True,
     ) -> Motion:
         """Move through joint positions, shape (k, n), rad (m), without a rest where that can be.
@@ -315,7 +416,9 @@ class Robot:
         waypoints = moves.targets('points', points, limits)
         start, plan = await self._connection.ready()
         scaled = moves.scaled_limits(limits, speed, acceleration)
-        smoother = SmoothingProcess(scaled, Smoothing(time_optimal=True))
+        smoother = SmoothingProcess(
+            scaled, Smoothing(time_optimal=True, longest=moves.LONGEST_SEGMENT_S)
+        )
         try:
             trajectory = await smoother.prepared(waypoints, start)
         except SmoothingError as error:
@@ -324,6 +427,7 @@ class Robot:
             await smoother.close()
         return await self._connection.execute(trajectory, plan, wait=wait)
 
+    @motion
     async def move_trajectory(
         self,
         times: npt.ArrayLike,
@@ -333,7 +437,7 @@ class Robot:
         joint_names: Sequence[str] | None = None,
         wait: bool = True,
     ) -> Motion:
-        """Execute a planned trajectory as it is; it begins where the arm stands.
+        """Execute a planned trajectory as it is, from where the arm stands.
 
         times: shape (k,), s from the start, strictly increasing. positions, velocities: shape
         (k, n), rad and rad/s (m, m/s), in the order of joint_names (default: the model's). What a
@@ -341,8 +445,9 @@ class Robot:
         """
         limits = self.model.limits
         trajectory = moves.planned(times, positions, velocities, joint_names, limits)
-        return await self._connection.execute(trajectory, GoalPlan(), wait=wait)
+        return await self._connection.execute(trajectory, PlanningScope(), wait=wait)
 
+    @motion
     async def move_line(
         self,
         pose: Pose,
@@ -353,7 +458,8 @@ class Robot:
         turn_speed: float = 1.0,
         turn_acceleration: float = 10.0,
         accuracy: float = 1e-4,
-        slow: bool = False,
+        jerk: float | None = None,
+        slow: bool = True,
         wait: bool = True,
     ) -> Motion:
         """Move the tool straight to a pose: in base_link, a named frame, or 'tool'.
@@ -364,19 +470,21 @@ class Robot:
 
         The orientation turns evenly about one axis. speed, acceleration: of the tool at most, m/s
         and m/s², in bends too; turn_speed, turn_acceleration: of its turn, rad/s and rad/s².
-        accuracy: how far the way between two points that are sent may be from the line, m. slow:
-        go slower where a joint limit asks for it; otherwise that is refused.
+        jerk: of the tool, m/s³; None: 10 / s of the acceleration; that of the turn is in the same
+        ratio. accuracy: points are sent so densely that the way between them is no farther from
+        the line, m; a motion in which the tool was farther away says so in its text. slow: go
+        slower where a joint limit asks for it; False: refuse that.
 
-        Raises ValueError, before anything is sent, for a pose out of reach or a way near a
-        singularity, with joint, place and limit; otherwise as `move_joints`. On six-axis arms it
-        needs py-opw-kinematics (pip install 'epson_driver[planning]').
+        Raises PathError, an ArgumentError, before anything is sent, for a pose out of reach or a
+        way through a singularity, with joint, place and limit; otherwise as `move_joints`.
         """
         tool = moves.tool_limits(
-            speed, acceleration, turn_speed, turn_acceleration, accuracy, slow=slow
+            speed, acceleration, turn_speed, turn_acceleration, accuracy, jerk=jerk, slow=slow
         )
         point = moves.PathPoint(self._frames.target('pose', pose, frame))
         return await self._move_tool(point.run, tool, wait)
 
+    @motion
     async def move_arc(
         self,
         via: npt.ArrayLike,
@@ -388,7 +496,8 @@ class Robot:
         turn_speed: float = 1.0,
         turn_acceleration: float = 10.0,
         accuracy: float = 1e-4,
-        slow: bool = False,
+        jerk: float | None = None,
+        slow: bool = True,
         wait: bool = True,
     ) -> Motion:
         """Move the tool on a circle through a point, x y z in m, to a pose in the same frame.
@@ -396,12 +505,13 @@ class Robot:
         The point is x y z also where the pose is an EpsonPoint. The rest as in `move_line`.
         """
         tool = moves.tool_limits(
-            speed, acceleration, turn_speed, turn_acceleration, accuracy, slow=slow
+            speed, acceleration, turn_speed, turn_acceleration, accuracy, jerk=jerk, slow=slow
         )
         middle = self._frames.point('via', via, frame, pose)
         point = moves.PathPoint(self._frames.target('pose', pose, frame), middle)
         return await self._move_tool(point.run, tool, wait)
 
+    @motion
     async def move_path(
         self,
         points: Sequence[Waypoint | Pose],
@@ -413,7 +523,8 @@ class Robot:
         turn_speed: float = 1.0,
         turn_acceleration: float = 10.0,
         accuracy: float = 1e-4,
-        slow: bool = False,
+        jerk: float | None = None,
+        slow: bool = True,
         wait: bool = True,
     ) -> Motion:
         """Move the tool through poses or Waypoints, from one to the next straight or on a circle.
@@ -423,11 +534,11 @@ class Robot:
         of their own. Around the corner it is as fast as the limits allow. 'tool' is the tool where
         it is at the beginning.
 
-        The rest as in `move_line`; the ValueError for a blend that is longer than the way, and for
+        The rest as in `move_line`; the error for a blend that is longer than the way, and for
         what is wrong with a single point, names the point.
         """
         tool = moves.tool_limits(
-            speed, acceleration, turn_speed, turn_acceleration, accuracy, slow=slow
+            speed, acceleration, turn_speed, turn_acceleration, accuracy, jerk=jerk, slow=slow
         )
         ways = moves.path_points(points, blend, frame, self._frames)
         return await self._move_tool(partial(moves.path_runs, ways), tool, wait)
@@ -439,9 +550,61 @@ class Robot:
         tool.check(limits.speed, limits.acceleration)
         start, plan = await self._connection.ready()
         way = path(arm.forward(start))
+        if not way:  # the tool is there
+            trajectory = moves.straight(start, start, self.model.limits, 1.0, 1.0, sampled=False)
+            return await self._connection.execute(trajectory, plan, wait=wait)
         with refusals():
             trajectory = await plan.in_thread(partial(runs_trajectory, arm, start, way, limits))
-        return await self._connection.execute(trajectory, plan, wait=wait)
+        return await self._connection.execute(
+            trajectory, plan, wait=wait, path=(moves.deviation(arm, way), limits.accuracy)
+        )
+
+    # --- streams ----------------------------------------------------------------------------
+
+    def servo(self, target: npt.ArrayLike, velocities: npt.ArrayLike | None = None) -> None:
+        """Follow joint positions, shape (n,), rad (m), that come 10 to 500 times a second.
+
+        velocities: with which these go on, shape (n,); None: estimated. The newest counts; the arm
+        follows inside a share of its limits (`Settings.servo_scale`), 0.1 rad away at most when
+        the stream begins, and comes to rest when none comes any more. After a stop, or whatever
+        disabled the arm, a stream must be silent for a second before it begins anew
+        (docs/servo.md).
+
+        Raises ArgumentError for what cannot be followed; RobotError, or MotionError, with why,
+        while it is not followed. The setpoint is lost then.
+        """
+        with argument_errors():
+            self._streams.positions(target, velocities)
+
+    def servo_velocity(self, velocities: npt.ArrayLike) -> None:
+        """Follow joint velocities, shape (n,), rad/s (m/s). The rest as `servo`."""
+        with argument_errors():
+            self._streams.velocities(velocities)
+
+    def servo_pose(self, pose: Pose, *, frame: str | None = None) -> None:
+        """Follow a pose of the tool, in any form and frame that `move_line` takes.
+
+        In the configuration nearest to where the arm is. Raises PathError for a pose that is out
+        of reach or asks for another configuration. The rest as `servo`.
+        """
+        with argument_errors():
+            arm = self._hand[1]
+            self._streams.pose(
+                arm, lambda tool: self._frames.target('pose', pose, frame).seen_from(tool)
+            )
+
+    def servo_speed(self, velocity: npt.ArrayLike, *, frame: str = 'base_link') -> None:
+        """Follow a velocity of the tool: x y z, m/s, and about x y z, rad/s, shape (6,).
+
+        frame: 'base_link' or 'tool', the tool where it is, for its axes. Slower where a joint
+        would be too fast. Raises PathError where the tool cannot move so. The rest as `servo`.
+        """
+        with argument_errors():
+            self._streams.twist(self._hand[1], velocity, frame)
+
+    async def servo_end(self) -> str:
+        """Wait until the stream is over and the arm stands, and say so."""
+        return await self._streams.end()
 
     @property
     def speed_scaling(self) -> float:
@@ -451,21 +614,31 @@ class Robot:
     def set_speed_scaling(self, factor: float) -> None:
         """Run all motions at this share of their planned speed, also those that run: 0 pauses.
 
-        From 0.01 to 1, or 0. It is reached in half a second at most (docs/goals.md).
+        From 0.01 to 1, or 0. It is reached in half a second at most, and acts on what the
+        controller does not have yet: an arm that moves rests within two seconds (docs/goals.md).
+        For a rest at once, call `stop`. Raises ValueError, and RobotError where the controller
+        cannot do it.
         """
-        scaling = self._connection.running.goal_queue.scaling
-        scaling.set(float(factor), asyncio.get_running_loop().time())
+        self._connection.set_speed_scaling(moves.FACTOR.checked(factor, 'factor'))
 
     # --- callbacks --------------------------------------------------------------------------
 
     def on_estop(self, callback: Callable[[bool], object]) -> Callable[[], None]:
         """Have it called when the E-stop is pressed (True) or reset (False).
 
-        Callbacks run in the event loop and must return at once; the arm is disabled by then. One
-        that raises is reported to the loop's exception handler, and the arm is stopped. Returns
-        what takes the callback away again.
+        The arm is disabled by then. Callbacks of Robot run one after the other in a thread of
+        their own and may use the robot; those of aio.Robot run in the event loop and must return
+        at once. One that raises is reported, and the arm is stopped. Returns what takes the
+        callback away again.
         """
         return self._connection.changes.estop.add(callback)
+
+    def on_joints(self, callback: Callable[[Sample], object]) -> Callable[[], None]:
+        """Have it called with each sample, up to 200 times a second. As on_estop.
+
+        One that is slower than that, and falls 1000 behind, stops the arm.
+        """
+        return self._connection.changes.joints.add(callback)
 
     def on_error(self, callback: Callable[[ControllerError | None], object]) -> Callable[[], None]:
         """Have it called when the controller has another error, or none any more. As on_estop."""
@@ -477,7 +650,3 @@ class Robot:
         States: disconnected, connecting, connected, backing_off (waiting for the next attempt).
         """
         return self._connection.changes.link.add(callback)
-
-    def callback_failed(self, error: Exception) -> None:
-        """Stop and disable the arm: what the user's program wanted to do then was not done."""
-        self._connection.callback_failed(error)

@@ -65,7 +65,7 @@ class ErrorTexts(Mapping[int, ErrorText]):
 
 @cache
 def load_error_texts(name: str = 'epson') -> ErrorTexts:
-    """Load config/errors/NAME.yaml; 'none' is the table without texts.
+    """Load config/errors/NAME.yaml, or for 'none' a table without texts.
 
     Raises FileNotFoundError that lists the files that are there, InputError for a bad file.
     """

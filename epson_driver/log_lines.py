@@ -15,7 +15,7 @@ PERIOD_S = 1.0
 
 
 class LogThrottle:
-    """Lets `burst` lines pass, then one per period; each says how many were held back before it.
+    """Lets `burst` lines pass, then one per period with the number held back before it.
 
     Periods without a line are saved up for the next burst.
     """

@@ -18,7 +18,7 @@ def share_folder(*parts: str) -> Path:
 
 
 def share_file(*parts: str) -> Path:
-    """Return the path of a data file, as in `share_file('config', 'robots', 'c3_a601s.yaml')`.
+    """Return the path of a data file, as in `share_file('config', 'robots', 'c3.yaml')`.
 
     Raises FileNotFoundError that says where it was looked for and what is there instead.
     """

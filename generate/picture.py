@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Renders the pictures of the robots in docs/images from the files in urdf/meshes.
+"""Renders the pictures of the robots in docs/images from their data.
 
-python -m generate.picture [robot] [robots] [scaras] [meshes]
+python -m generate.picture [robot] [arms]
 """
 
 import sys
@@ -11,55 +11,39 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-import yaml
 from PIL import Image, ImageDraw, ImageFont
 
 from epson_driver.motion import Array
-from epson_driver.robots import RobotModel, load_robot_model
+from epson_driver.robots import RobotModel, load_robot_model, robot_models
 from epson_driver.robots.chain import rotation_about
 from epson_driver.robots.kinematics import Kinematics
+from epson_driver.robots.link_surfaces import link_surfaces
 from epson_driver.robots.model import SCARA, SIX_AXIS
-from epson_driver.share import share_folder
-from generate.meshes import described_models
-from generate.render import Body, Camera, project, render
+from generate.render import Body, Camera, render
 
 IMAGES = Path(__file__).parents[1] / 'docs' / 'images'
-MESHES = share_folder('urdf', 'meshes')
-LOOKS = {
-    'white': ((0.90, 0.90, 0.885), 0.30),
-    'dark': ((0.20, 0.215, 0.235), 0.35),
-    'metal': ((0.55, 0.565, 0.58), 0.6),
-}
-HUNG_M = 0.62
-"""How high base_link of an arm is shown that hangs."""
-
-PALE = ((0.42, 0.62, 0.80), 0.1)
+METAL = (0.55, 0.565, 0.58)
 
 
 def bodies(
     model: RobotModel,
     shown: Sequence[float],
     place: tuple[float, float, float],
-    collision: bool = False,
-    height: float = 0.0,
 ) -> Iterator[Body]:
     """Yield the surfaces of a robot at joint positions, degrees (mm).
 
-    place: x, y and the angle about z, degrees, of base_link; height: its z, m.
+    place: x, y and the angle about z, degrees, of base_link.
     """
-    links = yaml.safe_load((MESHES / model.name / 'links.yaml').read_text('utf-8'))
     stand = np.eye(4)
     stand[:3, :3] = rotation_about(np.array([0.0, 0.0, 1.0]), np.radians(place[2]))
-    stand[:3, 3] = *place[:2], height
+    stand[:2, 3] = place[:2]
     frames = [np.eye(4), *Kinematics(model).link_frames(np.array(shown) / model.shown_per_unit)]
-    for frame, link in zip(frames, links.values(), strict=True):
-        files = [(each['mesh'], LOOKS[each['colour']]) for each in link['visual']]
-        if collision:
-            files = [(each, PALE) for each in link['collision']]
-        for file, (colour, gloss) in files:
-            surface = trimesh.load_mesh(MESHES / file)
-            surface.apply_transform(stand @ frame)
-            yield Body(surface, colour, gloss)
+    for frame, link in zip(frames, link_surfaces(model), strict=True):
+        for corners, colour in link:
+            gloss = 0.6 if colour == METAL else 0.3
+            surface = trimesh.Trimesh(**trimesh.triangles.to_kwargs(corners))
+            surface.merge_vertices()
+            yield Body(surface.apply_transform(stand @ frame), colour, gloss)
 
 
 def robot() -> Array:
@@ -75,54 +59,55 @@ def robot() -> Array:
     return render(scene, camera, (1600, 720), samples=96)
 
 
-def robots() -> Array:
-    """Return all six-axis models side by side, from small to large, with their names."""
-    camera = Camera(eye=(0.0, -7.0, 2.1), target=(0.02, 0.0, 0.47), height=1.86)
-    return _side_by_side(SIX_AXIS, [-10, 12, -16, 0, -62, 0], -35.0, 0.38, camera, 500)
+ARMS_PER_M, ARMS_WIDE, ARMS_ROW, ARMS_EDGE = 110.0, 1600, 210, 24.0
+"""Of the picture of all arms: pixels per m, how wide it is, how high a row, and its edges."""
 
 
-def scaras() -> Array:
-    """Return all SCARAs side by side, and at the end those that hang, from a piece of ceiling."""
-    camera = Camera(eye=(0.0, -6.0, 2.0), target=(0.0, 0.0, 0.3), height=1.3)
-    return _side_by_side(SCARA, [60, 60, -50, 0], -40.0, 0.8, camera, 430)
-
-
-def _side_by_side(
-    kind: str, shown: Sequence[float], turn: float, room: float, camera: Camera, height: int
-) -> Array:
-    """Return all models of a kind at a pose, degrees (mm).
-
-    room: how wide each is per reach; height: of the picture, pixels.
-    """
-    models = [model for model in described_models() if model.kind == kind]
-    models.sort(key=lambda model: (_hangs(model), float(model.reach[0]), model.name))
-    widths = np.array([0.22 + room * float(model.reach[0]) for model in models])
-    places = np.cumsum(widths) - widths / 2.0 - np.sum(widths) / 2.0
-    scene: list[Body] = []
-    for model, x in zip(models, places, strict=True):
-        hangs = _hangs(model)
-        stand = (float(x) - _foot(model), 0.0, turn)
-        parts = [*bodies(model, shown, stand, height=HUNG_M if hangs else 0.0)]
-        if hangs:
-            top = max(float(part.mesh.vertices[:, 2].max()) for part in parts)
-            ceiling = trimesh.creation.box((0.34, 0.34, 0.03))
-            ceiling.apply_translation((stand[0], 0.0, top + 0.015))
-            parts.append(Body(ceiling, *LOOKS['metal']))
-        scene += parts
-    size = (1600, height)
-    picture = Image.fromarray(render(scene, camera, size))
+def arms() -> Array:
+    """Return all models in rows, to one scale, seen from the front and above; painted, not lit."""
+    models = sorted(map(load_robot_model, robot_models()), key=lambda each: (each.kind, each.name))
+    rows: list[list[tuple[RobotModel, float]]] = [[]]
+    x = ARMS_EDGE
+    for model in models:
+        wide = max(0.35 * ARMS_PER_M + 0.75 * ARMS_PER_M * float(model.reach[0]), 84.0)
+        if x + wide > ARMS_WIDE - ARMS_EDGE:
+            rows.append([])
+            x = ARMS_EDGE
+        rows[-1].append((model, x + wide / 2))
+        x += wide
+    picture = Image.new('RGB', (2 * ARMS_WIDE, 2 * ARMS_ROW * len(rows)), (246, 247, 248))
     draw = ImageDraw.Draw(picture)
-    for model, x in zip(models, places, strict=True):
-        stands = kind == SCARA and not _hangs(model)
-        left = float(x) if stands else float(x) - _foot(model)
-        place = project(camera, (left, -0.45, 0.0), size)
-        name = model.name.upper().replace('_', '-')
-        draw.text(place, name, (70, 75, 82), ImageFont.load_default(17), anchor='mt')
-    return np.asarray(picture)
+    for number, row in enumerate(rows):
+        for model, middle in row:
+            hangs, name = _hangs(model), model.name.upper().replace('_', '-')
+            _paint(draw, model, (2 * middle, 2 * (ARMS_ROW * number + (25 if hangs else 175))))
+            place = (2 * middle, 2 * (ARMS_ROW * number + 190))
+            draw.text(place, name, (70, 75, 82), ImageFont.load_default(22), anchor='mt')
+    return np.asarray(picture.resize((ARMS_WIDE, ARMS_ROW * len(rows)), Image.Resampling.LANCZOS))
+
+
+def _paint(draw: ImageDraw.ImageDraw, model: RobotModel, foot: tuple[float, float]) -> None:
+    """Draw a model's triangles, the farthest first; foot: where its base is, pixels."""
+    shown = [60, 60, -50, 0] if model.kind == SCARA else [-10, 12, -16, 0, -62, 0]
+    tilt = rotation_about(np.array([1.0, 0.0, 0.0]), np.radians(15.0))
+    triangles, colours = [], []
+    for body in bodies(model, shown, (-_foot(model), 0.0, -35.0)):
+        triangles.append(body.mesh.triangles @ tilt.T)
+        colours.append(np.tile(body.colour, (len(triangles[-1]), 1)))
+    corners, colour = np.concatenate(triangles), np.concatenate(colours)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True) + 1e-12
+    light = 0.55 + 0.45 * np.clip(normals @ np.array([-0.4, -0.6, 0.7]), 0.0, 1.0)
+    shades = np.clip(255 * colour * light[:, None], 0, 255).astype(int)
+    for index in np.argsort(-corners[:, :, 1].mean(axis=1)):
+        if normals[index, 1] < 0.0:  # the others look away
+            flat = corners[index] * 2.0 * ARMS_PER_M
+            points = [(foot[0] + x, foot[1] - z) for x, _, z in flat.tolist()]
+            draw.polygon(points, fill=tuple(shades[index].tolist()))
 
 
 def _hangs(model: RobotModel) -> bool:
-    return model.kind == SCARA and bool(model.chain.origins[1, 2] < 0.0)
+    return bool(model.chain.origins[:, 2].sum() < 0.0)
 
 
 def _foot(model: RobotModel) -> float:
@@ -130,19 +115,7 @@ def _foot(model: RobotModel) -> float:
     return 0.1 if model.kind == SIX_AXIS else 0.35 * float(model.reach[0])
 
 
-def meshes() -> Array:
-    """Return the C3's visual meshes and its collision meshes side by side."""
-    model = load_robot_model('c3_a601s')
-    degrees = [-25, -20, 12, 0, -45, 0]
-    scene = [
-        *bodies(model, degrees, (-0.42, 0.0, 0.0)),
-        *bodies(model, degrees, (0.26, 0.0, 0.0), collision=True),
-    ]
-    camera = Camera(eye=(0.9, -2.9, 1.05), target=(0.08, -0.03, 0.33), height=0.84)
-    return render(scene, camera, (1200, 700))
-
-
-PICTURES = {'robot': robot, 'robots': robots, 'scaras': scaras, 'meshes': meshes}
+PICTURES = {'robot': robot, 'arms': arms}
 
 
 def main(names: list[str]) -> None:

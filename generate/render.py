@@ -75,14 +75,6 @@ def _even_numbers(pixels: int, samples: int, seed: int) -> Array:
     return np.asarray(((shifts + steps) % 1.0).reshape(-1, 6))
 
 
-def project(camera: Camera, point: Sequence[float], size: tuple[int, int]) -> tuple[float, float]:
-    """Return the pixel (right, down) at which a point in the world is seen."""
-    forward, right, up = _axes(camera)
-    ray = np.array(point) - np.array(camera.eye)
-    scale = size[1] / camera.height * (forward @ forward) / (ray @ forward)
-    return size[0] / 2.0 + float(ray @ right * scale), size[1] / 2.0 - float(ray @ up * scale)
-
-
 def _axes(camera: Camera) -> tuple[Array, Array, Array]:
     """Return the vector to the target, and the picture's unit vectors to the right and up."""
     forward = np.array(camera.target) - np.array(camera.eye)

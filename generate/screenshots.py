@@ -22,10 +22,10 @@ from PIL import Image
 from rich.console import Console
 from rich.text import Text
 
-from epson_driver.cli import processes
-from epson_driver.cli.trajectory_file import read_trajectory, write_trajectory
 from epson_driver.motion import Trajectory
+from epson_driver.processes import processes
 from epson_driver.share import share_file
+from epson_driver.trajectory_file import read_trajectory, write_trajectory
 
 ROOT = Path(__file__).parents[1]
 IMAGES = ROOT / 'docs' / 'images'

@@ -11,7 +11,7 @@ from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from epson_driver.bringup import DESCRIPTION, launch_arguments, model_argument
+from epson_driver.bringup import DESCRIPTION, launch_arguments
 
 NAMES = ('namespace', 'tf_prefix', 'use_sim_time')
 
@@ -19,8 +19,8 @@ NAMES = ('namespace', 'tf_prefix', 'use_sim_time')
 def generate_launch_description():
     """Return the arguments, the description, the sliders and RViz."""
     passed = [(name, LaunchConfiguration(name)) for name in (*NAMES, 'rviz_config')]
-    rest = (*NAMES, *DESCRIPTION, 'launch_rviz', 'rviz_config')
-    arguments = [model_argument(), *launch_arguments(*rest)]
+    more = (*DESCRIPTION, 'launch_rviz', 'rviz_config')
+    arguments = launch_arguments('robot_model', *NAMES, *more)
     path = Path(__file__).with_name('rviz.launch.py')
     return LaunchDescription(
         [

@@ -5,7 +5,12 @@
 from pathlib import Path
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
+from launch.actions import (
+    DeclareLaunchArgument,
+    IncludeLaunchDescription,
+    OpaqueFunction,
+    Shutdown,
+)
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
@@ -16,7 +21,6 @@ from epson_driver.bringup import (
     INTERFACE,
     effective,
     launch_arguments,
-    model_argument,
     move_group_parameters,
     robot_description,
     rviz_parameters,
@@ -27,13 +31,8 @@ from epson_driver.share import share_file
 
 def generate_launch_description():
     """Return the arguments, two launch files, and MoveIt's nodes."""
-    others = [name for name in INTERFACE if name != 'robot_model']
-    arguments = [
-        model_argument(),
-        *launch_arguments(
-            *others, 'interface', *DESCRIPTION, 'launch_rviz', 'rviz_config', parent='world'
-        ),
-    ]
+    more = ('interface', *DESCRIPTION, 'launch_rviz', 'rviz_config', 'fix_start_state')
+    arguments = launch_arguments(*INTERFACE, *more, parent='world')
     return LaunchDescription(
         [
             *(DeclareLaunchArgument(**each) for each in arguments),
@@ -59,7 +58,8 @@ def moveit(context: LaunchContext):
             semantic_description(*robot, values['parent'] or 'world'), value_type=str
         ),
     }
-    controller = {'controller': CONTROLLER} if values['ros2_control'] == 'true' else {}
+    settings = {'controller': CONTROLLER} if values['ros2_control'] == 'true' else {}
+    settings['fix_start_state'] = values['fix_start_state'] == 'true'
     path = Path(__file__).with_name('robot_interface.launch.py')
     nodes = [
         IncludeLaunchDescription(
@@ -70,8 +70,9 @@ def moveit(context: LaunchContext):
             package='moveit_ros_move_group',
             executable='move_group',
             namespace=values['namespace'],
-            parameters=[descriptions, move_group_parameters(*robot, **controller), time],
+            parameters=[descriptions, move_group_parameters(*robot, **settings), time],
             output='screen',
+            on_exit=Shutdown(reason='move_group ended'),
         ),
     ]
     if values['launch_rviz'] == 'true':

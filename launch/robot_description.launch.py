@@ -11,7 +11,6 @@ from epson_driver.bringup import (
     DEFAULT_MODEL,
     DESCRIPTION,
     launch_arguments,
-    model_argument,
     pose_arguments,
     robot_description,
     ros2_control_arguments,
@@ -20,10 +19,8 @@ from epson_driver.bringup import (
 
 def generate_launch_description():
     """Return the arguments and the nodes."""
-    arguments = [
-        model_argument(),
-        *launch_arguments('namespace', 'tf_prefix', 'use_sim_time', 'ros2_control', *DESCRIPTION),
-    ]
+    names = ('robot_model', 'namespace', 'tf_prefix', 'use_sim_time', 'ros2_control')
+    arguments = launch_arguments(*names, *DESCRIPTION)
     return LaunchDescription(
         [
             *(DeclareLaunchArgument(**each) for each in arguments),

@@ -11,8 +11,10 @@ from launch.actions import (
     IncludeLaunchDescription,
     LogInfo,
     OpaqueFunction,
+    RegisterEventHandler,
     Shutdown,
 )
+from launch.event_handlers import OnProcessExit
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch_ros.actions import Node
 from launch_ros.substitutions import ExecutableInPackage
@@ -26,10 +28,14 @@ from epson_driver.bringup import (
     controller_arguments,
     controllers_parameters,
     effective,
+    first_joint_state,
     launch_arguments,
     misspelled_arguments,
 )
 from epson_driver.share import share_file
+
+RESPAWN_DELAY_S = 2.0
+"""So long after its end the client is started again, s."""
 
 
 def generate_launch_description():
@@ -49,6 +55,7 @@ def processes(context: LaunchContext):
     """Return the client, preceded by the controller if there is one; the launch ends with each."""
     values = dict(context.launch_configurations)
     last = values['shutdown_on_exit'] == 'true'
+    respawn = values['respawn'] == 'true'
     actions = [LogInfo(msg=f'WARNING: {each}') for each in misspelled_arguments(values)]
     parameters = client_parameters(values)
     controlled = values['ros2_control'] == 'true'
@@ -72,7 +79,9 @@ def processes(context: LaunchContext):
             namespace=values['namespace'],
             parameters=[*files, parameters],
             output='screen',
-            on_exit=Shutdown(reason='the client ended') if last else None,
+            respawn=respawn,
+            respawn_delay=RESPAWN_DELAY_S,
+            on_exit=Shutdown(reason='the client ended') if last and not respawn else None,
         )
     )
     if controlled or values['description'] == 'true':
@@ -93,10 +102,19 @@ def processes(context: LaunchContext):
 def ros2_control(values: dict[str, str]):
     """Return the controller manager, which has the description from its topic, and a controller.
 
-    The manager gets no node name: with one, its parameters would not reach its controllers.
+    The manager gets no node name: with one, its parameters would not reach its controllers. The
+    controller waits for the first joint state: active before, it would hold NaN, and warn.
     """
     file = str(share_file('config', 'ros2_control', 'controllers.yaml'))
     own = controllers_parameters(effective(values)['robot_model'], values['tf_prefix'])
+    spawner = Node(
+        package='controller_manager',
+        executable='spawner',
+        namespace=values['namespace'],
+        arguments=[CONTROLLER],
+        output='screen',
+    )
+    first = ExecuteProcess(cmd=first_joint_state(values['namespace']), output='log')
     return [
         Node(
             package='controller_manager',
@@ -106,11 +124,11 @@ def ros2_control(values: dict[str, str]):
             output='screen',
             on_exit=Shutdown(reason='the controller manager ended'),
         ),
-        Node(
-            package='controller_manager',
-            executable='spawner',
-            namespace=values['namespace'],
-            arguments=[CONTROLLER],
-            output='screen',
+        RegisterEventHandler(
+            OnProcessExit(
+                target_action=first,
+                on_exit=lambda event, _context: [spawner] if event.returncode == 0 else [],
+            )
         ),
+        first,
     ]

@@ -8,16 +8,15 @@ from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 
-from epson_driver.bringup import DESCRIPTION, INTERFACE, launch_arguments, model_argument
+from epson_driver.bringup import DESCRIPTION, INTERFACE, launch_arguments
 
 RVIZ = ('namespace', 'tf_prefix', 'use_sim_time', 'rviz_config')
 
 
 def generate_launch_description():
     """Return the arguments and two launch files."""
-    others = [name for name in INTERFACE if name != 'robot_model']
-    rest = (*others, 'interface', *DESCRIPTION, 'launch_rviz', 'rviz_config')
-    arguments = [model_argument(), *launch_arguments(*rest)]
+    more = ('interface', *DESCRIPTION, 'launch_rviz', 'rviz_config')
+    arguments = launch_arguments(*INTERFACE, *more)
     return LaunchDescription(
         [
             *(DeclareLaunchArgument(**each) for each in arguments),

@@ -10,7 +10,7 @@ import pytest
 from support import patient
 from support.examples import load_profile, profile_for
 
-from epson_driver.cli import processes
+from epson_driver.processes import processes
 
 
 def pytest_configure(config: Any) -> None:

@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from benchmark import ROOT
 from benchmark.fuzz import socket_targets
 from benchmark.fuzz.cases import Case
 from benchmark.fuzz.runner import (
@@ -27,8 +28,7 @@ from benchmark.fuzz.runner import (
     why_it_fails,
 )
 from benchmark.fuzz.targets import Target, in_process
-from benchmark.provenance import command_of, provenance
-from benchmark.reliability_page import FUZZ, ROOT, write_figures
+from benchmark.reliability_page import FUZZ, command_of, provenance, write_figures
 
 FOUND = ROOT / 'build' / 'fuzz'
 WARM_CASES = 3

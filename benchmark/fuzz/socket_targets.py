@@ -19,8 +19,8 @@ from pathlib import Path
 from benchmark.fuzz import messages
 from benchmark.fuzz.messages import Chance
 from benchmark.fuzz.runner import PAGE_BYTES, Figures
-from epson_driver.cli import processes
-from epson_driver.cli.processes import Ports, Process
+from epson_driver.processes import processes
+from epson_driver.processes.processes import Ports, Process
 from epson_driver.simple_message import (
     Framer,
     JointTrajPt,

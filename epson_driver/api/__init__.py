@@ -1,3 +1,3 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the Python API is made of; epson_driver.robot and epson_driver.aio are its two doors."""
+"""The parts of the Python API, which users reach as epson_driver.robot and epson_driver.aio."""

@@ -5,7 +5,7 @@
 from collections.abc import Callable
 from typing import Generic, ParamSpec
 
-from epson_driver.api.status import ControllerError, controller_error
+from epson_driver.api.status import ControllerError, Sample, controller_error
 from epson_driver.error_texts import ErrorTexts
 from epson_driver.simple_message import Status, TriState
 
@@ -21,6 +21,11 @@ class Callbacks(Generic[P]):
     def __init__(self, failed: Failed) -> None:
         self._failed = failed
         self._functions: list[Callable[P, object]] = []
+
+    @property
+    def wanted(self) -> bool:
+        """Whether there is a function to call."""
+        return bool(self._functions)
 
     def add(self, function: Callable[P, object]) -> Callable[[], None]:
         """Have a function called from now on. Returns what takes it away again."""
@@ -44,12 +49,13 @@ class Callbacks(Generic[P]):
 
 
 class Changes:
-    """Calls back when E-stop, error or link change; not when they cease to be known."""
+    """Calls back when E-stop, error or link change, unless they cease to be known."""
 
     def __init__(self, failed: Failed, texts: ErrorTexts) -> None:
         self.estop: Callbacks[[bool]] = Callbacks(failed)
         self.error: Callbacks[[ControllerError | None]] = Callbacks(failed)
         self.link: Callbacks[[str, str]] = Callbacks(failed)
+        self.joints: Callbacks[[Sample]] = Callbacks(failed)
         self._texts = texts
         self._e_stopped = False
         self._number: int | None = None

@@ -7,32 +7,41 @@ pose is fresh, nothing else moves the arm, and what leaves stops it first.
 """
 
 import asyncio
-import contextlib
 import logging
+import time
 from collections.abc import Callable, Coroutine
 from dataclasses import replace
 from typing import Any, TypeVar
 
 from epson_driver.api.callbacks import Changes
-from epson_driver.api.errors import MotionError, RobotError, in_python, not_begun, refusals
-from epson_driver.api.motion import Motion
+from epson_driver.api.errors import RobotError, not_begun, refusals
+from epson_driver.api.motion import HeldPath, Motion
+from epson_driver.api.moves import divided
+from epson_driver.api.ownership import Process, close_soon, let_go, take_over
 from epson_driver.api.settings import Setup
 from epson_driver.api.simulation import SimulatedController
-from epson_driver.api.status import RobotStatus, robot_status
+from epson_driver.api.status import RobotStatus, Sample, robot_status
 from epson_driver.driver.arm_commands import ArmCommands, CommandError
 from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal import Goal
-from epson_driver.driver.goal.goal_plan import GoalPlan
+from epson_driver.driver.goal.planning_scope import PlanningScope
 from epson_driver.driver.io.gripper import Gripper as DrivenGripper
 from epson_driver.driver.state.robot_state import JointSample
-from epson_driver.driver.tasks.fresh_moment import fresh_moment
+from epson_driver.driver.tasks.fresh_state import wait_for_fresh_state
 from epson_driver.driver.tasks.notification import Notification
 from epson_driver.driver.tasks.task_group import report_error
+from epson_driver.link import Link
+from epson_driver.link.link_reports import MAX_SHORT, TURNED_AWAY
 from epson_driver.motion import Array, Trajectory
+from epson_driver.profiles.point_fields import FieldsUsed
 from epson_driver.simple_message import Status
 
 FRESH_POSE_TIMEOUT_S = 0.5
 """How long to wait for joints if those that are there are too old, s."""
+
+LOOKS, LOOK_PERIOD_S = 5, 0.1
+"""A link that is there in so many looks in a row, so far apart, has lasted. They are counted, not
+timed: a process that is held up has not looked."""
 
 T = TypeVar('T')
 
@@ -51,6 +60,10 @@ class Connection:
         self.driver: Driver | None = None
         self.task: asyncio.Task[None] | None = None
         """What runs the driver."""
+        self.loop: asyncio.AbstractEventLoop
+        """That in which it was connected."""
+        self._process = Process()
+        self._lost = False
         self._commands: ArmCommands | None = None
         self._gripper: DrivenGripper | None = None
         self._heard = Notification()
@@ -74,9 +87,14 @@ class Connection:
     @property
     def status(self) -> RobotStatus:
         """What is known of arm and controller. Raises RobotError before `connect`."""
-        if self.driver is None or self._commands is None:
+        if self.driver is None:
             raise RobotError(f'there is no connection ({self._link_reason}): call connect()')
-        return robot_status(self.driver, self._commands, self._link_reason)
+        return robot_status(self.driver, self.loop.time(), self._link_reason)
+
+    @property
+    def summary(self) -> str:
+        """What is known of arm and controller, as a clause, also without a connection."""
+        return 'not connected' if self.driver is None else self.status.text
 
     @property
     def gripper(self) -> DrivenGripper | None:
@@ -91,8 +109,13 @@ class Connection:
 
         Raises RobotError that says what is missing after `timeout` s.
         """
+        self._process.check()
+        if self._stranded:
+            self.task = None
         if self.task is not None:
             raise RobotError('the robot is connected already')
+        self.loop = asyncio.get_running_loop()
+        self._lost = False
         configuration = self._setup.configuration
         try:
             if self.simulation is not None:
@@ -105,8 +128,10 @@ class Connection:
                     io_port=there.io or 0,
                     remote_port=there.remote or 0,
                 )
+            await self._take_over((configuration.host, configuration.motion_port), timeout)
             driver = Driver(configuration, self, self._setup.goals)
             driver.goal_queue.start_tolerance = self._setup.start_tolerance
+            driver.servo.settings = self._setup.servo
             self.driver, self._commands = driver, ArmCommands(driver)
             wiring = self._setup.gripper
             self._gripper = None if wiring is None else DrivenGripper(driver.io, wiring)
@@ -119,6 +144,11 @@ class Connection:
 
     async def close(self) -> None:
         """Stop the arm, disable it, and disconnect. Nothing if there is no connection."""
+        if self._process.forked or self._stranded:
+            self.task = None
+            return
+        if self.task is not None:
+            self._check_loop()
         task, driver, commands = self.task, self.driver, self._commands
         try:
             if task is not None and driver is not None and commands is not None:
@@ -134,28 +164,76 @@ class Connection:
                 task.cancel()
             self.task = self.driver = self._commands = None
             self._link_reason = 'the connection was closed'
+            let_go(self)
             if self.simulation is not None:
                 await self.simulation.close()
 
-    async def _wait_until_ready(self, driver: Driver, timeout: float) -> None:
+    def lost(self) -> None:
+        """Close soon, from any thread, what nobody can close any more."""
+        if self.task is not None:
+            close_soon(self.loop, self._process, self.close_lost)
+
+    async def close_lost(self) -> None:
+        """Close, as nobody else can any more."""
+        if self.task is None or self._lost:
+            return
+        self._lost = True
+        if not self.task.done():
+            _log.warning('a connected Robot was lost: the arm is stopped, and the links closed')
+        await self.close()
+
+    @property
+    def files(self) -> list[int]:
+        """The descriptors of the sockets and pipes that are open."""
+        driver, simulation = self.driver, self.simulation
+        links = [] if driver is None else [driver.state_link, driver.motion_link, driver.io.link]
+        sockets = [
+            link.transport.get_extra_info('socket') for link in links if link and link.transport
+        ]
+        return [each.fileno() for each in sockets] + (simulation.files if simulation else [])
+
+    async def _take_over(self, address: tuple[str, int], timeout: float) -> None:
         try:
             async with asyncio.timeout(timeout):
-                while self._missing(driver):
-                    self._connected()
-                    await self._heard.wait()
+                await take_over(address, self)
         except TimeoutError as error:
-            if missing := '; '.join(self._missing(driver)):
-                raise RobotError(f'not ready within {timeout:g} s: {missing}') from error
+            raise RobotError(
+                'another Robot of this program is connected and does not let go: close() it'
+            ) from error
+
+    async def _wait_until_ready(self, driver: Driver, timeout: float) -> None:
+        """Wait until nothing is missing and the links have lasted.
+
+        A controller that serves one client accepts a second one, too, and turns it away then.
+        """
+        links = (driver.state_link, driver.motion_link)
+        try:
+            async with asyncio.timeout(timeout):
+                looks, connections = 0, [0, 0]
+                while looks < LOOKS:
+                    self._connected()
+                    before, connections = connections, [_count(link) for link in links]
+                    if self._missing(driver):
+                        looks = 0
+                        await self._heard.wait()
+                    else:
+                        looks = looks + 1 if connections == before else 0
+                        await asyncio.sleep(LOOK_PERIOD_S)
+        except TimeoutError as error:
+            lasted = f'the links have to last for {LOOKS * LOOK_PERIOD_S:g} s'
+            missing = self._missing(driver) or [lasted]
+            if away := [link for link in links if _count(link) >= MAX_SHORT]:
+                missing = [f'the controller closes the {_named(away)} at once: {TURNED_AWAY}']
+            raise RobotError(f'not ready within {timeout:g} s: {"; ".join(missing)}') from error
 
     def _missing(self, driver: Driver) -> list[str]:
         """Return what is not there yet, each in a clause with what to do about it."""
         down = [link for link in (driver.state_link, driver.motion_link) if not link.connected]
         if down:
-            names = ' and '.join(f'the {link.name} link to port {link.port}' for link in down)
             verb = 'is' if len(down) == 1 else 'are'
             return [
-                f'{names} {verb} not connected ({self._link_reason}): start the controller, or '
-                'check host and ports'
+                f'the {_named(down)} {verb} not connected ({self._link_reason}): start the '
+                'controller, or check host and ports'
             ]
         missing = []
         if (why := driver.robot.why_not_ready(asyncio.get_running_loop().time())) is not None:
@@ -168,32 +246,48 @@ class Connection:
         if driver.goal_queue.idle and driver.stopper.over and not driver.stopper.ours:
             return
         try:
-            _log.info('leaving: %s', in_python(await commands.stop()))
+            _log.info('leaving: %s', await commands.stop())
         except CommandError as error:
-            _log.error('leaving, but %s', in_python(str(error)))
+            _log.error('leaving, but %s', error)
 
     def _connected(self) -> tuple[Driver, ArmCommands]:
+        self._process.check()
         if self.task is None or self.driver is None or self._commands is None:
             raise RobotError(f'there is no connection ({self._link_reason}): call connect()')
+        self._check_loop()
         if self.task.done():
             failure = None if self.task.cancelled() else self.task.exception()
             raise RobotError(f'the driver has ended ({failure}): call close(), then connect()')
         return self.driver, self._commands
 
+    @property
+    def _stranded(self) -> bool:
+        """Whether the event loop in which it was connected has ended, and the links with it."""
+        return self.task is not None and self.loop.is_closed()
+
+    def _check_loop(self) -> None:
+        if self.loop is not asyncio.get_running_loop():
+            ended = 'has ended: call connect() in this one' if self._stranded else 'runs elsewhere'
+            raise RobotError(f'this Robot was connected in another event loop, which {ended}')
+
     # --- the pose ---------------------------------------------------------------------------
 
-    async def fresh_moment(self) -> float:
+    async def wait_for_fresh_state(self) -> float:
         """Return a moment at which the joints are not too old, if that can be: half a second."""
         driver = self.running
-        return await fresh_moment(driver.robot.stale, self._heard, FRESH_POSE_TIMEOUT_S)
+        return await wait_for_fresh_state(driver.robot.stale, self._heard, FRESH_POSE_TIMEOUT_S)
 
     async def measured(self, read: Callable[[], T]) -> T:
         """Return what `read` does, with a `sample` as of a fresh moment."""
-        self._moment = await self.fresh_moment()
+        self._moment = await self.wait_for_fresh_state()
         try:
             return read()
         finally:
             self._moment = None
+
+    async def next_joints(self) -> None:
+        """Wait until joints, a status or something of the links came."""
+        await self._heard.wait()
 
     def sample(self) -> JointSample:
         """Return the newest joints. Raises RobotError if they are too old."""
@@ -204,17 +298,24 @@ class Connection:
         assert driver.robot.sample is not None  # noqa: S101 - for the type checker
         return driver.robot.sample
 
+    def stamped(self, joints: JointSample) -> Sample:
+        """Return joints with the time of day and the state."""
+        ago = self.loop.time() - joints.measured
+        return Sample(
+            joints.positions.copy(), joints.velocities.copy(), time.time() - ago, self.status
+        )
+
     # --- commands and motions ---------------------------------------------------------------
 
     async def command(self, command: Callable[[ArmCommands], Coroutine[Any, Any, str]]) -> str:
-        """Have a command done; return its sentence. Raises RobotError."""
+        """Have a command done and return its sentence. Raises RobotError."""
         _, commands = self._connected()
         try:
-            return in_python(await command(commands))
+            return await command(commands)
         except CommandError as error:
-            raise RobotError(str(error)) from error
+            raise RobotError(str(error), error.remedy) from error
 
-    async def ready(self) -> tuple[Array, GoalPlan]:
+    async def ready(self) -> tuple[Array, PlanningScope]:
         """Return where the arm is, and what ends with whatever forbids the motion from now on.
 
         Raises MotionError unless it may begin to move now.
@@ -224,14 +325,23 @@ class Connection:
         plan = driver.goal_queue.plans.begin()
         now = asyncio.get_running_loop().time()
         if driver.gate.reason is None:
-            now = await self.fresh_moment()
+            now = await self.wait_for_fresh_state()
         with refusals():
             plan.check()
             sample = driver.goal_queue.check_ready(now)
         return sample.positions, plan
 
-    async def execute(self, trajectory: Trajectory, plan: GoalPlan, *, wait: bool) -> Motion:
-        """Begin a motion; with `wait`, wait for its end, and stop it when cancelled meanwhile.
+    async def execute(
+        self,
+        trajectory: Trajectory,
+        plan: PlanningScope,
+        *,
+        wait: bool,
+        path: HeldPath | None = None,
+    ) -> Motion:
+        """Begin a motion, and with `wait`, wait for its end, and stop it when cancelled meanwhile.
+
+        path: what it is held against, as in Motion.
 
         Raises MotionError if it was ended while it was planned, is not begun, or fails.
         """
@@ -241,17 +351,31 @@ class Connection:
             plan.check()
         setup = self._setup
         units = setup.model.limits.units
+        if (sample := driver.robot.sample) is not None:
+            trajectory = divided(trajectory, sample.positions)
         goal = Goal(trajectory, setup.goal_tolerance, setup.goal_time, units=units)
-        motion = Motion(driver.goal_queue, goal)
+        motion = Motion(driver.goal_queue, goal, path)
         motion.begin()
         if wait:
-            try:
-                await motion.wait()
-            except asyncio.CancelledError:
-                with contextlib.suppress(MotionError):  # it ended otherwise: not in the way
-                    await motion.cancel()
-                raise
+            await motion.finish()
         return motion
+
+    def set_speed_scaling(self, factor: float) -> None:
+        """Run motions at a share of their speed. Raises RobotError where that cannot be."""
+        driver, delivery = self.running, self._setup.configuration.delivery
+        scaling = driver.goal_queue.scaling
+        slower = factor < scaling.target
+        if delivery.interface == 'download' and driver.goal_queue.busy and slower:
+            raise RobotError(
+                'this kind of controller has the whole motion already, which keeps its speed: '
+                'call stop(), or wait for its end'
+            )
+        if delivery.uses is FieldsUsed.NOTHING and 0.0 < factor < 1.0:
+            raise RobotError(
+                f'factor = {factor:g}: this kind of controller ignores the velocities and '
+                'durations of points; 0 (pause) and 1 are possible, other speeds are set there'
+            )
+        scaling.set(factor, asyncio.get_running_loop().time())
 
     @staticmethod
     def _check_idle(driver: Driver) -> None:
@@ -260,9 +384,11 @@ class Connection:
 
     # --- from the driver (DriverEvents) -----------------------------------------------------
 
-    def on_joints(self, _sample: JointSample) -> None:
+    def on_joints(self, sample: JointSample) -> None:
         """Joints came."""
         self._heard.notify_all()
+        if self.changes.joints.wanted:
+            self.changes.joints.call(self.stamped(sample))
 
     def on_status(self, status: Status) -> None:
         """A status came."""
@@ -276,9 +402,25 @@ class Connection:
         self._heard.notify_all()
         self.changes.link.call(name, why)
 
+    def callback_failed_elsewhere(self, error: Exception) -> None:
+        """As `callback_failed`, in a thread that is not the event loop's."""
+        if self.task is None:
+            _log.error('a callback failed (there is no connection)', exc_info=error)
+        else:
+            self.loop.call_soon_threadsafe(self.callback_failed, error)
+
     def callback_failed(self, error: Exception) -> None:
         """Stop and disable the arm: what the user's program wanted to do then was not done."""
         why = f'a callback failed: {type(error).__name__}: {error}'
         report_error(why, error)
         if self.driver is not None:
             self.driver.fault(why)
+
+
+def _named(links: list[Link]) -> str:
+    return ' and the '.join(f'{link.name} link to port {link.port}' for link in links)
+
+
+def _count(link: Link) -> int:
+    """Return how often it was connected."""
+    return link.statistics.connections

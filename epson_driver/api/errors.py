@@ -1,38 +1,38 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the Python API raises, besides ValueError for arguments that cannot be used."""
+"""What the Python API raises. A motion raises nothing but RobotErrors."""
 
 import contextlib
-import re
-from collections.abc import Iterator
+from collections.abc import Callable, Coroutine, Iterator
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
 
-from epson_driver.driver.goal.goal_plan import PlanEndedError
+from epson_driver.driver.goal.planning_scope import PlanningEndedError
+from epson_driver.driver.inhibit import Remedy, with_remedy
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
+from epson_driver.tool_motion.joint_path import PathError as NoPathError
+from epson_driver.tool_motion.pose_path import BlendError
 
-_NAMES = {
-    '~/enable': 'enable()',
-    '~/disable': 'disable()',
-    '~/reset_error': 'reset()',
-    '~/stop': 'stop()',
-    'robot_ip': 'host',
-    'the parameter io_port': 'io_port',
-    'the parameter remote_port': 'remote_port',
-    ' (or set allow_nonzero_velocity_at_trajectory_end)': '',
+P = ParamSpec('P')
+T = TypeVar('T')
+
+WORDS = {
+    Remedy.CONNECT: 'start the controller, or check host and ports',
+    Remedy.RELEASE_ESTOP: 'release it, call reset() (or reset at the controller), then enable()',
+    Remedy.RESET: 'call reset(), then enable()',
+    Remedy.TURN_TO_AUTO: 'turn it to AUTO, then call enable()',
+    Remedy.ENABLE: 'call enable()',
+    Remedy.END_STREAM: 'end that, or call stop()',
+    Remedy.ALLOW_END_VELOCITY: '',
 }
-
-_NAME = re.compile('|'.join(re.escape(name) + r'(?!\w)' for name in _NAMES))
-
-
-def in_python(sentence: str) -> str:
-    """Return a sentence of the driver with the names of this API in place of those in ROS."""
-    return _NAME.sub(lambda found: _NAMES[found[0]], sentence)
+"""What helps, in the names of this API."""
 
 
 class RobotError(RuntimeError):
-    """What was asked for could not be done; the text says why and what to do."""
+    """What was asked for could not be done, with the reason and the remedy as text."""
 
-    def __init__(self, sentence: str) -> None:
-        super().__init__(in_python(sentence))
+    def __init__(self, text: str, remedy: Remedy = Remedy.NONE) -> None:
+        super().__init__(with_remedy(text, remedy, WORDS))
 
 
 class MotionError(RobotError):
@@ -42,9 +42,20 @@ class MotionError(RobotError):
     """
 
     def __init__(self, outcome: Outcome) -> None:
-        super().__init__(outcome.text)
+        super().__init__(outcome.text, outcome.remedy)
         self.end: End = outcome.end
         self.code: ErrorCode = outcome.code
+
+
+class ArgumentError(RobotError, ValueError):
+    """A motion was asked for with an argument that cannot be used. Nothing was sent."""
+
+
+class PathError(ArgumentError):
+    """The tool cannot follow a path from where the arm is: out of reach, or through a singularity.
+
+    The text names place, joint and limit. Nothing was sent.
+    """
 
 
 def not_begun(sentence: str) -> MotionError:
@@ -57,7 +68,33 @@ def refusals() -> Iterator[None]:
     """Raise a MotionError for what the driver refuses, or ended before it could start."""
     try:
         yield
-    except PlanEndedError as ended:
+    except PlanningEndedError as ended:
         raise not_begun(str(ended)) from ended
     except GoalRejectedError as rejection:
         raise MotionError(rejection.outcome) from rejection
+
+
+def motion(
+    method: Callable[P, Coroutine[Any, Any, T]],
+) -> Callable[P, Coroutine[Any, Any, T]]:
+    """Have a method raise an ArgumentError for every ValueError."""
+
+    @wraps(method)
+    async def run(*args: P.args, **kwargs: P.kwargs) -> T:
+        with argument_errors():
+            return await method(*args, **kwargs)
+
+    return run
+
+
+@contextlib.contextmanager
+def argument_errors() -> Iterator[None]:
+    """Raise an ArgumentError for every ValueError."""
+    try:
+        yield
+    except RobotError:
+        raise
+    except (NoPathError, BlendError) as error:
+        raise PathError(str(error)) from error
+    except ValueError as error:
+        raise ArgumentError(str(error)) from error

@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable
 from typing import TypeVar
 
 from epson_driver.api.errors import RobotError
+from epson_driver.api.ownership import Unique
 from epson_driver.driver.io.gripper import Gripper as DrivenGripper
 from epson_driver.driver.io.gripper import GripperError, GripperState, GripperWiring
 
@@ -14,7 +15,7 @@ __all__ = ['Gripper', 'GripperState', 'GripperWiring']
 T = TypeVar('T')
 
 
-class Gripper:
+class Gripper(Unique):
     """Opens and closes the gripper that `Settings(gripper=GripperWiring(...))` describes.
 
     Without that, each method raises RobotError that says so. The arm need not be enabled for it.
@@ -24,14 +25,14 @@ class Gripper:
         self._gripper = gripper
 
     async def open(self) -> GripperState:
-        """Open it; return its state when it is open.
+        """Open it and return its state when it is open.
 
         Raises RobotError if it does not open in its time, or if a newer command took its place.
         """
         return await _answered(self._known().move(opened=True))
 
     async def close(self) -> GripperState:
-        """Close it; return its state: closed, or neither if it holds something.
+        """Close it and return its state: closed, or neither if it holds something.
 
         Whether it holds something is known after its `time`. Raises RobotError if it stays open,
         or if a newer command took its place.

@@ -2,11 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """The controller's inputs and outputs, point by point."""
 
+import asyncio
+import contextlib
 from collections.abc import Awaitable, Callable
 from typing import TypeVar
 
 from epson_driver.api.errors import RobotError
+from epson_driver.api.ownership import Unique
 from epson_driver.driver.io import io_access
+from epson_driver.driver.io.gripper import LOOK_PERIOD_S
 from epson_driver.driver.io.io_driver import IoAnswer, IoUnavailableError
 from epson_driver.driver.io.io_results import NAMES
 from epson_driver.inputs import choice, count
@@ -15,6 +19,8 @@ from epson_driver.simple_message import IoAddress, IoSetting, IoType
 TYPES: dict[str, IoType] = {name: io_type for io_type, name in NAMES.items()}
 """DI, DO, AI, AO, GI, GO, flag; docs/io.md says what each is."""
 
+_BY_UPPER = {name.upper(): io_type for name, io_type in TYPES.items()}
+
 T = TypeVar('T', IoAddress, IoSetting)
 
 KIND = choice(*TYPES)
@@ -22,7 +28,7 @@ INDEX = count(0, 2**31 - 1)
 VALUE = count(-(2**31), 2**31 - 1)
 
 
-class Io:
+class Io(Unique):
     """Reads and writes single points. A controller without I/O is a RobotError that says so."""
 
     def __init__(self, driver: Callable[[], io_access.Io]) -> None:
@@ -33,6 +39,21 @@ class Io:
         address = IoAddress(_type(kind), INDEX.checked(index, 'index'))
         return await _answered(self._driver().read, [address])
 
+    async def wait(self, kind: str, index: int, value: int, timeout: float | None = None) -> None:
+        """Wait until a point has a value, such as `wait('DI', 3, 1)`.
+
+        Raises TimeoutError after `timeout` s, otherwise as `read`.
+        """
+        VALUE.checked(value, 'value')
+        try:
+            async with asyncio.timeout(timeout):
+                while await self.read(kind, index) != value:
+                    with contextlib.suppress(TimeoutError):
+                        async with asyncio.timeout(LOOK_PERIOD_S):
+                            await self._driver().changed.wait()
+        except TimeoutError as error:
+            raise TimeoutError(f'{kind} {index} was not {value} within {timeout:g} s') from error
+
     async def write(self, kind: str, index: int, value: int) -> None:
         """Set an output, a group or a flag, such as `write('DO', 3, 1)`."""
         number = VALUE.checked(int(value) if isinstance(value, bool) else value, 'value')
@@ -41,8 +62,8 @@ class Io:
 
 
 def _type(kind: str) -> IoType:
-    KIND.checked(kind, 'kind')
-    return TYPES[kind]
+    found = _BY_UPPER.get(kind.upper()) if isinstance(kind, str) else None
+    return TYPES[KIND.checked(kind, 'kind')] if found is None else found
 
 
 async def _answered(ask: Callable[[list[T]], Awaitable[list[IoAnswer]]], points: list[T]) -> int:

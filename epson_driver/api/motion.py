@@ -3,23 +3,39 @@
 """A motion that was begun: how far it has come, its end, and canceling it."""
 
 import asyncio
+import contextlib
 import logging
+from collections.abc import Callable
 
-from epson_driver.api.errors import MotionError, in_python
+from epson_driver.api.errors import WORDS, MotionError
+from epson_driver.api.ownership import Unique
 from epson_driver.driver.goal.goal import Goal
+from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_queue import GoalHandle, GoalQueue
+from epson_driver.driver.inhibit import with_remedy
 from epson_driver.driver.outcome import End, Outcome
+from epson_driver.driver.state.robot_state import JointSample
+from epson_driver.motion import Array
 
 _log = logging.getLogger(__name__)
 
+# Motions and setpoints say what is logged of them: it is not printed where nobody asked for logs.
+for _name in ('goal', 'servo'):
+    logging.getLogger(f'epson_driver.driver.{_name}').addHandler(logging.NullHandler())
 
-class Motion:
+HeldPath = tuple[Callable[[Array], float], float]
+"""How far the tool is from its path, m, at joints of shape (n,); and how far it may be."""
+
+
+class Motion(Unique):
     """A motion of the arm. It ends once: it succeeded, was canceled, or was aborted."""
 
-    def __init__(self, queue: GoalQueue, goal: Goal) -> None:
+    def __init__(self, queue: GoalQueue, goal: Goal, path: HeldPath | None = None) -> None:
         self._queue = queue
         self._planned = goal.trajectory.duration
-        self._handle = GoalHandle(goal, self._on_end, lambda _execution, _sample: None)
+        self._handle = GoalHandle(goal, self._on_end, self._see)
+        self._path = path
+        self._away = 0.0
         self._outcome: Outcome | None = None
         self._ended = asyncio.Event()
         self._told = False
@@ -31,6 +47,15 @@ class Motion:
             self._told = True
             raise MotionError(self._outcome)
 
+    def __repr__(self) -> str:
+        state = self.text or f'{self.progress:.0%} of {self.duration:.3g} s'
+        return f'<Motion: {state}>'
+
+    def __del__(self) -> None:
+        outcome = getattr(self, '_outcome', None)
+        if outcome is not None and outcome.end is End.ABORTED and not self._told:
+            _log.warning('a motion that nobody waited for was aborted: %s', self.text)
+
     @property
     def done(self) -> bool:
         """True once it has ended, however."""
@@ -38,8 +63,16 @@ class Motion:
 
     @property
     def text(self) -> str:
-        """How it ended, in a sentence; '' before."""
-        return '' if self._outcome is None else in_python(self._outcome.text)
+        """How it ended, in a sentence, or '' before."""
+        if self._outcome is None:
+            return ''
+        said = with_remedy(self._outcome.text, self._outcome.remedy, WORDS)
+        if self._path is not None and self._away > self._path[1]:
+            said += (
+                f'; the tool was up to {self._away * 1e3:.2f} mm away from its path '
+                f'(accuracy {self._path[1] * 1e3:g} mm)'
+            )
+        return said
 
     @property
     def duration(self) -> float:
@@ -48,7 +81,7 @@ class Motion:
 
     @property
     def progress(self) -> float:
-        """The share of its planned time that has passed, 0 to 1; 1 only when it has succeeded."""
+        """The share of its planned time that has passed, 0 to 1, which only success makes 1."""
         if self._outcome is not None and self._outcome.end is End.SUCCEEDED:
             return 1.0
         execution = self._handle.execution
@@ -57,18 +90,32 @@ class Motion:
             return 0.0
         return min(desired[0] / execution.goal.trajectory.duration, 0.999)
 
-    async def wait(self) -> str:
-        """Wait for its end; return a sentence. Raises MotionError unless it succeeded.
+    async def wait(self, timeout: float | None = None) -> str:
+        """Wait for its end and return a sentence. Raises MotionError unless it succeeded.
 
-        Who gives up waiting (cancellation, a time-out) does not end the motion: `cancel` does.
+        A time-out (TimeoutError, after `timeout` s) or a cancelled task only ends the waiting:
+        the motion goes on, until `cancel`.
         """
-        outcome = await self._end()
+        try:
+            async with asyncio.timeout(timeout):
+                outcome = await self._end()
+        except TimeoutError as error:
+            raise TimeoutError(f'the motion has not ended within {timeout:g} s') from error
         if outcome.end is not End.SUCCEEDED:
             raise MotionError(outcome)
-        return in_python(outcome.text)
+        return self.text
+
+    async def finish(self, timeout: float | None = None) -> str:
+        """Wait as `wait` does, and stop the arm if interrupted."""
+        try:
+            return await self.wait(timeout)
+        except asyncio.CancelledError:
+            with contextlib.suppress(MotionError):  # it ended otherwise: not in the way
+                await self.cancel()
+            raise
 
     async def cancel(self) -> str:
-        """Stop the arm; return a sentence when it stands. Nothing if the motion has ended.
+        """Stop the arm and return a sentence when it stands. Nothing if the motion has ended.
 
         Raises MotionError if it was aborted meanwhile: its text says what is known of the arm.
         """
@@ -77,7 +124,7 @@ class Motion:
         outcome = await self._end()
         if outcome.end is End.ABORTED:
             raise MotionError(outcome)
-        return in_python(outcome.text)
+        return outcome.text
 
     async def _end(self) -> Outcome:
         self._told = True
@@ -85,8 +132,10 @@ class Motion:
         assert self._outcome is not None  # noqa: S101 - for the type checker
         return self._outcome
 
+    def _see(self, _execution: GoalExecution, sample: JointSample) -> None:
+        if self._path is not None:
+            self._away = max(self._away, self._path[0](sample.positions))
+
     def _on_end(self, outcome: Outcome) -> None:
         self._outcome = outcome
         self._ended.set()
-        if outcome.end is End.ABORTED and not self._told:
-            _log.warning('a motion that nobody waits for was aborted: %s', self.text)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """From what a user asks for to a checked trajectory. ValueErrors name field, value and limit."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import ceil
 
@@ -10,26 +10,49 @@ import numpy as np
 import numpy.typing as npt
 
 from epson_driver.api.poses import Frames, Pose, Target, Waypoint
-from epson_driver.driver.goal.goal_checks import check_limits, untimed
+from epson_driver.driver.goal.goal import check_limits, untimed
+from epson_driver.driver.goal.reference import MIN_FACTOR, ReferenceTrajectory
 from epson_driver.driver.outcome import GoalRejectedError
-from epson_driver.inputs import number
+from epson_driver.inputs import Rule, number
 from epson_driver.motion import Array, JointLimits, Trajectory, go
-from epson_driver.motion.blended_path import BlendError, Run, runs
-from epson_driver.motion.cartesian import PosePath, arc, line
 from epson_driver.motion.point_to_point import check_fractions
-from epson_driver.robots.cartesian_motion import ToolLimits
+from epson_driver.robots.kinematics import Kinematics
+from epson_driver.tool_motion.pose_path import (
+    SHORTEST_PATH,
+    BlendError,
+    PosePath,
+    Run,
+    arc,
+    distance_from,
+    line,
+    runs,
+)
+from epson_driver.tool_motion.tool_trajectory import JERK_PER_ACCELERATION, ToolLimits
 
 SAMPLE_PERIOD_S = 0.05
 """Time between two points for controllers that interpolate between positions and velocities."""
+
+LONGEST_SEGMENT_S = 0.5
+"""Time between two points at most, for the others: what is sent already is not slowed any more,
+and an arm that rests at each point is to rest seldom."""
+
+LOOK_M, MAX_LOOKS = 1e-3, 2000
+"""How densely the path is described that a motion is held against, m."""
+
+SAME_PLACE_M, SAME_PLACE_RAD = 1e-4, 1e-3
+"""Points of a path that are closer than both are one: more than encoders tremble."""
 
 SHORTEST_MOVE_S = 0.01
 """The time of a move to where the arm is."""
 
 
-def joint_rows(field: str, values: npt.ArrayLike, limits: JointLimits, *, rows: bool) -> Array:
+def joint_rows(field: str, values: Pose, limits: JointLimits, *, rows: bool) -> Array:
     """Return numbers as shape (n,), or (k, n) with `rows`, for n joints. Raises ValueError."""
     try:
-        array = np.array(values, dtype=float)
+        array = np.array(values)
+        if array.dtype.kind not in 'iuf' and array.size:
+            raise TypeError(f'these are {array.dtype.name}')
+        array = array.astype(float)
     except (TypeError, ValueError) as error:
         shape = 'rows of numbers, all of one length' if rows else 'numbers'
         raise ValueError(f'{field}: must be {shape} ({error})') from error
@@ -41,6 +64,11 @@ def joint_rows(field: str, values: npt.ArrayLike, limits: JointLimits, *, rows: 
         )
     if not rows and array.shape != (count,):
         raise ValueError(f'{field} has shape {array.shape}: must be ({count},), one per joint')
+    if (wrong := np.argwhere(~np.isfinite(array))).size:
+        *point, joint = wrong[0].tolist()
+        where = f'{field}[{point[0]}]' if point else field
+        value = array[tuple(wrong[0])]
+        raise ValueError(f'{where}: {limits.names[joint]} = {value}: must be a finite number')
     return array
 
 
@@ -66,7 +94,7 @@ def scaled_limits(limits: JointLimits, speed: float, acceleration: float) -> Joi
 def check_shares(speed: float, acceleration: float) -> None:
     """Raise ValueError unless both are shares of the joint limits, (0, 1]."""
     for name, value in (('speed', speed), ('acceleration', acceleration)):
-        if not isinstance(value, int | float | np.number):
+        if isinstance(value, bool) or not isinstance(value, int | float | np.number):
             raise ValueError(f'{name} = {value!r}: must be a number in (0, 1]')
     try:
         check_fractions(float(speed), float(acceleration))
@@ -82,6 +110,7 @@ def tool_limits(
     turn_acceleration: float,
     accuracy: float,
     *,
+    jerk: float | None,
     slow: bool,
 ) -> ToolLimits:
     """Return how the tool may move. Raises ValueError that names the argument."""
@@ -92,10 +121,11 @@ def tool_limits(
         'turn_acceleration': turn_acceleration,
         'accuracy': accuracy,
     }
-    checked_values = {
-        name: _TOOL_RULES[name].checked(value, name) for name, value in given.items()
-    }
-    return ToolLimits(**checked_values, slow=bool(slow))
+    if jerk is not None:
+        given['jerk'] = jerk
+    limits = {name: _TOOL_RULES[name].checked(value, name) for name, value in given.items()}
+    ratio = limits.pop('jerk', JERK_PER_ACCELERATION * acceleration) / acceleration
+    return ToolLimits(**limits, slow=bool(slow), jerk_ratio=ratio)
 
 
 _TOOL_RULES = {
@@ -104,6 +134,7 @@ _TOOL_RULES = {
     'turn_speed': number(1e-4, 100.0, 'rad/s'),
     'turn_acceleration': number(1e-3, 10000.0, 'rad/s²'),
     'accuracy': number(1e-6, 1.0, 'm'),
+    'jerk': number(1e-3, 1e5, 'm/s³'),
 }
 
 
@@ -116,21 +147,25 @@ class PathPoint:
     blend: float = 0.0
 
     def segment(self, before: Array, start: Array) -> PosePath:
-        """Return the way there from a pose; the tool began at `start`. Raises ValueError."""
+        """Return the way there from a pose of a tool that began at `start`. Raises ValueError."""
         end = self.pose.seen_from(start)
         if self.via is None:
             return line(before, end)
         return arc(before, self.via.seen_from(start)[:3, 3], end)
 
     def run(self, start: Array) -> list[Run]:
-        """Return the way there from `start`, a pose in base_link. Raises ValueError."""
-        return runs([self.segment(start, start)], [])
+        """Return the way there from `start`, a pose in base_link, or [] if that is it already.
+
+        Raises ValueError.
+        """
+        segment = self.segment(start, start)
+        return [] if _is_none(segment) else runs([segment], [])
 
 
 def path_points(
     points: Sequence[Waypoint | Pose], blend: float, frame: str | None, frames: Frames
 ) -> list[PathPoint]:
-    """Return a user's way points; blend and frame: of those that have none. Raises ValueError."""
+    """Return a user's way points, with a default blend and frame. Raises ValueError."""
     _BLEND.checked(blend, 'blend')
     if isinstance(points, str) or not isinstance(points, Sequence | np.ndarray):
         raise ValueError(f'points = {points!r}: must be a list of poses or way points')
@@ -158,33 +193,92 @@ def path_points(
 def path_runs(points: Sequence[PathPoint], start: Array) -> list[Run]:
     """Return the way through points of a tool that is at `start`, a pose in base_link.
 
-    Raises ValueError that names the point: for a blend that does not fit, a circle that is none,
-    half a turn, or no way at all.
+    [] if it is at all of them already. Raises ValueError that names the point: for a blend that
+    does not fit, a circle that is none.
     """
     segments: list[PosePath] = []
     before = start
-    for index, point in enumerate(points):
+    wanted = _apart(points, start)
+    for index, point in wanted:
         try:
             segments.append(point.segment(before, start))
         except ValueError as error:
             raise ValueError(f'points[{index}]: {error}') from error
         before = point.pose.seen_from(start)
+    if len(segments) == 1 and _is_none(segments[0]):
+        return []
+    numbers = [index for index, _ in wanted]
     try:
-        return runs(segments, [point.blend for point in points[:-1]])
+        found = runs(segments, [point.blend for _, point in wanted[:-1]])
     except BlendError as error:
-        raise ValueError(f'points[{error.index}]: {error}') from error
+        raise ValueError(f'points[{numbers[error.index]}]: {error}') from error
+    return [
+        replace(
+            run, segments=tuple(tuple(numbers[each] for each in part) for part in run.segments)
+        )
+        for run in found
+    ]
+
+
+def _apart(points: Sequence[PathPoint], start: Array) -> list[tuple[int, PathPoint]]:
+    """Return points with their indices, the last of those at one place, for a line to there.
+
+    It has the smallest of their blends. A point where the tool is at the start is left out.
+    """
+    kept: list[tuple[int, PathPoint]] = []
+    place = start
+    for index, point in enumerate(points):
+        pose = point.pose.seen_from(start)
+        if point.via is not None or not _same_place(place, pose):
+            kept.append((index, point))
+            place = pose
+        elif kept:
+            _, before = kept.pop()
+            kept.append(
+                (index, replace(point, via=before.via, blend=min(before.blend, point.blend)))
+            )
+        elif index == len(points) - 1:
+            kept.append((index, point))
+    return kept
+
+
+def _same_place(first: Array, second: Array) -> bool:
+    away = np.linalg.norm(first[:3, 3] - second[:3, 3])
+    turned = np.linalg.norm(first[:3, :3] - second[:3, :3]) / np.sqrt(2.0)  # of a small turn
+    return bool(away <= SAME_PLACE_M and turned <= SAME_PLACE_RAD)
+
+
+def deviation(arm: Kinematics, way: Sequence[Run]) -> Callable[[Array], float]:
+    """Return a function of joints, shape (n,): how far the tool is from a path then, m."""
+    places = []
+    for run in way:
+        length = sum(part.length for part in run.parts)
+        looks = np.linspace(0.0, run.seams[-1], min(ceil(length / LOOK_M) + 2, MAX_LOOKS))
+        places += [run.pose(distance)[:3, 3] for distance in looks.tolist()]
+    path = np.array(places)
+    return lambda joints: distance_from(arm.forward(joints)[:3, 3], path)
+
+
+def _is_none(path: PosePath) -> bool:
+    return max(path.length, path.angle) < SHORTEST_PATH
 
 
 _BLEND = number(0.0, 100.0, 'm')
 
+_MOVING = number(MIN_FACTOR, 1.0)
+
+FACTOR = Rule(
+    lambda value: 0.0 if value == 0.0 and value is not False else _MOVING.read(value),
+    f'must be 0 (pause), or a number from {MIN_FACTOR:g} to 1 (as planned)',
+)
+"""What speed scaling may be."""
+
 
 def targets(field: str, values: npt.ArrayLike, limits: JointLimits) -> Trajectory:
     """Return way points, shape (k, n), with times that do not count. Raises ValueError."""
-    positions = joint_rows(field, values, limits, rows=True)
+    positions = limits.settled(joint_rows(field, values, limits, rows=True))
     times = np.arange(1.0, len(positions) + 1.0)
     trajectory = Trajectory(limits.names, times, positions)
-    if not np.all(np.isfinite(positions)):
-        return checked(trajectory, limits, field)  # which says which is not
     return checked(untimed(trajectory, limits), limits, field)
 
 
@@ -199,19 +293,45 @@ def straight(
 ) -> Trajectory:
     """Return the fastest move from rest to rest, straight in joint space, at shares of the limits.
 
-    `sampled`: as many points with velocities; otherwise its end alone, with the time it takes.
+    `sampled`: for a controller that interpolates between points.
     """
     motion = go(limits, start, target, speed, acceleration)
     duration = max(motion.duration, SHORTEST_MOVE_S)
+    period = SAMPLE_PERIOD_S if sampled else LONGEST_SEGMENT_S
+    times = np.linspace(0.0, duration, ceil(duration / period) + 1)
     if not sampled:
-        return Trajectory(limits.names, np.array([duration]), target[None, :])
-    times = np.linspace(0.0, duration, ceil(duration / SAMPLE_PERIOD_S) + 1)
+        times = times[1:]  # the first one is where the arm is
     states = [motion.at(float(time)) for time in times]
     return Trajectory(
         limits.names,
         times,
         np.array([position for position, _, _ in states]),
         np.array([velocity for _, velocity, _ in states]),
+    )
+
+
+def divided(trajectory: Trajectory, start: Array) -> Trajectory:
+    """Return a trajectory from `start`, shape (n,), with points LONGEST_SEGMENT_S apart at most.
+
+    The way is the same, as the driver interpolates it.
+    """
+    times = trajectory.times.tolist()
+    moments: list[float] = []
+    for before, time in zip([0.0, *times], times, strict=False):
+        parts = max(ceil((time - before) / LONGEST_SEGMENT_S - 1e-9), 1)
+        moments += np.linspace(before, time, parts + 1)[1:].tolist()
+    if len(moments) == len(times):
+        return trajectory
+    way = ReferenceTrajectory(trajectory, start)
+    found = [way.at(moment) for moment in moments]
+    velocities = None if trajectory.velocities is None else np.array([each[1] for each in found])
+    if velocities is not None and trajectory.velocities is not None:
+        velocities[-1] = trajectory.velocities[-1]
+    return Trajectory(
+        trajectory.joint_names,
+        np.array(moments),
+        np.array([position for position, _ in found]),
+        velocities,
     )
 
 
@@ -226,7 +346,7 @@ def planned(
     names = limits.names if joint_names is None else tuple(joint_names)
     if sorted(names) != sorted(limits.names):
         raise ValueError(f'joint_names = {list(names)}: must be {", ".join(limits.names)}')
-    rows = joint_rows('positions', positions, limits, rows=True)
+    rows = limits.settled(joint_rows('positions', positions, limits, rows=True))
     try:
         moments = np.array(times, dtype=float)
     except (TypeError, ValueError) as error:

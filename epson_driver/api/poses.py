@@ -12,12 +12,19 @@ import numpy.typing as npt
 
 from epson_driver.inputs import number
 from epson_driver.motion import Array
-from epson_driver.motion.cartesian import homogeneous
 from epson_driver.robots.kinematics import rotation_of_uvw, uvw
-from epson_driver.robots.tool_pose import check_tool_distance, finite_numbers, pose_of_quaternion
+from epson_driver.tool_motion.tool_pose import (
+    check_tool_distance,
+    finite_numbers,
+    homogeneous,
+    pose_of_quaternion,
+)
 
 BASE_LINK, BASE, TOOL = 'base_link', 'base', 'tool'
 """The frames that are always there: REP-103's, EPSON's world, and the tool where it is."""
+
+ROUNDING = 1e-4
+"""A matrix that is so nearly a rotation is taken for the nearest one: texts have few digits."""
 
 MM_SUSPICION = 10.0
 """A place that is farther away than this many times the arm's reach may be in mm."""
@@ -77,7 +84,7 @@ class Waypoint:
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A pose, shape (4, 4), m, in base_link; or in the tool where it is when the motion begins."""
+    """A pose, shape (4, 4), m, in base_link or in the tool as the motion begins."""
 
     pose: Array
     in_tool: bool = False
@@ -204,12 +211,24 @@ def checked_pose(field: str, values: Pose) -> Array:
         )
     turn = array[:3, :3]
     if (
-        np.abs(turn @ turn.T - np.eye(3)).max() > 1e-6
+        np.abs(turn @ turn.T - np.eye(3)).max() > ROUNDING
         or np.linalg.det(turn) < 0.0
         or np.abs(array[3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-9
     ):
         raise ValueError(f'{field}: must be a rotation and a place, with 0 0 0 1 in its last row')
-    return array
+    left, _, right = np.linalg.svd(turn)
+    return homogeneous(left @ right, array[:3, 3])
+
+
+def is_pose(values: Pose, joints: int) -> bool:
+    """Return whether values have the form of a pose, and not of so many joint positions."""
+    if isinstance(values, EpsonPoint):
+        return True
+    try:
+        shape = np.shape(values)
+    except ValueError:  # rows of different lengths
+        return False
+    return shape == (4, 4) or (shape == (7,) and joints != 7)
 
 
 def quaternion_pose(pose: Array) -> Array:

@@ -9,12 +9,13 @@ import numpy as np
 
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
-from epson_driver.driver.goal.goal_settings import GoalSettings, cause_timeout
+from epson_driver.driver.goal.goal import GoalSettings, cause_timeout
 from epson_driver.driver.io.gripper import GripperWiring
+from epson_driver.driver.servo.setpoint import ServoSettings
 from epson_driver.driver.smoothing.smoothing import usual_smoothing
 from epson_driver.driver.state.joint_mapping import joint_mapping
 from epson_driver.error_texts import load_error_texts
-from epson_driver.inputs import HOST, JOINT_NAMES, Rule, count, number
+from epson_driver.inputs import HOST, JOINT_NAMES, Rule, count, number, shown
 from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import RobotModel, load_robot_model
 from epson_driver.simple_message import MAX_JOINTS, ByteOrder
@@ -31,8 +32,9 @@ class Settings:
     """What most robots need not set. Names, units and defaults are those of the ROS parameters.
 
     None: what the controller's profile says, or the robot model. goal_tolerance, start_tolerance:
-    rad (m), all joints. Times in s. gripper: how it is wired, if there is one. See
-    docs/ros_interface.md for each.
+    rad (m), all joints. Times in s. servo_scale: the share of the joint limits that streams may
+    use; servo_timeout: so long after the last setpoint the arm brakes. gripper: how it is wired,
+    if there is one. See docs/ros_interface.md for each.
     """
 
     joint_names: tuple[str, ...] | None = None
@@ -50,6 +52,8 @@ class Settings:
     goal_tolerance: float | None = None
     goal_time: float = 0.0
     stopped_velocity_tolerance: float = 0.01
+    servo_scale: float = 0.25
+    servo_timeout: float = 0.15
     gripper: GripperWiring | None = None
 
     def __post_init__(self) -> None:
@@ -71,6 +75,8 @@ _RULES: dict[str, Rule] = {
     'goal_tolerance': number(0.0, 10.0, 'rad or m'),
     'goal_time': number(0.0, 3600.0, 's'),
     'stopped_velocity_tolerance': number(1e-6, 10.0, 'rad/s or m/s'),
+    'servo_scale': number(0.01, 1.0),
+    'servo_timeout': number(0.02, 1.0, 's'),
 }
 
 _CHOICES = {
@@ -82,7 +88,7 @@ _CHOICES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Ports:
-    """TCP ports of the controller's servers; None: the profile's. io, remote 0: not used."""
+    """TCP ports of the controller's servers, None for the profile's, 0 for one not used."""
 
     motion: int | None = None
     state: int | None = None
@@ -99,7 +105,7 @@ class Ports:
 
 @dataclass(frozen=True)
 class Setup:
-    """All that a driver is made with; model: with the joint names that were asked for."""
+    """All that a driver is made with, its model with the joint names that were asked for."""
 
     model: RobotModel
     configuration: Configuration
@@ -108,6 +114,7 @@ class Setup:
     goal_tolerance: np.ndarray[tuple[int], np.dtype[np.float64]]
     goal_time: float
     gripper: GripperWiring | None
+    servo: ServoSettings
 
 
 def make_setup(host: str, controller: str, model_name: str, ports: Ports, more: Settings) -> Setup:
@@ -117,6 +124,8 @@ def make_setup(host: str, controller: str, model_name: str, ports: Ports, more: 
     the profiles or models there are.
     """
     HOST.checked(host, 'host')
+    if not isinstance(more, Settings):
+        raise ValueError(f'settings = {shown(more)}: must be Settings(...)')
     profile = load_controller_profile(controller)
     model = load_robot_model(model_name)
     if more.joint_names is not None:
@@ -155,6 +164,7 @@ def make_setup(host: str, controller: str, model_name: str, ports: Ports, more: 
             ),
             usual_byte_order=profile.byte_order,
             motors=profile.program.motors,
+            client_timeout=profile.server.client_timeout,
             state_period=profile.state.period,
             smoothing=usual_smoothing(profile.program),
             configured_as=f'{profile.name}, {model.name}',
@@ -173,4 +183,10 @@ def make_setup(host: str, controller: str, model_name: str, ports: Ports, more: 
         ),
         more.goal_time,
         more.gripper,
+        ServoSettings(
+            share=more.servo_scale,
+            timeout=more.servo_timeout,
+            reply_timeout=more.reply_timeout,
+            period=profile.program.setpoint_period,
+        ),
     )

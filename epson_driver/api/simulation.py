@@ -4,19 +4,21 @@
 
 import asyncio
 import contextlib
-import os
 import signal
-import sys
 from collections.abc import Sequence
 
 from epson_driver.api.errors import RobotError
 from epson_driver.api.settings import Ports
+from epson_driver.processes.command import module_command
 
 START_TIMEOUT_S = 60.0
 """How long it may take to listen, s: it loads numpy, and starts a planner."""
 
 END_TIMEOUT_S = 5.0
 """How long it may take to end before it is killed, s."""
+
+MAX_CHARACTERS = 4096
+"""Of what it says last, so much is kept."""
 
 _WORDS = {'motion', 'state', 'io', 'remote'}
 
@@ -31,25 +33,31 @@ class SimulatedController:
     def __init__(self, arguments: Sequence[str]) -> None:
         self._arguments = arguments
         self._process: asyncio.subprocess.Process | None = None
+        self._said = ''
+        self._listening: asyncio.Task[None] | None = None
+
+    @property
+    def files(self) -> list[int]:
+        """The descriptor of the pipe that keeps it alive, while there is one."""
+        stdin = None if self._process is None else self._process.stdin
+        return [] if stdin is None else [stdin.get_extra_info('pipe').fileno()]
 
     async def start(self) -> Ports:
-        """Start it; return its ports when it listens. Raises RobotError with what it said."""
+        """Start it and return its ports when it listens. Raises RobotError with what it said."""
         words = [f'--{name}-port=0' for name in sorted(_WORDS)]
         process = self._process = await asyncio.create_subprocess_exec(
-            sys.executable,
-            '-m',
-            'epson_driver.cli',
-            'sim_controller',
-            '--until-stdin-ends',
+            *module_command('epson_driver.cli', 'sim_controller', '--until-stdin-ends'),
             *words,
             *self._arguments,
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.DEVNULL,
-            env=os.environ | {'PYTHONPATH': os.pathsep.join(filter(None, sys.path))},
+            stderr=asyncio.subprocess.PIPE,
             start_new_session=True,
         )
         assert process.stdout is not None  # noqa: S101 - for the type checker
+        assert process.stderr is not None  # noqa: S101 - for the type checker
+        self._said = ''
+        self._listening = asyncio.create_task(self._listen(process.stderr))
         try:
             async with asyncio.timeout(START_TIMEOUT_S):
                 line = (await process.stdout.readline()).decode(errors='replace')
@@ -58,18 +66,27 @@ class SimulatedController:
                 f'the simulated controller did not listen within {START_TIMEOUT_S:g} s'
             ) from error
         if not line.startswith('listening '):
-            raise RobotError(
-                'the simulated controller did not start; this shows why: epson_driver '
-                f'sim_controller {" ".join(self._arguments)}'
-            )
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(END_TIMEOUT_S):
+                    await asyncio.shield(self._listening)
+            said = self._said.strip().rpartition('\n')[2] or 'it did not say why'
+            why = said.removeprefix('epson_driver sim_controller: ').removeprefix('error: ')
+            raise RobotError(f'the simulated controller did not start: {why}')
         numbers = dict(word.split('=') for word in line.split()[1:])
         return Ports(**{name: int(numbers[name]) for name in _WORDS})
+
+    async def _listen(self, stream: asyncio.StreamReader) -> None:
+        """Take what it says, so that it never waits for a reader."""
+        while block := await stream.read(2**16):
+            self._said = (self._said + block.decode(errors='replace'))[-MAX_CHARACTERS:]
 
     async def close(self) -> None:
         """End it."""
         process, self._process = self._process, None
         if process is None:
             return
+        if self._listening is not None:
+            self._listening.cancel()
         if process.stdin is not None:
             process.stdin.close()
         with contextlib.suppress(ProcessLookupError):

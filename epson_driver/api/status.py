@@ -4,12 +4,11 @@
 
 from dataclasses import dataclass
 
-from epson_driver.api.errors import in_python
-from epson_driver.driver.arm_commands import ArmCommands
+from epson_driver.api.errors import WORDS
 from epson_driver.driver.driver import Driver
-from epson_driver.driver.stopping.arm_gate import what_forbids_motion
+from epson_driver.driver.inhibit import Remedy, with_remedy
 from epson_driver.error_texts import ErrorTexts
-from epson_driver.link import LinkState
+from epson_driver.motion import Array
 from epson_driver.simple_message import Mode, Status, TriState
 
 _KNOWN = {int(TriState.TRUE): True, int(TriState.FALSE): False}
@@ -27,10 +26,11 @@ class ControllerError:
 
 @dataclass(frozen=True, slots=True)
 class RobotStatus:
-    """What is known now; None where the controller does not tell, or the link is down.
+    """What is known now, or None where the controller does not tell, or the link is down.
 
     connected: both links are up. enabled: motions are taken. paused: the controller denies motion
-    for a while. text: the state as a clause. remedy: what to do before the arm can move, or ''.
+    for a while, or the speed scaling is 0. text: the state as a clause. remedy: what to do before
+    the arm can move, or ''.
     """
 
     connected: bool
@@ -46,6 +46,20 @@ class RobotStatus:
     remedy: str
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Sample:
+    """Joints as measured at one moment, and the state then.
+
+    positions, velocities: shape (n,), rad and rad/s (m, m/s). time: of the measurement, s since
+    1970, as `time.time()`.
+    """
+
+    positions: Array
+    velocities: Array
+    time: float
+    status: RobotStatus
+
+
 def controller_error(status: Status, texts: ErrorTexts) -> ControllerError | None:
     """Return the error that a STATUS shows, if any."""
     if not status.error_code and status.in_error != TriState.TRUE:
@@ -54,37 +68,28 @@ def controller_error(status: Status, texts: ErrorTexts) -> ControllerError | Non
     return ControllerError(number, texts.phrase(number), texts.advice(number, ''))
 
 
-def robot_status(driver: Driver, commands: ArmCommands, link_reason: str) -> RobotStatus:
-    """Return the state of a driver; `link_reason`: why a link is down, if one is."""
+def robot_status(driver: Driver, now: float, link_reason: str) -> RobotStatus:
+    """Return the state of a driver at a time of its loop. `link_reason`: why a link is down."""
     status = driver.robot.status or Status()
-    links = (driver.state_link, driver.motion_link)
-    connected = all(link.state is LinkState.CONNECTED for link in links)
-    text, remedy = _in_words(driver, commands, status, connected, link_reason)
+    text = 'the arm moves' if driver.goal_queue.busy else 'the arm is enabled'
+    remedy = ''
+    held = driver.goal_queue.scaling.target == 0.0
+    if held:
+        text, remedy = 'motions are paused: the speed scaling is 0', 'call set_speed_scaling(1.0)'
+    if (found := driver.inhibit(now)) is not None:
+        text, remedy = found.text, with_remedy(found.advice, found.remedy, WORDS)
+        if found.remedy is Remedy.CONNECT:
+            text += f' ({link_reason})'
     return RobotStatus(
-        connected=connected,
+        connected=driver.state_link.connected and driver.motion_link.connected,
         enabled=driver.gate.reason is None,
         moving=_KNOWN.get(status.in_motion),
-        paused=driver.robot.paused,
+        paused=driver.robot.paused or held,
         e_stopped=_KNOWN.get(status.e_stopped),
         motors_on=_KNOWN.get(status.drives_powered),
         motion_possible=_KNOWN.get(status.motion_possible),
         mode=_MODES.get(status.mode),
         error=controller_error(status, driver.robot.errors),
-        text=in_python(text),
-        remedy=in_python(remedy),
+        text=text,
+        remedy=remedy,
     )
-
-
-def _in_words(
-    driver: Driver, commands: ArmCommands, status: Status, connected: bool, link_reason: str
-) -> tuple[str, str]:
-    if not connected:
-        remedy = 'start the controller, or check robot_ip and the ports'
-        return f'no connection to the controller ({link_reason})', remedy
-    if (forbidden := what_forbids_motion(status, driver.robot.errors)) is not None:
-        return forbidden, commands.in_the_way(status) or 'call ~/enable'
-    if (reason := driver.gate.reason) is not None:
-        return f'the arm is disabled: {reason}', 'call ~/enable'
-    if driver.robot.paused:
-        return 'the controller is paused', 'continue at the controller'
-    return ('the arm moves' if driver.goal_queue.busy else 'the arm is enabled'), ''

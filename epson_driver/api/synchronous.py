@@ -1,100 +1,189 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motions, I/O and gripper of a Robot without asyncio: each request runs in its event loop."""
+"""The classes of the asynchronous API without asyncio, derived from them member by member.
 
-from collections.abc import Callable
-from functools import partial
+Each decorator here takes a member of an asynchronous class and returns one of its synchronous
+class, which has the same arguments, types and docstring and runs in the event loop's thread.
+"""
+
+import inspect
+from collections.abc import Callable, Coroutine
+from functools import partial, update_wrapper
+from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar, overload
 
 from epson_driver.api.gripper import Gripper as AwaitedGripper
-from epson_driver.api.gripper import GripperState
 from epson_driver.api.io import Io as AwaitedIo
 from epson_driver.api.motion import Motion as AwaitedMotion
-from epson_driver.api.threads import LoopThread
+from epson_driver.api.ownership import Unique
+from epson_driver.api.threads import Session
+
+A = TypeVar('A')
+P = ParamSpec('P')
+S = TypeVar('S')
+T = TypeVar('T')
 
 
-class Motion:
+class Synchronous(Unique, Generic[A]):
+    """An asynchronous object, and the session in whose event loop its methods run."""
+
+    def __init__(self, awaited: A, session: Session) -> None:
+        self._awaited = awaited
+        self._session = session
+
+    def __repr__(self) -> str:
+        return repr(self._awaited)
+
+
+Via = Callable[[Synchronous[Any], Callable[[], Any]], Any]
+"""How something that is not awaited is asked for."""
+
+
+def now(self: Synchronous[Any], ask: Callable[[], T]) -> T:
+    """Ask at once, in the event loop if there is one."""
+    return self._session.call(ask)
+
+
+def measured(self: Synchronous[Any], ask: Callable[[], T]) -> T:
+    """Ask in the event loop, when what has come by now was read."""
+    result: T = self._session.run(partial(self._awaited.measured, ask))
+    return result
+
+
+def waits(
+    method: Callable[Concatenate[A, P], Coroutine[Any, Any, T]],
+) -> Callable[Concatenate[Synchronous[A], P], T]:
+    """Derive a method that waits for a coroutine."""
+
+    def run(self: Synchronous[A], /, *args: P.args, **kwargs: P.kwargs) -> T:
+        return self._session.run(partial(method, self._awaited, *args, **kwargs))
+
+    return _described(run, method)
+
+
+def moves(
+    method: Callable[Concatenate[A, P], Coroutine[Any, Any, AwaitedMotion]],
+) -> Callable[Concatenate[Synchronous[A], P], 'Motion']:
+    """Derive a method that begins a motion."""
+
+    def run(self: Synchronous[A], /, *args: P.args, **kwargs: P.kwargs) -> Motion:
+        begin = partial(method, self._awaited, *args, **kwargs)
+        return Motion(self._session.run(begin), self._session)
+
+    return _described(run, method, Motion)
+
+
+def calls(
+    method: Callable[Concatenate[A, P], T], via: Via = now
+) -> Callable[Concatenate[Synchronous[A], P], T]:
+    """Derive a method from one that is not awaited."""
+
+    def run(self: Synchronous[A], /, *args: P.args, **kwargs: P.kwargs) -> T:
+        result: T = via(self, partial(method, self._awaited, *args, **kwargs))
+        return result
+
+    return _described(run, method)
+
+
+def hears(
+    method: Callable[Concatenate[A, P], T],
+) -> Callable[Concatenate[Synchronous[A], P], T]:
+    """Derive a method whose arguments are callbacks: they run in a thread of their own."""
+
+    def run(self: Synchronous[A], /, *args: P.args, **kwargs: P.kwargs) -> T:
+        add: Callable[..., T] = method
+        wrap = self._session.callbacks.wrap
+        named = {name: wrap(each) for name, each in kwargs.items()}  # type: ignore[arg-type]
+        return add(self._awaited, *(wrap(each) for each in args), **named)  # type: ignore[arg-type]
+
+    return _described(run, method)
+
+
+class Reading(property, Generic[T]):
+    """A property of a synchronous class."""
+
+    @overload
+    def __get__(self, instance: None, owner: type | None = None) -> Self: ...
+    @overload
+    def __get__(self, instance: object, owner: type | None = None) -> T: ...
+    def __get__(self, instance: Any, owner: type | None = None) -> Any:
+        """Return what it reads, or of the class, itself."""
+        return super().__get__(instance, owner)
+
+
+def reads(kind: type[A], read: Callable[[A], T], via: Via = now) -> Reading[T]:
+    """Derive a property from one of an asynchronous class: a lambda says which."""
+    (name,) = read.__code__.co_names
+
+    def get(self: Synchronous[A]) -> T:
+        result: T = via(self, partial(read, self._awaited))
+        return result
+
+    return Reading(_described(get, getattr(kind, name).fget))
+
+
+def makes(
+    make: Callable[P, A],
+) -> Callable[[Callable[[S, A], T]], Callable[Concatenate[S, P], T]]:
+    """Have a function that takes an asynchronous object take the arguments that make one."""
+
+    def decorate(function: Callable[[S, A], T]) -> Callable[Concatenate[S, P], T]:
+        def run(first: S, /, *args: P.args, **kwargs: P.kwargs) -> T:
+            return function(first, make(*args, **kwargs))
+
+        signature = inspect.signature(function)
+        (first, _), given = signature.parameters.values(), inspect.signature(make).parameters
+        update_wrapper(run, function)
+        run.__signature__ = signature.replace(parameters=[first, *given.values()])  # type: ignore[attr-defined]
+        return run
+
+    return decorate
+
+
+def _described(
+    run: Callable[P, T], method: Callable[..., object], returned: object = None
+) -> Callable[P, T]:
+    """Return a function with the name, the arguments and the docstring of another one."""
+    update_wrapper(run, method)
+    if returned is not None:
+        signature = inspect.signature(method).replace(return_annotation=returned)
+        run.__signature__ = signature  # type: ignore[attr-defined]
+        run.__annotations__ = run.__annotations__ | {'return': returned}
+    return run
+
+
+class Motion(Synchronous[AwaitedMotion]):
     """A motion of the arm. It ends once: it succeeded, was canceled, or was aborted."""
 
-    def __init__(self, motion: AwaitedMotion, thread: LoopThread) -> None:
-        self._motion = motion
-        self._thread = thread
-
-    @property
-    def done(self) -> bool:
-        """True once it has ended, however."""
-        return self._motion.done
-
-    @property
-    def text(self) -> str:
-        """How it ended, in a sentence; '' before."""
-        return self._motion.text
-
-    @property
-    def duration(self) -> float:
-        """How long it is planned to take, s, at a speed scaling of 1."""
-        return self._motion.duration
-
-    @property
-    def progress(self) -> float:
-        """The share of its planned time that has passed, 0 to 1; 1 only when it has succeeded."""
-        return self._motion.progress
+    done = reads(AwaitedMotion, lambda motion: motion.done)
+    text = reads(AwaitedMotion, lambda motion: motion.text)
+    duration = reads(AwaitedMotion, lambda motion: motion.duration)
+    progress = reads(AwaitedMotion, lambda motion: motion.progress)
 
     def wait(self, timeout: float | None = None) -> str:
-        """Wait for its end; return a sentence. Raises MotionError unless it succeeded.
+        """Wait for its end and return a sentence. Raises MotionError unless it succeeded.
 
-        Raises TimeoutError after `timeout` s; the motion goes on then, until `cancel`.
+        Ctrl-C meanwhile stops the arm. Raises TimeoutError after `timeout` s; the motion goes on
+        then, until `cancel`.
         """
-        return self._thread.run(self._motion.wait, timeout)
+        return self._session.run(partial(self._awaited.finish, timeout))
 
-    def cancel(self) -> str:
-        """Stop the arm; return a sentence when it stands. Nothing if the motion has ended.
-
-        Raises MotionError if it was aborted meanwhile: its text says what is known of the arm.
-        """
-        return self._thread.run(self._motion.cancel)
+    cancel = waits(AwaitedMotion.cancel)
 
 
-class Io:
+class Io(Synchronous[AwaitedIo]):
     """Reads and writes single points. A controller without I/O is a RobotError that says so."""
 
-    def __init__(self, io: AwaitedIo, running: Callable[[], LoopThread]) -> None:
-        self._io = io
-        self._running = running
-
-    def read(self, kind: str, index: int) -> int:
-        """Return the value of a point, such as `read('DI', 3)`. Analogue: mV (docs/io.md)."""
-        return self._running().run(partial(self._io.read, kind, index))
-
-    def write(self, kind: str, index: int, value: int) -> None:
-        """Set an output, a group or a flag, such as `write('DO', 3, 1)`."""
-        self._running().run(partial(self._io.write, kind, index, value))
+    read = waits(AwaitedIo.read)
+    write = waits(AwaitedIo.write)
+    wait = waits(AwaitedIo.wait)
 
 
-class Gripper:
+class Gripper(Synchronous[AwaitedGripper]):
     """Opens and closes the gripper that `Settings(gripper=GripperWiring(...))` describes.
 
     Without that, each method raises RobotError that says so. The arm need not be enabled for it.
     """
 
-    def __init__(self, gripper: AwaitedGripper, running: Callable[[], LoopThread]) -> None:
-        self._gripper = gripper
-        self._running = running
-
-    def open(self) -> GripperState:
-        """Open it; return its state when it is open.
-
-        Raises RobotError if it does not open in its time, or if a newer command took its place.
-        """
-        return self._running().run(self._gripper.open)
-
-    def close(self) -> GripperState:
-        """Close it; return its state: closed, or neither if it holds something.
-
-        Whether it holds something is known after its `time`. Raises RobotError if it stays open,
-        or if a newer command took its place.
-        """
-        return self._running().run(self._gripper.close)
-
-    def state(self) -> GripperState:
-        """Return what its inputs show now. Raises RobotError if they are not known."""
-        return self._running().run(self._gripper.state)
+    open = waits(AwaitedGripper.open)
+    close = waits(AwaitedGripper.close)
+    state = waits(AwaitedGripper.state)

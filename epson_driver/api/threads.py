@@ -1,16 +1,19 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Two threads for a synchronous Robot: one with the event loop, one for the user's callbacks."""
+"""The threads of a synchronous Robot: one with the event loop, one for the user's callbacks."""
 
 import asyncio
 import contextlib
 import queue
 import threading
+import weakref
 from collections.abc import Callable, Coroutine
 from functools import partial
 from typing import Any, TypeVar
 
+from epson_driver.api.connection import Connection
 from epson_driver.api.errors import RobotError
+from epson_driver.api.ownership import Process, close_soon
 
 MAX_WAITING_CALLBACKS = 1000
 """Callbacks that wait for their turn; more than that is a callback that does not return."""
@@ -21,14 +24,14 @@ T = TypeVar('T')
 class LoopThread:
     """An event loop in a thread of its own, for callers in other threads.
 
-    It is a daemon: a program that forgets `close` can end all the same. The controller stops the
-    arm then by itself, as its connection is gone.
+    It is a daemon, so that a program that forgets `close` can end.
     """
 
     def __init__(self, name: str) -> None:
         self._loop = asyncio.new_event_loop()
         self._lock = threading.Lock()
         self._closed = False
+        self.process = Process()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
@@ -41,15 +44,17 @@ class LoopThread:
             for task in tasks:
                 task.cancel()
             self._loop.run_until_complete(asyncio.gather(*tasks, return_exceptions=True))
-            self._loop.run_until_complete(self._loop.shutdown_default_executor())
+            with contextlib.suppress(RuntimeError):  # as the interpreter ends: it has, too
+                self._loop.run_until_complete(self._loop.shutdown_default_executor())
             self._loop.close()
 
-    def run(self, work: Callable[[], Coroutine[Any, Any, T]], timeout: float | None = None) -> T:
-        """Run a coroutine in the loop and wait for it, at most `timeout` s (TimeoutError).
+    def run(self, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
+        """Run a coroutine in the loop and wait for it.
 
-        Ctrl-C and the time-out cancel the coroutine and wait for its end, until a second Ctrl-C.
-        Raises RobotError if the thread was closed, what the coroutine raises otherwise.
+        Ctrl-C cancels the coroutine and waits for its end, until a second Ctrl-C. Raises
+        RobotError if the thread was closed, what the coroutine raises otherwise.
         """
+        self.process.check()
         if threading.current_thread() is self._thread:
             raise RobotError('the event loop of the robot cannot wait for itself')
         tasks: list[asyncio.Task[T]] = []
@@ -64,24 +69,39 @@ class LoopThread:
                 raise RobotError('the robot was closed')
             self._loop.call_soon_threadsafe(begin)
         try:
-            if not ended.wait(timeout):
-                raise TimeoutError(f'it has not ended within {timeout:g} s')
+            ended.wait()
         except BaseException:
             with contextlib.suppress(RuntimeError):  # the loop is closed, and the task has ended
                 self._loop.call_soon_threadsafe(lambda: tasks[0].cancel())
             ended.wait()
             raise
-        if tasks[0].cancelled():
-            raise RobotError('the robot was closed meanwhile')
-        return tasks[0].result()
+        task = tasks.pop()
+        try:
+            if task.cancelled():
+                raise RobotError('the robot was closed meanwhile')
+            return task.result()
+        finally:
+            del task  # its error refers to this frame, and that to the robot, which may get lost
 
     def call(self, function: Callable[[], T]) -> T:
-        """Call a function in the loop; return what it returns."""
+        """Call a function in the loop and return what it returns."""
 
         async def work() -> T:
             return function()
 
         return self.run(work)
+
+    def leave(self, close: Callable[[], Coroutine[Any, Any, None]]) -> None:
+        """Close what was lost, then end the loop and its thread and return at once."""
+
+        async def leave() -> None:
+            try:
+                await close()
+            finally:
+                self._loop.stop()
+
+        self._closed = True
+        close_soon(self._loop, self.process, leave)
 
     def close(self) -> None:
         """End the loop and its thread."""
@@ -129,10 +149,85 @@ class CallbackThread:
                 self._failed(error)
 
     def close(self) -> None:
-        """End the thread when the callbacks that wait have run; not from a callback itself."""
+        """End the thread, except from a callback, when the callbacks that wait have run."""
+        thread = self.leave()
+        if thread is not None and thread is not threading.current_thread():
+            thread.join()
+
+    def leave(self) -> threading.Thread | None:
+        """End the thread when the callbacks that wait have run and return it at once, if any."""
         thread, self._thread = self._thread, None
+        if thread is not None:
+            self._waiting.put(None)
+        return thread
+
+
+class Session:
+    """The event loop of a Robot while it is connected, and the thread of its callbacks.
+
+    awaited: the asynchronous robot, with its connection. Nothing in these threads refers to the
+    session: once the Robot and all that it has made are lost, the arm is stopped and they end.
+    """
+
+    def __init__(self, awaited: object, connection: Connection) -> None:
+        self._awaited = awaited  # it is lost together with the session
+        self._connection = connection
+        self._closing = threading.Lock()
+        self._thread: LoopThread | None = None
+        self._lost: weakref.finalize[..., Session] | None = None
+        self.callbacks = CallbackThread('robot callbacks', connection.callback_failed_elsewhere)
+
+    def open(self, connect: Callable[[], Coroutine[Any, Any, object]]) -> None:
+        """Start the event loop and connect in it. Raises RobotError, also if it is open."""
+        if self._thread is not None:
+            self._thread.process.check()
+            raise RobotError('the robot is connected already')
+        self._thread = LoopThread('robot')
+        self._lost = weakref.finalize(
+            self, _leave, self._thread, self._awaited, self._connection, self.callbacks
+        )
+        self._lost.atexit = False  # epson_driver.api.ownership does that
+        try:
+            self.run(connect)
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the robot and end the threads. Nothing if there is no connection."""
+        if self._thread is None or self._thread.process.forked:
+            return
+        with self._closing:
+            self._close_thread()
+        self.callbacks.close()  # without the lock: one of them may be closing, too
+
+    def _close_thread(self) -> None:
+        thread = self._thread
         if thread is None:
             return
-        self._waiting.put(None)
-        if thread is not threading.current_thread():
-            thread.join()
+        try:
+            thread.run(self._connection.close)
+        finally:
+            self._thread = None
+            if self._lost is not None:
+                self._lost.detach()
+            thread.close()
+
+    def run(self, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
+        """Run a coroutine in the event loop and wait for it. Raises RobotError without one."""
+        thread = self._thread
+        if thread is None:
+            raise RobotError('there is no connection: call connect(), or use a with block')
+        return thread.run(work)
+
+    def call(self, function: Callable[[], T]) -> T:
+        """Return what a function returns in the event loop, or here if there is none."""
+        thread = self._thread
+        return function() if thread is None else thread.call(function)
+
+
+def _leave(
+    thread: LoopThread, _awaited: object, connection: Connection, callbacks: CallbackThread
+) -> None:
+    thread.leave(connection.close_lost)
+    callbacks.leave()

@@ -5,7 +5,6 @@
 from epson_driver.bringup.arguments import (
     launch_arguments,
     misspelled_arguments,
-    model_argument,
 )
 from epson_driver.bringup.client import (
     DEFAULT_MODEL,
@@ -21,11 +20,17 @@ from epson_driver.bringup.description import (
     robot_description,
     semantic_description,
 )
-from epson_driver.bringup.moveit import move_group_parameters, rviz_parameters
+from epson_driver.bringup.moveit import (
+    move_group_parameters,
+    rviz_parameters,
+    servo_parameters,
+    write_moveit_package,
+)
 from epson_driver.bringup.ros2_control import (
     CONTROLLER,
     check_streams,
     controllers_parameters,
+    first_joint_state,
     ros2_control_arguments,
 )
 from epson_driver.bringup.several import EACH, fleet_robots, several_robots
@@ -42,15 +47,17 @@ __all__ = [
     'controller_arguments',
     'controllers_parameters',
     'effective',
+    'first_joint_state',
     'fleet_robots',
     'launch_arguments',
     'misspelled_arguments',
-    'model_argument',
     'move_group_parameters',
     'pose_arguments',
     'robot_description',
     'ros2_control_arguments',
     'rviz_parameters',
     'semantic_description',
+    'servo_parameters',
     'several_robots',
+    'write_moveit_package',
 ]

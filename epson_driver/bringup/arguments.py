@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from epson_driver.bringup.description import described_models
 from epson_driver.inputs import near_name
 
 SWITCH = ('true', 'false')
@@ -31,8 +30,8 @@ TABLE = (
     Argument(
         'robot_model',
         '',
-        'Robot model: a file of config/robots, without .yaml. Empty: as params_file says, or '
-        'c3_a601s.',
+        'Robot model: a file of config/robots, without .yaml, or the path of a .yaml file. '
+        'Empty: as params_file says, or c3_a601s.',
     ),
     Argument(
         'controller',
@@ -113,8 +112,21 @@ TABLE = (
         'End the launch when the client or the simulated controller ends.',
         SWITCH,
     ),
+    Argument(
+        'respawn',
+        'false',
+        'Start the client again when it ends, instead of ending the launch; the arm stays '
+        'disabled until somebody enables it.',
+        SWITCH,
+    ),
     Argument('panel', 'false', 'Start the browser panel as well.', SWITCH),
     Argument('launch_rviz', 'true', 'Start RViz.', SWITCH),
+    Argument(
+        'fix_start_state',
+        'false',
+        'Let MoveIt plan from the end of its range where a joint that turns is beyond it.',
+        SWITCH,
+    ),
     Argument('rviz_config', '', 'Display configuration of RViz. Empty: the one of this package.'),
     Argument('namespaces', 'left,right', 'One namespace per robot, separated by commas.'),
     Argument(
@@ -139,11 +151,6 @@ def launch_arguments(*names: str, **defaults: str) -> list[dict[str, Any]]:
     `defaults` holds the defaults of one launch file, by the name of the argument.
     """
     return [_keywords(_ROWS[name], defaults.get(name)) for name in names]
-
-
-def model_argument() -> dict[str, Any]:
-    """Return robot_model's keywords for files that need a URDF: only models that have one."""
-    return _keywords(_ROWS['robot_model']) | {'choices': ['', *described_models()]}
 
 
 def misspelled_arguments(given: Iterable[str]) -> list[str]:

@@ -26,6 +26,7 @@ INTERFACE = (
     'sim_motion',
     'use_sim_time',
     'ros2_control',
+    'respawn',
 )
 """The arguments of every launch file that starts a client."""
 
@@ -46,7 +47,7 @@ SIM_REMOTE_PORT = '5000'
 
 
 def client_parameters(values: Mapping[str, str]) -> dict[str, Any]:
-    """Return the client's parameters that follow from launch arguments; empty ones set nothing.
+    """Return the client's parameters that follow from launch arguments that are not empty.
 
     What params_file says holds then. Raises FileNotFoundError or InputError for a model that
     cannot be read, InputError for an address, prefix or port that is not valid, BringupError for a

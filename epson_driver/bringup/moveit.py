@@ -1,55 +1,162 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The parameters of move_group and of MoveIt's panel in RViz, from config/moveit/."""
+"""MoveIt's configuration of a model: parameters for launch files, or a package of the user's own.
 
+What is the same for all models is in config/moveit/; the rest follows from the model's data.
+"""
+
+import shutil
+from pathlib import Path
 from typing import Any
 
+import yaml
+
+from epson_driver.bringup.description import robot_description, semantic_description
 from epson_driver.inputs import read_yaml
-from epson_driver.share import share_file
+from epson_driver.robots import RobotModel, load_robot_model
+from epson_driver.robots.singularity import singularity_thresholds
+from epson_driver.share import share_file, share_folder
 
 JOINTS_OF_A_FREE_TOOL = 6
 """With fewer the tool cannot have every orientation, and KDL solves for its place alone."""
 
+MARGIN_SHARE = 0.05
+"""Of a joint's range: MoveIt Servo's margin at each limit at most, as of a SCARA's shaft."""
+
 OWN_ACTION = 'epson_driver'
 """The driver, whose action executes what MoveIt plans."""
 
+PACKAGE_XML = """<?xml version="1.0"?>
+<package format="3">
+  <name>{name}</name>
+  <version>0.1.0</version>
+  <description>MoveIt configuration of {model}, written by epson_driver</description>
+  <maintainer email="you@example.org">you</maintainer>
+  <license>Apache-2.0</license>
+  <buildtool_depend>ament_cmake</buildtool_depend>
+  <exec_depend>epson_driver_moveit</exec_depend>
+  <export>
+    <build_type>ament_cmake</build_type>
+  </export>
+</package>
+"""
+
+CMAKE_LISTS = """cmake_minimum_required(VERSION 3.22)
+project({name} NONE)
+find_package(ament_cmake REQUIRED)
+install(DIRECTORY config DESTINATION share/${{PROJECT_NAME}})
+ament_package()
+"""
+
 
 def move_group_parameters(
-    model: str, prefix: str = '', controller: str = OWN_ACTION
+    model: str, prefix: str = '', controller: str = OWN_ACTION, *, fix_start_state: bool = False
 ) -> dict[str, Any]:
     """Return the parameters of move_group, without the two descriptions of the robot.
 
-    `controller`: the node whose action follow_joint_trajectory executes.
+    `controller`: the node whose action follow_joint_trajectory executes. `fix_start_state`: plan
+    from the end of its range where a joint is beyond it, MoveIt's own repair.
     """
-    controllers = _load('moveit_controllers.yaml')
-    manager = controllers['moveit_simple_controller_manager']
-    joints = _load(model, 'joint_limits.yaml')['joint_limits']
-    manager['controller_names'] = [controller]
-    manager[controller] = manager.pop(OWN_ACTION)
-    manager[controller]['joints'] = [prefix + joint for joint in joints]
+    joints = [prefix + joint for joint in load_robot_model(model).joint_names]
+    rviz = rviz_parameters(model, prefix)
+    if fix_start_state:
+        for pipeline in rviz['planning_pipelines']:
+            rviz[pipeline]['fix_start_state'] = True
     return {
-        **rviz_parameters(model, prefix),
-        **controllers,
+        **rviz,
+        **_controllers(joints, controller),
         **_load('planning_scene_monitor.yaml'),
     }
 
 
 def rviz_parameters(model: str, prefix: str = '') -> dict[str, Any]:
     """Return the parameters of MoveIt's panel in RViz: kinematics, limits, and planners."""
-    limits = _load(model, 'joint_limits.yaml')
-    free = len(limits['joint_limits']) >= JOINTS_OF_A_FREE_TOOL
-    limits['joint_limits'] = {
-        prefix + joint: values for joint, values in limits['joint_limits'].items()
-    }
+    limits = joint_limits(load_robot_model(model), prefix)
     pipelines = _load('planning_pipelines.yaml')
     return {
-        'robot_description_kinematics': _load(
-            'kinematics.yaml' if free else 'kinematics_scara.yaml'
-        ),
+        'robot_description_kinematics': _load(_kinematics(len(limits['joint_limits']))),
         'robot_description_planning': {**limits, **_load('pilz_cartesian_limits.yaml')},
         **pipelines,
         **{name: _load(f'{name}_planning.yaml') for name in pipelines['planning_pipelines']},
     }
+
+
+def servo_parameters(model: str) -> dict[str, Any]:
+    """Return MoveIt Servo's parameters of a model: config/moveit/servo.yaml and what is its own.
+
+    These are the thresholds of singularities, and the margins at the limits of short joints.
+    """
+    parameters = _load('servo.yaml')
+    robot = load_robot_model(model)
+    (margin,) = parameters['moveit_servo']['joint_limit_margins']
+    ranges = robot.limits.position_max - robot.limits.position_min
+    margins = [min(margin, round(MARGIN_SHARE * each, 4)) for each in ranges.tolist()]
+    parameters['moveit_servo']['joint_limit_margins'] = margins
+    lower, stop = singularity_thresholds(robot)
+    parameters['moveit_servo']['lower_singularity_threshold'] = lower
+    parameters['moveit_servo']['hard_stop_singularity_threshold'] = stop
+    return parameters
+
+
+def joint_limits(model: RobotModel, prefix: str = '') -> dict[str, Any]:
+    """Return joint_limits.yaml of a model, SI, without the URDF's position limits."""
+    rows: dict[str, dict[str, Any]] = {prefix + joint: {} for joint in model.joint_names}
+    for quantity in ('velocity', 'acceleration', 'jerk'):
+        for row, value in zip(rows.values(), getattr(model.limits, quantity), strict=True):
+            row[f'has_{quantity}_limits'] = True
+            row[f'max_{quantity}'] = float(value)
+    return _load('joint_limits.yaml') | {'joint_limits': rows}
+
+
+def write_moveit_package(name: str, folder: Path) -> list[Path]:
+    """Write a ROS package that MoveItConfigsBuilder reads, and return its files.
+
+    It is named as the folder, MODEL_moveit_config for the builder to find it by the model's name.
+    Raises BringupError, FileNotFoundError or InputError as `robot_description` does, and OSError
+    for a folder that is there already or cannot be written.
+    """
+    model = load_robot_model(name)
+    urdf, srdf = robot_description(name), semantic_description(name)
+    folder.mkdir(parents=True)
+    config = folder / 'config'
+    config.mkdir()
+    for file in share_folder('config', 'moveit').glob('*.yaml'):
+        if not file.name.startswith(('kinematics', 'joint_limits')):
+            shutil.copyfile(file, config / file.name)
+    kinematics = _kinematics(len(model.joint_names))
+    shutil.copyfile(share_file('config', 'moveit', kinematics), config / 'kinematics.yaml')
+    controllers = _controllers(list(model.joint_names))
+    origins = ''.join(
+        f'# {quantity} ({each.worst}): {each.source}\n'
+        for quantity, each in model.provenance.items()
+        if quantity in ('speed', 'acceleration', 'jerk')
+    )
+    for path, text in {
+        config / f'{model.name}.urdf': urdf,
+        config / f'{model.name}.srdf': srdf,
+        config / 'joint_limits.yaml': origins + _text(joint_limits(model)),
+        config / 'moveit_controllers.yaml': _text(controllers),
+        folder / 'package.xml': PACKAGE_XML.format(name=folder.name, model=model.description),
+        folder / 'CMakeLists.txt': CMAKE_LISTS.format(name=folder.name),
+    }.items():
+        path.write_text(text, 'utf-8')
+    return sorted(path for path in folder.rglob('*') if path.is_file())
+
+
+def _controllers(joints: list[str], controller: str = OWN_ACTION) -> dict[str, Any]:
+    controllers = _load('moveit_controllers.yaml')
+    manager = controllers['moveit_simple_controller_manager']
+    manager['controller_names'] = [controller]
+    manager[controller] = manager.pop(OWN_ACTION) | {'joints': joints}
+    return controllers
+
+
+def _kinematics(joints: int) -> str:
+    return 'kinematics.yaml' if joints >= JOINTS_OF_A_FREE_TOOL else 'kinematics_scara.yaml'
+
+
+def _text(values: dict[str, Any]) -> str:
+    return str(yaml.safe_dump(values, sort_keys=False))
 
 
 def _load(*parts: str) -> dict[str, Any]:

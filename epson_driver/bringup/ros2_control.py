@@ -19,6 +19,13 @@ GOAL_TOLERANCE = {'revolute': 0.01, 'prismatic': 0.001}
 """How near to a goal the controller waits for each joint, by its type, rad or m."""
 
 
+PATH_TOLERANCE_S = 0.5
+"""An arm that follows is less behind a setpoint, s; the driver sends nothing more then."""
+
+SERVO_SCALE = 0.25
+"""The driver's `servo.scale` unless it is told another one: what the arm follows a stream with."""
+
+
 def ros2_control_arguments(namespace: str) -> dict[str, str]:
     """Return the arguments of epson_robot.urdf.xacro that add ros2_control's block.
 
@@ -32,15 +39,25 @@ def ros2_control_arguments(namespace: str) -> dict[str, str]:
     }
 
 
+def first_joint_state(namespace: str) -> list[str]:
+    """Return the command that ends when the first joint state has come."""
+    topic = ros2_control_arguments(namespace)['joint_states_topic']
+    words = ('ros2', 'topic', 'echo', '--once', '--qos-reliability', 'best_effort', '--field')
+    return [*words, 'header', topic, 'sensor_msgs/msg/JointState']
+
+
 def controllers_parameters(model: str, prefix: str = '') -> dict[str, Any]:
     """Return what differs from config/ros2_control/controllers.yaml for a model and a prefix.
 
-    These are joints, and where each must arrive.
+    These are joints, how far each may be behind, and where it must arrive.
     """
     robot = load_robot_model(model)
     joints = [prefix + name for name in robot.joint_names]
-    goals = [GOAL_TOLERANCE[kind] for kind in robot.joint_types]
-    constraints = {name: {'goal': goal} for name, goal in zip(joints, goals, strict=True)}
+    behind = (PATH_TOLERANCE_S * SERVO_SCALE * robot.limits.velocity).round(3).tolist()
+    constraints = {
+        name: {'trajectory': way, 'goal': GOAL_TOLERANCE[kind]}
+        for name, way, kind in zip(joints, behind, robot.joint_types, strict=True)
+    }
     return {'joints': joints, 'constraints': constraints}
 
 

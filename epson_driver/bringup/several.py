@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Several robots from lists, or from one file; the prefix of each is made from its namespace."""
+"""Several robots from lists or from one file, each with the prefix of its namespace."""
 
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,3 +1,3 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The doors of the house: one small file per executable."""
+"""The command line: one file per executable, which reads its arguments and calls the work."""

@@ -8,13 +8,14 @@ from difflib import get_close_matches
 from importlib import import_module
 from xml.etree import ElementTree
 
-from epson_driver.cli.executables import EXECUTABLES
-from epson_driver.cli.interrupt import (
+from epson_driver.processes.executables import EXECUTABLES
+from epson_driver.processes.interrupt import (
     INTERRUPTED,
     ignore_interrupts,
     leave_at_interrupt,
     raise_at_interrupt,
 )
+from epson_driver.processes.standard_streams import open_closed_streams
 from epson_driver.share import share_file
 
 INTERFACES = ('epson_msgs', 'industrial_msgs')
@@ -23,7 +24,7 @@ INTERFACES = ('epson_msgs', 'industrial_msgs')
 NO_WHEELS = ('control_msgs', 'tf2_msgs', *INTERFACES)
 """Message packages that there are no wheels of."""
 
-NOT_OF_ROS = {'matplotlib': 'report', 'scipy': 'planning', 'ompl': 'planning'}
+NOT_OF_ROS = {'matplotlib': 'report', 'ompl': 'planning'}
 """Modules that come with another extra than `ros`, and that one."""
 
 BROKEN_PIPE = 141
@@ -31,8 +32,9 @@ BROKEN_PIPE = 141
 
 
 def main() -> int:
-    """Run the executable named first, with the remaining arguments; return its exit code."""
+    """Run the executable named first with the remaining arguments, and return its exit code."""
     leave_at_interrupt()
+    open_closed_streams()
     try:
         result = _run()
         sys.stdout.flush()
@@ -67,7 +69,7 @@ def _run() -> int:
     del sys.argv[1]
     ready = False
     try:
-        executable = import_module(f'epson_driver.cli.{name}')
+        executable = import_module(f'epson_driver.cli.{name.replace("-", "_")}')
         ready = True
         raise_at_interrupt()
         result: int = executable.main()
@@ -87,7 +89,7 @@ def _usage() -> str:
 
 
 def _unknown(name: str) -> str:
-    """Return the line about a name that no executable has; nothing if none was given."""
+    """Return the line about a name that no executable has, or nothing if none was given."""
     if not name:
         return ''
     near = get_close_matches(name.lower(), EXECUTABLES, n=1, cutoff=0.5)

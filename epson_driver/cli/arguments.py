@@ -45,7 +45,7 @@ PICTURES = ('.png', '.pdf', '.svg', '.jpg')
 
 
 def picture(text: str) -> Path:
-    """Return the path of a picture; its suffix must be of a format that can be written."""
+    """Return the path of a picture whose suffix is of a format that can be written."""
     path = Path(text)
     if path.suffix not in PICTURES:
         rule = f'must end in {" or ".join(PICTURES)}'

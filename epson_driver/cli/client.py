@@ -3,93 +3,23 @@
 """`ros2 run epson_driver client`: the ROS 2 node, or several of them in one process."""
 
 import argparse
-import asyncio
-import gc
-import logging
-import os
 import sys
-import threading
 from collections.abc import Sequence
-from typing import Any
 
-import rclpy
-from rclpy.exceptions import NameValidationException, ParameterException
-from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from epson_driver.cli.interrupt import ended_by_signals, ignore_interrupts
 from epson_driver.inputs import printable
-from epson_driver.node.node import ClientNode
-from epson_driver.node.ros_log import RosLogHandler
-from epson_driver.node.ros_thread import RosThread
-
-DEFAULT_NAME = 'epson_driver'
-
-_log = logging.getLogger(__name__)
+from epson_driver.node.client_process import run
 
 
 def main() -> int:
-    """Run until SIGINT or SIGTERM; then stop the arms, end their goals, and leave.
-
-    Returns 0, or 1 if a name or a parameter is not valid (no arm is driven then), or if any part
-    failed: a thread, a task or a callback. In that case all arms are stopped before the process
-    ends.
-    """
+    """Run until SIGINT or SIGTERM and return the exit code of `run`."""
     try:
         namespaces = _namespaces(remove_ros_args(sys.argv)[1:])
-        # The signals come to the event loop: results can still be published after Ctrl-C.
-        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     except (RuntimeError, ValueError) as error:  # from rcl; ValueError: not valid text
         print(f'epson_driver client: {printable(error)}', file=sys.stderr)
         return 1
-    nodes: list[Node] = []
-    try:
-        if not _make_nodes(namespaces, nodes):
-            return 1
-        handler = RosLogHandler(nodes[0].get_logger())
-        logging.basicConfig(level=logging.INFO, handlers=[handler], format='%(message)s')
-        return _run(nodes)
-    finally:
-        for node in nodes:
-            node.destroy_node()
-        rclpy.shutdown()
-
-
-class Failures:
-    """Failures of any part of the process; the first one ends it. Used in the event loop."""
-
-    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
-        self._loop = loop
-        self._told: list[BaseException] = []
-        self.happened = asyncio.Event()
-
-    def tell(self, what: str, error: BaseException) -> None:
-        """Log a failure, once, and have the process end."""
-        self.happened.set()
-        if not any(error is told for told in self._told):
-            self._told.append(error)
-            _log.critical('%s: all arms are stopped, and the driver ends', what, exc_info=error)
-
-    def in_loop(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Handle what asyncio would only log; this is the loop's exception handler."""
-        error = context.get('exception')
-        if error is None:
-            _log.error('%s', context['message'])
-        else:
-            self.tell(context['message'], error)
-
-    def in_thread(self, what: str, error: BaseException) -> None:
-        """Report a failure in another thread, even if the loop has ended."""
-        try:
-            self._loop.call_soon_threadsafe(self.tell, what, error)
-        except RuntimeError:  # the loop is closed
-            self.tell(what, error)
-
-    def on_thread_end(self, arguments: Any) -> None:
-        """Report the exception that ended a thread; this is threading.excepthook."""
-        name = '' if arguments.thread is None else arguments.thread.name
-        self.in_thread(f'the thread {name} ended', arguments.exc_value)
+    return run(namespaces)
 
 
 def _namespaces(arguments: Sequence[str]) -> list[str]:
@@ -107,107 +37,3 @@ def _namespaces(arguments: Sequence[str]) -> list[str]:
         help="a robot's namespace; once for each robot (none: one robot, where __ns says)",
     )
     return parser.parse_args(arguments).namespace or ['']
-
-
-def _make_nodes(namespaces: Sequence[str], nodes: list[Node]) -> bool:
-    """Make a node for each namespace; return whether all could be made, or log why not."""
-    logger = rclpy.logging.get_logger(DEFAULT_NAME)
-    for namespace in namespaces:
-        try:
-            nodes.append(Node(DEFAULT_NAME, namespace=namespace))
-        except NameValidationException as error:
-            logger.fatal(printable(f'--namespace {namespace}: {error}'))
-            return False
-        except (ParameterException, RuntimeError, ValueError) as error:  # rclpy's own parameters
-            logger.fatal(printable(error))
-            return False
-    names = [node.get_fully_qualified_name() for node in nodes]
-    twice = {name for name in names if names.count(name) > 1}
-    if twice:  # __ns remaps them all
-        logger.fatal(f'{", ".join(twice)}: two robots have this name; give each its --namespace')
-    return not twice
-
-
-def _run(nodes: Sequence[Node]) -> int:
-    """Serve ROS in one thread and drive the controllers in this one; return the exit code."""
-    signaled = asyncio.Event()
-    with (
-        asyncio.Runner() as runner,
-        ended_by_signals(loop := runner.get_loop(), signaled.set),
-    ):
-        failures = Failures(loop)
-        loop.set_exception_handler(failures.in_loop)
-        threading.excepthook = failures.on_thread_end
-        ros = RosThread(failures.in_thread)
-        for node in nodes:
-            ros.executor.add_node(node)
-        clients: list[ClientNode] = []
-        driving = loop.create_task(_drive(nodes, clients, ros, signaled, failures))
-        while not driving.done():
-            try:
-                loop.run_until_complete(driving)
-            except BaseException as error:  # noqa: BLE001 - it is reported
-                # asyncio lets the SystemExit of a callback or a task out at once
-                failures.tell('the event loop was left', error)
-    ignore_interrupts()  # the arms are at rest, and the rest takes a moment
-    for client in clients:
-        client.end()
-    if not ros.leave():  # a thread that hangs cannot be ended; the arms are at rest
-        _log.critical('the thread that serves ROS does not end')
-        logging.shutdown()
-        os._exit(1)
-    ros.executor.shutdown()
-    return 1 if failures.happened.is_set() else driving.result()
-
-
-def _make_clients(nodes: Sequence[Node], clients: list[ClientNode]) -> bool:
-    """Make the client of each node; return whether all could be made, or log why not."""
-    for node in nodes:
-        try:
-            clients.append(ClientNode(node))
-        except (ValueError, FileNotFoundError, ParameterException) as error:
-            name = f'{node.get_fully_qualified_name()}: ' if len(nodes) > 1 else ''
-            node.get_logger().fatal(printable(f'{name}{error}'))
-    return len(clients) == len(nodes)
-
-
-async def _drive(
-    nodes: Sequence[Node],
-    clients: list[ClientNode],
-    ros: RosThread,
-    signaled: asyncio.Event,
-    failures: Failures,
-) -> int:
-    """Drive until a signal or a failure; then stop all arms."""
-    if not _make_clients(nodes, clients):
-        return 1
-    gc.collect()
-    gc.freeze()  # these objects are never freed: scanning them would stall the loop for 15 ms
-    ros.start()
-    running = [asyncio.create_task(client.run()) for client in clients]
-    ends = [asyncio.create_task(event.wait()) for event in (signaled, failures.happened)]
-    await asyncio.wait([*running, *ends], return_when=asyncio.FIRST_COMPLETED)
-    _tell_ends(running, failures)
-    # all at once; after a TimeoutError results may not have been published, but the arm stops
-    stopping = [client.shut_down() for client in clients]
-    for outcome in await asyncio.gather(*stopping, return_exceptions=True):
-        if isinstance(outcome, BaseException) and not isinstance(outcome, TimeoutError):
-            failures.tell('stopping an arm failed', outcome)
-    _tell_ends(running, failures)
-    for task in (*running, *ends):
-        task.cancel()
-    for outcome in await asyncio.gather(*running, return_exceptions=True):
-        if isinstance(outcome, Exception):
-            failures.tell('a driver failed', outcome)
-    await asyncio.gather(*ends, return_exceptions=True)
-    return 0
-
-
-def _tell_ends(running: Sequence['asyncio.Task[None]'], failures: Failures) -> None:
-    """Report each client that has ended by itself, which none ever should."""
-    for task in running:
-        if task.cancelled():
-            failures.tell('a driver was cancelled', asyncio.CancelledError())
-        elif task.done():
-            error = task.exception()
-            failures.tell('a driver ended', error or RuntimeError('nobody asked for it'))

@@ -7,7 +7,10 @@ import asyncio
 import json
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 
@@ -16,13 +19,15 @@ from rich.markup import escape
 from rich.padding import Padding
 
 from epson_driver.cli.arguments import FREE_PORT, argument, host
-from epson_driver.cli.interrupt import INTERRUPTED
 from epson_driver.doctor.controller_checks import MIN_LISTENING_S, Question, check_controller
 from epson_driver.doctor.environment import check_environment
 from epson_driver.doctor.findings import Finding, Findings, Level, as_text
 from epson_driver.doctor.learning import profile_text, unknown, why_not
 from epson_driver.doctor.state_facts import Facts
+from epson_driver.doctor.why_not import tell_drivers
 from epson_driver.inputs import InputError, number, printable
+from epson_driver.processes.command import module_command
+from epson_driver.processes.interrupt import INTERRUPTED
 from epson_driver.profiles import ControllerProfile, load_controller_profile
 from epson_driver.robots import RobotModel, load_robot_model
 
@@ -30,11 +35,12 @@ COLOURS = {
     Level.OK: 'green',
     Level.NOTE: 'yellow',
     Level.WRONG: 'bold red',
+    Level.HELD: 'bold red',
     Level.SKIPPED: 'dim',
 }
 
-MOVEIT_PATIENCE_S = 3.0
-MOVEIT_TIMEOUT_S = 60.0
+GRAPH_PATIENCE_S = 3.0
+GRAPH_TIMEOUT_S = 60.0
 
 
 def main() -> int:
@@ -51,17 +57,20 @@ def main() -> int:
     except (OSError, InputError) as error:
         parser.error(printable(error))
     console = Console(highlight=False)
-    findings = Findings(lambda finding: _tell(console, finding))
     facts: Facts = {}
     try:
-        console.rule('this machine', align='left')
-        check_environment(findings)
-        _check_moveit(model, findings)
-        if arguments.address is not None:
-            console.rule(f'the controller at {escape(arguments.address)}', align='left')
-            question = _question(arguments, profile, model)
-            ask = _asked if arguments.jog else None
-            facts = asyncio.run(check_controller(question, findings, ask))
+        with console.status('') as status, _looked_around() as graph:
+            findings = Findings(lambda finding: tell(console, finding), status.update)
+            console.rule('why does it not move?', align='left')
+            if arguments.address is not None:
+                question = _question(arguments, profile, model)
+                ask = partial(_asked, status.stop) if arguments.jog else None
+                facts = asyncio.run(check_controller(question, findings, ask))
+            findings.busy('looking for drivers and MoveIt in this ROS domain')
+            _check_graph(graph, model, findings)
+            console.rule('this machine', align='left')
+            findings.busy('importing ROS')
+            check_environment(findings)
         return _finish(arguments, findings, facts, console)
     except OSError as error:
         parser.error(printable(error))
@@ -69,8 +78,22 @@ def main() -> int:
         return INTERRUPTED
 
 
-async def _asked(sentence: str) -> str:
+async def _asked(before: Callable[[], None], sentence: str) -> str:
+    before()  # nothing else may write while a person types
     return await asyncio.to_thread(input, sentence)
+
+
+@contextmanager
+def _looked_around() -> Iterator[subprocess.Popen[str]]:
+    """Have another process look at what runs in this ROS domain, meanwhile."""
+    command = module_command('epson_driver.doctor.ros_graph', f'{GRAPH_PATIENCE_S:g}')
+    with subprocess.Popen(  # noqa: S603 - our own
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def _question(
@@ -114,14 +137,15 @@ def _finish(
             findings.wrong('--learn', 'nothing was found out: no profile is written', 'see above')
     if arguments.save is not None:
         head = [f'epson_driver doctor {" ".join(sys.argv[1:])}', f'{datetime.now(UTC):%F %T} UTC']
-        arguments.save.write_text(as_text(findings.all, head), encoding='utf-8')
+        arguments.save.write_text(as_text(findings, head), encoding='utf-8')
         console.print(f'text: {arguments.save}', markup=False)
-    wrong = sum(each.level is Level.WRONG for each in findings.all)
-    console.print(f'[bold red]{wrong} wrong[/]' if wrong else '[bold green]nothing is wrong[/]')
+    style = 'bold red' if findings.exit_code else 'bold yellow' if findings.doubt else 'bold green'
+    console.print(f'[{style}]{escape(printable(findings.verdict))}[/]', soft_wrap=True)
     return findings.exit_code
 
 
-def _tell(console: Console, finding: Finding) -> None:
+def tell(console: Console, finding: Finding) -> None:
+    """Show a finding: a line, and one with what to do."""
     style = COLOURS[finding.level]
     about, found = escape(printable(finding.about)), escape(printable(finding.found))
     console.print(f'[{style}]{finding.level.value:8}[/][bold]{about}[/]: {found}', soft_wrap=True)
@@ -129,17 +153,17 @@ def _tell(console: Console, finding: Finding) -> None:
         console.print(f'        → {escape(finding.remedy)}', soft_wrap=True)
 
 
-def _check_moveit(model: RobotModel, findings: Findings) -> None:
-    """Compare the joints of a running MoveIt, if there is one, with those of the model."""
-    command = [sys.executable, '-m', 'epson_driver.cli.moveit_joints', f'{MOVEIT_PATIENCE_S:g}']
+def _check_graph(process: subprocess.Popen[str], model: RobotModel, findings: Findings) -> None:
+    """Say what the drivers tell, and compare the joints of a running MoveIt with the model's."""
     try:
-        asked = subprocess.run(  # noqa: S603 - our own
-            command, capture_output=True, text=True, timeout=MOVEIT_TIMEOUT_S, check=True
-        )
-        joints = json.loads(asked.stdout.rpartition('\n')[0].rpartition('\n')[2] or asked.stdout)
-    except (subprocess.SubprocessError, ValueError):
-        findings.skipped('MoveIt', 'could not be looked for: ROS does not start, see above')
+        told, _ = process.communicate(timeout=GRAPH_TIMEOUT_S)
+        found = json.loads(told.strip().rpartition('\n')[2])
+    except (subprocess.TimeoutExpired, ValueError):
+        text = 'could not be looked for: ROS does not start, see below'
+        findings.skipped('driver, MoveIt', text)
         return
+    tell_drivers(found['drivers'], findings)
+    joints = found['moveit']
     if joints is None:
         findings.skipped('MoveIt', 'no move_group runs in this domain')
         return
@@ -155,8 +179,9 @@ def _check_moveit(model: RobotModel, findings: Findings) -> None:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='epson_driver doctor',
-        description='What is wrong from this machine to the controller, and what to do. It only '
-        'listens at the state port, unless more is allowed. Exit code 0: nothing is wrong.',
+        description='Why the arm does not move, and what is wrong from this machine to the '
+        'controller, with what to do. It only listens, unless more is allowed. Exit code 0: '
+        'nothing is wrong, and nothing keeps the arm from moving.',
         allow_abbrev=False,
     )
     parser.add_argument('address', nargs='?', type=host, help="the controller's address")

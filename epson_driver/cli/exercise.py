@@ -5,12 +5,10 @@
 import argparse
 import shlex
 import shutil
-import signal
 import tempfile
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import NoReturn
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -18,12 +16,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from epson_driver.cli.arguments import argument
-from epson_driver.cli.interrupt import INTERRUPTED
-from epson_driver.cli.processes import RunError
 from epson_driver.exercise.cases import CASES, NO_FAULT
 from epson_driver.exercise.judge import Observed, Result, Verdict, judge, junit
 from epson_driver.exercise.runner import Exercise, run_case
 from epson_driver.inputs import InputError, count, number, printable
+from epson_driver.processes.interrupt import INTERRUPTED, raise_at_first_signal
+from epson_driver.processes.processes import RunError
 from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import load_robot_model
 
@@ -49,8 +47,7 @@ def main() -> int:
         load_robot_model(arguments.robot)
     except (OSError, InputError) as error:
         parser.error(printable(error))
-    for each in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(each, _on_signal)
+    raise_at_first_signal()
     console = Console(highlight=False)
     try:
         with ExitStack() as stack:
@@ -64,12 +61,6 @@ def main() -> int:
     except KeyboardInterrupt:
         console.print('stopped')
         return INTERRUPTED
-
-
-def _on_signal(_number: int, _frame: object) -> NoReturn:
-    for each in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(each, signal.SIG_IGN)
-    raise KeyboardInterrupt
 
 
 def _exercise(arguments: argparse.Namespace, folder: Path, console: Console) -> int:

@@ -13,14 +13,16 @@ from collections.abc import Callable
 
 import rclpy
 from control_msgs.msg import JointJog
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 
 from epson_driver.cli.arguments import argument
-from epson_driver.cli.jog_keys import BACKWARD, FORWARD, MAX_SPEED, MIN_SPEED, JogKeys
+from epson_driver.driver.inhibit import Remedy, with_remedy
 from epson_driver.inputs import number, printable
+from epson_driver.node.remedies import WORDS
 
 PERIOD_S = 0.02
 """Time between two messages while a key is held, s."""
@@ -28,8 +30,66 @@ PERIOD_S = 0.02
 WAIT_S = 10.0
 """How long to wait for the driver, s."""
 
+MAX_UNREAD = 12
+"""So many callbacks may wait when a key is pressed: diagnostics come once a second."""
+
+RELEASE_S = 0.15
+"""A key that did not come again for so long was released, s. Terminals repeat a key 10 to 30 times
+a second, but begin with that later: until then a held key moves its joint only for this time."""
+
+FORWARD = '1234567890'
+BACKWARD = 'qwertyuiop'
+"""The keys of the joints, in their order: below each other on most keyboards."""
+
+FASTER, SLOWER = '+', '-'
+ENDS = frozenset({'x', '\x03', '\x04', '\x1b', ''})
+"""x, Ctrl-C, Ctrl-D, Escape, or the end of the input."""
+
+STEP = 1.5
+"""The ratio of two speeds."""
+
+MIN_SPEED, MAX_SPEED = 0.01, 2.0
+"""rad/s or m/s; the driver goes no faster than servo.scale allows."""
+
 SPEED = number(MIN_SPEED, MAX_SPEED, 'rad/s')
 UNIT = 'rad/s (m/s of a joint that slides)'
+
+
+class JogKeys:
+    """Turns characters into velocities of `joints` joints. Times are monotonic, s.
+
+    A terminal tells of no key that is released: a key that is held comes again and again, one that
+    was released does not. So each character moves its joint for RELEASE_S.
+    """
+
+    def __init__(self, joints: int, speed: float) -> None:
+        self.speed = speed
+        self.ended = False
+        self._joints = min(joints, len(FORWARD))
+        self._joint = 0
+        self._sign = 0.0
+        self._until = float('-inf')
+
+    def press(self, key: str, now: float) -> None:
+        """Take a character. One without a meaning stops the motion."""
+        self._until = float('-inf')
+        if key in ENDS:
+            self.ended = True
+        elif key in (FASTER, SLOWER):
+            speed = self.speed * (STEP if key == FASTER else 1.0 / STEP)
+            self.speed = min(max(speed, MIN_SPEED), MAX_SPEED)
+        else:
+            for keys, sign in ((FORWARD, 1.0), (BACKWARD, -1.0)):
+                joint = keys.find(key)
+                if 0 <= joint < self._joints:
+                    self._joint, self._sign = joint, sign
+                    self._until = now + RELEASE_S
+
+    def velocity(self, now: float) -> tuple[int, float] | None:
+        """Return the index of the joint that moves and its velocity, or None."""
+        if self.ended or now >= self._until:
+            return None
+        return self._joint, self._sign * self.speed
 
 
 def main() -> int:
@@ -55,10 +115,11 @@ def main() -> int:
             )
             return 1
         _say(names, args.speed)
+        why = WhyNot(node, args.node)
         before = termios.tcgetattr(sys.stdin)
         try:
             tty.setcbreak(sys.stdin)
-            _jog(names, args.speed, publisher.publish)
+            _jog(names, args.speed, publisher.publish, why)
         finally:
             publisher.publish(JointJog(joint_names=names, velocities=[0.0] * len(names)))
             termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
@@ -68,8 +129,40 @@ def main() -> int:
     return 0
 
 
-def _jog(names: list[str], speed: float, publish: Callable[[JointJog], None]) -> None:
-    """Publish a velocity while a key is held, and all zero once when it is released."""
+class WhyNot:
+    """What keeps the arm from moving, as the driver's diagnostics say."""
+
+    def __init__(self, node: Node, driver: str) -> None:
+        self._node = node
+        self._name = f'{node.resolve_service_name(driver).lstrip("/")}: arm'
+        self._text = ''
+        node.create_subscription(DiagnosticArray, '/diagnostics', self._take, 10)
+
+    def __call__(self) -> str:
+        """Return what has come so far, '' if nothing keeps it from moving."""
+        for _ in range(MAX_UNREAD):
+            rclpy.spin_once(self._node, timeout_sec=0.0)
+        return self._text
+
+    def _take(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == self._name:
+                values = {each.key: each.value for each in status.values}
+                held = values.get('cause', 'NONE') != 'NONE'
+                remedy = Remedy.__members__.get(values.get('remedy', ''), Remedy.NONE)
+                self._text = with_remedy(status.message, remedy, WORDS) if held else ''
+
+
+def _jog(
+    names: list[str],
+    speed: float,
+    publish: Callable[[JointJog], None],
+    why_not: Callable[[], str],
+) -> None:
+    """Publish a velocity while a key is held, and all zero once when it is released.
+
+    `why_not` returns what keeps the arm from moving: it is said when a key is pressed.
+    """
     keys = JogKeys(len(names), speed)
     moved = False
     while not keys.ended:
@@ -81,6 +174,8 @@ def _jog(names: list[str], speed: float, publish: Callable[[JointJog], None]) ->
                 keys.press(key, now)
         velocity = keys.velocity(now)
         if velocity is not None:
+            if not moved and (why := why_not()):
+                print(f'the arm does not move: {printable(why)}')
             joint, value = velocity
             publish(JointJog(joint_names=[names[joint]], velocities=[value], duration=PERIOD_S))
         elif moved:
@@ -91,7 +186,7 @@ def _jog(names: list[str], speed: float, publish: Callable[[JointJog], None]) ->
 
 
 def _joint_names(node: Node) -> list[str] | None:
-    """Return the joints of the first joint_states; None if there are none in time."""
+    """Return the joints of the first joint_states, or None if there are none in time."""
     names: list[str] = []
     node.create_subscription(JointState, 'joint_states', lambda m: names.extend(m.name), 1)
     until = time.monotonic() + WAIT_S

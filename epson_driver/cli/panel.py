@@ -7,24 +7,20 @@ import logging
 import secrets
 import signal
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 
 from rclpy.utilities import remove_ros_args
 
 from epson_driver.cli.arguments import FREE_PORT, argument, host
-from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.inputs import InputError, printable
 from epson_driver.motion import Trajectory
+from epson_driver.panel import INSTALL, missing
 from epson_driver.panel.access import is_loopback
 from epson_driver.share import share_folder
+from epson_driver.trajectory_file import read_trajectory
 
 PORT = 8080
 
-INSTALL = (
-    "the panel needs viser: pip install 'epson_driver[panel]' (in the source tree: "
-    'make demo ARGS=--panel)'
-)
 
 TOKEN_BYTES = 24
 
@@ -63,11 +59,6 @@ def main() -> int:
         signal.signal(number, lambda _number, _frame: panel.stop())
     print(f'panel {address(options.host, panel.web.port, token)}', flush=True)
     return panel.run()
-
-
-def missing() -> bool:
-    """Return whether the extra is not installed."""
-    return find_spec('viser') is None
 
 
 def _trajectories(files: list[Path]) -> dict[str, Trajectory]:

@@ -3,18 +3,15 @@
 """`epson_driver report FILE …`: what happened in a run, as one HTML page, JSON, or an MCAP bag."""
 
 import argparse
-import json
-import os
-import tempfile
 from pathlib import Path
 
 from epson_driver.cli.arguments import page as page_path
-from epson_driver.cli.interrupt import INTERRUPTED
 from epson_driver.error_texts import load_error_texts
 from epson_driver.inputs import InputError, printable
+from epson_driver.processes.interrupt import INTERRUPTED
 from epson_driver.profiles import load_controller_profile
-from epson_driver.report.figures import Figures, as_json, figures
-from epson_driver.report.page import page
+from epson_driver.report.figures import Figures, figures
+from epson_driver.report.page_file import write_report
 from epson_driver.report.run import Run, RunError
 from epson_driver.report.trace_run import read_trace
 from epson_driver.robots import RobotModel, load_robot_model
@@ -53,33 +50,6 @@ def main() -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     return 0
-
-
-def write_report(group: list[tuple[Run, Figures]], model: RobotModel, output: Path) -> None:
-    """Write a page and its JSON beside it, and say where. Raises OSError."""
-    write_whole(output, page(group, model))
-    beside = output.with_suffix('.json')
-    content = [as_json(run, numbers, run.events, model) for run, numbers in group]
-    text = json.dumps(content[0] if len(content) == 1 else content, indent=1, allow_nan=False)
-    write_whole(beside, text + '\n')
-    print(f'report: {output}\nfigures: {beside}')
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write a file so that it is there as a whole or not at all. Raises OSError."""
-    with tempfile.NamedTemporaryFile(
-        'w', encoding='utf-8', dir=path.parent, prefix=f'.{path.name}', delete=False
-    ) as file:
-        try:
-            file.write(text)
-            file.flush()
-            mask = os.umask(0)
-            os.umask(mask)
-            Path(file.name).chmod(0o666 & ~mask)
-            Path(file.name).replace(path)
-        except BaseException:
-            Path(file.name).unlink(missing_ok=True)
-            raise
 
 
 def default_output(group: list[tuple[Run, Figures]]) -> Path:

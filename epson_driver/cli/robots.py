@@ -7,29 +7,31 @@ import os
 import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from epson_driver.bringup import BringupError, write_moveit_package
+from epson_driver.cli.arguments import picture
 from epson_driver.inputs import InputError
 from epson_driver.motion import Array
+from epson_driver.report.envelope import PictureError, draw_envelope
 from epson_driver.robots import RobotModel, load_robot_model, robot_models
 from epson_driver.robots.chain import SHOWN_UNITS
 from epson_driver.robots.model import SCARA
 from epson_driver.robots.opw import KinematicsError, opw_parameters
+from epson_driver.robots.reader import MARKS
 from epson_driver.robots.scara import scara_parameters
 
-COLOURS = {'high': 'green', 'medium': 'yellow', 'low': 'red'}
-
-LEVELS = {'high': 'confirmed', 'medium': 'one source', 'low': 'estimated'}
-"""What a confidence means for the quantities that have it."""
+COLOURS = dict(zip(MARKS, ('green', 'yellow', 'yellow', 'red'), strict=True))
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """A table of text. Confidences are coloured on a terminal."""
+    """A table of text. Marks are coloured on a terminal."""
 
     title: str
     head: tuple[str, ...]
@@ -37,12 +39,24 @@ class Sheet:
 
 
 def main() -> int:
-    """List the models, or show one. Returns 0; ends with 2 and a sentence for no such model."""
+    """List the models, or show one, and return 0, or end with 2 for no such model."""
     parser = _parser()
     arguments = parser.parse_args()
+    if arguments.moveit and not arguments.name:
+        parser.error('--moveit: which model?')
+    if arguments.picture and not arguments.name:
+        parser.error('--picture: of which model?')
     try:
-        sheets = _shown(load_robot_model(arguments.name)) if arguments.name else _listed()
-    except (OSError, InputError) as error:
+        if arguments.picture:
+            draw_envelope(arguments.picture, load_robot_model(arguments.name))
+            print(arguments.picture)
+            return 0
+        if arguments.moveit:
+            for path in write_moveit_package(arguments.name, arguments.moveit):
+                print(path)
+            return 0
+        sheets = _shown(load_robot_model(arguments.name)) if arguments.name else _listed(arguments)
+    except (OSError, InputError, BringupError, PictureError) as error:
         parser.error(str(error))
     console = Console(highlight=False)
     plain = arguments.plain or not console.is_terminal
@@ -57,9 +71,9 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='epson_driver robots',
         description='List the robot models; with NAME, all numbers of one and their sources.',
-        epilog="confirmed: by two independent sources, or EPSON's own for this model (high); one "
-        'source: or inferred from a sister model (medium); estimated: a proxy, from memory, or a '
-        'guess (low). Check everything that is not confirmed against the manipulator manual.',
+        epilog="confirmed: by two independent sources, or EPSON's own for this model; derived: "
+        'computed from such, or a sister model; estimated: a proxy, from memory, or a guess. '
+        'Check everything that is not confirmed against the manipulator manual.',
     )
     parser.add_argument(
         'name',
@@ -68,7 +82,30 @@ def _parser() -> argparse.ArgumentParser:
         help='a model, such as c4_a601s or C4-A601S, or a .yaml file',
     )
     parser.add_argument(
+        '--search', default='', metavar='WORD', help='only models with this in name or description'
+    )
+    parser.add_argument(
+        '--payload', type=float, default=0.0, metavar='KG', help='only those that carry so much'
+    )
+    parser.add_argument(
+        '--reach', type=float, default=0.0, metavar='MM', help='only those that reach so far'
+    )
+    parser.add_argument(
         '--plain', action='store_true', help='tabs instead of tables (default in a pipe)'
+    )
+    parser.add_argument(
+        '--picture',
+        type=picture,
+        metavar='FILE',
+        help='draw where NAME can be, a SCARA from above, six axes from the side, and write it '
+        '(.png, .svg, .pdf)',
+    )
+    parser.add_argument(
+        '--moveit',
+        type=Path,
+        metavar='FOLDER',
+        help="write a MoveIt package of one's own for NAME; MoveItConfigsBuilder('c4_a601s') "
+        'finds it if FOLDER is named c4_a601s_moveit_config',
     )
     return parser
 
@@ -89,16 +126,23 @@ def _print(sheets: Iterable[Sheet], console: Console, plain: bool) -> None:
         console.print(*[Text(sheet.title, style='bold')] * bool(sheet.title), table, sep='\n')
 
 
-def _listed() -> list[Sheet]:
-    models = [load_robot_model(name) for name in robot_models()]
-    head = ('name', 'kind', 'axes', 'reach [mm]', 'payload [kg]', *LEVELS.values())
+def _listed(wanted: argparse.Namespace) -> list[Sheet]:
+    word = wanted.search.lower().replace('_', '-')
+    models = [
+        model
+        for model in map(load_robot_model, robot_models())
+        if word in model.description.lower()
+        and (model.payload or 0.0) >= wanted.payload
+        and model.reach[0] * 1e3 >= wanted.reach - 0.5
+    ]
+    head = ('name', 'kind', 'axes', 'reach [mm]', 'payload [kg]', *MARKS)
     return [Sheet('', head, tuple(_line(model) for model in models))]
 
 
 def _line(model: RobotModel) -> tuple[str, ...]:
-    by_level = {
-        level: [name for name, origin in model.provenance.items() if origin.worst == level]
-        for level in LEVELS
+    by_mark = {
+        mark: [name for name, origin in model.provenance.items() if origin.worst == mark]
+        for mark in MARKS
     }
     return (
         model.name,
@@ -106,7 +150,7 @@ def _line(model: RobotModel) -> tuple[str, ...]:
         str(len(model.joint_names)),
         f'{model.reach[0] * 1e3:.0f}',
         '' if model.payload is None else f'{model.payload:g}',
-        *(', '.join(names) for names in by_level.values()),
+        *(', '.join(names) for names in by_mark.values()),
     )
 
 
@@ -119,7 +163,6 @@ def _shown(model: RobotModel) -> list[Sheet]:
                 ('kind', model.kind),
                 ('payload', _kilograms(model.payload)),
                 ('mass', _kilograms(model.mass)),
-                ('confidence', model.confidence),
             ),
         ),
         Sheet(
@@ -135,9 +178,9 @@ def _shown(model: RobotModel) -> list[Sheet]:
         ),
         Sheet(
             'Sources',
-            ('quantity', 'confidence', 'source'),
+            ('quantity', 'mark', 'source'),
             tuple(
-                (name, ' '.join(dict.fromkeys(origin.confidence)), origin.source)
+                (name, ', '.join(dict.fromkeys(origin.marks)), origin.source)
                 for name, origin in model.provenance.items()
             ),
         ),
@@ -171,7 +214,8 @@ def _per(units: str, per: str) -> str:
 
 
 def _words(values: Array) -> list[str]:
-    return [f'{value:.7g}' for value in np.where(np.abs(values) < 1e-12, 0.0, values)]
+    known = np.where(np.abs(values) < 1e-12, 0.0, values)
+    return ['not known' if np.isnan(value) else f'{value:.7g}' for value in known]
 
 
 def _frames(model: RobotModel) -> Iterator[tuple[str, ...]]:

@@ -17,9 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from epson_driver.cli.arguments import FREE_PORT, PORT, argument, define, host, if_in_use
-from epson_driver.cli.interrupt import ended_by_signals
+from epson_driver.first_run.book import likeness, load
 from epson_driver.inputs import InputError, count, number, shown
 from epson_driver.motion import Array, JointLimits
+from epson_driver.processes.command import module_command
+from epson_driver.processes.interrupt import ended_by_signals
 from epson_driver.profiles.profile import (
     LOOK_AHEAD_S,
     ControllerProfile,
@@ -39,7 +41,7 @@ from epson_driver.spel import Program, build, read_project, with_defines
 
 _PORTS = Ports()
 
-PANEL = (sys.executable, '-m', 'epson_driver.cli', 'panel')
+PANEL = tuple(module_command('epson_driver.cli', 'panel'))
 """A process of its own: the simulated controller needs no ROS, and must not wait for a browser."""
 
 STATE_PERIOD = number(0.001, 3600.0, 's')
@@ -47,12 +49,18 @@ SEED = count(0, 2**63 - 1)
 
 
 def main() -> int:
-    """Run until SIGINT or SIGTERM; return 0 then, 1 if a port (or the planner) fails."""
+    """Run until SIGINT or SIGTERM and return 0, or 1 if a port (or the planner) fails."""
     parser = _parser()
     args = parser.parse_args(_with_start_joined(sys.argv[1:]))
     try:
+        if args.profile_from is not None:
+            alike = likeness(load(args.profile_from))
+            args.robot, args.motion = alike.robot, args.motion or alike.motion
+            args.fault = [*alike.faults, *args.fault]
+            profile = alike.profile
+        else:
+            profile = load_controller_profile(args.controller)
         model = load_robot_model(args.robot)
-        profile = load_controller_profile(args.controller)
         start = None if args.start is None else _start(args.start, model.limits)
         program = _program(args, profile, model)
     except (OSError, InputError, _StartError) as error:
@@ -115,7 +123,7 @@ def _program(
 
 
 def _of_built_in_programs(args: argparse.Namespace) -> tuple[str, str] | None:
-    """Return an argument that a SPEL+ program makes nothing of, and why; None: there is none."""
+    """Return an argument that a SPEL+ program makes nothing of, and why, or None."""
     given = {
         '--motion': (args.motion, 'moves as its statements say'),
         '--look-ahead': (args.look_ahead, 'takes points as its statements say'),
@@ -249,6 +257,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--controller', default='rc620', help='controller profile, or a .yaml file (%(default)s)'
+    )
+    parser.add_argument(
+        '--profile-from',
+        type=Path,
+        metavar='FILE',
+        help='be like the robot of that first-run: its model, profile, motion and delays',
     )
     parser.add_argument(
         '--motion',

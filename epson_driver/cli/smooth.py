@@ -18,12 +18,6 @@ from rich.console import Console
 from rich.table import Table
 
 from epson_driver.cli.arguments import argument, picture
-from epson_driver.cli.interrupt import INTERRUPTED
-from epson_driver.cli.smooth_report import Study, column, draw, point_to_point, spline
-from epson_driver.cli.trajectory_file import (
-    read_trajectory,
-    write_trajectory,
-)
 from epson_driver.inputs import InputError, number
 from epson_driver.motion import JointLimits, Trajectory, problems
 from epson_driver.motion.smoothed import smoothed
@@ -35,7 +29,13 @@ from epson_driver.motion.smoother import (
     Request,
     plan,
 )
+from epson_driver.processes.interrupt import INTERRUPTED
+from epson_driver.report.smooth_study import Study, column, draw, point_to_point, spline
 from epson_driver.robots import load_robot_model
+from epson_driver.trajectory_file import (
+    read_trajectory,
+    write_trajectory,
+)
 
 SAMPLE_PERIOD_S = 0.001
 """Time between the samples at which the motion is judged and drawn, s."""

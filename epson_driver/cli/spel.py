@@ -1,26 +1,42 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver spel check|run|test FILE…`: SPEL+ programs without a robot and without RC+."""
+"""`epson_driver spel check|run|test|export …`: SPEL+ programs without a robot, without RC+."""
 
 import argparse
-import json
 import logging
+import re
 import sys
+from collections.abc import Collection, Iterator
+from ipaddress import IPv4Address
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from epson_driver.cli.arguments import FREE_PORT, argument, define
-from epson_driver.inputs import InputError, Rule, count, number, printable
-from epson_driver.spel import Problem, ProgramError, build, read_project
+from epson_driver.cli.problem_formats import FORMATS, placed
+from epson_driver.inputs import InputError, Rule, count, number, printable, shown
+from epson_driver.spel import (
+    NetSettings,
+    Problem,
+    ProgramError,
+    Surroundings,
+    build,
+    read_answers,
+    read_project,
+)
 from epson_driver.spel.commands import VERSIONS
-from epson_driver.spel.lint import RULES, check
-from epson_driver.spel.testing import TestResult, run_tests
+from epson_driver.spel.files import Files
+from epson_driver.spel.lint import check
+from epson_driver.spel.project_data import PROJECT
+from epson_driver.spel.testing import TestResult, covered, run_tests
 
 FOUND = 1
 """Exit code: something is wrong with the program."""
 
+CONTROLLERS = ('rc620', 'rc700a', 'rc90', 't', 'vt', 'rc800')
+ADDRESS = Rule(lambda text: str(IPv4Address(text)), 'must be an IPv4 address')
 VERSION = Rule(count(VERSIONS[0], VERSIONS[-1]).read, 'must be 6, 7 or 8')
 _FILES = 'a project folder, or .prg files (with the .inc files beside them)'
+STDIN = 'stdin.prg'
 
 
 def main() -> int:
@@ -42,11 +58,51 @@ def main() -> int:
     return run
 
 
+def _net(text: str) -> tuple[int, NetSettings]:
+    """Return a port and its settings from 201=192.168.0.1:2000[:CR|LF|CRLF]."""
+    found = re.fullmatch(
+        r'(2[01][0-9])=([^:=]*):([0-9]{1,5})(?::(CRLF|CR|LF))?', text, re.IGNORECASE
+    )
+    if found is None or not 201 <= int(found[1]) <= 216 or not 1 <= int(found[3]) <= 65_535:
+        said = f'{shown(text)}: must be 201=ADDRESS:PORT, with :CR, :LF or :CRLF behind it'
+        raise argparse.ArgumentTypeError(said)
+    ends = {'CR': '\r', 'LF': '\n'}
+    end = ends.get((found[4] or '').upper(), '\r\n')
+    return int(found[1]), NetSettings(found[2], int(found[3]), end)
+
+
+def _add_surroundings(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        '--stub',
+        type=Path,
+        metavar='FILE',
+        help='answers to what is not simulated (YAML: WORD: answers, in turn)',
+    )
+    parser.add_argument(
+        '--net',
+        type=_net,
+        action='append',
+        default=[],
+        metavar='201=ADDRESS:PORT',
+        help='a port as the system configuration of RC+ has it, without SetNet; may be repeated',
+    )
+
+
+def _surroundings(
+    arguments: argparse.Namespace, project: Path, keep: bool = False
+) -> Surroundings:
+    answers = read_answers(arguments.stub) if arguments.stub is not None else {}
+    folder = project if project.is_dir() else project.parent
+    return Surroundings(answers, dict(arguments.net), Files(folder, keep))
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='epson_driver spel', description=__doc__)
-    commands = parser.add_subparsers(required=True, metavar='check|run|test')
+    commands = parser.add_subparsers(required=True, metavar='check|run|test|export')
     checking = commands.add_parser('check', help='a linter: what is wrong, and what will be')
-    checking.add_argument('files', nargs='+', type=Path, metavar='FILE', help=_FILES)
+    checking.add_argument(
+        'files', nargs='+', type=Path, metavar='FILE', help=f'{_FILES}, or -: stdin'
+    )
     checking.add_argument(
         '--version',
         type=argument(VERSION),
@@ -54,13 +110,22 @@ def _parser() -> argparse.ArgumentParser:
         default=VERSIONS[-1],
         help='of RC+: 6 is RC620, 7 RC700 RC90 T VT, 8 RC800 (default: %(default)s)',
     )
-    checking.add_argument('--json', action='store_true', help='a list of objects on stdout')
+    checking.add_argument(
+        '--format',
+        choices=FORMATS,
+        default='text',
+        help='lines of text, annotations of GitHub, SARIF 2.1, or a list in JSON (%(default)s)',
+    )
     checking.add_argument('--strict', action='store_true', help='warnings fail as well')
     checking.set_defaults(run=_check)
     testing = commands.add_parser('test', help='run the functions named Test…')
     testing.add_argument('files', nargs='+', type=Path, metavar='FILE', help=_FILES)
     testing.add_argument('-k', metavar='TEXT', default='', help='only tests with this in the name')
+    testing.add_argument(
+        '--coverage', type=Path, metavar='FILE', help='write which lines ran, as Cobertura XML'
+    )
     testing.add_argument('--junit', type=Path, metavar='FILE', help='write JUnit XML as well')
+    _add_surroundings(testing)
     testing.set_defaults(run=_test)
     running = commands.add_parser('run', help='run a program on a simulated controller')
     running.add_argument('program', type=Path, metavar='FILE', help='a project folder, or a .prg')
@@ -92,15 +157,50 @@ def _parser() -> argparse.ArgumentParser:
         action='store_true',
         help="let the controller's time pass as fast as possible, without network (600 s at most)",
     )
+    running.add_argument(
+        '--setup',
+        default='',
+        metavar='STATEMENTS',
+        help='what the robot manager of RC+ keeps: "HomeSet 0, 0, 0, 0; TLSet 1, XY(0, 0, 50, 0)"',
+    )
+    _add_surroundings(running)
     running.set_defaults(run=_run)
+    exporting = commands.add_parser('export', help='a project for RC+ with our program')
+    exporting.add_argument('folder', type=Path, metavar='FOLDER', help='new, or empty')
+    exporting.add_argument('--robot', required=True, help='robot model')
+    exporting.add_argument('--controller', required=True, choices=CONTROLLERS)
+    exporting.add_argument(
+        '--address',
+        required=True,
+        type=argument(ADDRESS, str),
+        metavar='A.B.C.D',
+        help='of the controller',
+    )
+    exporting.set_defaults(run=_export)
     return parser
 
 
+def _export(arguments: argparse.Namespace) -> int:
+    from epson_driver.cli import spel_export  # imports numpy
+
+    return spel_export.export(arguments)
+
+
 def _run(arguments: argparse.Namespace) -> int:
-    from epson_driver.cli import spel_run  # imports numpy and the whole controller
+    from epson_driver.sim_controller import spel_run  # imports numpy and the whole controller
 
     logging.basicConfig(level=logging.WARNING, format='%(message)s')
-    return spel_run.run(arguments)
+    return spel_run.run(
+        arguments.program,
+        dict(arguments.define),
+        arguments.robot,
+        arguments.controller,
+        arguments.remote_port,
+        fast=arguments.fast,
+        seconds=arguments.seconds,
+        around=_surroundings(arguments, arguments.program, keep=True),
+        setup=arguments.setup,
+    )
 
 
 def _projects(paths: list[Path]) -> list[dict[str, str]]:
@@ -115,41 +215,42 @@ def _projects(paths: list[Path]) -> list[dict[str, str]]:
 
 def _check(arguments: argparse.Namespace) -> int:
     problems: list[Problem] = []
-    for files in _projects(arguments.files):
-        problems += check(files, arguments.version)
+    for folder, files in _checked(arguments.files):
+        problems += [placed(each, folder) for each in check(files, arguments.version)]
     errors = sum(not problem.warning for problem in problems)
-    if arguments.json:
-        print(json.dumps([_as_json(problem) for problem in problems], indent=2))
-    else:
-        for problem in problems:
-            print(problem)
+    print(FORMATS[arguments.format](problems), end='')
+    if arguments.format == 'text':
         warnings = len(problems) - errors
         print(f'{errors} errors, {warnings} warnings (version {arguments.version})')
     return FOUND if errors or (arguments.strict and problems) else 0
 
 
-def _as_json(problem: Problem) -> dict[str, object]:
-    at = problem.position
-    return {
-        'file': at.file,
-        'line': at.line,
-        'column': at.column,
-        'rule': problem.rule,
-        'about': RULES.get(problem.rule, ''),
-        'severity': 'warning' if problem.warning else 'error',
-        'text': problem.text,
-    }
+def _checked(paths: list[Path]) -> Iterator[tuple[Path, dict[str, str]]]:
+    """Yield projects with their folders: each folder one, the files of one folder together."""
+    single: dict[Path, dict[str, str]] = {}
+    for path in paths:
+        if str(path) == '-':
+            yield Path(), {STDIN: sys.stdin.read()}
+        elif path.is_dir():
+            files = read_project(path)
+            if not any(name.lower().endswith(PROJECT) for name in files):
+                print(f'{path} has no .sprj: all its .prg files are built', file=sys.stderr)
+            yield path, files
+        else:
+            single.setdefault(path.parent, {}).update(read_project(path))
+    yield from single.items()
 
 
 def _test(arguments: argparse.Namespace) -> int:
     results: list[TestResult] = []
     for files in _projects(arguments.files):
+        around = _surroundings(arguments, arguments.files[0])
         try:
             program = build(files)
         except ProgramError as error:
             print(error)
             return FOUND
-        for result in run_tests(program, lambda name: arguments.k.lower() in name.lower()):
+        for result in run_tests(program, lambda name: arguments.k.lower() in name.lower(), around):
             results.append(result)
             _report(result)
     failed = sum(bool(result.error) for result in results)
@@ -158,6 +259,13 @@ def _test(arguments: argparse.Namespace) -> int:
     if not results:
         print('no function is named Test…')
         return FOUND
+    lines = covered(results)
+    if arguments.coverage is not None:
+        folder = arguments.files[0]
+        folder = folder if folder.is_dir() else folder.parent
+        arguments.coverage.write_text(_cobertura(lines, folder), encoding='utf-8')
+    for file, ran in sorted(lines.items()):
+        print(f'{printable(file)}: {sum(ran.values())} of {len(ran)} lines ran')
     print(f'{len(results) - failed} passed, {failed} failed')
     return FOUND if failed else 0
 
@@ -171,6 +279,26 @@ def _report(result: TestResult) -> None:
     print(f'FAILED {result.name}: {printable(at.file)}:{at.line}: {text}')
     for line in result.printed.splitlines():
         print(f'  {printable(line)}')
+
+
+def _cobertura(files: dict[str, dict[int, bool]], folder: Path) -> str:
+    ran = [each for lines in files.values() for each in lines.values()]
+
+    def rate(of: Collection[bool]) -> str:
+        return f'line-rate="{sum(of) / len(of) if of else 1.0:.4f}"'
+
+    text = ['<?xml version="1.0" encoding="utf-8"?>']
+    text.append(f'<coverage {rate(ran)} lines-covered="{sum(ran)}" lines-valid="{len(ran)}">')
+    text.append(f'  <packages><package name="spel" {rate(ran)}><classes>')
+    for file, lines in sorted(files.items()):
+        name = quoteattr(printable((folder / file).as_posix()))
+        text.append(f'    <class name={name} filename={name} {rate(lines.values())}><lines>')
+        text += [
+            f'      <line number="{number}" hits="{int(hit)}"/>'
+            for number, hit in sorted(lines.items())
+        ]
+        text.append('    </lines></class>')
+    return '\n'.join([*text, '  </classes></package></packages>', '</coverage>', ''])
 
 
 def _junit(results: list[TestResult]) -> str:

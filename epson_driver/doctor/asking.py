@@ -13,7 +13,10 @@ from contextlib import AsyncExitStack
 from epson_driver.doctor.findings import Findings
 from epson_driver.doctor.listening import Conversation, NoConnectionError, conversation
 from epson_driver.doctor.state_facts import Facts, latest_joints, latest_status
-from epson_driver.remote_ethernet.client import RemoteError, execute
+from epson_driver.driver.inhibit import MAIN_ENDED, Inhibit, device_inhibit, flags_inhibit
+from epson_driver.error_texts import ErrorTexts
+from epson_driver.remote_ethernet.client import RemoteError, logged_in
+from epson_driver.remote_ethernet.status_flags import ask_control_device, ask_flags
 from epson_driver.simple_message import (
     IoInfo,
     IoInfoReply,
@@ -40,9 +43,6 @@ MAX_CLIENTS = 20
 SLOW_VELOCITY = 0.01
 SLOW_DURATION_S = 5.0
 
-RUNNING_FLAG = -2
-"""Place of Running in the answer to GetStatus; Ready is behind it."""
-
 RESTART = 'start the program on the controller again'
 
 IO_KEYS = {
@@ -55,7 +55,7 @@ IO_KEYS = {
 
 
 def why_not_to_ask(state: Conversation) -> str:
-    """Return why the motion port must be left alone now; empty if it need not be."""
+    """Return why the motion port must be left alone now, or '' if it need not be."""
     status = latest_status(state.heard)
     if status is None:
         return 'no STATUS came: nobody knows whether the motors are off'
@@ -128,7 +128,7 @@ def _described(reply: Packet) -> str:
 
 
 async def _ask_points(motion: Conversation, state: Conversation) -> Facts:
-    """Ask what only programs for JOINT_TRAJ_PT are asked; the motors are off."""
+    """Ask, with the motors off, what only programs for JOINT_TRAJ_PT are asked."""
     start = JointTrajPt(SpecialSequence.START_TRAJECTORY_STREAMING)
     answered = await motion.ask(start, SILENCE_S)
     facts: Facts = {'program.special_sequences': 'stop' if answered is None else 'all'}
@@ -196,23 +196,39 @@ async def ask_io_port(host: str, port: int, state: Conversation, findings: Findi
     return {'ports.io': port, 'io': counts}
 
 
-async def ask_remote_port(host: str, port: int, password: str, findings: Findings) -> Facts:
-    """Return whether Remote Ethernet answers: a login and one question."""
+async def ask_remote_port(
+    host: str,
+    port: int,
+    password: str,
+    findings: Findings,
+    texts: ErrorTexts,
+    needs_main: bool,
+) -> tuple[Facts, list[Inhibit]]:
+    """Return what Remote Ethernet tells: facts, and what keeps the arm from moving.
+
+    `texts`: of the controller's error numbers. `needs_main`: the arm moves only while main runs.
+    """
     try:
-        status = (await execute(host, port, ['GetStatus'], REPLY_TIMEOUT_S, password))[0]
+        async with logged_in(host, port, REPLY_TIMEOUT_S, password) as ask:
+            flags, number = await ask_flags(ask)
+            device = await ask_control_device(ask)
     except RemoteError as error:
         findings.wrong('remote port', str(error), 'check the password; set it in RC+ and here')
-        return {}
+        return {}, []
     except (TimeoutError, ConnectionError) as error:
         text = str(error) or f'no answer within {REPLY_TIMEOUT_S:g} s'
         remedy = 'enable Remote Ethernet in RC+ (an RC620 has none: remote_port 0)'
         findings.wrong('remote port', text, remedy)
-        return {}
-    findings.ok('remote port', f'Remote Ethernet answers: status {status}')
-    flags = status.partition(',')[0]
-    runs = flags[RUNNING_FLAG:][:1] == '1'  # counted from the end: RC+ 5 sends one less
+        return {}, []
+    said = f'Remote Ethernet answers: {", ".join(flags) or "no flag set"}'
+    findings.ok('remote port', f'{said}; error {texts.phrase(number)}' if number else said)
+    runs = 'Running' in flags
     if runs:
         text = 'a program runs: until it is stopped, motors stay as they are and no reset is taken'
         findings.note('remote port', text, 'program.motors: restart in the profile')
+    found = [flags_inhibit(flags, number, texts), device_inhibit(device)]
+    if needs_main and not runs and 'Paused' not in flags:
+        found.append(MAIN_ENDED)
     motors = 'restart' if runs else 'remote_ethernet'
-    return {'ports.remote': port, 'program.motors': motors}
+    facts = {'ports.remote': port, 'program.motors': motors}
+    return facts, [each for each in found if each is not None]

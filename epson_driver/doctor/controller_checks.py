@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is wrong with a controller, from what its state port sends; and what it may be asked."""
+"""What a controller's state port tells: what is wrong, and what it may be asked."""
 
 import asyncio
 import time
@@ -16,27 +16,45 @@ from epson_driver.doctor.asking import (
     why_not_to_ask,
 )
 from epson_driver.doctor.findings import Findings
-from epson_driver.doctor.learning import differences
+from epson_driver.doctor.learning import differences, tolerance
 from epson_driver.doctor.listening import Conversation, NoConnectionError, conversation
+from epson_driver.doctor.port_checks import (
+    FELL_SILENT_S,
+    silence,
+    tell_of_no_state,
+    tell_refusal,
+)
 from epson_driver.doctor.pose_checks import Ask, check_joints, check_tool
 from epson_driver.doctor.state_facts import (
     Facts,
     is_joints,
     latest_joints,
     latest_status,
+    rhythm,
     state_facts,
 )
+from epson_driver.doctor.why_not import ARM, tell_inhibit
+from epson_driver.driver.inhibit import controller_error, seen_inhibit
 from epson_driver.error_texts import load_error_texts
 from epson_driver.profiles import ControllerProfile
 from epson_driver.robots import RobotModel
-from epson_driver.simple_message import TriState
+from epson_driver.simple_message import Status, TriState
 
 MIN_LISTENING_S = 1.0
 AT_ONCE_S = 0.5
 """A connection that the controller closes so soon was not wanted."""
 
+CONDITION_S = 3.0
+"""How long to wait for the first STATUS before the rest is looked at, s."""
+
+LATE_S = 0.05
+"""A timer that comes later is told of, s."""
+
 LONGEST_GAP_S = 0.3
 CLOCK_JUMP_S = 0.1
+NEEDED = ('drives_powered', 'e_stopped', 'in_error')
+"""Fields of STATUS without which nobody knows whether the arm could move."""
+
 OUTSIDE_RAD = 0.05
 """How far beyond a limit a joint may be reported, rad or m: noise, and a rest at the very end."""
 
@@ -63,7 +81,7 @@ class Question:
 async def check_controller(
     question: Question, findings: Findings, ask: Ask | None = None
 ) -> Facts:
-    """Look at a controller; return what was found out, by the keys of a profile.
+    """Look at a controller and return what was found out, by the keys of a profile.
 
     `ask` talks to a person at the pendant; None: there is none.
     """
@@ -73,13 +91,12 @@ async def check_controller(
             'started again afterwards'
         )
         findings.skipped('controller', text, 'allow it with --once')
+        findings.doubt = 'nothing was looked at at the controller'
         return {}
     where = f'{question.host}:{question.state_port}'
     try:
+        findings.busy(f'connecting to {where}')
         async with conversation(question.host, question.state_port) as state:
-            findings.ok(
-                'state port', f'{where} accepts; handshake {state.heard.handshake * 1e3:.1f} ms'
-            )
             facts = await _check_state(question, state, findings)
             if facts:
                 facts |= await _ask(question, state, findings)
@@ -87,15 +104,14 @@ async def check_controller(
                     await check_joints(state, question.model, ask, findings)
                     await check_tool(state, question.model, ask, findings)
     except NoConnectionError as error:
-        remedy = 'start the program on the controller; check address, state_port, cable, firewall'
-        findings.wrong('state port', f'{where}: {error}', remedy)
+        tell_refusal(where, error, findings)
         return {}
     _compare(question.profile, facts, findings)
     return facts
 
 
 async def _check_state(question: Question, state: Conversation, findings: Findings) -> Facts:
-    """Listen to the state port; return nothing if that tells nothing."""
+    """Return what the state port tells, which may be nothing."""
     heard = state.heard
     wall, monotonic = time.time(), time.monotonic()
     loop = asyncio.get_running_loop()
@@ -108,22 +124,32 @@ async def _check_state(question: Question, state: Conversation, findings: Findin
         )
         findings.wrong('state port', text, remedy)
         return {}
-    await state.ended_within(max(question.seconds - AT_ONCE_S, 0.0))
+    facts: Facts = {}
+    findings.busy(f'listening to the state port for {question.seconds:g} s')
+    if await state.heard_within(latest_status, min(question.seconds - AT_ONCE_S, CONDITION_S)):
+        facts = await _tell_why_not(question, state, findings)
+    ends = began + question.seconds
+    while (left := ends - loop.time()) > 0.0 and not await state.ended_within(min(left, 1.0)):
+        findings.busy(f'listening to the state port, {max(ends - loop.time(), 0.0):.0f} s more')
     listened = loop.time() - began
     drift = (time.time() - wall) - (time.monotonic() - monotonic)
-    if heard.unreadable:
-        text = f'something else answers there: {heard.unreadable} ({heard.first_bytes[:24].hex()})'
-        findings.wrong('state port', text, 'check address and port: 11002 is usual, 50241 Motoman')
+    findings.busy('looking at what came')
+    motion = (question.host, question.motion_port)
+    if await tell_of_no_state(state, listened, motion, findings, question.may_ask):
         return {}
+    handshake = f'handshake {heard.handshake * 1e3:.1f} ms'
+    findings.ok('state port', f'{question.host}:{question.state_port} accepts; {handshake}')
     if heard.ended:
         text = f'{heard.ended} after {listened:.1f} s'
         remedy = 'was the controller switched off, has its program ended, is a cable out?'
         findings.wrong('state port', text, remedy)
-    if not heard.packets:
-        text = f'nothing came in {listened:.1f} s'
-        remedy = 'the state task on the controller does not run, or sends nothing: start it'
+    elif (silent := silence(heard)) > FELL_SILENT_S + heard.lateness:
+        text = f'{len(heard.packets)} messages came, then none for {silent:.1f} s: half-open'
+        remedy = 'is a cable out, the controller off, or does its state task hang?'
         findings.wrong('state port', text, remedy)
-        return {}
+    if heard.lateness > LATE_S:
+        text = f'it is busy: a timer came up to {heard.lateness * 1e3:.0f} ms late'
+        findings.note('this machine', text, 'times below may be off by that much')
     _tell_messages(state, listened, findings)
     _tell_condition(question, state, findings)
     if abs(drift) > CLOCK_JUMP_S:
@@ -131,7 +157,37 @@ async def _check_state(question: Question, state: Conversation, findings: Findin
         findings.note('clock', text, 'stamps of ROS jump with it: keep it with chrony or NTP')
     else:
         findings.ok('clock', "this machine's clock was not set while it was listened")
-    return {} if heard.ended else state_facts(heard) | {'ports.state': question.state_port}
+    if heard.ended:
+        return {}
+    return facts | state_facts(heard) | {'ports.state': question.state_port}
+
+
+async def _tell_why_not(question: Question, state: Conversation, findings: Findings) -> Facts:
+    """Say first what keeps the arm from moving, as STATUS and Remote Ethernet tell it."""
+    status = latest_status(state.heard) or Status()
+    texts = load_error_texts(question.profile.error_texts)
+    facts: Facts = {}
+    seen = seen_inhibit(status, texts)
+    held = [] if seen is None else [seen]
+    if question.may_ask and question.remote_port:
+        findings.busy('asking the remote port')
+        needs_main = question.profile.program.motors == 'restart'
+        facts, told = await ask_remote_port(
+            question.host, question.remote_port, question.password, findings, texts, needs_main
+        )
+        # STATUS knows E-stop, key and error, too: of one cause one line
+        known = {each.cause for each in held}
+        held = [each for each in told if each.cause not in known] + held
+    for each in held:
+        tell_inhibit(each, findings)
+    unknown = [name for name in NEEDED if getattr(status, name) == TriState.UNKNOWN]
+    if not held and unknown:
+        text = f'whether it could move is not known: {", ".join(unknown)} UNKNOWN in STATUS'
+        findings.doubt = text
+        findings.note(ARM, text, 'look at the controller')
+    elif not held:
+        findings.ok(ARM, 'could move: motors on, no E-stop, no error, not at MANUAL')
+    return facts
 
 
 def _tell_messages(state: Conversation, listened: float, findings: Findings) -> None:
@@ -147,8 +203,10 @@ def _tell_messages(state: Conversation, listened: float, findings: Findings) -> 
         findings.wrong('joint states', text, remedy)
         return
     gap = float(np.diff(joints).max())
-    text = f'{(len(joints) - 1) / (joints[-1] - joints[0]):.1f} Hz, longest gap {gap * 1e3:.0f} ms'
-    if gap > LONGEST_GAP_S:
+    found = rhythm(joints, state.heard.lateness)
+    period = found or (joints[-1] - joints[0]) / (len(joints) - 1)
+    text = f'{1.0 / period:.1f} Hz, longest gap {gap * 1e3:.0f} ms'
+    if gap > LONGEST_GAP_S + state.heard.lateness:
         findings.wrong('joint states', text, 'look at the state task and at the network')
     else:
         findings.ok('joint states', text)
@@ -179,13 +237,9 @@ def _tell_condition(question: Question, state: Conversation, findings: Findings)
         findings.note('STATUS fields', text, 'the driver then goes by positions and replies')
     else:
         findings.ok('STATUS fields', 'all are filled')
-    if status.e_stopped == TriState.TRUE:
-        remedy = 'release it, reset, then ~/enable'
-        findings.note('E-stop', 'pressed, or not reset', remedy)
-    if status.in_error == TriState.TRUE or status.error_code:
-        texts = load_error_texts(question.profile.error_texts)
-        advice = texts.advice(status.error_code, "look it up in the controller's manual; reset")
-        findings.note('error', texts.phrase(status.error_code), advice)
+    if status.error_code and status.in_error != TriState.TRUE:
+        error = controller_error(status, load_error_texts(question.profile.error_texts))
+        findings.note('error', error.text, f'{error.advice}, reset, then ~/enable')
 
 
 def _check_positions(joints: tuple[float, ...], model: RobotModel, findings: Findings) -> None:
@@ -217,14 +271,12 @@ async def _ask(question: Question, state: Conversation, findings: Findings) -> F
         return facts
     reason = why_not_to_ask(state)
     if reason:
-        findings.skipped('motion, I/O, remote port', reason, 'switch the motors off, then again')
+        findings.skipped('motion, I/O port', reason, 'switch the motors off, then again')
         return facts
     if question.may_ask:
-        if question.remote_port:
-            facts |= await ask_remote_port(
-                question.host, question.remote_port, question.password, findings
-            )
+        findings.busy('counting the clients that the state port takes')
         facts |= await count_state_clients(question.host, question.state_port)
+    findings.busy('asking the motion and the I/O port')
     if question.may_use_io and question.io_port:
         facts |= await ask_io_port(question.host, question.io_port, state, findings)
     if question.may_ask:  # last: a program that serves one client once is over after it
@@ -237,7 +289,9 @@ def _compare(profile: ControllerProfile, facts: Facts, findings: Findings) -> No
         return
     found = differences(facts, profile)
     for key, value, held in found:
-        shown = f'{value:.4g}' if isinstance(value, float) else value
+        shown = value
+        if isinstance(value, float) and isinstance(held, float):
+            shown = f'{value:.4g} (more than {tolerance(value, held):.2g} off)'
         text = f'{key} is {shown}, the profile {profile.name} says {held}'
         remedy = 'choose another profile, or make one: epson_driver doctor --learn FILE'
         findings.wrong('profile', text, remedy)

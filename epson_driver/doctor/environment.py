@@ -13,6 +13,7 @@ import sys
 from collections.abc import Mapping, Sequence
 
 from epson_driver.doctor.findings import Findings
+from epson_driver.processes.command import safe_python
 
 ASK_TIMEOUT_S = 60.0
 
@@ -21,11 +22,19 @@ MIN_PYTHON = (3, 11)
 SAFE_DOMAINS = range(102)
 """Whose ports lie below the ephemeral ones of every common system."""
 
+DISTRIBUTIONS = ('jazzy',)
+"""Of ROS, those that this package is tested with."""
+
 RANGES = ('SUBNET', 'LOCALHOST', 'OFF', 'SYSTEM_DEFAULT')
 
 BUILD = (
     'source a workspace built with colcon build --base-paths src/epson_driver '
     'src/epson_driver/interfaces, or install requirements/runtime.txt'
+)
+
+OTHER_PACKAGE = (
+    'another package of that name comes first: take its folder out of PYTHONPATH or '
+    'AMENT_PREFIX_PATH'
 )
 
 DEFINITIONS: dict[str, Sequence[str]] = {
@@ -61,11 +70,14 @@ import importlib, json, os, sys
 found = {}
 for name in sys.argv[1:]:
     module, _, kind = name.rpartition('.')
+    where = ''
     try:
-        fields = getattr(importlib.import_module(module), kind).get_fields_and_field_types()
-        found[name] = sorted(fields)
+        package = importlib.import_module(module)
+        where = getattr(package, '__file__', '')
+        fields = getattr(package, kind).get_fields_and_field_types()
+        found[name] = [where, *sorted(fields)]
     except Exception as error:
-        found[name] = f'{type(error).__name__}: {error}'
+        found[name] = f'{type(error).__name__}: {error}' + (f' [{where}]' if where else '')
 try:
     import rclpy
     from rclpy.utilities import get_rmw_implementation_identifier
@@ -84,7 +96,10 @@ def check_environment(findings: Findings, environment: Mapping[str, str] = os.en
     else:
         findings.wrong('Python', f'{version} is too old', 'Python 3.11 or newer is needed')
     distribution = environment.get('ROS_DISTRO', '')
-    if distribution:
+    if distribution and distribution not in DISTRIBUTIONS:
+        text = f'ROS_DISTRO is {distribution}, this package is for {" or ".join(DISTRIBUTIONS)}'
+        findings.wrong('ROS', text, 'source a workspace of that distribution, in a new terminal')
+    elif distribution:
         findings.ok('ROS', f'{distribution} ({environment.get("AMENT_PREFIX_PATH", "")})')
     else:
         findings.note('ROS', 'no ROS_DISTRO: no ROS workspace is sourced; a pip environment?')
@@ -95,7 +110,7 @@ def check_environment(findings: Findings, environment: Mapping[str, str] = os.en
 def _check_ros(findings: Findings, environment: Mapping[str, str]) -> None:
     try:
         asked = subprocess.run(  # noqa: S603 - our own words
-            [sys.executable, '-c', _ASK, *DEFINITIONS],
+            [*safe_python(), '-c', _ASK, *DEFINITIONS],
             capture_output=True,
             text=True,
             timeout=ASK_TIMEOUT_S,
@@ -126,11 +141,13 @@ def _check_definition(
 ) -> None:
     about = name.replace('.', '/')
     if isinstance(found, str):
-        findings.wrong(about, found, BUILD)
-    elif lacking := [field for field in fields if field not in found]:
-        text = f'its definition lacks {", ".join(lacking)}'
-        remedy = 'another package of that name comes first: look at AMENT_PREFIX_PATH, PYTHONPATH'
-        findings.wrong(about, text, remedy)
+        remedy = BUILD
+        if found.endswith(']'):  # it was imported, but it is not what its name says
+            remedy = f'{OTHER_PACKAGE}; or {BUILD}'
+        findings.wrong(about, found, remedy)
+    elif lacking := [field for field in fields if field not in found[1:]]:
+        text = f'its definition lacks {", ".join(lacking)} [{found[0]}]'
+        findings.wrong(about, text, OTHER_PACKAGE)
     else:
         findings.ok(about, f'has the {len(fields)} fields that are used')
 

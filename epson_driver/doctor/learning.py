@@ -23,7 +23,6 @@ NOT_FOUND: Mapping[str, str] = {
     'approximate': 'what was not found out is written here',
     'error_texts': f'which table lists its error numbers, {_PERSON}',
     'mode': 'no STATUS said where the key switch is',
-    'cycle_period': 'nothing that is sent shows it',
     'byte_order': 'no message came',
     'ports.state': 'no message came',
     'ports.motion': 'not asked (see --ask), or not answered',
@@ -41,14 +40,12 @@ NOT_FOUND: Mapping[str, str] = {
     'program.negative_is_stop': _MOTION,
     'program.stop_works': _MOTION,
     'program.uses': _MOTION,
-    'program.velocity_unit': _MOTION,
     'program.corrupt': _WRONG_MESSAGE,
     'program.late_failure': 'a point outside the limits is not sent to a robot to try it out',
     'program.accepts': _WRONG_MESSAGE,
     'program.special_sequences': 'not asked (see --ask), or it has no special sequences',
     'program.skip_first': _MOTION,
     'program.joins_goals': _MOTION,
-    'program.setpoints': _MOTION,
     'program.motors': 'not asked (see --remote-port and --ask), or not answered',
     'program.smoothing': _CHOICE,
     'program.resample_period': _CHOICE,
@@ -68,6 +65,7 @@ NOT_FOUND: Mapping[str, str] = {
     'server.byte_by_byte': 'too few messages came',
     'server.aborted': _EDGE,
     'server.lost_client': 'it takes a motion and a lost client to see it',
+    'server.client_timeout': _MOTION,
     'server.state_clients': 'not asked (see --ask), or 20 at once are served',
     'server.io_clients': 'outputs may change when an I/O client leaves: not tried again and again',
     'spel.': 'the simulation only: a SPEL+ program is in its files, not on the wire',
@@ -127,7 +125,7 @@ def differences(facts: Facts, profile: ControllerProfile) -> list[tuple[str, obj
         held = value_of(profile, key)
         same = held == value
         if isinstance(value, float) and isinstance(held, float):
-            same = abs(value - held) <= PERIOD_TOLERANCE_SHARE * held
+            same = abs(value - held) <= tolerance(value, held)
         if key == 'server.state_clients' or (key, held) in _SEEN_IN_PART:
             continue
         if not same:
@@ -139,8 +137,14 @@ _SEEN_IN_PART = {('program.motors', 'none'), ('program.motors', 'restart')}
 """Remote Ethernet is there, but whether a driver should use it, a person knows; that a running
 program must be stopped first shows only while it runs."""
 
-PERIOD_TOLERANCE_SHARE = 0.05
-"""How far a measured period may be off."""
+TOLERANCE_SHARE = 0.1
+"""A measured time is another one than the profile's only if it is off by more than this share of
+it and what it may be off by."""
+
+
+def tolerance(value: float, held: float) -> float:
+    """Return how far a measured value may be from the one held, for the two to be the same."""
+    return TOLERANCE_SHARE * held + getattr(value, 'uncertainty', 0.0)
 
 
 def value_of(profile: ControllerProfile, key: str) -> object:

@@ -4,9 +4,14 @@
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator
+import errno
+import socket
+import time
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
+from enum import Enum, auto
 
 from epson_driver.simple_message import (
     LITTLE_ENDIAN,
@@ -23,6 +28,8 @@ from epson_driver.simple_message import (
     request,
 )
 from epson_driver.socket_errors import reason
+from epson_driver.trace.pcap import Conversation as WireTrace
+from epson_driver.trace.pcap import PcapWriter
 
 CONNECT_TIMEOUT_S = 5.0
 FRAME_HEADER_BYTES = 16
@@ -30,8 +37,36 @@ MAX_KEPT = 100_000
 """Packets that are kept: eight minutes at 200 Hz."""
 
 
+PROBES = {
+    socket.SO_KEEPALIVE: (socket.SOL_SOCKET, 1),
+    socket.TCP_KEEPIDLE: (socket.IPPROTO_TCP, 1),
+    socket.TCP_KEEPINTVL: (socket.IPPROTO_TCP, 1),
+    socket.TCP_KEEPCNT: (socket.IPPROTO_TCP, 2),
+}
+"""TCP asks a silent peer after 1 s, and gives it up 2 s later. No byte is sent for it."""
+
+TRACE: ContextVar[PcapWriter | None] = ContextVar('trace', default=None)
+"""Where what is heard and said is recorded, if anywhere."""
+
+TICK_S = 0.02
+"""How often this machine's own lateness is looked at."""
+
+
+class Refusal(Enum):
+    """Why there is no connection."""
+
+    UNKNOWN_NAME = auto()
+    REFUSED = auto()
+    DROPPED = auto()
+    UNREACHABLE = auto()
+
+
 class NoConnectionError(ConnectionError):
-    """No connection; the text says why."""
+    """There is no connection, for the reason in its text and of the kind `refusal`."""
+
+    def __init__(self, text: str, refusal: Refusal) -> None:
+        super().__init__(text)
+        self.refusal = refusal
 
 
 @dataclass
@@ -49,7 +84,11 @@ class Heard:
     """What was wrong with the first bytes that were no message."""
     ended: str = ''
     """How the connection ended, if the controller ended it."""
+    vanished: bool = False
+    """Whether it ended since the other machine did not answer TCP any more."""
     first_bytes: bytes = b''
+    lateness: float = 0.0
+    """How late a timer of this process came at most, s: so far its times may be off."""
 
 
 class Conversation:
@@ -59,6 +98,12 @@ class Conversation:
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, handshake: float
     ) -> None:
         self.heard = Heard(handshake)
+        peer, own = (writer.get_extra_info(name) for name in ('peername', 'sockname'))
+        self.port: int = peer[1]
+        recorder = TRACE.get()
+        self._trace = (
+            None if recorder is None else WireTrace(recorder, own[:2], peer[:2], time.time_ns())
+        )
         self.dialect: Dialect = LITTLE_ENDIAN
         self._reader = reader
         self._writer = writer
@@ -66,15 +111,25 @@ class Conversation:
         self._bytes = self._framed = 0
         self._news = asyncio.Event()
         self._task = asyncio.create_task(self._read())
+        self._ticks = asyncio.create_task(self._watch_lateness())
+
+    async def heard_within(self, enough: Callable[[Heard], object], seconds: float) -> bool:
+        """Wait until what was heard is enough, and return whether it is in time."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                while not enough(self.heard) and not self._task.done():
+                    self._news.clear()
+                    await self._news.wait()
+        return bool(enough(self.heard))
 
     async def ended_within(self, seconds: float) -> bool:
-        """Wait for so long; return whether the controller closed the connection meanwhile."""
+        """Wait, and return whether the controller closed the connection meanwhile."""
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(asyncio.shield(self._task), seconds)
         return self._task.done()
 
     async def next_packet(self, timeout: float, *, replies: bool = False) -> Packet | None:
-        """Return the next packet that comes, or the next reply; None if none does in time."""
+        """Return the next packet that comes, or the next reply, or None if none does in time."""
         begin = len(self.heard.packets)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(timeout):
@@ -90,26 +145,51 @@ class Conversation:
         return None
 
     async def ask(self, message: Message, timeout: float) -> Packet | None:
-        """Send a request and return the next reply; None if none comes in time, or ever."""
+        """Send a request and return the next reply, or None if none comes in time, or ever."""
         if self._task.done():
             return None
-        self._writer.write(encode(request(message), self.dialect))
+        self.post(message)
         return await self.next_packet(timeout, replies=True)
+
+    def post(self, message: Message) -> None:
+        """Send a request and do not wait for its reply."""
+        self._send(encode(request(message), self.dialect))
 
     async def close(self) -> None:
         """Close the connection."""
-        self._task.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await self._task
+        for task in (self._task, self._ticks):
+            task.cancel()
+        await asyncio.gather(self._task, self._ticks, return_exceptions=True)
+        if self._trace is not None:
+            self._trace.finish(time.time_ns(), from_client=not self.heard.ended)
         self._writer.close()
         with contextlib.suppress(OSError, TimeoutError):
             await asyncio.wait_for(self._writer.wait_closed(), 1.0)
+
+    async def say(self, data: bytes) -> None:
+        """Send bytes that are no message."""
+        self._send(data)
+        await self._writer.drain()
+
+    def _send(self, data: bytes) -> None:
+        if self._trace is not None:
+            self._trace.data(time.time_ns(), data, from_client=True)
+        self._writer.write(data)
+
+    async def _watch_lateness(self) -> None:
+        clock = asyncio.get_running_loop().time
+        while True:
+            due = clock() + TICK_S
+            await asyncio.sleep(TICK_S)
+            self.heard.lateness = max(self.heard.lateness, clock() - due)
 
     async def _read(self) -> None:
         heard = self.heard
         try:
             while data := await self._reader.read(65536):
                 now = asyncio.get_running_loop().time()
+                if self._trace is not None:
+                    self._trace.data(time.time_ns(), data, from_client=False)
                 if not heard.first_bytes:
                     heard.first_bytes = data[:64]
                 if not heard.unreadable:
@@ -118,6 +198,7 @@ class Conversation:
             heard.ended = 'closed by the controller'
         except OSError as error:
             heard.ended = f'broken off: {reason(error)}'
+            heard.vanished = error.errno in (errno.ETIMEDOUT, errno.EHOSTUNREACH)
         finally:
             self._news.set()
 
@@ -153,11 +234,23 @@ async def conversation(host: str, port: int) -> AsyncIterator[Conversation]:
         async with asyncio.timeout(CONNECT_TIMEOUT_S):
             reader, writer = await asyncio.open_connection(host, port)
     except TimeoutError as error:
-        raise NoConnectionError(f'no answer within {CONNECT_TIMEOUT_S:g} s') from error
+        text = f'no answer within {CONNECT_TIMEOUT_S:g} s'
+        raise NoConnectionError(text, Refusal.DROPPED) from error
     except (OSError, OverflowError, ValueError) as error:
-        raise NoConnectionError(reason(error)) from error
+        raise NoConnectionError(reason(error), _refusal(error)) from error
+    for option, (level, value) in PROBES.items():
+        writer.get_extra_info('socket').setsockopt(level, option, value)
     made = Conversation(reader, writer, asyncio.get_running_loop().time() - began)
     try:
         yield made
     finally:
         await made.close()
+
+
+def _refusal(error: Exception) -> Refusal:
+    if isinstance(error, socket.gaierror | UnicodeError):
+        return Refusal.UNKNOWN_NAME
+    number = error.errno if isinstance(error, OSError) else None
+    if number in (errno.ECONNREFUSED, errno.ECONNRESET):
+        return Refusal.REFUSED
+    return Refusal.DROPPED if number == errno.ETIMEDOUT else Refusal.UNREACHABLE

@@ -117,7 +117,7 @@ def _wrapped(angles: Array) -> Array:
 
 
 async def _standing(state: Conversation, joints: int) -> Array | None:
-    """Return where the joints are now; None if no state comes, or none that is in numbers."""
+    """Return where the joints are now, or None if no state comes, or none that is in numbers."""
     if await state.next_packet(NEXT_STATE_TIMEOUT_S) is None:
         return None
     await asyncio.sleep(0.2)  # a joint state, not a STATUS, has come by now

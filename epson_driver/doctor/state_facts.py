@@ -6,6 +6,7 @@ import itertools
 import statistics
 from collections import Counter
 from collections.abc import Sequence
+from typing import Self
 
 from epson_driver.doctor.listening import Heard
 from epson_driver.simple_message import (
@@ -29,6 +30,9 @@ MIN_STATUSES = 3
 TOGETHER_SHARE = 0.3
 """A STATUS that comes sooner after the joints than this share of a period came with them."""
 
+UNEVEN_SHARE = 0.25
+"""A period that may be off by more than this share of it was not found out."""
+
 BROKEN_SHARE = 0.1
 """If so many pieces of a stream end within a message, it is sent byte by byte."""
 
@@ -36,7 +40,7 @@ MIN_PIECES = 20
 
 
 def state_facts(heard: Heard) -> Facts:
-    """Return what is certain from what was heard; keys about which nothing is are left out.
+    """Return what is certain from what was heard, by key.
 
     At least one message must have been heard.
     """
@@ -61,7 +65,7 @@ def state_facts(heard: Heard) -> Facts:
         if mode in (Mode.MANUAL, Mode.AUTO):
             facts['mode'] = 'auto' if mode == Mode.AUTO else 'manual'
     if len(joints) >= MIN_JOINTS and len(statuses) >= MIN_STATUSES:
-        facts |= _rhythm(packets)
+        facts |= _rhythm(heard)
     return facts
 
 
@@ -71,7 +75,7 @@ def is_joints(packet: Packet) -> bool:
 
 
 def latest_joints(heard: Heard) -> tuple[float, ...] | None:
-    """Return the ten joint values that came last, rad or m; None if none did."""
+    """Return the ten joint values that came last, rad or m, or None if none did."""
     for _, packet in reversed(heard.packets):
         if isinstance(packet.message, JointPosition):
             return packet.message.joints
@@ -88,35 +92,52 @@ def latest_status(heard: Heard) -> Status | None:
     return None
 
 
-def _rhythm(packets: Sequence[tuple[float, Packet]]) -> Facts:
-    """Return period, messages per STATUS, and whether the STATUS has a slot of its own."""
-    kinds = [(at, is_joints(packet)) for at, packet in packets]
+class Measured(float):
+    """A value, and by how much it may be off."""
+
+    uncertainty: float
+
+    def __new__(cls, value: float, uncertainty: float = 0.0) -> Self:
+        """Return the value with its uncertainty, in the same unit."""
+        made = super().__new__(cls, value)
+        made.uncertainty = uncertainty
+        return made
+
+
+def rhythm(times: Sequence[float], lateness: float = 0.0) -> Measured | None:
+    """Return the mean time between messages that came at these times, or None of too few.
+
+    TCP loses nothing: held-up messages come later, not fewer. So the period is the median of
+    what passed between message i and message i + n/2, over n/2, which bursts and single gaps do
+    not change. `lateness`: how far each time may be off, s.
+    """
+    half = len(times) // 2
+    if half < MIN_JOINTS // 2:
+        return None
+    slopes = sorted((b - a) / half for a, b in zip(times, times[half:], strict=False))
+    quarter = len(slopes) // 4
+    spread = slopes[len(slopes) - 1 - quarter] - slopes[quarter]
+    return Measured(statistics.median(slopes), spread + lateness / half)
+
+
+def _rhythm(heard: Heard) -> Facts:
+    """Return period, messages per STATUS, and whether the STATUS has a slot of its own.
+
+    What bursts or this machine's lateness leave open is left out.
+    """
+    kinds = [(at, is_joints(packet)) for at, packet in heard.packets]
     at_status = [index for index, (_, joints) in enumerate(kinds) if not joints]
     share = Counter(b - a - 1 for a, b in itertools.pairwise(at_status)).most_common(1)[0][0]
-    if share < 1:
+    found = rhythm([at for at, joints in kinds if joints], heard.lateness)
+    if share < 1 or found is None or found <= 0.0:
         return {}
-    spans = [kinds[b][0] - kinds[a][0] for a, b in itertools.pairwise(at_status)]
-    after = [
-        kinds[index][0] - kinds[index - 1][0]
-        for index in at_status
-        if index and kinds[index - 1][1]
-    ]
-    between = [
-        b - a for (a, first), (b, second) in itertools.pairwise(kinds) if first and second
-    ] or spans
-    period = _mean(spans)
-    if period <= 0.0:
-        return {}  # what was held up, and came all at once, has no rhythm
-    together = statistics.median(after) < TOGETHER_SHARE * statistics.median(between)
-    slots = share if together else share + 1
-    return {
-        'state.period': period / slots,
-        'state.joint_positions_per_status': share,
-        'state.status_with_joints': together,
-    }
-
-
-def _mean(values: Sequence[float]) -> float:
-    """Return the mean of the middle half: a gap or a burst counts for nothing."""
-    quarter = len(values) // 4
-    return statistics.fmean(sorted(values)[quarter : len(values) - quarter])
+    after = [kinds[i][0] - kinds[i - 1][0] for i in at_status if i and kinds[i - 1][1]]
+    margin = statistics.fmean(after) - TOGETHER_SHARE * found
+    doubt = 3.0 * statistics.pstdev(after) / len(after) ** 0.5
+    facts: Facts = {'state.joint_positions_per_status': share}
+    if abs(margin) > doubt and found.uncertainty < UNEVEN_SHARE * found:
+        together = margin < 0.0
+        slots = share if together else share + 1
+        facts['state.period'] = Measured(found * share / slots, found.uncertainty)
+        facts['state.status_with_joints'] = together
+    return facts

@@ -1,12 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the driver's services do: `~/stop`, `~/enable`, `~/disable`, `~/reset_error`."""
+"""What a person or a program asks of the arm: stop, enable, disable, reset the error."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 
 from epson_driver.driver.driver import Driver
-from epson_driver.driver.stopping.arm_gate import Enabling, GateError, what_forbids_motion
+from epson_driver.driver.inhibit import Cause, Inhibit, Remedy, status_inhibit
+from epson_driver.driver.stopping.arm_gate import Enabling, GateError
 from epson_driver.driver.stopping.motors import Action, MotorsError
 from epson_driver.simple_message import Status, TriState
 
@@ -14,35 +15,61 @@ ANSWER_TIMEOUT_S = 2.0
 """How long a service waits for the controller, s."""
 
 
+STOPPED = 'stopped on request'
+DISABLED = 'disabled on request'
+
+
 class CommandError(RuntimeError):
-    """A service could not do what was asked; the text says why and what to do."""
+    """What was asked for could not be done: why, as the text, and what helps."""
+
+    def __init__(self, text: str, remedy: Remedy = Remedy.NONE) -> None:
+        super().__init__(text)
+        self.remedy = remedy
+
+
+async def _nothing_waits() -> None:
+    """Return at once: whoever asks calls the driver directly."""
 
 
 class ArmCommands:
-    """Each public method is a service: it returns a sentence, or raises CommandError."""
+    """What may be asked of the arm: each method returns a sentence, or raises CommandError.
 
-    def __init__(self, driver: Driver) -> None:
+    `all_taken` waits until the driver has got the goals that were sent before.
+    """
+
+    def __init__(
+        self, driver: Driver, all_taken: Callable[[], Awaitable[None]] = _nothing_waits
+    ) -> None:
         self._driver = driver
+        self._all_taken = all_taken
         self._one_enables = asyncio.Lock()
         self._disabling = 0
 
     async def stop(self) -> str:
-        """Stop the arm; a running goal ends as aborted. Returns a sentence when it stands.
+        """Stop the arm, abort a running goal, and return a sentence when the arm stands.
+
+        So do goals that come before it returns: they may have been sent before, and waited.
 
         Raises CommandError unless the controller acknowledged STOP and the state shows that the
         arm stands; the arm gate is closed then.
         """
+        with self._driver.goal_queue.stopping(f'{STOPPED} before it could start'):
+            try:
+                return await self._stop()
+            finally:
+                await self._all_taken()
+
+    async def _stop(self) -> str:
         goals, stopper = self._driver.goal_queue, self._driver.stopper
-        goals.end_waiting('stopped by ~/stop before it could start')
         ends = _now() + ANSWER_TIMEOUT_S
         said = 'no goal was running; the controller acknowledged STOP'
         source = self._driver.servo.source
         if goals.busy:
-            self._driver.servo.stop('stopped by ~/stop')  # one that waits for its turn
-            outcome = await goals.stop('stopped by ~/stop', ANSWER_TIMEOUT_S)
+            self._driver.servo.stop(STOPPED)  # one that waits for its turn
+            outcome = await goals.stop(STOPPED, ANSWER_TIMEOUT_S)
             if outcome is not None:
                 said = f'the running goal ended: {outcome.text}'
-        elif self._driver.servo.stop('stopped by ~/stop'):
+        elif self._driver.servo.stop(STOPPED):
             said = f'the stream of setpoints on {source} was stopped'
         else:
             stopper.stop()
@@ -66,7 +93,7 @@ class ArmCommands:
         """
         self._check_links()
         if self._disabling:
-            raise CommandError('~/disable is under way: call ~/enable when it has answered')
+            raise CommandError('the arm is still being disabled', Remedy.ENABLE)
         gate = self._driver.gate
         with gate.enabling(motors_on=self._driver.busy) as enabling:
             work = asyncio.create_task(self._enable(enabling))
@@ -80,11 +107,11 @@ class ArmCommands:
             if enabling.canceled is None:
                 return said
             status = self._driver.robot.status
-            in_the_way = None if status is None else self.in_the_way(status)
+            if status is not None:
+                self._check_nothing_to_mend(status)
             raise CommandError(
-                in_the_way
-                or f'{enabling.canceled} while ~/enable was under way: the arm stays disabled; '
-                'call ~/enable again'
+                f'{enabling.canceled} while the arm was being enabled: it stays disabled',
+                Remedy.ENABLE,
             )
 
     async def _enable(self, enabling: Enabling) -> str:
@@ -95,8 +122,7 @@ class ArmCommands:
             status = await self._wait_for_status(
                 lambda _: driver.robot.status_time > asked, 'the controller sends no STATUS'
             )
-            if (why := self.in_the_way(status)) is not None:
-                raise CommandError(why)
+            self._check_nothing_to_mend(status)
             await self._wait_for_first_stop()
             if driver.stopper.keeps_points:  # with the motors, it would go on with them
                 await self._clear_motion()
@@ -120,8 +146,8 @@ class ArmCommands:
             newest = driver.robot.status
             if newest is None:
                 raise CommandError('the controller sends no STATUS')
-            if (why := what_forbids_motion(newest, driver.robot.errors)) is not None:
-                raise CommandError(why)
+            if (found := status_inhibit(newest, driver.robot.errors)) is not None:
+                raise CommandError(found.text)
             if driver.gate.reason is not None:
                 driver.robot.enabled()
                 driver.stopper.enabled()
@@ -129,7 +155,6 @@ class ArmCommands:
                     driver.gate.open(enabling)
                 except GateError as error:
                     raise CommandError(str(error)) from error
-                driver.servo.enabled()
             return 'the arm is enabled'
 
     async def _wait_for_first_stop(self) -> None:
@@ -157,10 +182,11 @@ class ArmCommands:
         switch them and STATUS tells, that the motors are off. The gate is closed in any case.
         """
         driver = self._driver
-        driver.disable('disabled by ~/disable')
+        driver.disable(DISABLED)
         self._disabling += 1
         try:
             said = await self._bring_to_rest()
+            await self._all_taken()
             if driver.motors.missing:
                 motors, why = (
                     True,
@@ -181,10 +207,10 @@ class ArmCommands:
         """Return what is not as it should be, or ''."""
         goals, stopper = self._driver.goal_queue, self._driver.stopper
         if goals.busy:
-            await goals.stop('stopped by ~/disable', ANSWER_TIMEOUT_S)
+            await goals.stop(DISABLED, ANSWER_TIMEOUT_S)
         else:
             stopper.stop()
-        goals.fault('disabled by ~/disable')
+        goals.fault(DISABLED)
         if await stopper.wait(ANSWER_TIMEOUT_S):
             return '' if stopper.doubt is None else f'{stopper.doubt}, but {stopper.stands}'
         stopper.raise_alarm(stopper.doubt or 'no standstill after STOP')
@@ -219,42 +245,41 @@ class ArmCommands:
     async def reset_error(self) -> str:
         """Reset the controller's error. The arm stays disabled.
 
+        Where that stops the controller's program, an enabled arm is disabled: to enable it
+        starts the program again.
+
         Raises CommandError if it cannot be done, or if no STATUS shows that it was.
         """
         await self._wait_for_first_stop()
-        await self._act(Action.RESET)
+        if self._driver.motors.restarts:
+            self._driver.fault('disabled by the reset, which stops the program')
+        try:
+            await self._act(Action.RESET)
+        except CommandError as error:
+            status = self._driver.robot.status
+            if status is not None and status.e_stopped == TriState.TRUE:
+                text = f'the E-stop is not reset ({error})'
+                raise CommandError(text, Remedy.RELEASE_ESTOP) from error
+            raise
         await self._wait_for_status(
             lambda status: TriState.TRUE not in (status.in_error, status.e_stopped),
             'the controller took the reset, but no STATUS shows that error and E-stop are gone',
         )
-        return 'the controller was reset; call ~/enable to move again'
+        return 'the controller was reset; the arm stays still until it is enabled'
 
-    def in_the_way(self, status: Status) -> str | None:
-        """Return what must be mended before the arm can be enabled, and how; None: nothing."""
-        errors = self._driver.robot.errors
-        if status.e_stopped == TriState.TRUE:
-            return (
-                'the E-stop is pressed or not reset: release it, call ~/reset_error (or reset at '
-                'the controller), then ~/enable'
-            )
-        if status.in_error == TriState.TRUE:
-            return (
-                f'the controller is in error {errors.phrase(status.error_code)}: '
-                f'{errors.advice(status.error_code, "remove the cause")}; call ~/reset_error, '
-                'then ~/enable'
-            )
-        return None
+    def _check_nothing_to_mend(self, status: Status) -> None:
+        """Raise CommandError for what must be mended before the arm can be enabled."""
+        found = status_inhibit(status, self._driver.robot.errors)
+        if found is not None and found.cause is not Cause.MOTORS_OFF:
+            raise _inhibited(found)
 
     def _check_links(self) -> None:
         for link in (self._driver.state_link, self._driver.motion_link):
-            if not link.connected:
-                raise CommandError(
-                    f'the {link.name} link to {link.host}:{link.port} is {link.state.value}: '
-                    'start the controller, or check robot_ip and the ports'
-                )
+            if (found := self._driver.link_inhibit(link)) is not None:
+                raise _inhibited(found)
 
     async def _act(self, action: Action) -> None:
-        """Have the controller do something; where that is not possible, say what a person can."""
+        """Have the controller do something, or say what a person can do instead."""
         try:
             await self._driver.motors.act(action, ANSWER_TIMEOUT_S)
         except MotorsError as error:
@@ -268,6 +293,11 @@ class ArmCommands:
         except TimeoutError as error:
             raise CommandError(f'{otherwise} (waited {ANSWER_TIMEOUT_S:g} s)') from error
         return self._driver.robot.status
+
+
+def _inhibited(found: Inhibit) -> CommandError:
+    text = f'{found.text}: {found.advice}' if found.advice else found.text
+    return CommandError(text, found.remedy)
 
 
 def _now() -> float:

@@ -31,6 +31,8 @@ class Configuration:
     s between two messages of its state, to begin with. `margins`: how far beyond `limits` its
     joints may be. `configured_as`: what kind of controller and robot that is, for people.
     `on_the_way`: a goal is left without a stop for a new one; see `check_on_the_way`.
+    `client_timeout`: how long the controller lets the arm move without a word from the driver, s;
+    0: as long as it has points.
     """
 
     host: str
@@ -53,6 +55,7 @@ class Configuration:
     margins: Margins = DEFAULT_MARGINS
     configured_as: str = ''
     on_the_way: bool = False
+    client_timeout: float = 0.0
 
 
 def check_on_the_way(

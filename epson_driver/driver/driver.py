@@ -12,32 +12,44 @@ from typing import Protocol
 
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery_factory import make_delivery
+from epson_driver.driver.goal.goal import GoalSettings
 from epson_driver.driver.goal.goal_queue import GoalQueue
-from epson_driver.driver.goal.goal_settings import GoalSettings
-from epson_driver.driver.goal.pace import Pace
+from epson_driver.driver.goal.planned_speed import PlannedSpeed
+from epson_driver.driver.inhibit import (
+    PAUSED,
+    Cause,
+    Inhibit,
+    Remedy,
+    manual_inhibit,
+    not_enabled,
+    status_inhibit,
+)
 from epson_driver.driver.io.io_access import make_io
 from epson_driver.driver.outcome import Outcome
 from epson_driver.driver.servo.servo import Servo
 from epson_driver.driver.smoothing.smoothing_process import SmoothingProcess
 from epson_driver.driver.state.joint_mapping import unmapped
 from epson_driver.driver.state.robot_state import JointSample, RobotState, StateRules
-from epson_driver.driver.stopping.arm_gate import ArmGate, only_motors_off, what_forbids_motion
+from epson_driver.driver.stopping.arm_gate import ArmGate
+from epson_driver.driver.stopping.heartbeat import Heartbeat
 from epson_driver.driver.stopping.motors import SerializedMotors, make_motors
 from epson_driver.driver.stopping.stopper import Stopper
-from epson_driver.driver.tasks.fresh_moment import fresh_moment
+from epson_driver.driver.tasks.fresh_state import wait_for_fresh_state
 from epson_driver.driver.tasks.notification import Notification
-from epson_driver.driver.tasks.task_group import run_task_group, until_done
+from epson_driver.driver.tasks.task_group import run_task_group
 from epson_driver.link import Link, LinkState
 from epson_driver.link.link import DIALECT_MESSAGES
 from epson_driver.link.link_reports import LinkReports
-from epson_driver.link.silence import Silence, passed
+from epson_driver.link.receive_timeout import ReceiveTimeout, silent
 from epson_driver.log_lines import LogThrottle
+from epson_driver.processes.worker import until_done
 from epson_driver.remote_ethernet.turns import RemoteTurns
 from epson_driver.simple_message import (
     CommType,
     Dialect,
     JointFeedback,
     JointPosition,
+    MessageType,
     Packet,
     ReplyCode,
     Status,
@@ -63,7 +75,7 @@ WORST_FIRST = (
     LinkState.CONNECTING,
     LinkState.CONNECTED,
 )
-"""`~/link_state` is the worse of the two links' states."""
+"""The state of the links together is the worse of the two."""
 
 _log = logging.getLogger(__name__)
 
@@ -75,14 +87,14 @@ class DriverEvents(Protocol):
         """A state message with joints came: one call for each."""
 
     def on_status(self, status: Status) -> None:
-        """A status came; also an all-unknown one when there is none to be had any more."""
+        """A status came, which is all unknown once none can be had any more."""
 
     def on_link_state(self, name: str, why: str) -> None:
         """The state of the links together changed."""
 
 
 class Driver:
-    """Drives one controller. `run` until cancelled; the other methods are called meanwhile."""
+    """Drives one controller while `run` runs."""
 
     def __init__(
         self, configuration: Configuration, events: DriverEvents, settings: GoalSettings
@@ -91,7 +103,12 @@ class Driver:
         self.gate = ArmGate()
         joints = len(configuration.limits.names)
         mapping = configuration.mapping or unmapped(joints)
-        rules = StateRules(configuration.state_period, configuration.limits, configuration.margins)
+        rules = StateRules(
+            configuration.state_period,
+            configuration.limits,
+            configuration.margins,
+            configuration.state_timeout,
+        )
         self.robot = RobotState(joints, configuration.errors, mapping, rules)
         self._events = events
         order = configuration.byte_order
@@ -137,6 +154,13 @@ class Driver:
                 turns,
             )
         )
+        self._heartbeat = Heartbeat(
+            self.motion_link,
+            self.state_link,
+            configuration.client_timeout,
+            lambda: self.stopper.ours,
+            self.fault,
+        )
         self.stopper = Stopper(
             make_delivery(configuration.delivery, self.motion_link, configuration.limits, mapping),
             self.robot,
@@ -145,6 +169,7 @@ class Driver:
             self.motors,
             self._on_alarm,
             lambda: self.goal_queue.on_rest(),
+            self._heartbeat.before_point,
         )
         self.goal_queue = GoalQueue(
             configuration.limits,
@@ -155,7 +180,7 @@ class Driver:
             self.changed,
             self._on_broken_off,
             _smoother(configuration),
-            Pace(configuration.delivery, configuration.limits),
+            PlannedSpeed(configuration.delivery, configuration.limits),
             on_the_way=configuration.on_the_way,
         )
         self.servo = Servo(
@@ -169,9 +194,10 @@ class Driver:
         self.goal_queue.occupied = self.servo.occupation
         self._feedback_leads = False
         self._positions_since_feedback = 0
-        self._joints_missing = Silence(max(STATUS_TIMEOUT_S, configuration.state_timeout))
-        self._status_missing = Silence(STATUS_TIMEOUT_S)
+        self._joints_missing = ReceiveTimeout(max(STATUS_TIMEOUT_S, configuration.state_timeout))
+        self._status_missing = ReceiveTimeout(STATUS_TIMEOUT_S)
         self._dropped_throttle = LogThrottle()
+        self._unsaid: asyncio.TimerHandle | None = None
         self._link_state = LinkState.DISCONNECTED
         self._dialect_known = order is not None
         self.stop_due = False
@@ -194,6 +220,7 @@ class Driver:
                     'following setpoints': self.servo.run,
                     'watching the status': self._watch_status,
                     'watching the joints': self._watch_joints,
+                    'the heartbeat': self._heartbeat.run,
                 },
                 self.shut_down,
             )
@@ -225,7 +252,7 @@ class Driver:
             await self.stopper.motors_off(SHUT_DOWN_TIMEOUT_S)
 
     def fault(self, why: str, *, motors_off: bool = False) -> None:
-        """Close the arm gate and end what runs or waits; the arm stays still until enabled.
+        """Close the arm gate and end what runs or waits.
 
         `motors_off`: only that the motors are off is wrong.
         """
@@ -237,12 +264,63 @@ class Driver:
         """True while a goal runs or a stream of setpoints is followed."""
         return self.goal_queue.busy or self.servo.active
 
+    def inhibit(self, now: float) -> Inhibit | None:
+        """Return what keeps the arm from moving, the first that has to be dealt with.
+
+        What is stale says nothing else. None: the arm is enabled, and moves when it is asked to.
+        """
+        robot, stopper = self.robot, self.stopper
+        if (found := self.link_inhibit(self.state_link) or self._silence(now)) is not None:
+            return found
+        failed = None
+        if stopper.alarm is not None:
+            text = f'STOP did not work: {stopper.alarm}; {stopper.stands}'
+            failed = Inhibit(Cause.STOP_FAILED, Remedy.KEEP_AWAY, text)
+        if failed is not None and not stopper.over:
+            return failed
+        if (found := self.link_inhibit(self.motion_link)) is not None:
+            return found
+        status = robot.status or Status()
+        found = status_inhibit(status, robot.errors)
+        if found is None or found.cause is Cause.MOTORS_OFF:
+            found = failed or self._gate_inhibit(status) or found
+        return found or (PAUSED if robot.paused else None)
+
+    def link_inhibit(self, link: Link) -> Inhibit | None:
+        """Return that a link is not connected, or None if it is."""
+        if link.connected:
+            return None
+        cause = Cause.NO_STATE_LINK if link is self.state_link else Cause.NO_MOTION_LINK
+        state = link.state.value.replace('_', ' ')
+        text = f'the {link.name} link to {link.host}:{link.port} is {state}'
+        return Inhibit(cause, Remedy.CONNECT, f'no link to the controller: {text}')
+
+    def _silence(self, now: float) -> Inhibit | None:
+        robot = self.robot
+        joints = None if robot.sample is None else robot.sample.measured
+        status = None if robot.status is None else robot.status_time
+        for cause, what, measured, timeout in (
+            (Cause.NO_JOINTS, 'joint state', joints, self.configuration.state_timeout),
+            (Cause.NO_STATUS, 'STATUS', status, STATUS_TIMEOUT_S),
+        ):
+            if measured is None:
+                return Inhibit(cause, Remedy.CHECK_STATE_SERVER, f'no {what}')
+            if now - measured >= timeout:
+                text = f'no {what} for {now - measured:.1f} s'
+                return Inhibit(cause, Remedy.CHECK_STATE_SERVER, text)
+        return None
+
+    def _gate_inhibit(self, status: Status) -> Inhibit | None:
+        if self.gate.reason is None:
+            return None
+        return manual_inhibit(status) or not_enabled(self.gate.reason)
+
     async def why_not_ready(self, patience: float) -> str | None:
-        """Return why nobody knows where the arm is now; None as soon as it is known.
+        """Return why nobody knows where the arm is now, or None as soon as it is known.
 
         `patience`: how long to wait for that, s.
         """
-        now = await fresh_moment(self.robot.why_not_ready, self.changed, patience)
+        now = await wait_for_fresh_state(self.robot.why_not_ready, self.changed, patience)
         return self.robot.why_not_ready(now)
 
     def _on_broken_off(self, outcome: Outcome, unanswered: bool) -> None:
@@ -259,17 +337,30 @@ class Driver:
             self.motion_link.reconnect('no reply to STOP')
 
     def disable(self, why: str, *, motors_off: bool = False, unexplained: bool = False) -> None:
-        """Close the arm gate; a goal that runs is left alone. `motors_off` as in `fault`.
+        """Close the arm gate without ending a goal. `motors_off` is as in `fault`.
 
-        A stream of setpoints ends. `unexplained`: the controller has not said why so far.
+        A stream of setpoints ends. `unexplained`: the controller has not said why so far; the log
+        waits for the status that does.
         """
-        if self.gate.close(why, motors_off=motors_off, unexplained=unexplained):
-            _log.warning('arm disabled: %s', why)
+        was_open = self.gate.close(why, motors_off=motors_off, unexplained=unexplained)
+        if was_open and unexplained:
+            patience = self.goal_queue.settings.cause_timeout
+            self._unsaid = asyncio.get_running_loop().call_later(patience, self._say_disabled)
+        elif was_open or self._unsaid is not None:
+            self._say_disabled()
         self.goal_queue.plans.end(f'{why}, while the motion was planned')
-        self.servo.stop(why)
+        if was_open or self.servo.active:
+            self.servo.stop(why)
+
+    def _say_disabled(self) -> None:
+        if self._unsaid is not None:
+            self._unsaid.cancel()
+            self._unsaid = None
+        if self.gate.reason is not None:
+            _log.warning('arm disabled: %s', self.gate.reason)
 
     def _on_state_packet(self, packet: Packet) -> None:
-        if packet.comm_type is not CommType.TOPIC:  # nothing was asked (REP-I0006)
+        if packet.comm_type is not CommType.TOPIC:  # nobody waits for it (REP-I0006)
             return
         # What was read at once came at once: this process may be held up while it goes through it.
         came = self.state_link.last_received
@@ -279,6 +370,7 @@ class Driver:
             self.motion_link.follow(self.state_link.dialect)
             self._stop_first()
             self.io.follow(self.state_link.dialect)
+            self._heartbeat.ask()
         if isinstance(message, Status):
             self._take_status(message, came)
         elif isinstance(message, JointPosition):
@@ -304,7 +396,7 @@ class Driver:
         velocities: tuple[float, ...] | None = None,
         told: float | None = None,
     ) -> None:
-        """Take joints; of what cannot be true nothing is known but that, and it disables."""
+        """Process a joint state, or drop an implausible one and disable the arm."""
         now = self._now()
         try:
             sample = self.robot.on_joints(positions, came, velocities, told)
@@ -315,7 +407,7 @@ class Driver:
                 _log.warning('joint state dropped: %s', line)
             self.fault(f'the joint state cannot be true: {error}')
             return
-        self._joints_missing.heard()
+        self._joints_missing.heard(now)
         if sample is None:
             return
         self._events.on_joints(sample)
@@ -326,26 +418,35 @@ class Driver:
     def _take_status(self, status: Status, came: float) -> None:
         now = self._now()
         self.robot.on_status(status, came)
-        self._status_missing.heard()
+        self._status_missing.heard(now)
         if status.drives_powered == TriState.TRUE:
             self.gate.see_motors_on()
         self.stopper.see(now)
-        if (why := what_forbids_motion(status, self.robot.errors)) is not None:
-            self.fault(why, motors_off=only_motors_off(status))
+        if (found := status_inhibit(status, self.robot.errors)) is not None:
+            self.fault(found.text, motors_off=found.cause is Cause.MOTORS_OFF)
         else:
             self.goal_queue.on_status(now)
         self._events.on_status(status)
         self.changed.notify_all()
 
     def _on_motion_packet(self, packet: Packet) -> None:
-        """Take a topic, or a reply that nobody waits for: a late no is still a no."""
-        if packet.reply_code is ReplyCode.FAILURE:
+        """Process an unexpected reply: a late FAILURE withdraws the acknowledged point."""
+        if packet.reply_code is not ReplyCode.FAILURE:
+            return
+        timeout = self.configuration.client_timeout
+        if packet.msg_type == MessageType.PING and timeout:
+            self.fault(
+                'the controller stopped the arm, as it heard nothing from this driver for '
+                f'{timeout:g} s: the driver or the network was held up'
+            )
+        else:
             self.goal_queue.withdraw()
             self.servo.withdraw()
 
     def _on_state_link(self, state: LinkState, why: str) -> None:
         if state is not LinkState.CONNECTED:
             self.robot.clear()
+            self._heartbeat.forget()
             self._dialect_known = self.configuration.byte_order is not None
             self._feedback_leads = False
             self._positions_since_feedback = 0
@@ -385,17 +486,17 @@ class Driver:
     async def _watch_status(self) -> None:
         """Drop what is too old, and say so once a second while there is no status."""
         while True:
-            if await passed(self._status_missing):
-                self._status_missing.restart()
-                if self.robot.status is not None:
-                    self.robot.status = None
-                    self.fault(f'no STATUS for {STATUS_TIMEOUT_S:g} s')
-                self._events.on_status(Status())
+            await silent(self._status_missing)
+            if self.robot.status is not None:
+                self.robot.status = None
+                self.fault(f'no STATUS for {STATUS_TIMEOUT_S:g} s')
+            self._events.on_status(Status())
 
     async def _watch_joints(self) -> None:
         """Drop joints that are too old: the link may be up and the STATUS go on without them."""
         while True:
-            if await passed(self._joints_missing) and self.robot.sample is not None:
+            await silent(self._joints_missing)
+            if self.robot.sample is not None:
                 self.robot.sample = None
                 self.fault(f'no joint state for {self._joints_missing.patience:g} s')
 

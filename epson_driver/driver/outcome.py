@@ -5,6 +5,8 @@
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
+from epson_driver.driver.inhibit import Remedy
+
 
 class ErrorCode(IntEnum):
     """Result codes of control_msgs/action/FollowJointTrajectory."""
@@ -27,7 +29,7 @@ class End(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a goal ended, its result code, and a sentence that says why.
+    """How a goal ended, its result code, why, and what helps.
 
     `unexplained`: the controller did not say why, so far.
     """
@@ -36,16 +38,18 @@ class Outcome:
     code: ErrorCode
     text: str
     unexplained: bool = False
+    remedy: Remedy = Remedy.NONE
 
 
 class GoalRejectedError(ValueError):
-    """A goal that is not executed. `code` is its result code, the text names what is wrong."""
+    """A goal that is not executed: its result code, what is wrong as the text, and what helps."""
 
-    def __init__(self, code: ErrorCode, text: str) -> None:
+    def __init__(self, code: ErrorCode, text: str, remedy: Remedy = Remedy.NONE) -> None:
         super().__init__(text)
         self.code = code
+        self.remedy = remedy
 
     @property
     def outcome(self) -> Outcome:
         """The goal's end."""
-        return Outcome(End.ABORTED, self.code, str(self))
+        return Outcome(End.ABORTED, self.code, str(self), remedy=self.remedy)

@@ -96,7 +96,7 @@ CASES: dict[str, Case] = {
 
 
 def said(actions: tuple[Words, ...], *, spel: bool) -> tuple[Words, ...]:
-    """Return what a person says for these actions; `spel`: a SPEL+ program runs the controller."""
+    """Return what a person says for these actions, with `spel` of a SPEL+ program."""
     if not spel:
         return actions
     return tuple(

@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from epson_driver.cli import processes
-from epson_driver.cli.pendant_words import request
-from epson_driver.cli.processes import Ports, Process, RunError
-from epson_driver.exercise.witness import Witness
+from epson_driver.exercise.observer import Observer
 from epson_driver.motion import Array
+from epson_driver.pendant.commands import request
+from epson_driver.processes import processes
+from epson_driver.processes.command import module_command
+from epson_driver.processes.processes import Ports, Process, RunError
 from epson_driver.profiles import load_controller_profile
 from epson_driver.remote_ethernet.client import execute
 from epson_driver.robots import RobotModel, load_robot_model
@@ -40,7 +41,7 @@ class SimulatedCell:
         self.folder = folder
         self.trace = folder / TRACE
         self.environment = processes.ros_environment(domain)
-        self.witness = Witness(ports.remote, model, password)
+        self.observer = Observer(ports.remote, model, password)
         self._password = password
 
     def pendant(self, words: str) -> None:
@@ -53,14 +54,14 @@ class SimulatedCell:
         asyncio.run(execute('127.0.0.1', port, [command], limit, self._password))
 
     def fault(self, words: str) -> None:
-        """Begin a fault, as in `cut 2` or `lost_reply skip=4`; `clear` ends all."""
+        """Begin a fault, as in `cut 2` or `lost_reply skip=4`, or end all with `clear`."""
         self.pendant(f'fault {words}')
 
     def enable(self) -> None:
         """Enable the arm, as a person does. Raises RunError that says why it cannot be."""
-        command = [*processes.EXECUTABLE[:2], 'epson_driver.cli.call_trigger']
+        words = ('/epson_driver/enable', f'{READY_TIMEOUT_S:g}')
         asked = subprocess.run(  # noqa: S603 - our own
-            [*command, '/epson_driver/enable', f'{READY_TIMEOUT_S:g}'],
+            module_command('epson_driver.exercise.call_trigger', *words),
             env=self.environment,
             capture_output=True,
             text=True,
@@ -76,7 +77,7 @@ class SimulatedCell:
 
         Raises RunError if it has said nothing yet.
         """
-        _, positions = self.witness.seen
+        _, positions = self.observer.seen
         if not len(positions):
             raise RunError('the controller has not said yet where the joints are')
         return np.asarray(positions[-1])
@@ -92,7 +93,7 @@ def simulated_cell(
     parameters: Mapping[str, Any] | None = None,
     enabled: bool = True,
 ) -> Iterator[SimulatedCell]:
-    """Run a cell on free ports and in a free ROS domain; logs and trace go into a folder.
+    """Run a cell on free ports and in a free ROS domain, with logs and trace in a folder.
 
     `arguments` are further ones of sim_controller, `parameters` those of the driver, `__` for a
     dot. Raises RunError that says what did not start.
@@ -119,7 +120,7 @@ def simulated_cell(
         started.append(driver)
         password = load_controller_profile(controller).remote.password
         cell = SimulatedCell(ports, domain, folder, model, password)
-        if not cell.witness.wait_for_state(READY_TIMEOUT_S):
+        if not cell.observer.wait_for_state(READY_TIMEOUT_S):
             raise RunError(f'no answer at the remote port within {READY_TIMEOUT_S:g} s')
         if enabled:
             cell.enable()
@@ -127,6 +128,6 @@ def simulated_cell(
         yield cell
     finally:
         if cell is not None:
-            cell.witness.close()
+            cell.observer.close()
         for process in reversed(started):  # the driver first: it writes its trace to the end
             process.end()

@@ -54,7 +54,7 @@ class Exercise:
 
 
 def run_case(exercise: Exercise, case: Case, folder: Path, usual: Observed | None) -> Observed:
-    """Run the program once; logs and trace are left in the folder, which must be new.
+    """Run the program once, leaving logs and trace in the folder, which must be new.
 
     `usual`: its run without a fault, None if this is that one. Raises cell.RunError if controller
     or driver do not start.
@@ -116,7 +116,7 @@ def _watch(
     waiting.start()
     fault_began = 0.0 if case.early else None
     latest = deadline if usual is None or not case.early else began + usual.seconds
-    moved_at = cell.witness.wait_for_motion(latest, ended)
+    moved_at = cell.observer.wait_for_motion(latest, ended)
     if moved_at is not None and not case.early and case.name != NO_FAULT.name:
         ended.wait(max(moved_at + _delay(usual, chance) - time.monotonic(), 0.0))
         fault_began = time.monotonic() - began
@@ -131,7 +131,7 @@ def _watch(
     time.sleep(AFTERWARDS_S)  # a program that has ended may have left a goal behind
     _kill(program)
     waiting.join()
-    _, positions = cell.witness.seen
+    _, positions = cell.observer.seen
     return Observed(
         case=case.name,
         code=code,
@@ -140,7 +140,7 @@ def _watch(
         trajectories=0,
         end=np.asarray(positions[-1]) if len(positions) else None,
         moved=moved_at is not None or case.early,
-        moved_after_stop=cell.witness.moved_after_stop(),
+        moved_after_stop=cell.observer.moved_after_stop(),
         fault_began=fault_began,
         refused=refused,
     )
@@ -152,7 +152,7 @@ def _delay(usual: Observed | None, chance: random.Random) -> float:
 
 
 def _begin(cell: SimulatedCell, case: Case) -> str:
-    """Begin the fault; return why the controller does not take it, empty if it does."""
+    """Begin the fault and return why the controller does not take it, or '' if it does."""
     try:
         for words in case.begin:
             cell.pendant(words)
@@ -162,7 +162,7 @@ def _begin(cell: SimulatedCell, case: Case) -> str:
 
 
 def _help(cell: SimulatedCell, case: Case) -> None:
-    """Do what a person does; what the controller refuses (there is no error to reset) is so."""
+    """Do what a person does, whatever the controller refuses."""
     for words in case.person:
         with contextlib.suppress(RemoteError):
             cell.pendant(words)

@@ -7,7 +7,6 @@ Input that breaks a rule is refused with one sentence that names its place, the 
 """
 
 from epson_driver.inputs.files import read_file
-from epson_driver.inputs.near_names import near_name
 from epson_driver.inputs.rules import (
     FRAME_NAME,
     HOST,
@@ -17,11 +16,12 @@ from epson_driver.inputs.rules import (
     choice,
     count,
     list_of,
+    near_name,
     number,
     printable,
     shown,
 )
-from epson_driver.inputs.yaml_file import read_yaml
+from epson_driver.inputs.yaml_file import read_yaml, yaml_line
 
 __all__ = [
     'FRAME_NAME',
@@ -38,4 +38,5 @@ __all__ = [
     'read_file',
     'read_yaml',
     'shown',
+    'yaml_line',
 ]

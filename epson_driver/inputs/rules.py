@@ -6,8 +6,9 @@ import ipaddress
 import math
 import re
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from difflib import get_close_matches
 from reprlib import Repr
 from typing import Any
 
@@ -19,6 +20,24 @@ MAX_JOINT_NAME_CHARACTERS = 100
 
 MAX_HOST_CHARACTERS = 253
 """Characters of a host's name (RFC 1035)."""
+
+MIN_LIKENESS = 0.8
+"""How much two names must have in common, as difflib counts it: 1 is the same."""
+
+
+ADDRESS = re.compile('add?ress|host(name)?')
+"""Words for what our names call ip."""
+
+
+def near_name(name: str, known: Iterable[str]) -> str | None:
+    """Return the known name that is nearest to one, underscores and case aside, or None."""
+    plain = {_plain(each): each for each in known}
+    near = get_close_matches(_plain(name), plain, 1, MIN_LIKENESS)
+    return plain[near[0]] if near else None
+
+
+def _plain(name: str) -> str:
+    return ADDRESS.sub('ip', name.replace('_', '').replace('-', '').lower())
 
 
 class InputError(ValueError):
@@ -62,7 +81,7 @@ def shown(value: object) -> str:
 
 
 def printable(text: object) -> str:
-    """Return a text as one printable line; other characters are escaped."""
+    """Return a text as one printable line, with other characters escaped."""
     text = str(text)
     if text.isprintable():
         return text
@@ -90,7 +109,7 @@ class Rule:
 
 
 def number(low: float, high: float, unit: str = '') -> Rule:
-    """Return the rule for a finite number within bounds; true and false are not numbers."""
+    """Return the rule for a finite number within bounds, which excludes true and false."""
 
     def read(value: Any) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -103,7 +122,7 @@ def number(low: float, high: float, unit: str = '') -> Rule:
 
 
 def count(low: int, high: int) -> Rule:
-    """Return the rule for a whole number within bounds; true and false are not numbers."""
+    """Return the rule for a whole number within bounds, which excludes true and false."""
 
     def read(value: Any) -> int:
         if isinstance(value, bool) or not isinstance(value, int):

@@ -10,6 +10,7 @@ deep nesting.
 """
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +60,22 @@ def read_yaml(path: Path, *, largest: int = MEGABYTE, several: bool = False) -> 
         raise InputError(f'{file}: not YAML: {_sentence(error)}') from error
     except _WrongError as wrong:
         raise InputError(f'{file}: {wrong}') from None
+
+
+def yaml_line(path: Path, keys: Sequence[str]) -> int | None:
+    """Return the line, from 1, of a key that keys lead to in a file that `read_yaml` has read."""
+    try:
+        node: Any = yaml.compose(read_file(path, MEGABYTE).decode('utf-8-sig'), Loader=_Loader)
+    except (InputError, UnicodeDecodeError, yaml.YAMLError):  # it has changed meanwhile
+        return None
+    line = None
+    for key in keys:
+        pairs = node.value if isinstance(node, yaml.MappingNode) else ()
+        found = [(each, value) for each, value in pairs if each.value == key]
+        if not found:
+            return line
+        line, node = found[0][0].start_mark.line + 1, found[0][1]
+    return line
 
 
 class _WrongError(Exception):

@@ -10,7 +10,7 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from epson_driver.link.silence import READING_TURNS, Silence
+from epson_driver.link.receive_timeout import READING_TURNS, ReceiveTimeout
 from epson_driver.link.wire_events import WireEvent
 from epson_driver.simple_message import (
     ByteOrder,
@@ -42,9 +42,9 @@ class Receivers:
 
 
 class Connection(asyncio.BufferedProtocol):
-    """Make it in the event loop; nothing is read before `begin`.
+    """Make it in the event loop, without reading before `begin`.
 
-    `receive_timeout`: s of silence after which it ends (see Silence); None: never.
+    `receive_timeout`: s of silence after which it ends (see ReceiveTimeout); None: never.
     """
 
     transport: asyncio.Transport
@@ -58,7 +58,7 @@ class Connection(asyncio.BufferedProtocol):
         self._loop = asyncio.get_running_loop()
         self._receivers = receivers
         self._buffer = memoryview(bytearray(READ_SIZE_BYTES))
-        self._silence = None if receive_timeout is None else Silence(receive_timeout)
+        self._silence = None if receive_timeout is None else ReceiveTimeout(receive_timeout)
         self._timer: asyncio.Handle | None = None
         self._why: str | None = None
         self._behind = False
@@ -67,7 +67,8 @@ class Connection(asyncio.BufferedProtocol):
     def begin(self) -> None:
         """Receive from now on."""
         if self._silence is not None:
-            self._timer = self._loop.call_later(self._silence.slice, self._look, READING_TURNS)
+            self._silence.heard(self._loop.time())
+            self._look(READING_TURNS)
         self.transport.resume_reading()
 
     def end(self, why: str) -> None:
@@ -76,12 +77,12 @@ class Connection(asyncio.BufferedProtocol):
         self.transport.close()
 
     def close(self, why: str) -> None:
-        """End it as soon as what was sent is on its way; nothing more is handled."""
+        """End it as soon as what was sent is on its way, and handle nothing more."""
         self._why = why
         self.transport.close()
 
     def abort(self, why: str) -> None:
-        """End it now; what was not sent is lost."""
+        """End it now, and drop what was not sent."""
         self._finish(why)
         self.transport.abort()
 
@@ -132,7 +133,7 @@ class Connection(asyncio.BufferedProtocol):
         if self.transport.is_closing():
             return
         if self._silence is not None:
-            self._silence.heard()
+            self._silence.heard(self._loop.time())
         try:
             all_handled = self._handle_some()
         except Exception as error:  # noqa: BLE001 - `ended` raises it
@@ -147,7 +148,7 @@ class Connection(asyncio.BufferedProtocol):
             self.transport.resume_reading()
 
     def _handle_some(self) -> bool:
-        """Handle a turn's frames; return whether those were all."""
+        """Handle a turn's frames and return whether those were all."""
         next_packet, take = self.framer.next_packet, self._receivers.packet
         closing = self.transport.is_closing
         for _ in range(MAX_FRAMES_PER_TURN):
@@ -177,12 +178,15 @@ class Connection(asyncio.BufferedProtocol):
         silence = self._silence
         if silence is None or self.transport.is_closing():
             return
-        if turns and not silence.broken:
+        now = self._loop.time()
+        if (left := silence.left(now)) > 0.0:
+            self._timer = self._loop.call_later(left, self._look, READING_TURNS)
+        elif turns:
             self._timer = self._loop.call_soon(self._look, turns - 1)
-        elif silence.passed():
+        elif silence.passed(now):
             self.end(f'silent for {silence.patience:g} s')
         else:
-            self._timer = self._loop.call_later(silence.slice, self._look, READING_TURNS)
+            self._look(READING_TURNS)
 
     def _fail(self, error: Exception) -> None:
         if not self.ended.done():

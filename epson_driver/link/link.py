@@ -59,7 +59,7 @@ class Link:
     in the event loop: `on_packet` with every topic and every reply that nobody waits for,
     `on_state` after each change with the new state and a sentence that says why.
 
-    `receive_timeout` in s closes a connection that has been silent for longer (see Silence); None
+    `receive_timeout` in s closes a connection that has been silent for longer; None
     waits for ever (then only the keepalive notices a peer that vanished). `byte_order` None
     detects the peer's from its first bytes, anew for each connection. The attribute `dialect` is
     how requests are written; it follows what is received, and may be set. `trace` is called with
@@ -115,7 +115,7 @@ class Link:
 
     @property
     def addresses(self) -> tuple[Address, Address] | None:
-        """Our own and the controller's end of the connection; None while there is none."""
+        """Our own and the controller's end of the connection, or None while there is none."""
         if self._connection is None:
             return None
         transport = self._connection.transport
@@ -127,7 +127,7 @@ class Link:
 
     @property
     def transport(self) -> asyncio.Transport | None:
-        """The connection's transport; None while there is none."""
+        """The connection's transport, or None while there is none."""
         return None if self._connection is None else self._connection.transport
 
     @property
@@ -154,7 +154,7 @@ class Link:
             self._step(LinkEvent.CLOSE, 'closed')
 
     def post(self, message: Message, on_reply: Callable[[Packet, float], None]) -> PendingRequest:
-        """Send a request; `on_reply` gets its reply and the time (loop's, s), if it comes.
+        """Send a request, whose reply goes to `on_reply` with the loop's time, s.
 
         Returns what `give_up` takes. Raises ConnectionError if the link is not connected or the
         controller does not read, FieldError if a value does not fit.
@@ -173,7 +173,7 @@ class Link:
         return waiting
 
     def give_up(self, waiting: PendingRequest) -> None:
-        """Wait no longer for a reply; when it comes all the same, it answers nothing else."""
+        """Wait no longer for a reply, and let a late one answer nothing else."""
         self._pending.give_up(waiting)
 
     def tell(self, message: Message) -> None:
@@ -200,7 +200,7 @@ class Link:
             self.reconnect(f'what came was {came.name.lower()} endian, the state is {dialect}')
 
     def reconnect(self, why: str) -> None:
-        """Close the connection, if there is one, after what was sent; then connect again.
+        """Close the connection, if there is one, after what was sent, and connect again.
 
         Replies that were on their way are not received any more.
         """
@@ -312,7 +312,7 @@ class Link:
 
 
 def _configure(connection: socket.socket) -> None:
-    """No delay for small frames; a peer that vanished without a word is noticed in about 3 s.
+    """Send small frames without delay, and notice a peer that vanished in about 3 s.
 
     What the platform does not have is left out; a socket that died already says so when read.
     """

@@ -17,6 +17,9 @@ SHORT_S = 0.2
 
 MAX_SHORT = 3
 
+TURNED_AWAY = 'it serves one client and has one, or does not serve yet'
+"""What it means that a controller closes connections at once."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -65,11 +68,12 @@ class LinkReports:
             self._short = self._short + 1 if now - connected < SHORT_S else 0
         if self._short == MAX_SHORT and connected is not None:
             _log.warning(
-                '%s link: the controller closed %d connections at once (%s): probably it serves '
-                'one client, and has one; trying on, at least once a second',
+                '%s link: the controller closed %d connections at once (%s): %s; trying on, at '
+                'least once a second',
                 self._link.name,
                 MAX_SHORT,
                 why,
+                TURNED_AWAY,
             )
         elif self._short < MAX_SHORT and not self._missed:
             _log.warning(

@@ -109,7 +109,7 @@ class PendingReplies:
         self._waiting.append(waiting)
 
     def take(self, reply: Packet) -> PendingRequest | None:
-        """Remove and return the request that the reply answers; None if it answers none."""
+        """Remove and return the request that the reply answers, or None if it answers none."""
         found = self._find(reply)
         if found is not None:
             self._waiting.remove(found)
@@ -118,7 +118,7 @@ class PendingReplies:
         return found
 
     def give_up(self, waiting: PendingRequest) -> None:
-        """Forget one request; a late reply with its sequence answers no other one."""
+        """Forget one request, and let a late reply with its sequence answer no other one."""
         if waiting in self._waiting:
             self._waiting.remove(waiting)
             if waiting.sequence:
@@ -141,7 +141,7 @@ class PendingReplies:
 
 
 def sequence_of(message: Message) -> int | None:
-    """Return a message's sequence, or an I/O message's message_id; None if it has neither."""
+    """Return a message's sequence, or an I/O message's message_id, or None if it has neither."""
     sequence: int | None = getattr(message, 'sequence', None)
     if sequence is None:
         sequence = getattr(message, 'message_id', None)

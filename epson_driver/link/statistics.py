@@ -10,7 +10,7 @@ KEPT_LATENCIES = 512
 
 @dataclass
 class LinkStatistics:
-    """Counters since the link object was made; nothing here grows without bound."""
+    """Counters since the link object was made, bounded in memory."""
 
     connections: int = 0
     connected_since: float | None = None

@@ -35,6 +35,12 @@ _FROM_ENDS = {
 """From both ends to the coefficients of s⁰, s¹ …, by how many values the ends have."""
 
 
+_POWERS = np.arange(6)
+_FACTORS = np.array(
+    [np.ones(6), _POWERS, _POWERS * (_POWERS - 1), _POWERS * (_POWERS - 1) * (_POWERS - 2)]
+)
+"""Of a quintic's terms, by the order of the derivative."""
+
 _ORDERS = np.arange(3)[:, None]
 """Of the derivatives: position, velocity, acceleration."""
 
@@ -54,6 +60,15 @@ def hermite(begin: tuple[Array, ...], end: tuple[Array, ...]) -> Array:
     coefficients: Array = _FROM_ENDS[len(relative)] @ np.stack(relative, axis=-2)
     coefficients[..., 0, :] = begin[0]
     return coefficients
+
+
+def polynomial(coefficients: Array, s: Array, order: int = 0) -> Array:
+    """Return a polynomial of six coefficients, shape (6, n), or a derivative of it.
+
+    s: where, shape (m,). order: of the derivative, up to 3. The result has shape (m, n).
+    """
+    powers = s[:, None] ** np.maximum(_POWERS - order, 0)
+    return np.asarray((_FACTORS[order] * powers) @ coefficients)
 
 
 def cubic(s: Array, h: Array | float, begin: Ends, end: Ends) -> Array:
@@ -113,7 +128,7 @@ class Interpolation:
 
 
 def central_differences(times: Array, values: Array) -> Array:
-    """Return derivatives of values, shape (k, n), at times, shape (k,); 0 at both ends."""
+    """Return derivatives of values, shape (k, n), at times, shape (k,), 0 at both ends."""
     result = np.zeros_like(values)
     result[1:-1] = (values[2:] - values[:-2]) / (times[2:] - times[:-2])[:, None]
     return result

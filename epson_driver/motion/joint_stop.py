@@ -50,7 +50,7 @@ class JointStop:
 def stop_joints(
     limits: JointLimits, position: Array, velocity: Array, acceleration: Array
 ) -> JointStop:
-    """Return the stop of joints that move within the limits; shapes (n,)."""
+    """Return the stop of joints that move within the limits, in shapes (n,)."""
     states = zip(position, velocity, acceleration, strict=True)
     return JointStop([_stop(limits, joint, state) for joint, state in enumerate(states)])
 

@@ -3,11 +3,16 @@
 """The bounds that every commanded motion stays within (docs/invariants.md, 2)."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+
+ROUNDING = {'rad': 5e-5, 'm': 5e-6}
+"""How far beyond a limit an arm that rests at it may be said to be: its controller counts encoder
+pulses, and sends them as float32. The limits of the URDF are wider by as much (urdf/)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +53,20 @@ class JointLimits:
         for name, low, high in zip(self.names, self.position_min, self.position_max, strict=True):
             if low >= high:
                 raise ValueError(f'{name}: position range {low} … {high} is empty')
+
+    @cached_property
+    def rounding(self) -> Array:
+        """ROUNDING of each joint, shape (n,)."""
+        return np.array([ROUNDING[unit] for unit in self.units])
+
+    def settled(self, positions: Array) -> Array:
+        """Return positions, shape (…, n), with those on a limit that are ROUNDING beyond it."""
+        low, high = self.position_min, self.position_max
+        rows = positions.reshape(-1, positions.shape[-1])
+        if not rows.size or (np.all(rows.min(axis=0) >= low) and np.all(rows.max(axis=0) <= high)):
+            return positions  # as nearly always: a long goal is not copied
+        near = (positions >= low - self.rounding) & (positions <= high + self.rounding)
+        return np.where(near, np.clip(positions, low, high), positions)
 
     @property
     def rad_per_unit(self) -> Array:

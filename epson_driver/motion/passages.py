@@ -38,7 +38,7 @@ def passages(waypoints: Array, positions: Array) -> Indices:
 
 
 def passed(waypoints: Array, motion: Trajectory) -> tuple[Array, Array]:
-    """Return how far from each waypoint a motion passes, rad, and when, s; shapes (n,).
+    """Return how far from each waypoint a motion passes, rad, and when, s, in shapes (n,).
 
     Between two samples the motion is the cubic with their positions and velocities. Raises
     ValueError for a motion without velocities.
@@ -58,7 +58,7 @@ def passed(waypoints: Array, motion: Trajectory) -> tuple[Array, Array]:
 
 
 def _sparing_passages(waypoints: Array, positions: Array) -> Indices:
-    """Return passages; of long motions first among some of the samples, then near by."""
+    """Return passages, of long motions first among some of the samples, then near by."""
     stride = ceil(len(waypoints) * len(positions) / MAX_COMPARED_PAIRS)
     found = passages(waypoints, positions[::stride]) * stride
     if stride == 1:

@@ -21,7 +21,7 @@ MIN_MOVE = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pieces:
-    """A move as pieces of constant jerk, each until the next begins; the last one is the rest.
+    """A move as pieces of constant jerk, each until the next begins, the last one at rest.
 
     Arrays of shape (8,): when each begins (s), and the way, its derivatives and the jerk then.
     """

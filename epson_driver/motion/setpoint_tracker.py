@@ -66,7 +66,7 @@ def servo_limits(limits: JointLimits, share: float, stop_within: float) -> Joint
 
 
 def stopping_way(limits: JointLimits, velocity: Array) -> Array:
-    """Return how far joints go in a stop from velocities without acceleration, shape (n,)."""
+    """Return the braking distance of each joint without acceleration, shape (n,)."""
     speed = np.abs(velocity)
     a, j = limits.acceleration, limits.jerk
     time = np.where(speed <= a * a / j, 2.0 * np.sqrt(speed / j), speed / a + a / j)
@@ -113,7 +113,7 @@ class SetpointTracker:
         return self.time >= self.motion.duration
 
     def step(self, dt: float) -> State:
-        """Let `dt` ≥ 0 s pass; return the state then."""
+        """Let `dt` ≥ 0 s pass and return the state then."""
         self.time += dt
         return self.state
 
@@ -121,19 +121,19 @@ class SetpointTracker:
         self,
         positions: Array,
         velocities: Array | None = None,
-        speed: float = 1.0,
+        speed: float | Array = 1.0,
         lead: float = np.inf,
     ) -> bool:
         """Go to finite positions, shape (n,), which move on with `velocities` if there are any.
 
         Beyond the range, its end is meant. `speed`: the share (0, 1] of the velocity limits that
-        may be used. `lead`: how far ahead of the positions the velocities may put the aim, s: what
-        they would go in that time. Return whether a motion there was found; if not, the one so far
-        goes on.
+        may be used, of all joints or of each, shape (n,). `lead`: how far ahead of the positions
+        the velocities may put the aim, s: what they would go in that time. Return whether a motion
+        there was found; if not, the one so far goes on.
         """
         ahead = np.zeros_like(self._low)
+        fastest = self.limits.velocity * speed
         if velocities is not None:
-            fastest = self.limits.velocity * speed
             wanted = np.clip(velocities, -fastest, fastest)
             ahead = FEED_FORWARD * stopping_way(self.limits, wanted)
             if lead < np.inf:
@@ -142,12 +142,10 @@ class SetpointTracker:
         aim = np.clip(positions + ahead, self._low, self._high)
         if self.at_rest and float(np.abs(aim - self.motion.end).max()) < ROUNDING:
             return True
-        return self._replaced(
-            lambda joint, _stop: (float(aim[joint]), float(self.limits.velocity[joint]) * speed)
-        )
+        return self._replaced(lambda joint, _stop: (float(aim[joint]), float(fastest[joint])))
 
     def move(self, velocities: Array) -> bool:
-        """Move with finite velocities, shape (n,), up to the end of the range; as `follow`."""
+        """Move as `follow` does with finite velocities, shape (n,), up to the end of the range."""
         fastest = self.limits.velocity
         wanted = np.clip(velocities, -fastest, fastest)
         standing = np.abs(wanted) < MIN_SPEED_SHARE * fastest
@@ -174,7 +172,7 @@ class SetpointTracker:
         return self._take(stop)
 
     def _replaced(self, aim: Callable[[int, float], tuple[float, float] | None]) -> bool:
-        """Go where `aim` says for each joint; see there.
+        """Go where `aim` says for each joint.
 
         aim(joint, stop): the target and the greatest speed; None: stop. `stop` is where the
         fastest stop ends.

@@ -79,14 +79,22 @@ def smoothed(
     )
 
 
-def retimed(trajectory: Trajectory, limits: JointLimits) -> Trajectory:
+def retimed(trajectory: Trajectory, limits: JointLimits, longest: float = np.inf) -> Trajectory:
     """Return a trajectory's own points at the times of the time-optimal motion through them.
 
-    With the velocities there; points that repeat the one before are left out. The motion is that
-    on the spline: who follows these times knows no other path. Raises as `smoothed`.
+    With the velocities there; points that repeat the one before are left out. Where two are
+    farther apart than `longest` s, others of the motion are between them. It is that on the
+    spline: who follows these times knows no other path. Raises as `smoothed`.
     """
     motion = smoothed(trajectory, limits, Mode.TIME_OPTIMAL, refine=False)
     times, positions = _own_points(trajectory, motion)
+    parts = [max(ceil(gap / longest - 1e-9), 1) for gap in np.diff(times).tolist()]
+    if sum(parts) > len(parts):
+        own = np.cumsum([0, *parts])
+        times = np.interp(np.arange(own[-1] + 1), own, times)
+        between = _at(times, motion.times, motion.positions)
+        between[own] = positions
+        positions = between
     return Trajectory(limits.names, times, positions, _at(times, motion.times, motion.velocities))
 
 
@@ -159,7 +167,7 @@ def _off_line(positions: Array, first: Array, last: Array) -> float:
 
 
 def _own_points(trajectory: Trajectory, motion: Trajectory) -> tuple[Array, Array]:
-    """Return when a motion passes a trajectory's points, and these; without repeated ones."""
+    """Return when a motion passes a trajectory's points, and these without repeated ones."""
     positions = trajectory.in_order(motion.joint_names).positions
     apart = np.abs(np.diff(positions, axis=0)).max(axis=1) >= MERGE_TOLERANCE
     kept = np.concatenate([np.flatnonzero(apart), [len(positions) - 1]])  # the last of each run

@@ -29,7 +29,7 @@ _PER = {'positions': '', 'velocities': '/s', 'accelerations': '/s²'}
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """n points of m joints; times in s from the start, non-negative and strictly increasing.
+    """n points of m joints, at non-negative, strictly increasing times in s from the start.
 
     positions: shape (n, m), rad, of prismatic joints m. velocities, accelerations: the same shape,
     or None if the plan has none. times: shape (n,), s.

@@ -8,24 +8,38 @@ a message costs no more because somebody may look.
 
 import math
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from epson_driver.driver.driver import STATUS_TIMEOUT_S, Driver
-from epson_driver.driver.stopping.arm_gate import what_forbids_motion
+from epson_driver.driver.driver import Driver
+from epson_driver.driver.inhibit import Cause
 from epson_driver.error_texts import NO_ERROR
 from epson_driver.link import Link
-from epson_driver.simple_message import Status, TriState
+
+LEVELS = {
+    Cause.NO_STATE_LINK: DiagnosticStatus.STALE,
+    Cause.NO_JOINTS: DiagnosticStatus.STALE,
+    Cause.NO_STATUS: DiagnosticStatus.STALE,
+    Cause.NO_MOTION_LINK: DiagnosticStatus.ERROR,
+    Cause.STOP_FAILED: DiagnosticStatus.ERROR,
+    Cause.ESTOP: DiagnosticStatus.ERROR,
+    Cause.ERROR: DiagnosticStatus.ERROR,
+}
+"""Of what keeps the arm from moving; of all else WARN."""
 
 
 class Diagnostics:
-    """Builds the array once a second; rates are since the build before."""
+    """Builds the array once a second, with rates since the build before.
 
-    def __init__(self, driver: Driver, node_name: str) -> None:
+    `publishers` returns how many publishers a topic has.
+    """
+
+    def __init__(self, driver: Driver, node_name: str, publishers: Callable[[str], int]) -> None:
         self._driver = driver
+        self._publishers = publishers
         self._node_name = node_name
         self._before: dict[str, tuple[float, int]] = {}
         self._built: float | None = None
@@ -89,38 +103,22 @@ class Diagnostics:
             yield 'reply latency p99 [ms]', _milliseconds(latencies, 0.99)
 
     def _arm(self, now: float) -> DiagnosticStatus:
-        driver = self._driver
-        level, text = self._condition(now)
-        return self._status(
-            'arm', level, text, dict(self._arm_values(now)), driver.configuration.host
-        )
-
-    def _condition(self, now: float) -> tuple[bytes, str]:
-        """Return level and sentence: the first that holds. What is stale says nothing else."""
-        driver = self._driver
-        robot = driver.robot
-        if robot.sample is None:
-            return DiagnosticStatus.STALE, 'no joint state'
-        age = now - robot.sample.measured
-        if age >= driver.configuration.state_timeout:
-            return DiagnosticStatus.STALE, f'no joint state for {age:.1f} s'
-        if robot.status is None:
-            return DiagnosticStatus.STALE, 'no STATUS'
-        age = now - robot.status_time
-        if age >= STATUS_TIMEOUT_S:
-            return DiagnosticStatus.STALE, f'no STATUS for {age:.1f} s'
-        alarm = f'STOP did not work: {driver.stopper.alarm}; {driver.stopper.stands}'
-        if driver.stopper.alarm is not None and not driver.stopper.over:
-            return DiagnosticStatus.ERROR, alarm
-        if robot.status.error_code != NO_ERROR:
-            return DiagnosticStatus.ERROR, f'error {robot.errors.phrase(robot.status.error_code)}'
-        if _is_fault(robot.status):
-            return DiagnosticStatus.ERROR, what_forbids_motion(robot.status, robot.errors) or ''
-        if driver.stopper.alarm is not None:
-            return DiagnosticStatus.ERROR, alarm
-        if driver.gate.reason is not None:
-            return DiagnosticStatus.WARN, f'not enabled: {driver.gate.reason}'
-        return DiagnosticStatus.OK, 'enabled'
+        found = self._driver.inhibit(now)
+        values: dict[str, object] = {'cause': 'NONE', 'remedy': 'NONE', 'advice': ''}
+        level, text = DiagnosticStatus.OK, 'enabled'
+        if found is not None:
+            level, text = LEVELS.get(found.cause, DiagnosticStatus.WARN), found.text
+            values = {
+                'cause': found.cause.name,
+                'remedy': found.remedy.name,
+                'advice': found.advice,
+            }
+        robot = self._driver.robot
+        number = NO_ERROR if robot.status is None else robot.status.error_code
+        if number != NO_ERROR and level in (DiagnosticStatus.OK, DiagnosticStatus.WARN):
+            level, text = DiagnosticStatus.ERROR, f'{text}; error {robot.errors.phrase(number)}'
+        values |= dict(self._arm_values(now))
+        return self._status('arm', level, text, values, self._driver.configuration.host)
 
     def _arm_values(self, now: float) -> Iterator[tuple[str, object]]:
         driver = self._driver
@@ -134,9 +132,18 @@ class Diagnostics:
         servo = driver.servo
         yield 'stream followed', servo.mode or 'none'
         yield 'stream source', servo.source
+        for topic, seconds in servo.blocked(now).items():
+            yield (
+                f'stream to be let go of: {topic}',
+                (
+                    f'{seconds:.1f} s more without a setpoint that asks for motion; '
+                    f'publishers: {self._publishers(topic)}'
+                ),
+            )
         yield 'stream lag [ms]', f'{servo.lag * 1e3:.0f}'
         yield 'setpoints received', servo.counts.received
         yield 'setpoints late', servo.counts.late
+        yield 'setpoints left behind', servo.counts.left_behind
         yield 'setpoints clipped', servo.counts.clipped
         yield 'setpoints refused', servo.counts.refused
         yield 'goals without a smooth motion', driver.goal_queue.unsmoothed
@@ -155,7 +162,6 @@ class Diagnostics:
             text = robot.errors.get(number)
             if number != NO_ERROR and text is not None:
                 yield 'error', text.meaning
-                yield 'remedy', text.remedy
                 yield 'error text confirmed', text.confirmed
 
     def _intervals(self, now: float) -> Iterator[tuple[str, object]]:
@@ -182,11 +188,6 @@ class Diagnostics:
             hardware_id=hardware,
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
         )
-
-
-def _is_fault(status: Status) -> bool:
-    """Return whether somebody must mend something, rather than only switch the motors on."""
-    return TriState.TRUE in (status.e_stopped, status.in_error)
 
 
 def _milliseconds(sorted_seconds: Sequence[float], share: float) -> str:

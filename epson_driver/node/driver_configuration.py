@@ -8,7 +8,7 @@ from typing import Any
 
 from epson_driver.driver.configuration import Configuration, check_on_the_way
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
-from epson_driver.driver.goal.goal_settings import GoalSettings, cause_timeout
+from epson_driver.driver.goal.goal import GoalSettings, cause_timeout
 from epson_driver.driver.servo.setpoint import ServoSettings
 from epson_driver.driver.smoothing.smoothing import Smoothing
 from epson_driver.driver.state.joint_mapping import joint_mapping
@@ -67,6 +67,7 @@ def driver_configuration(
         ),
         usual_byte_order=profile.byte_order,
         motors=profile.program.motors,
+        client_timeout=profile.server.client_timeout,
         state_period=profile.state.period,
         margins=Margins(values['state_position_margin'], values['state_velocity_margin']),
         configured_as=f'{profile.name}, {model.name}',
@@ -76,7 +77,7 @@ def driver_configuration(
 
 
 def goal_settings(parameters: Mapping[str, Any], profile: ControllerProfile) -> GoalSettings:
-    """Return the settings of goal executions; the parameters among them may change any time."""
+    """Return the settings of goal executions, whose parameters may change at any time."""
     return GoalSettings(
         stopped_velocity=parameters['constraints.stopped_velocity_tolerance'],
         reply_timeout=parameters['reply_timeout'],
@@ -93,4 +94,5 @@ def servo_settings(parameters: Mapping[str, Any]) -> ServoSettings:
         start_tolerance=parameters['servo.start_tolerance'],
         reply_timeout=parameters['reply_timeout'],
         period=parameters['servo.period'],
+        catch_up=parameters['servo.catch_up'],
     )

@@ -20,11 +20,12 @@ from rclpy.node import Node
 
 from epson_driver.driver.goal.goal import Goal
 from epson_driver.driver.goal.goal_execution import GoalExecution
-from epson_driver.driver.goal.goal_plan import GoalPlan
 from epson_driver.driver.goal.goal_queue import GoalHandle, GoalQueue
+from epson_driver.driver.goal.planning_scope import PlanningScope
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.node.loop_bridge import REQUEST_QOS, DriverEndedError, LoopBridge
+from epson_driver.node.remedies import outcome_text
 
 CANCELED = Outcome(End.CANCELED, ErrorCode.SUCCESSFUL, 'canceled before it could start')
 
@@ -50,8 +51,8 @@ class ActionType:
 
     kind: Any
     name: str
-    prepare: Callable[[ServerGoalHandle, GoalPlan], Awaitable[Prepared]]
-    submit: Callable[[GoalHandle, GoalPlan], None]
+    prepare: Callable[[ServerGoalHandle, PlanningScope], Awaitable[Prepared]]
+    submit: Callable[[GoalHandle, PlanningScope], None]
     result: Callable[[Outcome], Any]
     result_timeout: int
 
@@ -60,7 +61,7 @@ class ActionType:
 class _Request:
     """A goal without a result. handle: None while it is being prepared."""
 
-    plan: GoalPlan
+    plan: PlanningScope
     handle: GoalHandle | None = None
 
 
@@ -103,7 +104,7 @@ class GoalAction:
     async def _execute(self, ros_handle: ServerGoalHandle) -> Any:
         """Hand a goal to the driver and wait for its outcome."""
         key = bytes(ros_handle.goal_id.uuid)
-        self._requests[key] = request = _Request(GoalPlan())
+        self._requests[key] = request = _Request(PlanningScope())
         try:
             outcome = await self._outcome(request, ros_handle)
         except GoalRejectedError as rejection:
@@ -135,7 +136,7 @@ class GoalAction:
             prepared.goal, partial(self._bridge.resolve, done), prepared.on_feedback
         )
         request.handle = handle
-        self._bridge.to_loop(self._action.submit, handle, request.plan)
+        self._bridge.hand_over(self._action.submit, handle, request.plan)
         if ros_handle.is_cancel_requested:
             self._bridge.to_loop(self._queue.cancel, handle)
         outcome: Outcome = await self._bridge.wait_for(done)
@@ -167,5 +168,5 @@ def log_outcome(logger: RcutilsLogger, outcome: Outcome) -> None:
 
 def outcome_line(outcome: Outcome) -> str:
     """Return how a goal ended as a line, which does not say twice that it was canceled."""
-    end, text = outcome.end.value, outcome.text
+    end, text = outcome.end.value, outcome_text(outcome)
     return f'goal {text}' if text.startswith(end) else f'goal {end}: {text}'

@@ -11,9 +11,7 @@ from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTolerance
 from rclpy.clock import Clock
 
-from epson_driver.driver.goal.goal import Goal
-from epson_driver.driver.goal.goal_checks import untimed
-from epson_driver.driver.goal.tolerances import Tolerances
+from epson_driver.driver.goal.goal import Goal, Tolerances, untimed
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.motion import JointLimits, Trajectory
 from epson_driver.node.trajectory_messages import (

@@ -23,8 +23,8 @@ from trajectory_msgs.msg import JointTrajectory
 from epson_driver.driver.arm_commands import ArmCommands, CommandError
 from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal_execution import GoalExecution
-from epson_driver.driver.goal.goal_plan import GoalPlan
 from epson_driver.driver.goal.goal_queue import GoalHandle
+from epson_driver.driver.goal.planning_scope import PlanningScope
 from epson_driver.driver.outcome import GoalRejectedError, Outcome
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks.task_group import report_task_error
@@ -32,9 +32,68 @@ from epson_driver.node import messages
 from epson_driver.node.goal_action import ActionType, GoalAction, Prepared, log_outcome
 from epson_driver.node.goal_requests import GoalRequests
 from epson_driver.node.loop_bridge import DriverEndedError, LoopBridge
-from epson_driver.node.point_streams import PointStreams
-from epson_driver.node.throttle import Throttle
+from epson_driver.node.remedies import error_text
 from epson_driver.node.trajectory_messages import duration_in_s
+
+MAX_GAP_S = 0.3
+"""Points of a stream follow one another within this time, s."""
+
+MIN_POINTS = 3
+"""How many in a row are a stream."""
+
+MAX_WINDOW_S = 0.5
+"""A trajectory that takes no longer may be the window of a stream, s."""
+
+WARNING = (
+    'single points or short windows come in a stream: here each is a goal of its own, which '
+    'replaces the one before when the arm has come to rest, or is refused where it begins too far '
+    'from the arm; send streams to ~/servo'
+)
+
+
+class PointStreams:
+    """Notices streams of single points and of windows that come where goals are expected.
+
+    Each is a goal like any other: it replaces the running one after the arm has come to rest. So a
+    stream of them makes the arm twitch and stop, and the points run away from it. One by itself
+    cannot be told from a goal, and when the next comes the arm is on its way; so they are not
+    followed, and whoever sends them is told so, once. Times are monotonic, s.
+    """
+
+    def __init__(self) -> None:
+        self._last = float('-inf')
+        self._count = 0
+
+    def noticed(self, points: int, duration: float, now: float) -> str | None:
+        """Take a trajectory with so many points that takes so long, s.
+
+        Return the sentence, once for each stream.
+        """
+        short = points == 1 or duration <= MAX_WINDOW_S
+        follows = short and now - self._last < MAX_GAP_S
+        self._count = self._count + 1 if follows else int(short)
+        if short:
+            self._last = now
+        return WARNING if self._count == MIN_POINTS else None
+
+
+class Throttle:
+    """Lets `rate` samples a second through, or all if there are fewer. Times are monotonic, s."""
+
+    def __init__(self) -> None:
+        self._next = 0.0
+
+    def passes(self, time: float, rate: float) -> bool:
+        """Return whether to pass on the sample of this time: the first one in each 1/`rate` s.
+
+        Periods follow each other whenever the samples come, so that the mean rate is right.
+        """
+        if time < self._next:
+            return False
+        following = self._next + 1.0 / rate
+        self._next = following if following > time else time + 1.0 / rate
+        return True
+
 
 RESULT_TIMEOUT_S = 60
 """How long a goal and its result are kept for whoever asks late, s: rclpy's own 15 minutes would
@@ -97,12 +156,12 @@ class GoalServer:
 
     # --- from ROS: these run in the executor's thread ---------------------------------------
 
-    async def _prepare(self, ros_handle: ServerGoalHandle, _plan: GoalPlan) -> Prepared:
+    async def _prepare(self, ros_handle: ServerGoalHandle, _plan: PlanningScope) -> Prepared:
         goal = self.requests.checked_goal(ros_handle.request)
         return Prepared(goal, partial(self._on_feedback, ros_handle))
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
-        """Execute a trajectory without an action client; one without points stops the arm."""
+        """Execute a trajectory without an action client, or stop the arm if it has no points."""
         try:
             self.take_trajectory(message)
         except GoalRejectedError as rejection:
@@ -122,7 +181,7 @@ class GoalServer:
             self._logger.warning(what)
         goal = self.requests.checked_goal(FollowJointTrajectory.Goal(trajectory=message))
         handle = GoalHandle(goal, self._log_outcome, partial(self._on_feedback, None))
-        self._bridge.to_loop(self._queue.submit, handle)
+        self._bridge.hand_over(self._queue.submit, handle)
 
     # --- from the driver: these run in the loop's thread ------------------------------------
 
@@ -134,7 +193,7 @@ class GoalServer:
             ros_handle.publish_feedback(messages.feedback(execution, sample, stamp))
 
     def publish_state(self, execution: GoalExecution, sample: JointSample) -> Time | None:
-        """Publish `~/controller_state` at `action_monitor_rate`; return its stamp, if due."""
+        """Publish `~/controller_state` at `action_monitor_rate` and return its stamp, if due."""
         if not self._feedback_throttle.passes(
             sample.time, self._parameters['action_monitor_rate']
         ):
@@ -151,7 +210,7 @@ class GoalServer:
         try:
             self._logger.info(f'empty trajectory: {await self._commands.stop()}')
         except CommandError as error:
-            self._logger.error(f'empty trajectory: {error}')
+            self._logger.error(f'empty trajectory: {error_text(error)}')
 
     def _log_outcome(self, outcome: Outcome) -> None:
         log_outcome(self._logger, outcome)

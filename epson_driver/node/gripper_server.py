@@ -27,7 +27,7 @@ NOT_WIRED = [-1, -1]
 
 
 def gripper_wiring(parameters: Mapping[str, Any]) -> GripperWiring | None:
-    """Return how the node's parameters say that the gripper is wired; None: there is none.
+    """Return how the node's parameters say that the gripper is wired, or None without one.
 
     Raises InputError, which names the parameters.
     """
@@ -92,7 +92,7 @@ class GripperServer:
         return GoalResponse.REJECT
 
     def _on_cancel(self, ros_handle: ServerGoalHandle) -> CancelResponse:
-        """Wait no more for it; nothing can stop the gripper on its way."""
+        """Wait no more for the gripper, which nothing can stop on its way."""
         try:
             self._bridge.to_loop(self._give_up, bytes(ros_handle.goal_id.uuid))
         except DriverEndedError:
@@ -120,7 +120,7 @@ class GripperServer:
         return self._result(state, opened)
 
     def _result(self, state: GripperState | None, opened: bool) -> GripperCommand.Result:
-        """Return the result; with no state nothing is known: its position is not a number."""
+        """Return the result, whose position is not a number if no state is known."""
         if state is None:
             return GripperCommand.Result(position=math.nan)
         reached = state.opened if opened else state.closed

@@ -9,6 +9,7 @@ whether what was asked for holds. The driver goes on serving.
 """
 
 import asyncio
+import contextlib
 import threading
 import traceback
 from collections.abc import Awaitable, Callable, Coroutine
@@ -37,6 +38,12 @@ rclpy's default of 10 an eleventh pushes out the first, which is never answered.
 rclpy's own parameter services. Not KEEP_ALL: that has no bound, and a client that does not take
 its answers could then block the thread that gives them, and ~/stop with it."""
 
+TURNS = 4
+"""So many turns of the executor in a row in which nothing is handed over: nothing waits there."""
+
+TAKEN_TIMEOUT_S = 0.5
+"""How long is waited for that, s: somebody may send all the time."""
+
 T = TypeVar('T')
 ServiceCallback = Callable[[Any, Any], Awaitable[Any]]
 """Takes a request and an empty response, both of the service's type; returns the response."""
@@ -64,6 +71,7 @@ class LoopBridge:
         self._lock = threading.Lock()
         self._futures: set[Future] = set()
         self._ended = False
+        self._handed_over = 0
         for service in node.services:  # rclpy's own
             service.callback = _answering(service, node.get_logger())
 
@@ -107,6 +115,11 @@ class LoopBridge:
         except RuntimeError as error:  # the loop is closed
             raise DriverEndedError from error
 
+    def hand_over(self, request: Callable[..., object], *arguments: object) -> None:
+        """Do the same with what may move the arm: `all_taken` waits for it."""
+        self._handed_over += 1
+        self.to_loop(request, *arguments)
+
     async def in_loop(self, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
         """Run a coroutine in the driver's loop and wait for it in rclpy's executor.
 
@@ -124,7 +137,7 @@ class LoopBridge:
         def begin() -> None:
             self._loop.create_task(run()).add_done_callback(finish)
 
-        self.to_loop(begin)
+        self.hand_over(begin)
         (value,) = await self.wait_for(done)
         answer: T = value
         return answer
@@ -139,7 +152,7 @@ class LoopBridge:
         return future
 
     def resolve(self, future: Future, value: object) -> None:
-        """Give a future its value, or an exception to raise. Once; later ones are ignored."""
+        """Give a future its value, or an exception to raise, ignoring all but the first."""
         with self._lock:
             if future not in self._futures:
                 return
@@ -148,11 +161,26 @@ class LoopBridge:
         self._node.executor.wake()
 
     async def wait_for(self, future: Future) -> Any:
-        """Wait for a future in rclpy's executor; return its value, or raise its exception."""
+        """Wait for a future in rclpy's executor and return its value, or raise its exception."""
         value = await future
         if isinstance(value, BaseException):
             raise value
         return value
+
+    async def all_taken(self) -> None:
+        """Wait, in the loop, until the executor has handed over what came to it before.
+
+        It takes one request of each action in a turn, reads it in the next, and newer tasks come
+        before older ones.
+        """
+        executor, turns = self._node.executor, 0
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(TAKEN_TIMEOUT_S):
+                while turns < TURNS:
+                    before, passed = self._handed_over, asyncio.Event()
+                    executor.create_task(self._loop.call_soon_threadsafe, passed.set)
+                    await passed.wait()
+                    turns = turns + 1 if before == self._handed_over else 0
 
     def end(self) -> None:
         """Give every future that still waits DriverEndedError: the loop has ended."""

@@ -15,6 +15,7 @@ from trajectory_msgs.msg import JointTrajectoryPoint
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.outcome import Outcome
 from epson_driver.driver.state.robot_state import JointSample
+from epson_driver.node.remedies import outcome_text
 from epson_driver.simple_message import Mode, Status
 
 
@@ -69,7 +70,8 @@ def robot_status(status: Status, stamp: Time) -> RobotStatus:
 
 def result(outcome: Outcome) -> FollowJointTrajectory.Result:
     """Return an outcome as an action result."""
-    return FollowJointTrajectory.Result(error_code=int(outcome.code), error_string=outcome.text)
+    text = outcome_text(outcome)
+    return FollowJointTrajectory.Result(error_code=int(outcome.code), error_string=text)
 
 
 def feedback(

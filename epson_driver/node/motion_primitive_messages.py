@@ -15,11 +15,12 @@ from control_msgs.action import ExecuteMotionPrimitiveSequence
 from control_msgs.msg import MotionArgument, MotionPrimitive, MotionPrimitiveSequence
 from geometry_msgs.msg import PoseStamped
 
-from epson_driver.driver.goal.goal_checks import check_limits
+from epson_driver.driver.goal.goal import check_limits
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError, Outcome
 from epson_driver.inputs import InputError, Rule, number, shown
 from epson_driver.motion import Array, JointLimits, Trajectory
-from epson_driver.robots.motion_sequence import Kind, Primitive
+from epson_driver.node.remedies import outcome_text
+from epson_driver.tool_motion.motion_sequence import Kind, Primitive
 
 MAX_PRIMITIVES = 256
 """The feedback's current_primitive_index is a uint8."""
@@ -42,7 +43,7 @@ _CODES = (ErrorCode.SUCCESSFUL, ErrorCode.INVALID_GOAL, ErrorCode.OLD_HEADER_TIM
 def primitives_from_message(
     message: MotionPrimitiveSequence, limits: JointLimits, frame: str
 ) -> list[Primitive]:
-    """Return the motions of a message; joints are in the order of `limits`, poses in `frame`.
+    """Return the motions of a message, with joints in the order of `limits`, poses in `frame`.
 
     Raises GoalRejectedError INVALID_GOAL.
     """
@@ -58,7 +59,8 @@ def primitives_from_message(
 def primitive_result(outcome: Outcome) -> ExecuteMotionPrimitiveSequence.Result:
     """Return an outcome as an action result, which has fewer codes than FollowJointTrajectory."""
     code = outcome.code if outcome.code in _CODES else ErrorCode.INVALID_GOAL
-    return ExecuteMotionPrimitiveSequence.Result(error_code=int(code), error_string=outcome.text)
+    text = outcome_text(outcome)
+    return ExecuteMotionPrimitiveSequence.Result(error_code=int(code), error_string=text)
 
 
 def _named(where: str, read: Callable[[], Primitive]) -> Primitive:
@@ -121,7 +123,7 @@ def _joints(values: Sequence[float], limits: JointLimits) -> Array:
             f'joint_positions has {len(values)} values: must have {len(limits.names)}, for '
             f'{", ".join(limits.names)}'
         )
-    positions = np.array(values, dtype=float)
+    positions = limits.settled(np.array(values, dtype=float))
     check_limits(Trajectory(limits.names, np.ones(1), positions[None, :]), limits)
     return positions
 

@@ -19,11 +19,11 @@ from rclpy.node import Node
 
 from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal_execution import GoalExecution
-from epson_driver.driver.goal.goal_plan import GoalPlan, PlanEndedError
 from epson_driver.driver.goal.goal_queue import FRESH_POSE_TIMEOUT_S, GoalHandle
+from epson_driver.driver.goal.planning_scope import PlanningEndedError, PlanningScope
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.driver.state.robot_state import JointSample
-from epson_driver.driver.tasks.fresh_moment import fresh_moment
+from epson_driver.driver.tasks.fresh_state import wait_for_fresh_state
 from epson_driver.motion import Array
 from epson_driver.node.goal_action import ActionType, GoalAction, Prepared
 from epson_driver.node.goal_server import RESULT_TIMEOUT_S, GoalServer
@@ -31,7 +31,7 @@ from epson_driver.node.loop_bridge import LoopBridge
 from epson_driver.node.motion_primitive_messages import primitive_result, primitives_from_message
 from epson_driver.robots import load_robot_model
 from epson_driver.robots.kinematics import Kinematics
-from epson_driver.robots.motion_sequence import (
+from epson_driver.tool_motion.motion_sequence import (
     PlannedSequence,
     Primitive,
     SequenceError,
@@ -110,7 +110,7 @@ class MotionPrimitives:
             raise ToolBusyError
         self._kinematics = Kinematics(self._model, pose)
 
-    async def _prepare(self, ros_handle: ServerGoalHandle, plan: GoalPlan) -> Prepared:
+    async def _prepare(self, ros_handle: ServerGoalHandle, plan: PlanningScope) -> Prepared:
         """Read and plan a sequence. Raises GoalRejectedError, DriverEndedError."""
         if self._parameters['timing'] == 'time_optimal':
             raise _invalid(RETIMED)
@@ -125,7 +125,7 @@ class MotionPrimitives:
 
     # --- in the loop's thread ---------------------------------------------------------------
 
-    async def _plan(self, primitives: list[Primitive], plan: GoalPlan) -> PlannedSequence:
+    async def _plan(self, primitives: list[Primitive], plan: PlanningScope) -> PlannedSequence:
         """Plan from where the arm stands, in a thread. Raises GoalRejectedError.
 
         At once if the goal is canceled, or anything else ends it, meanwhile.
@@ -134,7 +134,9 @@ class MotionPrimitives:
         if not self._queue.idle:
             raise _invalid(BUSY)
         robot = self._driver.robot
-        now = await fresh_moment(robot.why_not_ready, self._driver.changed, FRESH_POSE_TIMEOUT_S)
+        now = await wait_for_fresh_state(
+            robot.why_not_ready, self._driver.changed, FRESH_POSE_TIMEOUT_S
+        )
         sample = self._queue.check_ready(now)
         try:
             return await plan.in_thread(
@@ -146,10 +148,10 @@ class MotionPrimitives:
                     given_up=given_up,
                 )
             )
-        except (SequenceError, PlanEndedError) as error:
+        except (SequenceError, PlanningEndedError) as error:
             raise _invalid(str(error)) from error
 
-    def _submit(self, handle: GoalHandle, plan: GoalPlan) -> None:
+    def _submit(self, handle: GoalHandle, plan: PlanningScope) -> None:
         """Execute a planned sequence, unless it was ended, or another goal came, meanwhile."""
         if plan.why is not None:
             handle.on_end(_invalid(plan.why).outcome)

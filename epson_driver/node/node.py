@@ -38,6 +38,7 @@ from epson_driver.node.gripper_server import GripperServer, gripper_wiring
 from epson_driver.node.io_interface import IoInterface
 from epson_driver.node.loop_bridge import DriverEndedError, LoopBridge
 from epson_driver.node.motion_primitives import MotionPrimitives
+from epson_driver.node.remedies import error_text
 from epson_driver.node.ros_log import context_of
 from epson_driver.node.ros_time import RosTimeStamps
 from epson_driver.node.servo_interface import ServoInterface
@@ -45,6 +46,7 @@ from epson_driver.node.speed_scaling import SpeedScalingInterface
 from epson_driver.node.tool_interface import ToolInterface
 from epson_driver.node.tracing import Tracing
 from epson_driver.profiles import load_controller_profile
+from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import Status
 from epson_driver.trace import TraceError
 
@@ -69,7 +71,8 @@ class ClientNode:
         self._loop = asyncio.get_running_loop()
         self._context = context_of(node.get_logger())
         self._parameters = parameters.declare(node)
-        for sentence in parameters.undeclared(node):
+        model = load_robot_model(self._parameters['robot_model'])
+        for sentence in (*parameters.undeclared(node), *model.cautions):
             node.get_logger().warning(sentence)
         self._profile = load_controller_profile(self._parameters['controller'])
         self.driver = Driver(
@@ -80,7 +83,7 @@ class ClientNode:
         self._apply_settings()
         self._tracing = self._context.run(Tracing, self.driver.trace, self._parameters)
         self._bridge = LoopBridge(node, self._context, self.driver.fault)
-        self.commands = ArmCommands(self.driver)
+        self.commands = ArmCommands(self.driver, self._bridge.all_taken)
         """What `~/stop`, `~/enable`, `~/disable` and `~/reset_error` do."""
         self._joint_state = messages.JointStateWriter(
             self.driver.configuration.limits.names, self._parameters['frame_id']
@@ -88,7 +91,6 @@ class ClientNode:
         self._status = messages.RobotStatusWriter()
         self._clock = node.get_clock()
         self._stamps = RosTimeStamps(self._clock, self._loop.time)
-        self._diagnostics = Diagnostics(self.driver, node.get_fully_qualified_name().lstrip('/'))
         self._make_publishers()
         group = ReentrantCallbackGroup()
         self._make_services(group)
@@ -116,6 +118,9 @@ class ClientNode:
             self._bridge,
             self.goal_server.take_trajectory,
             group,
+        )
+        self._diagnostics = Diagnostics(
+            self.driver, node.get_fully_qualified_name().lstrip('/'), self._servo.publishers
         )
         node.add_on_set_parameters_callback(self._on_set_parameters)
         self.on_link_state(self.driver.state_link.state.value, 'starting')
@@ -190,7 +195,7 @@ class ClientNode:
                 response.message = await self._bridge.in_loop(command)
                 response.success = True
             except CommandError as error:
-                response.message = str(error)
+                response.message = error_text(error)
                 response.success = False
             self._node.get_logger().info(f'~/{name}: {response.message}')
             return response
@@ -207,7 +212,7 @@ class ClientNode:
         return SetParametersResult(successful=not why, reason=why)
 
     def _set_parameters(self, changes: list[Parameter]) -> str:
-        """Apply changes; return why they cannot be. Raises TraceError, DriverEndedError.
+        """Apply changes and return why they cannot be. Raises TraceError, DriverEndedError.
 
         Ranges and read-only flags were checked by rclpy from the descriptors.
         """

@@ -51,7 +51,7 @@ POINT_PAIR = Rule(_pair, 'must be two whole numbers from -1 on')
 
 @dataclass(frozen=True)
 class Row:
-    """One parameter. `choices` or `low`…`high` limit its value; `now` lets it change any time."""
+    """One parameter, limited by `choices` or `low`…`high`, with `now` changeable at any time."""
 
     name: str
     default: Any
@@ -235,8 +235,8 @@ TABLE = (
     Row(
         'reply_timeout',
         5.0,
-        'Patience for the reply to a point while the arm does not move, beyond the planned '
-        'duration of the point [s].',
+        'Patience for the reply to a point while the arm does not move, beyond the time that the '
+        'plan takes to that point [s].',
         0.1,
         600.0,
         now=True,
@@ -297,11 +297,19 @@ TABLE = (
         now=True,
     ),
     Row(
+        'servo.catch_up',
+        1.5,
+        'How many times as fast as a stream of positions goes itself the arm may follow when it '
+        'is behind, each joint, within `servo.scale` [1].',
+        1.0,
+        100.0,
+        now=True,
+    ),
+    Row(
         'servo.period',
         0.02,
         'Time between two points at least that a stream of setpoints becomes. A controller that '
-        'takes long for each point follows better if there are fewer; one that follows setpoints '
-        'as such gets each [s].',
+        'takes long for each point follows better if there are fewer [s].',
         0.02,
         0.2,
         now=True,
@@ -471,7 +479,7 @@ def undeclared(node: Node) -> Iterator[str]:
 
 
 def rejection(changes: Iterable[Parameter]) -> str:
-    """Return why rclpy parameters cannot have these values; '' if they can.
+    """Return why rclpy parameters cannot have these values, or '' if they can.
 
     Ranges, types and read-only flags are rclpy's business: it has them from the descriptors.
     """

@@ -32,7 +32,7 @@ class RosLogHandler(logging.Handler):
         self._logger = logger
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write one record; one that cannot be written goes to stderr, with the reason."""
+        """Write one record, or to stderr one that cannot be written, with the reason."""
         try:
             self._write(_LOGGER.get(self._logger), self.format(record), record)
         except Exception:  # noqa: BLE001 - as every handler of `logging` does it

@@ -27,7 +27,7 @@ MAX_POINTS = 500
 
 
 class SetpointError(ValueError):
-    """A message that is no setpoint; the text says why."""
+    """A message that is no setpoint, with the reason as its text."""
 
 
 def from_trajectory(
@@ -94,7 +94,7 @@ def from_jog(message: JointJog, names: Sequence[str], source: str) -> Setpoint:
 
 
 def _window(message: JointTrajectory, names: Sequence[str], first: float) -> Window | None:
-    """Return the points that are to come, and the one before; None if there are not two.
+    """Return the points that are to come, and the one before, or None if there are not two.
 
     `first`: when time_from_start began, s from now. Velocities that not all of them have do not
     count. Raises SetpointError.
@@ -134,7 +134,7 @@ def _setpoint(
 def _values(
     field: str, values: Sequence[float], given: Sequence[str], names: Sequence[str]
 ) -> Array | None:
-    """Return values in the order of `names`; None if there are none."""
+    """Return values in the order of `names`, or None if there are none."""
     _check_names(given, names, complete=True)
     if not len(values):
         return None

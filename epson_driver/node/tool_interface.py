@@ -23,7 +23,7 @@ from epson_driver.motion import Array
 from epson_driver.node.loop_bridge import LoopBridge
 from epson_driver.node.motion_primitives import MotionPrimitives, ToolBusyError
 from epson_driver.robots import RobotModel, load_robot_model
-from epson_driver.robots.tool_pose import (
+from epson_driver.tool_motion.tool_pose import (
     check_tool_distance,
     finite_numbers,
     pose_of_quaternion,
@@ -92,7 +92,7 @@ def checked_payload(model: RobotModel, payload: float) -> float:
 def links(model: RobotModel) -> set[str]:
     """Return the frames of an arm without their prefix, and the one that it stands in."""
     numbered = (f'link_{index}' for index, _ in enumerate(model.joint_names, 1))
-    return {'world', BASE, 'base', *numbered, 'flange', FLANGE}
+    return {'world', BASE, 'base_link_inertia', 'base', *numbered, 'flange', FLANGE}
 
 
 def link_prefix(frame_id: str) -> str:

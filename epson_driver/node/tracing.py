@@ -21,7 +21,7 @@ class Tracing:
     """Begins and ends traces. Make it in the driver's event loop."""
 
     def __init__(self, trace: Trace, values: Mapping[str, Any]) -> None:
-        """Begin the trace that the parameters ask for; that it cannot begin stops nothing."""
+        """Begin the trace that the parameters ask for, if it can begin."""
         self._trace = trace
         self._folder: str = values['trace_folder']
         self._loop = asyncio.get_running_loop()

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Trajectories, tolerances and durations, read from ROS messages; trajectories, written as one."""
+"""Trajectories, tolerances and durations from ROS messages, and trajectories as messages."""
 
 from collections.abc import Iterable, Sequence
 from operator import attrgetter
@@ -10,7 +10,7 @@ from builtin_interfaces.msg import Duration, Time
 from control_msgs.msg import JointTolerance
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from epson_driver.driver.goal.tolerances import Tolerances
+from epson_driver.driver.goal.goal import Tolerances
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.motion import Array, Trajectory
 
@@ -53,7 +53,7 @@ def trajectory_from_message(message: JointTrajectory, joint_names: Sequence[str]
 def _optional_table(
     points: Sequence[JointTrajectoryPoint], quantity: str, names: Sequence[str]
 ) -> Array | None:
-    """Return None if no point has the quantity; one point that has it obliges the others."""
+    """Return a quantity that all points have, or None if none has it."""
     if not any(map(attrgetter(quantity), points)):
         return None
     return _table(points, quantity, names)

@@ -5,3 +5,15 @@
 It uses the driver as any other program does: topics, services and the action. Its page is served
 by viser (`[panel]` extra), behind rules of its own about who is let in (`access.py`).
 """
+
+from importlib.util import find_spec
+
+INSTALL = (
+    "the panel needs viser: pip install 'epson_driver[panel]' (in the source tree: "
+    'make demo ARGS=--panel)'
+)
+
+
+def missing() -> bool:
+    """Return whether the extra is not installed."""
+    return find_spec('viser') is None

@@ -58,7 +58,7 @@ def bracketed(address: str) -> str:
 
 @dataclass(frozen=True)
 class Access:
-    """The rules for one panel. `names`: see `own_names`; `token` None: none is needed."""
+    """The rules for one panel, with `names` as in `own_names`, and a token unless None."""
 
     port: int
     names: frozenset[str]
@@ -67,7 +67,7 @@ class Access:
     def rejection(
         self, path: str, headers: Mapping[str, str], arrived_at: str
     ) -> Rejection | None:
-        """Return why a request is not let in; None if it is.
+        """Return why a request is not let in, or None if it is.
 
         `headers` with lower-case names, each value once; `arrived_at`: the address of this machine
         at which the connection arrived.

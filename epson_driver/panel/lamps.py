@@ -5,14 +5,27 @@
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
+from epson_driver.driver.inhibit import Cause, Remedy, with_remedy
 from epson_driver.panel.robot_state import RobotState, Tri
 
 GOOD, WARN, BAD, OFF, UNKNOWN = COLOURS = ('good', 'warn', 'bad', 'off', 'unknown')
 """Of lamps. OFF: known, and nothing to look at; UNKNOWN: grey, as it may be anything."""
 
 
-STOP_FAILED = 'STOP did not work'
-"""So the driver's sentence begins when a STOP was not followed by rest."""
+WORDS = {
+    Remedy.CONNECT: 'check that it runs, the cable and robot_ip; the driver connects by itself, '
+    'then press Enable',
+    Remedy.CHECK_STATE_SERVER: 'wait, or check the controller',
+    Remedy.RELEASE_ESTOP: 'release the E-stop, then Reset error, then Enable',
+    Remedy.RESET: 'Reset error, then Enable',
+    Remedy.TURN_TO_AUTO: 'turn it to AUTO, then press Enable',
+    Remedy.ENABLE: 'press Enable',
+    Remedy.CONTINUE: 'Continue at the pendant',
+}
+"""What helps, as it is called on the page."""
+
+CALM = (Cause.MANUAL_MODE, Cause.NOT_ENABLED, Cause.MOTORS_OFF, Cause.PAUSED)
+"""Causes that are no fault. What a simulated controller says of itself is more than they say."""
 
 NO_ESTOP = 'not active'
 NO_PROGRAM = ('stopped', 'aborted')
@@ -28,7 +41,7 @@ class Lamp(NamedTuple):
 
 
 class Advice(NamedTuple):
-    """Why the arm would not move now, and what to do about it; `colour` as of a lamp."""
+    """Why the arm would not move now, and what to do about it, in a lamp's colour."""
 
     reason: str
     remedy: str
@@ -76,7 +89,7 @@ def _of_status(state: RobotState) -> Iterator[Lamp]:
 
 
 def _door(state: RobotState, now: float) -> Lamp:
-    """Return the door's lamp. robot_status does not have it; the simulated controller tells."""
+    """Return the door's lamp, which the simulated controller tells, not robot_status."""
     if state.simulation is None or not state.fresh('simulation', now):
         return Lamp('Door', 'not reported', UNKNOWN)
     door = state.simulation.condition.get('door', '')
@@ -93,58 +106,35 @@ def advice(state: RobotState, now: float) -> Advice:
         return Advice(
             'the driver does not report', 'start it, or look whether it still runs', UNKNOWN
         )
+    found = state.inhibit
     condition = _condition(state, now)
-    if state.arm_text.startswith(STOP_FAILED):
-        return Advice(state.arm_text, 'keep away, press the E-stop, and see why', BAD)
-    if state.link != 'connected':
-        return _ended(condition) or Advice(
-            f'no link to the controller ({state.link.replace("_", " ") or "not yet"})',
-            'check that it runs, the cable and robot_ip; the driver connects by itself, then '
-            'press Enable',
-            BAD,
-        )
-    if not state.fresh('joints', now) or not state.fresh('status', now):
-        return Advice(
-            state.arm_text or 'the controller is silent', 'wait, or check the controller', BAD
-        )
-    status, error = state.status, _error(state)
-    if status.e_stopped is Tri.YES:
-        return Advice(
-            'the E-stop is pressed, or not reset yet' + (f' ({error})' if error else ''),
-            'release the E-stop, then Reset error, then Enable',
-            BAD,
-        )
-    if status.in_error is Tri.YES or status.error_codes:
-        return Advice(
-            error or 'the controller reports an error',
-            state.remedy or 'Reset error, then Enable',
-            BAD,
-        )
-    told = _ended(condition) or _held(condition)
-    if told is not None:
-        return told
-    if status.mode == 'MANUAL' and status.motion_possible is not Tri.YES:
-        return Advice('the key switch is at MANUAL', 'turn it to AUTO, then press Enable', WARN)
-    if state.gate_open is False:
-        reason = state.gate_reason
-        text = reason if reason.startswith('not enabled') else f'not enabled: {reason}'
-        return Advice(text, 'press Enable', WARN)
-    if status.motion_possible is Tri.NO:
-        return Advice('the controller would not move now', 'see its pendant', WARN)
-    if state.goal_running:
-        return Advice('a goal is being executed', '', GOOD)
-    return Advice('ready for a goal', '', GOOD)
+    if found is None or found.cause in CALM:
+        if not state.fresh('joints', now) or not state.fresh('status', now):
+            remedy = WORDS[Remedy.CHECK_STATE_SERVER]
+            return Advice('the controller is silent', remedy, BAD)
+        simulated = _ended(condition) or _held(condition)
+    elif found.remedy is Remedy.CONNECT:
+        simulated = _ended(condition)
+    else:
+        simulated = None
+    if simulated is not None:
+        return simulated
+    if found is not None:
+        colour = WARN if found.cause in CALM else BAD
+        return Advice(found.text, with_remedy(found.advice, found.remedy, WORDS), colour)
+    doing = 'a goal is being executed' if state.goal_running else 'ready for a goal'
+    return Advice(doing, '', GOOD)
 
 
 def _condition(state: RobotState, now: float) -> Mapping[str, str]:
-    """Return what the simulated controller says of itself; of any other, nothing."""
+    """Return what a simulated controller says of itself, nothing for any other."""
     if state.simulation is None or not state.fresh('simulation', now):
         return {}
     return state.simulation.condition
 
 
 def _ended(condition: Mapping[str, str]) -> Advice | None:
-    """Return why a simulated controller's program does not run; its ports may be closed then."""
+    """Return why a simulated controller's program does not run."""
     estop, tasks = condition.get('estop', NO_ESTOP), condition.get('tasks', '')
     if estop != NO_ESTOP:
         first = 'release the E-stop, then ' if estop == 'pressed' else ''
@@ -165,10 +155,3 @@ def _held(condition: Mapping[str, str]) -> Advice | None:
     if condition.get('tasks') == 'paused':
         return Advice('the controller is paused', 'Continue at the pendant', WARN)
     return None
-
-
-def _error(state: RobotState) -> str:
-    codes = ', '.join(str(code) for code in state.status.error_codes)
-    if not codes:
-        return ''
-    return f'error {codes}: {state.error_text}' if state.error_text else f'error {codes}'

@@ -19,14 +19,40 @@ that it does even when the panel has ended or the line is cut."""
 
 SHOWN_EVENTS = 14
 
+ALIVE_PATH = '/alive'
+ALIVE_PERIOD_S = 0.3
+"""Of the signs of life of a page that can be seen, s."""
+
+
+def alive_html(window: str) -> str:
+    """Return what has a page give signs of life, as the window with this secret.
+
+    A script of the page itself: whatever freezes, hides or cuts off the page ends them.
+    """
+    script = (
+        f"function alive(){{if(!document.hidden)fetch('{ALIVE_PATH}?{window}')"
+        '.catch(function(){})}alive();clearInterval(window.edAlive);'
+        f'window.edAlive=setInterval(alive,{ALIVE_PERIOD_S * 1e3:.0f})'
+    )
+    return f'<img alt="" src="data:," style="display:none" onerror="{script}">'
+
+
 STYLE = f"""<style>
 .ed{{font-size:12px;line-height:1.35;color:#212529;margin:2px 10px}}
 .ed b{{font-weight:600}}
 .ed-live{{animation:ed-stale 0s linear {STALE_AFTER_S}s forwards}}
 @keyframes ed-stale{{to{{filter:grayscale(1) opacity(.4)}}}}
-.ed-gone{{display:block;max-height:0;overflow:hidden;color:#c92a2a;font-weight:600;
-animation:ed-show 0s linear {STALE_AFTER_S}s forwards}}
-@keyframes ed-show{{to{{max-height:4em}}}}
+.ed-gone{{position:fixed;inset:0;z-index:100000;visibility:hidden;display:flex;align-items:center;
+justify-content:center;text-align:center;padding:5vw;background:#ffffff99;
+backdrop-filter:grayscale(1);animation:ed-show 0s linear {STALE_AFTER_S}s forwards}}
+@keyframes ed-show{{to{{visibility:visible}}}}
+.ed-gone span,.ed-alarm{{background:#c92a2a;color:#fff;border-radius:8px;padding:14px 18px;
+font-size:22px;font-weight:700;line-height:1.3}}
+.ed-alarm{{position:fixed;top:12px;left:50%;transform:translateX(-50%);z-index:99999;width:80vw;
+max-width:720px;text-align:center;box-shadow:0 4px 24px #0006}}
+*:has(>*>.ed-stop)+*,*:has(>.ed-stop)+*{{position:sticky;top:0;z-index:50;background:#fff;
+padding-top:6px}}
+*:has(>*>.ed-stop)+* button,*:has(>.ed-stop)+* button{{min-height:72px;font-size:26px}}
 .ed-grid{{display:grid;grid-template-columns:1fr 1fr;gap:5px}}
 .ed-lamp{{display:flex;align-items:center;gap:8px;background:#f4f6f8;border:1px solid #e3e7eb;
 border-radius:7px;padding:4px 8px;min-width:0}}
@@ -88,9 +114,22 @@ def lamps_html(
         f'<div class="ed-advice ed-{advice.colour}" data-part="advice">'
         f'<b>{escape(advice.reason)}</b>{remedy}</div>'
         f'<div class="ed-age">{shown}</div></div>'
-        f'<div class="ed"><span class="ed-gone">No news from the panel for {STALE_AFTER_S} s: '
-        'what is shown may be wrong.</span></div>'
+        '<div class="ed-gone" role="alert"><span>'
+        f'No news from the panel for {STALE_AFTER_S} s: what is shown may be wrong, and STOP does '
+        'not work. Press the E-stop.</span></div>'
     )
+
+
+STOP_HTML = '<span class="ed-stop"></span>'
+"""Before the button that is always in view, and large."""
+
+
+def alarms_html(alarms: Sequence[str]) -> str:
+    """Return what became of a STOP that was not carried out, so that nobody overlooks it."""
+    if not alarms:
+        return ''
+    lines = '<br>'.join(escape(alarm) for alarm in alarms)
+    return f'<div class="ed-alarm" role="alert" data-part="alarm">{lines}</div>'
 
 
 def _age(age: float | None) -> str:
@@ -143,7 +182,7 @@ MAX_POINTS = 32
 
 
 def io_html(ranges: Sequence[IoRange], reason: str) -> str:
-    """Return all points as small boxes, those that are on in green; or why they are not known."""
+    """Return all points as small boxes, green if on, or why they are not known."""
     if reason:
         return f'<div class="ed" data-part="io">{escape(reason)}</div>'
     parts = []

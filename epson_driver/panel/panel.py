@@ -5,6 +5,7 @@
 import contextlib
 import logging
 import queue
+import secrets
 import threading
 import time
 from collections.abc import Iterator, Mapping
@@ -14,10 +15,11 @@ import numpy as np
 import viser
 
 from epson_driver.motion import Trajectory
+from epson_driver.panel import page_html
 from epson_driver.panel.plots import PERIOD_S as HISTORY_PERIOD_S
 from epson_driver.panel.robot_control import RobotControl
-from epson_driver.panel.robot_page import BrowserControls, RobotPage
-from epson_driver.panel.ros_side import RosSide
+from epson_driver.panel.robot_page import BrowserControls, RobotPage, attempt
+from epson_driver.panel.ros_discovery import RosDiscovery
 from epson_driver.panel.sim_pendant import PendantThread
 from epson_driver.panel.web_server import WebServer
 
@@ -32,6 +34,9 @@ BEAT_PERIOD_S = 1.0
 IDLE_PERIOD_S = 0.2
 """Of the loop while no browser is connected, s."""
 
+STOP = 'STOP (Esc)'
+"""Not the space bar, which also presses the button that has the focus."""
+
 BETWEEN_ROBOTS_M = 0.9
 
 LOOK_AT_M = np.array([0.1, 0.0, 0.33])
@@ -42,7 +47,7 @@ _log = logging.getLogger(__name__)
 
 
 class Panel:
-    """All of it. `run` in one thread; `stop` and `fail` in any.
+    """The whole panel, run in one thread, stopped or failed in any.
 
     `names`: of the drivers' nodes; None: all that are found. Raises WebServerError, and what
     rclpy.init raises.
@@ -66,9 +71,11 @@ class Panel:
         self._pages: dict[str, RobotPage] = {}
         self._browsers: dict[int, tuple[viser.ClientHandle, dict[str, BrowserControls]]] = {}
         self._news: queue.SimpleQueue[tuple[bool, viser.ClientHandle]] = queue.SimpleQueue()
-        self.web = WebServer(host, port, token)
+        self._windows: dict[str, int] = {}
+        """The browser of each window, by a secret that its page knows."""
+        self.web = WebServer(host, port, token, self._on_alive)
         try:
-            self.ros = RosSide(ros_arguments, names, self.fail)
+            self.ros = RosDiscovery(ros_arguments, names, self.fail)
         except BaseException:
             self.web.stop()
             raise
@@ -89,7 +96,7 @@ class Panel:
         self._ended.set()
 
     def run(self) -> int:
-        """Serve until `stop` or a failure; return the exit code."""
+        """Serve until `stop` or a failure and return the exit code."""
         try:
             self._loop()
         except BaseException as error:  # noqa: BLE001 - it is told, and all ends
@@ -110,6 +117,11 @@ class Panel:
         )
         gui.main_panel.dock_right()
         gui.main_panel.set_width(400)
+        self._alarm = gui.add_html('', order=0)
+        gui.add_html(page_html.STYLE + page_html.STOP_HTML, order=1)
+        stop = gui.add_button(STOP, color='red', icon=viser.Icon.HAND_STOP, order=2)
+        stop.on_click(self._on_stop)
+        gui.add_command(STOP, hotkey='escape').on_trigger(self._on_stop)
         self._tabs = gui.add_tab_group(order=10)
         self._left = gui.add_panel()
         self._left.dock_left()
@@ -160,6 +172,19 @@ class Panel:
             self._pages[name] = page
             for browser in self._browsers:
                 control.arming.connect(browser)
+            for each in self._pages.values():
+                each.stop_one.visible = len(self._pages) > 1
+
+    def _on_stop(self, event: Any) -> None:
+        """Stop all robots, whatever one of them says."""
+        for page in list(self._pages.values()):
+            attempt(event.client, page.control, page.control.stop)
+
+    def _on_alive(self, window: str) -> None:
+        browser = self._windows.get(window)
+        if browser is not None:
+            for page in list(self._pages.values()):
+                page.control.arming.alive(browser)
 
     # --- browsers come and go: in viser's event loop ----------------------------------------
 
@@ -182,10 +207,18 @@ class Panel:
                 self._browsers[client.client_id] = (client, {})
                 for page in self._pages.values():
                     page.control.arming.connect(client.client_id)
+                window = secrets.token_urlsafe(16)
+                self._windows[window] = client.client_id
                 with self._unless_gone(client):
+                    client.gui.add_html(page_html.alive_html(window), order=3)
                     self._place_camera(client)
             else:
                 self._browsers.pop(client.client_id, None)
+                self._windows = {
+                    window: browser
+                    for window, browser in self._windows.items()
+                    if browser != client.client_id
+                }
                 for page in self._pages.values():
                     page.control.arming.disconnect(client.client_id)
         for client, controls in self._browsers.values():
@@ -249,6 +282,8 @@ class Panel:
             if curves:
                 page.draw_curves(now)
         if text:
+            alarms = [page.control.stop_alarm for page in self._pages.values()]
+            self._alarm.content = page_html.alarms_html([each for each in alarms if each])
             for client, controls in self._browsers.values():
                 with self._unless_gone(client):
                     for each in controls.values():

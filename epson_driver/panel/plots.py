@@ -25,7 +25,7 @@ class History:
         self._rows: deque[tuple[float, Array, Array, Array]] = deque()
 
     def add(self, now: float, positions: Array, velocities: Array, error: Array | None) -> None:
-        """Add a sample; an error of None is none. `now`: the panel's clock, s."""
+        """Add a sample, perhaps without an error, at `now` of the panel's clock, s."""
         missing = np.zeros(len(positions)) if error is None else error
         self._rows.append((now, positions, velocities, missing))
         while now - self._rows[0][0] > SPAN_S:

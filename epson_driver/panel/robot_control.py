@@ -14,8 +14,7 @@ import numpy as np
 
 from epson_driver.motion import Trajectory
 from epson_driver.panel.arming import Arming
-from epson_driver.panel.request_error import RequestError
-from epson_driver.panel.robot_state import Simulation
+from epson_driver.panel.robot_state import RequestError, Simulation
 from epson_driver.panel.ros_robot import ERROR, INFO, WARN, RosRobot
 from epson_driver.panel.sim_pendant import NotSimulatedError, PendantThread, SimPendant
 from epson_driver.robots import RobotModel, load_robot_model
@@ -31,6 +30,10 @@ POINT_PERIOD_S = 0.1
 
 PEAK_VELOCITY, PEAK_ACCELERATION = 1.875, 5.774
 """Of the polynomial of fifth degree that rests at both ends, for a way of 1 in 1 s."""
+
+
+STOP_ANSWER_S = 0.5
+"""Within which the driver answers a STOP, or it is said that it has not, s."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,7 @@ class RobotControl:
         self.model: RobotModel | None = None
         self.plan: Trajectory | None = None
         """The last trajectory that was sent from here."""
-        self.arming = Arming(self._forbidden, self._on_disarmed)
+        self.arming = Arming(self._forbidden, self._on_disarmed, clock)
         self._model_name = ''
         """As the driver has it: a path, or short."""
         self._pendants = pendants
@@ -88,6 +91,10 @@ class RobotControl:
         self._allow_motion = allow_motion
         self._speed_wanted: float | None = None
         self._speed_asked = False
+        self.stop_alarm = ''
+        """Why a STOP was not carried out, as far as is known, and what to do; '': it was."""
+        self._stops = 0
+        self._stop_asked: float | None = None
 
     # --- who it is --------------------------------------------------------------------------
 
@@ -114,6 +121,10 @@ class RobotControl:
         latest = None if self._pendant is None else self._pendant.latest
         self._take_over(latest)
         self.arming.watch()
+        asked = self._stop_asked
+        if asked is not None and self._clock() - asked > STOP_ANSWER_S:
+            self._stop_asked = None
+            self._raise_alarm(f'the driver has not answered for {STOP_ANSWER_S:g} s')
 
     def _load(self, name: str) -> None:
         self._model_name = name
@@ -122,6 +133,9 @@ class RobotControl:
         except (OSError, ValueError) as error:
             self.model = None
             self.robot.log(f'no picture of the arm: {error}', WARN)
+            return
+        for sentence in self.model.cautions:
+            self.robot.log(sentence, WARN)
 
     def _take_over(self, latest: tuple[Simulation, float] | None) -> None:
         state = self.robot.state
@@ -159,8 +173,34 @@ class RobotControl:
     # --- always -----------------------------------------------------------------------------
 
     def stop(self) -> None:
-        """Stop the arm. Raises NoDriverError."""
-        self.robot.trigger('stop', self.robot.log)
+        """Stop the arm. `stop_alarm` says at once if nobody does. Raises NoDriverError."""
+        self._stops += 1
+        now, number = self._clock(), self._stops
+        self._stop_asked = now
+
+        def answered(text: str, level: int) -> None:
+            self.robot.log(text, level)
+            if number != self._stops:
+                return
+            self._stop_asked = None
+            if level < ERROR:
+                self.stop_alarm = ''
+            else:
+                self._raise_alarm(text, 'STOP failed')
+
+        if not self.robot.state.fresh('diagnostics', now):
+            self._stop_asked = None
+            self._raise_alarm('the driver is silent')
+        try:
+            self.robot.trigger('stop', answered)
+        except RequestError as error:
+            self._stop_asked = None
+            self._raise_alarm(str(error))
+            raise
+
+    def _raise_alarm(self, why: str, what: str = 'STOP was not delivered') -> None:
+        self.stop_alarm = f'{what}: {why}. Press the E-stop.'
+        self.robot.log(self.stop_alarm, ERROR)
 
     def disable(self) -> None:
         """Stop the arm and keep it still. Raises NoDriverError."""
@@ -174,12 +214,12 @@ class RobotControl:
             self.robot.trigger('enable', self.robot.log)
 
     def reset_error(self, browser: int) -> None:
-        """Reset the controller's error; the arm stays disabled."""
+        """Reset the controller's error without enabling the arm."""
         with self.arming.held(browser):
             self.robot.trigger('reset_error', self.robot.log)
 
     def set_speed(self, browser: int, factor: float) -> None:
-        """Set the speed; while one request is under way, only the last wish is kept."""
+        """Set the speed, or keep the last wish while one request is under way."""
         with self.arming.held(browser):
             self._speed_wanted = factor
             if not self._speed_asked:
@@ -245,7 +285,7 @@ class RobotControl:
             )
 
     def away_from_start(self, trajectory: Trajectory) -> str:
-        """Return which joint is too far from a trajectory's start, and how far; '' if none is."""
+        """Return which joint is too far from a trajectory's start and how far, or ''."""
         here = self.robot.state.positions
         if len(here) != trajectory.positions.shape[1]:
             return ''
@@ -282,7 +322,7 @@ class RobotControl:
     # --- at the simulated pendant -----------------------------------------------------------
 
     def press(self, browser: int, what: str, how: str) -> None:
-        """Press something at the simulated pendant; what lets the arm move, only when armed."""
+        """Press something at the simulated pendant, if armed where it lets the arm move."""
         press = PENDANT[what][how]
         if press.moves:
             with self.arming.held(browser):

@@ -18,8 +18,8 @@ from epson_driver.motion import Array, Trajectory
 from epson_driver.panel import page_html
 from epson_driver.panel.lamps import advice, lamps
 from epson_driver.panel.plots import COLOURS, SPAN_S, History
-from epson_driver.panel.request_error import RequestError
 from epson_driver.panel.robot_control import PENDANT, RobotControl
+from epson_driver.panel.robot_state import RequestError
 from epson_driver.panel.scene import ArmScene
 from epson_driver.robots import RobotModel
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
@@ -69,8 +69,10 @@ class RobotPage:
         with self.right:
             gui.add_html(page_html.STYLE, order=-1)
             self._lamps = gui.add_html('', order=0)
-            stop = gui.add_button('STOP', color='red', icon=viser.Icon.HAND_STOP, order=10)
-            stop.on_click(self._always(control.stop))
+            self.stop_one = gui.add_button(
+                'Stop this robot', color='red', icon=viser.Icon.HAND_STOP, order=10, visible=False
+            )
+            self.stop_one.on_click(self._always(control.stop))
             disable = gui.add_button('Disable', color='gray', order=11)
             disable.on_click(self._always(control.disable))
             self.io_folder = gui.add_folder('I/O', order=40, expand_by_default=False)
@@ -84,7 +86,7 @@ class RobotPage:
 
     def _always(self, action: Callable[[], object]) -> Callable[[Any], None]:
         def on_click(event: Any) -> None:
-            _try(event.client, self.control, action)
+            attempt(event.client, self.control, action)
 
         return on_click
 
@@ -289,7 +291,7 @@ class BrowserControls:
 
     def _do(self, action: Callable[[], object]) -> Callable[[Any], None]:
         def on_click(_event: Any) -> None:
-            _try(self._client, self._control, action)
+            attempt(self._client, self._control, action)
 
         return on_click
 
@@ -297,7 +299,7 @@ class BrowserControls:
         if event.client_id is not None:  # a person's change, not that of `refresh`
             factor = self._speed.value / 100.0
             action = partial(self._control.set_speed, self._browser, factor)
-            _try(self._client, self._control, action)
+            attempt(self._client, self._control, action)
 
     def _execute(self) -> None:
         name, trajectory = self._trajectory()
@@ -335,7 +337,7 @@ class BrowserControls:
                         'Switch output', names, order=1
                     )
                 self._outputs.on_click(
-                    lambda event: _try(
+                    lambda event: attempt(
                         self._client,
                         self._control,
                         partial(self._switch, int(event.target.value), OUTPUT),
@@ -387,11 +389,11 @@ class BrowserControls:
         how = event.target.value
         if how in PENDANT[what]:
             action = partial(self._control.press, self._browser, what, how)
-            _try(self._client, self._control, action)
+            attempt(self._client, self._control, action)
 
 
-def _try(client: Any, control: RobotControl, action: Callable[[], object]) -> None:
-    """Do what a person asked for; if it cannot be done, say so in that window and in the log.
+def attempt(client: Any, control: RobotControl, action: Callable[[], object]) -> None:
+    """Do what a person asked for, or say in that window and in the log why not.
 
     viser would only print what a button raised.
     """

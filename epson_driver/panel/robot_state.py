@@ -9,6 +9,7 @@ from enum import Enum
 
 import numpy as np
 
+from epson_driver.driver.inhibit import Inhibit
 from epson_driver.motion import Array
 
 MAX_EVENTS = 200
@@ -21,6 +22,13 @@ other, s, with the same words after the first colon are one."""
 MAX_AGES_S = {'joints': 1.0, 'status': 2.5, 'diagnostics': 3.5, 'simulation': 3.0}
 """After what time without news something is no longer taken for true, s: three of the periods in
 which the driver sends it, or more."""
+
+
+class RequestError(RuntimeError):
+    """What was asked for is not done, with the reason and the remedy as text.
+
+    Any other exception ends the panel.
+    """
 
 
 class Tri(Enum):
@@ -63,7 +71,7 @@ class IoRange:
 
 @dataclass(frozen=True)
 class Event:
-    """A line of the log. `level`: that of rcl_interfaces/Log; `at`: s since the epoch."""
+    """A line of the log, with rcl_interfaces/Log's level, `at` s since the epoch."""
 
     at: float
     level: int
@@ -74,7 +82,8 @@ class Event:
 class RobotState:
     """The last of everything. `times`: when it arrived by the panel's clock, s, by name.
 
-    Joints in the order of `joint_names`: shape (n,), rad or m, and per s.
+    Joints in the order of `joint_names`: shape (n,), rad or m, and per s. `inhibit`: what keeps
+    the arm from moving, as the driver says.
     """
 
     joint_names: tuple[str, ...] = ()
@@ -83,11 +92,8 @@ class RobotState:
     status: Status = field(default_factory=Status)
     link: str = ''
     gate_open: bool | None = None
-    gate_reason: str = ''
+    inhibit: Inhibit | None = None
     goal_running: bool = False
-    arm_text: str = ''
-    error_text: str = ''
-    remedy: str = ''
     reference: Array | None = None
     tracking_error: Array | None = None
     speed: float | None = None
@@ -106,7 +112,7 @@ class RobotState:
         self.events.append(event)
 
     def age(self, name: str, now: float) -> float | None:
-        """Return how old something is, s; None if there was none yet."""
+        """Return how old something is, s, or None if there was none yet."""
         at = self.times.get(name)
         return None if at is None else now - at
 

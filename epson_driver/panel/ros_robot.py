@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One driver, used over its topics, services and action; for several, one of these each.
+"""One driver, used over its topics, services and action.
 
 Topics are not taken by callbacks: rclpy spends more time on 180 of them a second than on all the
 rest of the panel. The subscriptions keep the last message, and `sample` takes it as often as
@@ -30,10 +30,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
+from epson_driver.driver.inhibit import Cause, Inhibit, Remedy
 from epson_driver.motion import Trajectory
 from epson_driver.node.trajectory_messages import trajectory_message
-from epson_driver.panel.request_error import RequestError
-from epson_driver.panel.robot_state import Event, IoRange, RobotState, Status, Tri
+from epson_driver.panel.robot_state import Event, IoRange, RequestError, RobotState, Status, Tri
 
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Best effort: the driver neither waits for the panel nor repeats anything for it."""
@@ -58,11 +58,11 @@ Say = Callable[[str, int], object]
 
 
 class NoDriverError(RequestError):
-    """Nobody serves a request; the text says what was asked of whom."""
+    """Nobody serves a request that its text names."""
 
 
 def take(subscription: Any) -> Any:
-    """Return the next message of a subscription that no executor serves; None if there is none."""
+    """Return the next message of a subscription that no executor serves, or None."""
     with subscription.handle:
         taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
     return None if taken is None else taken[0]
@@ -84,12 +84,12 @@ class Goal:
         self._canceled_early = False
 
     def cancel(self) -> None:
-        """Have the driver stop the arm and end the goal; if it was not sent yet, it is not."""
+        """Have the driver stop the arm and end the goal, or not send a goal that waits."""
         self.unwanted = True
         self._executor.create_task(self._cancel)
 
     def accepted(self, handle: Any) -> None:
-        """Take note of its handle; cancel it if that was asked for meanwhile."""
+        """Keep its handle, and cancel it if that was asked for meanwhile."""
         self._handle = handle
         if self._canceled_early:
             handle.cancel_goal_async()
@@ -153,7 +153,7 @@ class RosRobot:
                 handle(message, now)
 
     def look_for_driver(self, now: float) -> None:
-        """Ask for the parameters when a driver is there; forget them when it is gone.
+        """Ask for the parameters when a driver is there, and forget them when it is gone.
 
         ROS may take a driver that was killed for present for 20 s; its diagnostics end at once.
         """
@@ -184,12 +184,16 @@ class RosRobot:
         """Take over the status `NAME: arm` of /diagnostics."""
         values = {each.key: each.value for each in status.values}
         state = self.state
-        state.arm_text = status.message
         state.gate_open = values.get('arm gate') == 'open'
-        state.gate_reason = values.get('arm gate reason', '')
         state.goal_running = values.get('goal running') == 'True'
-        state.error_text = values.get('error', '')
-        state.remedy = values.get('remedy', '')
+        state.inhibit = None
+        if (cause := values.get('cause', '')) != 'NONE':
+            state.inhibit = Inhibit(
+                Cause.__members__.get(cause, Cause.NOT_ENABLED),
+                Remedy.__members__.get(values.get('remedy', ''), Remedy.NONE),
+                status.message,
+                values.get('advice', ''),
+            )
         state.times['diagnostics'] = now
 
     def _on_parameters(self, asked: float, future: Any) -> None:
@@ -317,7 +321,7 @@ class RosRobot:
             return list(self._goals)
 
     def cancel_goals(self) -> list[Goal]:
-        """Cancel every goal that the panel has sent; return those that have not ended yet."""
+        """Cancel every goal that the panel has sent and return those that have not ended yet."""
         goals = self.goals
         for goal in goals:
             goal.cancel()

@@ -32,9 +32,6 @@ GHOST_MARGIN_M = 0.0012
 
 STALE_COLOUR = (150, 150, 150)
 
-JOINT_RADIUS_M = 0.045
-LINK_RADIUS_M = 0.03
-
 
 class ArmScene:
     """An arm below `path` in the scene, its base at `place`, shape (3,), m."""
@@ -47,7 +44,7 @@ class ArmScene:
         self._model = model
         self._kinematics = Kinematics(model)
         viewer.scene.add_frame(path, show_axes=False, position=place)
-        shape = arm_meshes(model) or _sticks(model)
+        shape = arm_meshes(model)
         self._arm = _Joints(viewer, f'{path}/arm', model, shape, None)
         self._ghost = _Joints(viewer, f'{path}/ghost', model, shape, GHOST_COLOUR)
         self._ghost.visible(False)
@@ -75,13 +72,13 @@ class ArmScene:
             self._line('planned', planned, PLANNED_COLOUR, PLANNED_M)
 
     def show_ghost(self, joints: Array | None) -> None:
-        """Draw where the plan is now; None: no plan is executed."""
+        """Draw where the plan is now, or nothing for None."""
         self._ghost.visible(joints is not None)
         if joints is not None and self._ghost.show(joints) and self._followed is not None:
             self._followed.add(self._kinematics.forward(joints)[:3, 3])
 
     def show_plan(self, plan: Trajectory | None) -> None:
-        """Draw the tool's path of a plan; forget what was driven before.
+        """Draw the tool's path of a plan, and forget what was driven before.
 
         None: the plan is not known, and its path is drawn as the reference goes on.
         """
@@ -125,7 +122,7 @@ class _Path:
             del self._points[:-MAX_PATH_POINTS]
 
     def news(self) -> Array | None:
-        """Return all points, shape (n, 3), if there are more than when last asked; else None."""
+        """Return all points, shape (n, 3), if there are more than when last asked, else None."""
         if len(self._points) < 2 or self._points[-1] is self._drawn:
             return None
         self._drawn = self._points[-1]
@@ -171,7 +168,7 @@ class _Joints:
         self.show(np.zeros(len(self._types)))
 
     def show(self, joints: Array) -> bool:
-        """Turn the joints; return whether anything was worth drawing."""
+        """Turn the joints and return whether anything was worth drawing."""
         changed = ~(np.abs(joints - self._shown) < MIN_CHANGE)
         for index in np.flatnonzero(changed):
             axis, value = self._chain.axes[index], float(joints[index])
@@ -204,45 +201,3 @@ def _grown(mesh: Mesh) -> NDArray[np.float32]:
         np.add.at(normals, mesh.faces[:, corner], facets)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     return mesh.vertices + np.float32(GHOST_MARGIN_M) * normals
-
-
-def _sticks(model: RobotModel) -> list[list[Mesh]]:
-    """Return a shape for a model without meshes: a drum at each joint, a rod to the next."""
-    chain = model.chain
-    count = len(model.joint_types)
-    ends = [*chain.origins, model.tool0.xyz]
-    shape = []
-    for link in range(count + 1):
-        meshes = []
-        if link:
-            half = chain.axes[link - 1] * JOINT_RADIUS_M
-            meshes.append(_rod(-half, half, JOINT_RADIUS_M, (51, 55, 60)))
-        if np.linalg.norm(ends[link]) > 1e-6:
-            meshes.append(_rod(np.zeros(3), ends[link], LINK_RADIUS_M, (230, 230, 226)))
-        shape.append(meshes)
-    return shape
-
-
-def _rod(begin: Array, end: Array, radius: float, colour: tuple[int, int, int]) -> Mesh:
-    """Return a cylinder between two points, with its lids."""
-    along = (end - begin) / np.linalg.norm(end - begin)
-    across = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
-    across /= np.linalg.norm(across)
-    angles = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)[:, None]
-    ring = radius * (np.cos(angles) * across + np.sin(angles) * np.cross(along, across))
-    # the rims twice: once for the shell, once for the lids, so that the edges stay sharp
-    vertices = np.concatenate([begin + ring, end + ring, begin + ring, end + ring, [begin, end]])
-    number = len(ring)
-    here = np.arange(number)
-    there = (here + 1) % number
-    faces = np.concatenate(
-        [
-            np.stack([here, there, number + there], axis=1),
-            np.stack([here, number + there, number + here], axis=1),
-            np.stack([2 * number + there, 2 * number + here, np.full(number, 4 * number)], axis=1),
-            np.stack(
-                [3 * number + here, 3 * number + there, np.full(number, 4 * number + 1)], axis=1
-            ),
-        ]
-    )
-    return Mesh(vertices.astype(np.float32), faces.astype(np.uint32), colour)

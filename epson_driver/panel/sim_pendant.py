@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The finger at the pendant of a simulated controller, over its remote port.
+"""Client of a simulated controller's remote port.
 
 Whether a controller is a simulated one decides whether its arm may be moved without
 `--allow-motion`. Only its own answer to `$Sim` says so, and only for as long as it keeps coming.
@@ -14,8 +14,7 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 from epson_driver.panel.access import is_loopback
-from epson_driver.panel.request_error import RequestError
-from epson_driver.panel.robot_state import Simulation
+from epson_driver.panel.robot_state import RequestError, Simulation
 from epson_driver.remote_ethernet.client import Ask, RemoteError, logged_in
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 
@@ -31,11 +30,11 @@ Say = Callable[[str, bool], object]
 
 
 class NotSimulatedError(RequestError):
-    """There is no simulated controller to press anything at; the text says so."""
+    """There is no simulated controller to press anything at."""
 
 
 class SimPendant:
-    """The pendant of one controller. Make it with `PendantThread.pendant`; for any thread."""
+    """The pendant of one controller, made by `PendantThread.pendant`, for any thread."""
 
     def __init__(
         self, loop: asyncio.AbstractEventLoop, host: str, port: int, clock: Callable[[], float]
@@ -52,7 +51,7 @@ class SimPendant:
         loop.call_soon_threadsafe(self._start)
 
     def press(self, command: str, say: Say) -> None:
-        """Give a command such as `Sim,estop,press`; `say` is called, in another thread."""
+        """Give a command such as `Sim,estop,press`, and call `say` in another thread."""
         if self.latest is None:
             raise NotSimulatedError('no simulated controller answers')
         self._loop.call_soon_threadsafe(self._commands.put_nowait, (command, say))
@@ -136,7 +135,7 @@ class PendantThread:
         self._thread.start()
 
     def pendant(self, host: str, port: int) -> SimPendant | None:
-        """Return the pendant of a controller; None for one that must not be asked."""
+        """Return the pendant of a controller, or None for one that must not be asked."""
         if not port or not is_loopback(host):
             return None
         return SimPendant(self._loop, host, port, self._clock)
@@ -166,7 +165,7 @@ class PendantThread:
 
 
 def _report(task: 'asyncio.Task[None]') -> None:
-    """Report what a pendant's task raised; asyncio would when the task is thrown away."""
+    """Report what a pendant's task raised, before asyncio does."""
     if not task.cancelled() and (error := task.exception()) is not None:
         task.get_loop().call_exception_handler({'message': 'a pendant failed', 'exception': error})
 

@@ -9,31 +9,28 @@ from numpy.typing import NDArray
 
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel
-from epson_driver.robots.link_meshes import LinkMesh, link_meshes
+from epson_driver.robots.link_surfaces import Surface, link_surfaces
 
 CREASE_RAD = np.radians(35.0)
 """Facets that meet at less than this are shown as one smooth surface."""
 
 
 class Mesh(NamedTuple):
-    """Vertices, shape (v, 3), m; faces, shape (f, 3), indices of vertices; colour, 0 … 255."""
+    """Vertices, shape (v, 3), m, faces of their indices, shape (f, 3), and colour, 0 … 255."""
 
     vertices: NDArray[np.float32]
     faces: NDArray[np.uint32]
     colour: tuple[int, int, int]
 
 
-def arm_meshes(model: RobotModel) -> list[list[Mesh]] | None:
-    """Return the meshes of base_link, link_1 … in their own frames; None: there are none."""
-    links = link_meshes(model)
-    if links is None:
-        return None
-    return [[_smooth_mesh(mesh) for mesh in link] for link in links]
+def arm_meshes(model: RobotModel) -> list[list[Mesh]]:
+    """Return the meshes of base_link, link_1 … in their own frames."""
+    return [[_smooth_mesh(surface) for surface in link] for link in link_surfaces(model)]
 
 
-def _smooth_mesh(mesh: LinkMesh) -> Mesh:
-    red, green, blue = (round(255.0 * share) for share in mesh.colour)
-    return Mesh(*_smoothed(mesh.corners()), (red, green, blue))
+def _smooth_mesh(surface: Surface) -> Mesh:
+    red, green, blue = (round(255.0 * share) for share in surface.colour)
+    return Mesh(*_smoothed(surface.corners), (red, green, blue))
 
 
 def _smoothed(corners: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:

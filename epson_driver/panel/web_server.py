@@ -15,7 +15,7 @@ import io
 import socket
 import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import viser
@@ -26,13 +26,15 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from epson_driver.panel.access import Access, is_loopback, is_upgrade, own_names
+from epson_driver.panel.page_html import ALIVE_PATH
 
 VISER_VERSION = '1.1.1'
 
 PING_PERIOD_S = 2.0
 PING_TIMEOUT_S = 10.0
 """A browser that is silent for so long is taken for gone, s. Long: a page that compiles its
-shaders, or a slow line, may keep an answer waiting for seconds."""
+shaders, or a slow line, may keep an answer waiting for seconds. What it has started ends sooner:
+arming.ALIVE_WITHIN_S."""
 
 MAX_MESSAGE_BYTES = 1_000_000
 """Of what a browser sends. Clicks and camera poses are far smaller."""
@@ -44,17 +46,26 @@ warnings.filterwarnings('ignore', 'Queued a .* on a closed connection', UserWarn
 
 
 class WebServerError(RuntimeError):
-    """The page cannot be served; the text says why and what to do."""
+    """The page cannot be served, with the reason and the remedy as text."""
 
 
 class WebServer:
     """viser's server at an address of this machine. `token`: needed by whoever comes, if not None.
 
+    `on_alive` is called in viser's event loop, with the secret of a window whose page gives a
+    sign of life (page_html.alive_html).
+
     Raises WebServerError for a port that is taken, an address that is not of this machine, or a
     viser of another version.
     """
 
-    def __init__(self, host: str, port: int, token: str | None) -> None:
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        token: str | None,
+        on_alive: Callable[[str], object] = lambda _window: None,
+    ) -> None:
         if viser.__version__ != VISER_VERSION:
             raise WebServerError(
                 f'viser {viser.__version__} is installed: the panel needs viser {VISER_VERSION}, '
@@ -65,7 +76,7 @@ class WebServer:
         listening = _listening(host, port)
         self.port: int = listening.getsockname()[1]
         self.access = Access(self.port, own_names(host), token)
-        with _serving(listening, self.access), contextlib.redirect_stdout(io.StringIO()):
+        with _serving(listening, self.access, on_alive), contextlib.redirect_stdout(io.StringIO()):
             self.viser = viser.ViserServer(
                 host=host, port=self.port, label='epson_driver', verbose=False
             )
@@ -104,7 +115,9 @@ def _listening(host: str, port: int) -> socket.socket:
 
 
 @contextlib.contextmanager
-def _serving(listening: socket.socket, access: Access) -> Iterator[None]:
+def _serving(
+    listening: socket.socket, access: Access, on_alive: Callable[[str], object]
+) -> Iterator[None]:
     """Have websockets serve on a socket and by rules of ours, within the block."""
     served = []
     original = websockets.asyncio.server.serve
@@ -122,7 +135,7 @@ def _serving(listening: socket.socket, access: Access) -> Iterator[None]:
         return original(
             handler,
             sock=listening,
-            process_request=functools.partial(_answer, access, process_request),
+            process_request=functools.partial(_answer, access, on_alive, process_request),
             **options,
         )
 
@@ -138,9 +151,13 @@ def _serving(listening: socket.socket, access: Access) -> Iterator[None]:
 
 
 def _answer(
-    access: Access, serve_page: Any, connection: ServerConnection, request: Request
+    access: Access,
+    on_alive: Callable[[str], object],
+    serve_page: Any,
+    connection: ServerConnection,
+    request: Request,
 ) -> Response | None:
-    """Answer a request with the page or a rejection; None: a websocket may be opened."""
+    """Answer a request with the page or a rejection, or None to open a websocket."""
     headers = {}
     for name, value in request.headers.raw_items():
         if name.lower() in headers and name.lower() != 'cookie':
@@ -151,6 +168,10 @@ def _answer(
         return _text(rejection.status, rejection.text)
     if is_upgrade(headers):
         return None
+    path, _, window = request.path.partition('?')
+    if path == ALIVE_PATH:
+        on_alive(window)
+        return _text(200, 'noted')
     page: Response = serve_page(connection, request)
     for name, value in access.new_headers(request.path).items():
         page.headers[name] = value

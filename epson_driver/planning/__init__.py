@@ -2,6 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A pick-and-place planner: what stands around the arm, a way through it, and the check.
 
-Needs the libraries of `pip install 'epson_driver[planning]'`: OMPL, pinocchio with coal, and
-py-opw-kinematics. Nothing else of the package imports this one but the demo.
+Needs the libraries of `pip install 'epson_driver[planning]'`: OMPL, and pinocchio with coal.
+Nothing else of the package imports this one but the demo.
 """

@@ -19,7 +19,7 @@ from epson_driver.motion.smoother import Mode
 from epson_driver.planning.path import dense, line, rounded, thinned
 from epson_driver.planning.path_search import find_path
 from epson_driver.planning.scene import OBSTACLE_MARGIN_M, SELF_MARGIN_M, Check, Scene
-from epson_driver.planning.task import APPROACH_M, Task, quarter_turns, raised
+from epson_driver.planning.task import Task, quarter_turns, raised
 from epson_driver.robots import RobotModel
 from epson_driver.robots.kinematics import Kinematics
 
@@ -106,7 +106,7 @@ class _Planner:
         self._scene = Scene(model, task.obstacles, task.part, task.supports)
         work = self._scene.workspace
         self._home, self._metric = work.home, work.metric
-        self._approach, self._straight_step = work.size * APPROACH_M, work.size * STRAIGHT_STEP_M
+        self._approach, self._straight_step = work.approach, work.size * STRAIGHT_STEP_M
         margin = RANGE_MARGIN_RAD / self._metric
         self._inside = replace(
             model.limits,

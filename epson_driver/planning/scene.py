@@ -2,31 +2,47 @@
 # SPDX-License-Identifier: Apache-2.0
 """The collision model: the arm with its gripper, what stands around it, and the part it carries.
 
-Geometry from urdf/NAME.urdf, distances from pinocchio and coal; the pairs of links that never
-touch are those of the SRDF. Meshes count as their convex hulls.
+Geometry from the model's URDF, distances from pinocchio and coal; the pairs of links that never
+touch are those of the SRDF.
 """
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
-from typing import Any
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
+import pinocchio
 import pinocchio as pin
 
 from epson_driver.motion import Array
-from epson_driver.planning.links import convex_links
 from epson_driver.planning.shapes import Box, Shape
 from epson_driver.planning.workspace import workspace
 from epson_driver.robots import RobotModel
-from epson_driver.share import share_file
+from epson_driver.robots.urdf import srdf, urdf
+
+
+class Links(NamedTuple):
+    """pinocchio's kinematic model and its geometry model: boxes and cylinders."""
+
+    model: Any
+    bodies: Any
+
+
+def solid_links(model: RobotModel) -> Links:
+    """Return the collision geometry of a model."""
+    text = urdf(model.file)
+    links = pinocchio.buildModelFromXML(text)
+    kind = pinocchio.GeometryType.COLLISION
+    return Links(links, pinocchio.buildGeomFromUrdfString(links, text, kind))
+
 
 OBSTACLE_MARGIN_M = 0.010
 """What a plan keeps away from obstacles, m."""
 
 SELF_MARGIN_M = 0.002
-"""What two links keep from each other in a plan, m: their meshes are a little larger already."""
+"""What two links keep from each other in a plan, m."""
 
 MAX_CONTACT_DEPTH_M = 0.001
 """Where the part and what it stands on or hangs on touch, they may overlap so much, m."""
@@ -69,11 +85,10 @@ class Scene:
         self.obstacles = (*self.workspace.fixed, *obstacles)
         self.part = part
         self.supports = frozenset(supports)
-        self.urdf = share_file('urdf', f'{model.name}.urdf')
-        self.model, self._arm, _ = convex_links(self.urdf)
-        srdf = share_file('config', 'moveit', model.name, f'{model.name}.srdf')
+        self.robot = model
+        self.model, self._arm = solid_links(model)
         self._arm.addAllCollisionPairs()
-        pin.removeCollisionPairs(self.model, self._arm, str(srdf), False)
+        pin.removeCollisionPairsFromXML(self.model, self._arm, srdf(model.file), False)
         self._tool = self.model.getFrameId('tool0')
         self._hand = pin.SE3(self.workspace.hand.frame)
 

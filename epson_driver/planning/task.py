@@ -15,17 +15,16 @@ from epson_driver.motion import Array
 from epson_driver.planning.shapes import Cylinder, Shape, lifted, standing, tray
 from epson_driver.planning.workspace import (
     GRIPPER_LENGTH_M,
-    MIN_PART_HEIGHT_M,
+    PART_HEIGHTS_M,
     TABLE,
+    TRAY_M,
     Workspace,
     workspace,
 )
 from epson_driver.robots import RobotModel
+from epson_driver.robots.kinematics import Kinematics
 
 # Lengths in m for an arm of size 1 (workspace.py); those of a task are multiplied by the arm's.
-
-APPROACH_M = 0.10
-"""From so far above the arm goes straight down to the part, and straight up again."""
 
 REACH_M = (0.30, 0.46)
 """The part's distance from joint 1's axis."""
@@ -52,27 +51,31 @@ class Task:
 
 
 def draw_task(seed: int, model: RobotModel) -> Task:
-    """Return the task of a seed for an arm; the same one for the same seed.
+    """Return the task of a seed for an arm, the same one for the same seed.
 
-    Raises ValueError for a model that is neither six-axis nor a SCARA.
+    Raises ValueError for a model that is neither six-axis nor a SCARA, or KinematicsError.
     """
     work = workspace(model)
-    size = work.size
+    size, arm = work.size, Kinematics(model, work.hand.frame)
     random = np.random.default_rng(seed)
     width = size * random.uniform(0.035, 0.05)
-    height = size * random.uniform(MIN_PART_HEIGHT_M, 0.07)
+    height = size * random.uniform(*PART_HEIGHTS_M)
     side = random.choice((-1.0, 1.0))
     obstacles: list[Shape] = []
     supports = [TABLE]
     poses, spots = [], []
     for name, sign in (('pick', side), ('place', -side)):
-        angle = sign * random.uniform(0.6, 1.35)
-        radius = size * random.uniform(*REACH_M)
-        x, y, yaw = radius * cos(angle), radius * sin(angle), random.uniform(-pi / 4, pi / 4)
+        for _ in range(100):  # an arm that turns less to one side reaches some places only
+            angle = sign * random.uniform(0.6, 1.35)
+            radius = size * random.uniform(*REACH_M)
+            x, y = _around(work, angle, radius)
+            if len(arm.inverse(gripping(x, y, work.table + height, 0.0, work.hand.length))):
+                break
+        yaw = random.uniform(-pi / 4, pi / 4)
         floor = 0.0
         if random.random() < 0.6:
             inside, tall = size * random.uniform(0.15, 0.2), size * random.uniform(0.04, 0.09)
-            parts = tray(f'{name} tray', inside, tall, size * 0.006, x, y, yaw)
+            parts = tray(f'{name} tray', inside, tall, size * TRAY_M, x, y, yaw)
             obstacles += parts
             supports.append(parts[0].name)
             floor = parts[0].size[2]
@@ -97,10 +100,16 @@ def _pillar(name: str, work: Workspace, random: np.random.Generator) -> Shape:
     """Return something tall in front of the robot, round or square."""
     angle, radius = random.uniform(-0.35, 0.35), work.size * random.uniform(0.36, 0.5)
     width, height = work.size * random.uniform(0.05, 0.1), random.uniform(*work.pillars)
-    x, y = radius * cos(angle), radius * sin(angle)
+    x, y = _around(work, angle, radius)
     if random.random() < 0.5:
         return Cylinder(name, width / 2, height, (x, y, height / 2))
     return standing(name, (width, width, height), x, y)
+
+
+def _around(work: Workspace, angle: float, radius: float) -> tuple[float, float]:
+    """Return the place so far from joint 1's axis, in this direction, m."""
+    x, y = work.middle
+    return x + radius * cos(angle), y + radius * sin(angle)
 
 
 def _far(pillar: Shape, places: Iterable[tuple[float, float]], distance: float) -> bool:

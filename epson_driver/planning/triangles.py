@@ -9,10 +9,11 @@ import numpy as np
 import pinocchio as pin
 
 from epson_driver.motion import Array
-from epson_driver.planning.links import visual_links
 from epson_driver.planning.scene import Scene
 from epson_driver.planning.shapes import Box, Cylinder, Shape
 from epson_driver.planning.workspace import TABLE
+from epson_driver.robots.kinematics import Kinematics
+from epson_driver.robots.link_surfaces import link_surfaces
 
 CYLINDER_SIDES = 36
 """Of what stands for a cylinder."""
@@ -29,19 +30,19 @@ class Picture:
 
     def __init__(self, scene: Scene) -> None:
         self._scene, self._hand = scene, scene.workspace.hand
-        self._data = scene.model.createData()
-        _, self._geometry, _ = visual_links(scene.urdf)
-        self._placed = pin.GeometryData(self._geometry)
-        self._links = [_mesh(link) for link in self._geometry.geometryObjects]
+        self._kinematics = Kinematics(scene.robot)
+        self._links = link_surfaces(scene.robot)
 
     def arm(self, joints: Array, *, holds: bool) -> Triangles:
         """Return the arm with its gripper, and with the part if it `holds` that."""
-        pin.updateGeometryPlacements(
-            self._scene.model, self._data, self._geometry, self._placed, joints
-        )
+        frames = [np.eye(4), *self._kinematics.link_frames(joints)]
         found = [
-            (_moved(corners, placement.homogeneous), colours)
-            for (corners, colours), placement in zip(self._links, self._placed.oMg, strict=True)
+            (
+                _moved(surface.corners.astype(float), frame),
+                np.tile(surface.colour, (len(surface.corners), 1)),
+            )
+            for frame, link in zip(frames, self._links, strict=True)
+            for surface in link
         ]
         pose, length = self._scene.hand_pose(joints), self._hand.length
         corners = _cylinder(Cylinder('', self._hand.radius, length, (0.0, 0.0, length / 2)))
@@ -75,14 +76,6 @@ def _shape(shape: Shape) -> Triangles:
     corners = _box(shape) if isinstance(shape, Box) else _cylinder(shape)
     colour = next((c for kind, c in COLOURS.items() if kind in shape.name), (0.6, 0.6, 0.6))
     return corners, np.tile(colour, (len(corners), 1))
-
-
-def _mesh(link: Any) -> Triangles:
-    mesh = link.geometry
-    vertices = mesh.vertices() * link.meshScale
-    faces = [mesh.tri_indices(index) for index in range(mesh.num_tris)]
-    corners = np.array([[vertices[face[corner]] for corner in range(3)] for face in faces])
-    return corners, np.tile(link.meshColor[:3], (len(corners), 1))
 
 
 def _moved(corners: Array, pose: Array) -> Array:

@@ -25,7 +25,7 @@ MIN_STOP_S = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """One executed motion, judged by its joint states; distances in m, angles in rad.
+    """One executed motion, judged by its joint states, in m and rad.
 
     clearances: to obstacles, at each state, shape (k,). links: the smallest distance of two links.
     pair: what came nearest to each other, obstacles or links. collides: at a state, or on the

@@ -36,7 +36,7 @@ NO_POINTS: frozenset[Point] = frozenset()
 
 @dataclass(frozen=True)
 class IoProfile:
-    """The points of one controller; the defaults are those of an RC620.
+    """The points of one controller, by default those of an RC620.
 
     * `access`: how a driver reaches them. server: the messages of docs/io.md at the I/O port, if a
       program on the controller serves it; remote_ethernet: EPSON's commands at the remote port;
@@ -86,7 +86,7 @@ class IoProfile:
 
 
 def read_io_profile(data: Mapping[Any, Any], file: str) -> IoProfile:
-    """Return what the section `io` of a profile says; a key that it leaves out has its default.
+    """Return what the section `io` of a profile says, with defaults for missing keys.
 
     Outputs are called `DO3` or `AO0`; `all` is every output. Safe values are 0 or 1, or V.
     Raises InputError, which names the file, the key and the value.

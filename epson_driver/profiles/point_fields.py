@@ -25,15 +25,3 @@ class FieldsUsed(StrEnum):
     def duration(self) -> bool:
         """Whether the duration counts."""
         return self in (FieldsUsed.BOTH, FieldsUsed.DURATION)
-
-
-class VelocityUnit(StrEnum):
-    """What the velocity is: `program.velocity_unit` of a profile.
-
-    * FRACTION: of its velocity limit, for the joint that is nearest to its own, in (0, 1]
-      (ROS-Industrial's default).
-    * RAD_PER_S: of the joint that moves fastest, rad/s; m/s if that one is prismatic.
-    """
-
-    FRACTION = 'fraction'
-    RAD_PER_S = 'rad/s'

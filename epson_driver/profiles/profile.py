@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 from epson_driver.inputs import InputError, printable, read_yaml, shown
 from epson_driver.profiles.io_profile import IoProfile, read_io_profile
-from epson_driver.profiles.point_fields import FieldsUsed, VelocityUnit
+from epson_driver.profiles.point_fields import FieldsUsed
 from epson_driver.profiles.profile_rules import (
     LOOK_AHEAD_S,
     RULES,
@@ -56,24 +56,19 @@ class MotionProfile:
     """How the arm is moved.
 
     `speed` and `accel` are fractions (0, 1] of the robot's limits, for point-to-point motion.
-    `power` is what the program sets when a trajectory begins; at low power speed and accel are at
-    most `low_power`, a fraction, and the tool moves at most at `low_power_tool_speed` m/s. `cp`:
-    point-to-point moves blend into the next one if that is known in time. `statement_overhead` s
-    pass before each move. In smooth motion points are taken while less than `look_ahead` s and
-    fewer than `look_ahead_points` are ahead, and points without times are passed within
-    `path_tolerance` rad; in both, at most `pending_limit` points wait.
+    `power` is what the program sets when a trajectory begins. `cp`: point-to-point moves blend
+    into the next one if that is known in time. `statement_overhead` s pass before each move. In
+    smooth motion points are taken while less than `look_ahead` s and fewer than
+    `look_ahead_points` are ahead; at most `pending_limit` points wait.
     """
 
     speed: float
     accel: float
     power: Literal['high', 'low']
-    low_power: float
-    low_power_tool_speed: float
     cp: bool
     statement_overhead: float
     look_ahead: float
     look_ahead_points: int
-    path_tolerance: float
     pending_limit: int
 
 
@@ -117,7 +112,6 @@ class ProgramProfile:
     * `negative_is_stop`: every negative sequence is a STOP.
     * `stop_works`: False: a STOP is answered and nothing else.
     * `uses`: which of a point's velocity and duration count.
-    * `velocity_unit`: what that velocity is.
     * `corrupt`: a message with a wrong length or header is refused, or the servers quit.
     * `late_failure`: a point outside the limits is answered with SUCCESS, then with FAILURE too,
       and the connection is closed; the arm finishes the points before it.
@@ -129,7 +123,6 @@ class ProgramProfile:
       out; 0: none is.
     * `joins_goals`: a driver may have the points of a new goal follow those of another that it
       leaves on the way, with the next sequence, and the arm does not rest between them.
-    * `setpoints`: whether JOINT_SETPOINT is followed, and a driver sends streams with it.
     * `motors`: how a driver switches the motors and resets errors: not at all, by Remote Ethernet
       if it is given a port, by that but with main stopped before and started after ('restart'), or
       by Motoman's commands.
@@ -149,14 +142,12 @@ class ProgramProfile:
     negative_is_stop: bool
     stop_works: bool
     uses: FieldsUsed
-    velocity_unit: VelocityUnit
     corrupt: Literal['refuse', 'quit']
     late_failure: bool
     accepts: Literal['exact', 'longer', 'any']
     special_sequences: Literal['all', 'stop']
     skip_first: float
     joins_goals: bool
-    setpoints: bool
     motors: Literal['none', 'remote_ethernet', 'restart', 'motoman']
     smoothing: Literal['none', 'resample', 'thin']
     resample_period: float
@@ -198,6 +189,9 @@ class ServerProfile:
     off; 'finish' the points it has, motors on; 'keep' them: it stands, motors on, and goes on when
     the next client connects.
 
+    `client_timeout`: the arm stops when a motion client that sends heartbeats is silent for so
+    long, s, and a driver sends them; 0: neither.
+
     `full` is what happens to a motion or state client too many: 'refuse' it, or let it 'replace'
     the one that came first, unless the arm has somewhere to go.
     """
@@ -206,6 +200,7 @@ class ServerProfile:
     byte_by_byte: bool
     aborted: Literal['refuse', 'silent', 'close']
     lost_client: Literal['brake', 'finish', 'keep']
+    client_timeout: float
     full: Literal['refuse', 'replace']
     state_clients: int
     io_clients: int
@@ -224,26 +219,22 @@ class RemoteProfile:
 
 @dataclass(frozen=True, slots=True)
 class SpelProfile:
-    """The SPEL+ project that the simulation runs instead of a built-in program, and its speed.
+    """The SPEL+ project that the simulation runs instead of a built-in program.
 
     `project`: a folder of this package, or an absolute path; empty: none. `config`: what a person
-    has changed in its #define lines; an empty value turns one off. `statement` s for one simple
-    statement; Wait rounds up to whole `wait` s; conditions are looked at every `scan` s.
+    has changed in its #define lines; an empty value turns one off.
     """
 
     project: str
     config: Mapping[str, str]
-    statement: float
-    wait: float
-    scan: float
 
 
 @dataclass(frozen=True, slots=True)
 class ControllerProfile:
     """Data of one kind of controller.
 
-    `approximate` holds sentences on what is only approximated; `cycle_period` is that of the
-    motion, s. `error_texts` names the file of config/errors that its error numbers are in.
+    `approximate` holds sentences on what is only approximated. `error_texts` names the file of
+    config/errors that its error numbers are in.
     """
 
     name: str
@@ -252,7 +243,6 @@ class ControllerProfile:
     byte_order: ByteOrder
     mode: Mode
     error_texts: str
-    cycle_period: float
     ports: PortsProfile
     motion: MotionProfile
     servo: ServoProfile

@@ -5,7 +5,7 @@
 from typing import Any
 
 from epson_driver.inputs import InputError, Rule, choice, count, number, printable
-from epson_driver.profiles.point_fields import FieldsUsed, VelocityUnit
+from epson_driver.profiles.point_fields import FieldsUsed
 from epson_driver.simple_message import ByteOrder, Mode
 
 LOOK_AHEAD_S = (0.01, 60.0)
@@ -45,7 +45,7 @@ def _mapping(value: Any) -> dict[str, Any]:
 
 
 def _defines(value: Any) -> dict[str, str]:
-    """Return #define lines by name; numbers become texts, nothing (null) an empty one."""
+    """Return #define lines by name, numbers as texts, null as an empty one."""
     defines = {}
     for name, given in _mapping(value).items():
         if not isinstance(name, str) or isinstance(given, bool):
@@ -68,7 +68,6 @@ RULES: dict[str, Rule] = {
     'byte_order': _mapped({'little': ByteOrder.LITTLE, 'big': ByteOrder.BIG}),
     'mode': _mapped({'auto': Mode.AUTO, 'manual': Mode.MANUAL}),
     'error_texts': _TEXT,
-    'cycle_period': number(0.0005, 0.1),
     'ports.motion': _PORT,
     'ports.state': _PORT,
     'ports.io': _PORT,
@@ -76,13 +75,10 @@ RULES: dict[str, Rule] = {
     'motion.speed': number(0.01, 1.0),
     'motion.accel': number(0.01, 1.0),
     'motion.power': choice('high', 'low'),
-    'motion.low_power': number(0.01, 1.0),
-    'motion.low_power_tool_speed': number(0.001, 10.0),
     'motion.cp': _YES_OR_NO,
     'motion.statement_overhead': number(0.0, 1.0),
     'motion.look_ahead': number(*LOOK_AHEAD_S),
     'motion.look_ahead_points': count(1, 100_000),
-    'motion.path_tolerance': number(0.0, 0.5),
     'motion.pending_limit': count(1, 100_000),
     'servo.lag': number(0.0, 1.0),
     'servo.encoder': _YES_OR_NO,
@@ -96,14 +92,12 @@ RULES: dict[str, Rule] = {
     'program.negative_is_stop': _YES_OR_NO,
     'program.stop_works': _YES_OR_NO,
     'program.uses': _mapped({each.value: each for each in FieldsUsed}),
-    'program.velocity_unit': _mapped({each.value: each for each in VelocityUnit}),
     'program.corrupt': choice('refuse', 'quit'),
     'program.late_failure': _YES_OR_NO,
     'program.accepts': choice('exact', 'longer', 'any'),
     'program.special_sequences': choice('all', 'stop'),
     'program.skip_first': number(0.0, 0.1),
     'program.joins_goals': _YES_OR_NO,
-    'program.setpoints': _YES_OR_NO,
     'program.motors': choice('none', 'remote_ethernet', 'restart', 'motoman'),
     'program.smoothing': choice('none', 'resample', 'thin'),
     'program.resample_period': number(0.004, 1.0),
@@ -124,14 +118,12 @@ RULES: dict[str, Rule] = {
     'server.byte_by_byte': _YES_OR_NO,
     'server.aborted': choice('refuse', 'silent', 'close'),
     'server.lost_client': choice('brake', 'finish', 'keep'),
+    'server.client_timeout': number(0.0, 60.0),
     'server.full': choice('refuse', 'replace'),
     'server.state_clients': _CLIENTS,
     'server.io_clients': _CLIENTS,
     'spel.project': _TEXT,
     'spel.config': Rule(_defines, 'must be a mapping of names to texts or numbers'),
-    'spel.statement': number(1e-7, 0.001),
-    'spel.wait': number(0.0, 0.1),
-    'spel.scan': number(0.001, 0.1),
     'io': Rule(_mapping, 'must be a mapping'),
     'remote.session_timeout': number(0.0, 86_400.0),
     'remote.password': _TEXT,
@@ -161,7 +153,7 @@ def checked(data: dict[Any, Any], file: str) -> dict[str, Any]:
 
 
 def _flat(data: dict[Any, Any], place: str) -> list[tuple[str, Any]]:
-    """Return all keys with their sections; what is no section of `RULES` stays whole."""
+    """Return all keys with their sections, but whole what is no section of `RULES`."""
     flat: list[tuple[str, Any]] = []
     for key, value in data.items():
         name = f'{place}{key}'

@@ -57,7 +57,7 @@ class RemoteError(Exception):
 async def execute(
     host: str, port: int, commands: Sequence[str], timeout: float, password: str = ''
 ) -> list[str]:
-    """Log in, give the commands one after the other, log out; return the value of each answer.
+    """Log in, give the commands in order, log out, and return the value of each answer.
 
     Commands are written without their `$`, as in `'SetMotorsOn,1'`. Raises what `logged_in` does;
     nothing is given any more after the first command that is refused.
@@ -70,7 +70,7 @@ async def execute(
 async def logged_in(
     host: str, port: int, timeout: float, password: str = '', max_logins: int = MAX_LOGINS
 ) -> AsyncIterator[Ask]:
-    """Be logged in for several commands; what they have in common is one `timeout`, s.
+    """Be logged in for several commands with one `timeout`, s, for all.
 
     A controller that hangs up before the login is answered, or takes LOGIN_TIMEOUT_S for it, is
     tried again, `max_logins` times in all: nothing was asked of it yet. One that hangs up at the
@@ -104,7 +104,7 @@ async def logged_in(
 
 
 class HungUpError(ConnectionError):
-    """The controller has closed the connection; what was asked last may have been done or not."""
+    """The controller closed the connection, whether or not it did what was asked last."""
 
 
 async def _connected(host: str, port: int) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:

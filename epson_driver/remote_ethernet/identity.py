@@ -29,7 +29,7 @@ async def identity(ask: Ask, address: str) -> str:
 
 
 async def _told(ask: Ask, command: str) -> str:
-    """Return the value of the answer; '' if the controller refuses the command."""
+    """Return the value of the answer, or '' if the controller refuses the command."""
     try:
         return await ask(command)
     except RemoteError:

@@ -11,7 +11,7 @@ T = TypeVar('T')
 
 
 class GaveWayError(ConnectionError):
-    """Something more urgent needed the remote port; what was asked for may be half done."""
+    """Something more urgent needed the remote port before all was done."""
 
     def __init__(self) -> None:
         super().__init__('the remote port was needed for the motors')
@@ -27,7 +27,7 @@ class RemoteTurns:
 
     @asynccontextmanager
     async def urgent(self) -> AsyncIterator[None]:
-        """Have the port at once: a patient dialogue is broken off; another urgent one is not."""
+        """Have the port at once, breaking off a patient dialogue but no urgent one."""
         self._urgent += 1
         try:
             if self._patient is not None:

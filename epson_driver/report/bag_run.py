@@ -148,7 +148,7 @@ class _Bag:
         return self._finished(texts, end, broken)
 
     def _read(self, wanted: list[Connection]) -> Iterator[tuple[Any, int, Any]]:
-        """Yield connection, ns and message; a bag that breaks off ends with the reason."""
+        """Yield connection, ns and message, and the reason at the end of a bag that breaks off."""
         try:
             for connection, stamp, data in self._reader.messages(connections=wanted):
                 yield connection, stamp, self._reader.deserialize(data, connection.msgtype)
@@ -257,7 +257,7 @@ class _Bag:
         return sent_times(sorted(arrivals, key=lambda arrival: arrival.time))
 
     def _order(self, names: list[str]) -> list[int] | None:
-        """Return where our joints are among others; None if they are not all there."""
+        """Return where our joints are among others, or None if they are not all there."""
         if not self._names:
             return None  # a plan before the first joint state says nothing
         return [names.index(n) for n in self._names] if set(self._names) <= set(names) else None

@@ -25,7 +25,7 @@ OTHERWISE = "look up the number in the controller's manual, reset, then ~/enable
 
 
 def condition_events(conditions: Sequence[Condition], texts: ErrorTexts) -> Iterator[Event]:
-    """Yield what changed from one condition to the next; of the first, what is wrong in it."""
+    """Yield what is wrong in the first condition, and what changed from each to the next."""
     before: Condition | None = None
     for now in conditions:
         for flag, value in CHANGES:

@@ -33,7 +33,7 @@ MIN_STOP_S = 0.03
 
 @dataclass(frozen=True)
 class Timing:
-    """How evenly things came: rate in Hz, times between two in s; None with fewer than two."""
+    """How evenly things came: rate in Hz, times between two in s, or None for fewer."""
 
     count: int
     rate: float | None = None

@@ -24,7 +24,7 @@ straight: 1 mrad off at the highest acceleration if they are 14 ms apart, more i
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Joint states in the order they came: times (k,), s; positions, velocities (k, n)."""
+    """Joint states in the order they came: times (k,) in s, positions, velocities (k, n)."""
 
     times: Array
     positions: Array
@@ -52,7 +52,7 @@ class Figures:
 
 
 def measure(trajectory: Trajectory, run: Recording, metric: Array | None = None) -> Figures:
-    """Return the figures of a run; the joints of both are in the same order.
+    """Return the figures of a run, with the joints of both in the same order.
 
     metric: JointLimits.rad_per_unit of the joints, shape (n,), where not all of them turn.
     """
@@ -117,7 +117,7 @@ def _commanded_stops(trajectory: Trajectory) -> int:
 
 
 def _waypoints(trajectory: Trajectory, run: Recording) -> tuple[Array, Array]:
-    """Return how near each waypoint was passed, rad, and when, s; shapes (n,)."""
+    """Return how near each waypoint was passed, rad, and when, s, in shapes (n,)."""
     samples = passages(trajectory.positions, run.positions)
     distances = np.abs(run.positions[samples] - trajectory.positions).max(axis=1)
     share = np.linspace(0.0, 1.0, 41)[:, None]

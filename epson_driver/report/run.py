@@ -19,7 +19,7 @@ FLAGS = ('drives_powered', 'e_stopped', 'in_error', 'in_motion', 'motion_possibl
 
 
 class RunError(ValueError):
-    """A file from which no report can be made; the text says why."""
+    """A file from which no report can be made, with the reason as its text."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something worth reading; `level` is 'info', 'warning' or 'error'."""
+    """Something worth reading, of the `level` 'info', 'warning' or 'error'."""
 
     time: float
     level: str

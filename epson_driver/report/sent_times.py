@@ -15,7 +15,7 @@ MIN_MESSAGES = 20
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """A state message: when it came, s; the controller's own time of it, if it has one, s."""
+    """A state message: when it came, and the controller's own time of it, if any, s."""
 
     time: float
     joints: bool
@@ -23,7 +23,7 @@ class Arrival:
 
 
 def sent_times(arrivals: Sequence[Arrival]) -> list[float]:
-    """Return when those with joints were sent, ascending, s; one connection's messages, in order.
+    """Return when one connection's messages with joints were sent, ascending, s.
 
     The times are on the receiver's clock and never later than the arrival.
     """

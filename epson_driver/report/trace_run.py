@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reads a run from the driver's own trace (docs/trace.md), or from a capture of tcpdump."""
+"""Reads a run from the driver's own trace (docs/report.md), or from a capture of tcpdump."""
 
 import math
 from collections import defaultdict
@@ -72,7 +72,7 @@ COMMANDS = {
 def read_trace(
     path: Path, limits: JointLimits, texts: ErrorTexts, controller: str | None = None
 ) -> Run:
-    """Return the run in a pcap file; a file that ends in the middle ends the run there.
+    """Return the run in a pcap file up to where the file ends.
 
     limits: of the robot's joints; their names count, as the wire has numbers only, and what is
     faster than a joint can be is left out, with an event. controller: its address, needed if
@@ -179,7 +179,7 @@ class _Reader:
     def _state(
         self, time: float, positions: tuple[float, ...], velocities: tuple[float, ...]
     ) -> bool:
-        """Take joints; return whether they can be true."""
+        """Take joints and return whether they can be true."""
         since = self._silent_since
         if since is not None and time - since > SILENCE_S:
             text = f'no joint state for {time - since:.2f} s'
@@ -204,7 +204,7 @@ class _Reader:
     def _why_not(
         self, time: float, positions: tuple[float, ...], velocities: tuple[float, ...]
     ) -> str | None:
-        """Return why the joints cannot be there; None if they can. Their signs are not known."""
+        """Return why the joints cannot be there, whatever their signs, or None if they can."""
         here = positions[: self._joints]
         if not all(math.isfinite(value) for value in (*here, *velocities[: self._joints])):
             return 'not all are numbers'
@@ -237,6 +237,10 @@ class _Reader:
 
     def _take_reply(self, entry: Entry, packet: Packet) -> None:
         request = self._pending[entry.connection].take(packet)
+        if request is None and packet.msg_type == MessageType.PING:
+            text = 'the controller stopped the arm: it heard nothing from the driver'
+            self._event(entry, 'error', text, 'see what held up the driver or the network')
+            return
         if request is None:
             self._event(
                 entry, 'warning', f'a reply that answers nothing ({_name(packet.msg_type)})'
@@ -311,7 +315,7 @@ class _Plans:
         self._points: list[tuple[float, ...]] = []
 
     def take(self, time: float, point: JointTrajPt | JointTrajPtFull) -> bool:
-        """Take a point; return whether it is the first of a trajectory."""
+        """Take a point and return whether it is the first of a trajectory."""
         if point.sequence < 0 or (point.sequence == self._last and point.sequence):
             return False  # how the trajectory comes; a point that was sent again
         if isinstance(point, JointTrajPtFull):
@@ -350,7 +354,7 @@ class _Plans:
         self._times, self._points, self._last = [], [], -1
 
     def finished(self) -> list[Plan]:
-        """Return all trajectories; the last one ends."""
+        """Return all trajectories, ending the last one."""
         self.end()
         return self._done
 

@@ -35,7 +35,7 @@ class Chain:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """A frame in its parent frame: xyz, shape (3,), m; rpy, shape (3,), rad, about fixed axes."""
+    """A frame in its parent: xyz, shape (3,), m, and rpy, shape (3,), rad, about fixed axes."""
 
     xyz: Array
     rpy: Array

@@ -4,20 +4,19 @@
 
 Poses are homogeneous matrices, shape (4, 4), m. Forward kinematics follow the chain and hold for
 every model. Inverse kinematics are closed-form and hold for SCARAs and for six-axis arms with a
-spherical wrist (these by py-opw-kinematics, `[planning]` extra).
+spherical wrist.
 """
 
-from collections.abc import Callable
 from functools import cached_property
 from itertools import product
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from epson_driver.motion import Array
 from epson_driver.robots.chain import PRISMATIC, REVOLUTE, Frame, rotation_about
 from epson_driver.robots.model import SCARA, RobotModel
-from epson_driver.robots.opw import OpwParameters, opw_parameters
+from epson_driver.robots.opw import OpwSolver
 from epson_driver.robots.scara import ScaraSolver
 
 FULL_TURN = 2.0 * np.pi
@@ -28,27 +27,15 @@ LIMIT_TOLERANCE_RAD = 1e-9
 SAME_SOLUTION_RAD = 1e-5
 """Solutions closer than this in all joints count as one; a stretched arm has such pairs."""
 
-STRAIGHT_WRIST_RAD = 2e-6
-"""With joint 5 closer to 0 than this, joints 4 and 6 are in line: only their sum counts. The error
-of the solution is no larger."""
-
-TILT_RAD = 2e-5
-"""Rounding makes the library miss a straight wrist; it also solves for one bent by this angle."""
-
-PULL_M = 1e-13
-"""It misses a stretched arm too, and also solves for a wrist this much nearer to the shoulder."""
-
 GIMBAL_LOCK_RAD = 1e-9
 """V closer than this to ±π/2 counts as ±π/2."""
-
-INSTALL = "pip install 'epson_driver[planning]'"
 
 
 class Solver(Protocol):
     """A closed form for one kind of chain. Poses are those of tool0 in base_link."""
 
     def branches(self, pose: Array, near: Array) -> list[Array]:
-        """Return all solutions, regardless of the joint limits; free joints are as in `near`."""
+        """Return all solutions, regardless of the joint limits, with free joints as in `near`."""
 
     def hindrance(self, pose: Array, /) -> str:
         """Return why no place of the arm could have the orientation of a pose, or ''."""
@@ -88,7 +75,7 @@ class Kinematics:
         return frames
 
     def forward(self, joints: Array) -> Array:
-        """Return the pose of the tool in base_link; the joints may be outside the limits."""
+        """Return the pose of the tool in base_link, also for joints outside the limits."""
         return np.asarray(self.link_frames(joints)[-1] @ self._tool0 @ self._tool)
 
     def inverse(self, pose: Array, near: Array | None = None) -> Array:
@@ -99,8 +86,8 @@ class Kinematics:
         six-axis arm's joint 5 is straight, joint 4 is as in `near`, one solution of infinitely
         many; where a SCARA's arms are folded onto joint 1's axis, joint 1 is.
 
-        Raises KinematicsError for a chain without a closed form, ModuleNotFoundError that says
-        what to install, ValueError for a matrix that is no pose.
+        Raises KinematicsError for a chain without a closed form, ValueError for a matrix that is
+        no pose.
         """
         pose = self._of_tool0(_checked_pose(pose))
         near = np.zeros(len(self.model.joint_names)) if near is None else self._checked(near)
@@ -133,7 +120,7 @@ class Kinematics:
     def _solver(self) -> Solver:
         if self.model.kind == SCARA:
             return ScaraSolver(self.model)
-        return _OpwSolver(self.model, Kinematics(self.model).forward)
+        return OpwSolver(self.model)
 
     def _of_tool0(self, pose: Array) -> Array:
         """Return the pose of tool0 when the tool has this one."""
@@ -163,91 +150,6 @@ class Kinematics:
             count = len(self.model.joint_names)
             raise ValueError(f'joints = {joints.tolist()}: must be {count} finite numbers')
         return joints
-
-
-def opw_robot(parameters: OpwParameters) -> Any:
-    """Return py-opw-kinematics' robot with these parameters; its joint angles are in rad.
-
-    Raises ModuleNotFoundError that says what to install.
-    """
-    try:
-        import py_opw_kinematics
-    except ImportError as cause:
-        raise ModuleNotFoundError(
-            f'inverse kinematics need py-opw-kinematics: {INSTALL}', name=cause.name
-        ) from cause
-    opw: Any = py_opw_kinematics
-    arm = opw.KinematicModel(
-        **parameters.lengths,
-        offsets=parameters.offsets,
-        flip_axes=tuple(sign < 0 for sign in parameters.signs),
-    )
-    return opw.Robot(arm, degrees=False)
-
-
-class _OpwSolver:
-    """py-opw-kinematics with the parameters of one model."""
-
-    def __init__(self, model: RobotModel, forward: Callable[[Array], Array]) -> None:
-        parameters = opw_parameters(model)  # first: a chain that cannot be solved needs no library
-        self._robot = opw_robot(parameters)
-        from scipy.spatial.transform import RigidTransform  # a dependency of the library
-
-        self._pose: Any = RigidTransform
-        self._signs, self._offsets = np.array(parameters.signs), np.array(parameters.offsets)
-        lengths = parameters.lengths
-        self._hand, self._shoulder = lengths['c4'], (lengths['a1'], lengths['c1'])
-        self._forward = forward
-
-    def hindrance(self, _pose: Array) -> str:
-        """Return '': a spherical wrist can point anywhere."""
-        return ''
-
-    def branches(self, pose: Array, near: Array) -> list[Array]:
-        """Return those of the eight solutions that exist, regardless of the joint limits.
-
-        Those of an arm at the edge of its reach may come twice, SAME_SOLUTION_RAD apart at most.
-        """
-        poses = np.array([pose, self._pulled(pose), self._tilted(pose)])
-        poses = np.array([*poses, self._pulled(poses[2])])
-        answers = self._robot.reach(self._pose.from_matrix(poses)).joints
-        solutions = []
-        for index, rows in enumerate(answers):
-            for row in rows[np.all(np.isfinite(rows), axis=1)]:
-                bend = self._signs[4] * row[4] - self._offsets[4]
-                bend = np.arctan2(np.sin(bend), np.cos(bend))
-                if index < 2 and abs(bend) >= STRAIGHT_WRIST_RAD:
-                    solutions.append(row)
-                elif abs(bend) < 2.0 * TILT_RAD:
-                    straight = self._straightened(row, bend, near)
-                    if np.max(np.abs(self._forward(straight) - pose)) < 2.0 * STRAIGHT_WRIST_RAD:
-                        solutions.append(straight)
-        return solutions
-
-    def _straightened(self, joints: Array, bend: float, near: Array) -> Array:
-        """Return the joints with the wrist exactly straight, and joint 4 as in `near`."""
-        straight = joints.copy()
-        straight[4] -= self._signs[4] * bend
-        straight[5] += self._signs[5] * self._signs[3] * (joints[3] - near[3])
-        straight[3] = near[3]
-        return straight
-
-    def _tilted(self, pose: Array) -> Array:
-        """Return a pose turned about the wrist by TILT_RAD, across the tool's axis."""
-        tilted = pose.copy()
-        tilted[:3, :3] = pose[:3, :3] @ rotation_about(np.array([1.0, 0.0, 0.0]), TILT_RAD)
-        tilted[:3, 3] += self._hand * (tilted[:3, 2] - pose[:3, 2])
-        return tilted
-
-    def _pulled(self, pose: Array) -> Array:
-        """Return a pose with the wrist nearer to the shoulder that faces it, by PULL_M."""
-        wrist = pose[:3, 3] - self._hand * pose[:3, 2]
-        facing = np.arctan2(wrist[1], wrist[0])
-        out, up = self._shoulder
-        away = wrist - (out * np.cos(facing), out * np.sin(facing), up)
-        pulled = pose.copy()
-        pulled[:3, 3] -= PULL_M * away / max(float(np.linalg.norm(away)), PULL_M)
-        return pulled
 
 
 def uvw(rotation: Array) -> Array:

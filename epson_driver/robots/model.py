@@ -1,33 +1,48 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A robot model read from config/robots/NAME.yaml, validated."""
+"""A robot model read from config/robots/, or from a file of one's own, validated."""
 
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import cached_property
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from epson_driver.inputs import InputError, printable, read_yaml
 from epson_driver.motion import Array, JointLimits
-from epson_driver.robots.chain import JOINT_TYPES, SHOWN_UNITS, UNITS, Chain, Frame, reach
-from epson_driver.robots.reader import CONFIDENCES, Provenance, Range, Reader
-from epson_driver.share import share_file, share_folder
+from epson_driver.robots.catalogue import layers, model_name
+from epson_driver.robots.chain import (
+    JOINT_TYPES,
+    PRISMATIC,
+    SHOWN_UNITS,
+    UNITS,
+    Chain,
+    Frame,
+    reach,
+)
+from epson_driver.robots.reader import MARKS, Provenance, Range, Reader
 
-POSITION_RANGE: Range = (-1000.0, 1000.0, 'rad or m')
-"""159 turns, or a rail of 2 km."""
+POSITION_RANGE: Range = (-6e4, 6e4, 'degrees or mm')
+"""166 turns, or a rail of 120 m."""
 
+SPEED_RANGE: Range = (1e-3, 1e7, 'degrees/s or mm/s')
 LIMIT_RANGE: Range = (1e-6, 1e6, 'in its unit')
-"""Of velocities, accelerations and jerks (rad or m, per s, s² or s³). Below it, a move would take
-days; above it, there is no such machine, and the smoother's times would be lost to rounding."""
+"""Of accelerations and jerks (rad or m, per s² or s³). Below it, a move would take days; above it,
+there is no such machine, and the smoother's times would be lost to rounding."""
 
-LENGTH_RANGE: Range = (-100.0, 100.0, 'm')
-ANGLE_RANGE: Range = (-10.0, 10.0, 'rad')
+LENGTH_RANGE: Range = (-1e5, 1e5, 'mm')
+ANGLE_RANGE: Range = (-600.0, 600.0, 'degrees')
 AXIS_RANGE: Range = (-1.0, 1.0, '')
 PULSES_RANGE: Range = (-1e9, 1e9, 'pulses')
 WEIGHT_RANGE: Range = (1e-3, 1e5, 'kg')
+
+XYZ = ('x', 'y', 'z')
+RADIANS = np.pi / 180.0
+
+JERK_PER_ACCELERATION = 10.0
+"""Of a model that says nothing of jerk, 1/s: a ramp of 0.1 s."""
+
+ASSUMED_JERK = Provenance(
+    'ten times the acceleration per second, a ramp of 0.1 s; nothing is published', (MARKS[-1],)
+)
 
 MIN_PULSES_PER_DEGREE = 1e-3
 """Per degree or mm; with fewer, a joint's whole range is less than one pulse."""
@@ -35,8 +50,8 @@ MIN_PULSES_PER_DEGREE = 1e-3
 UNIT_TOLERANCE = 1e-9
 """How far the length of an axis vector may be from 1."""
 
-MIN_JOINT_RANGE = 1e-6
-"""The smallest difference between the position limits of a joint, rad or m."""
+MIN_RANGE = 1e-4
+"""The smallest difference between the position limits of a joint, degrees or mm."""
 
 SIX_AXIS, SCARA = 'six-axis', 'SCARA'
 
@@ -48,13 +63,15 @@ _KINDS = {
 
 @dataclass(frozen=True, eq=False)
 class RobotModel:
-    """The data of one robot model; joints are in the controller's order.
+    """The data of one robot model, with joints in the controller's order.
 
-    pulses_per_degree: shape (n,), encoder pulses per degree, per mm for a prismatic joint.
+    pulses_per_degree: shape (n,), encoder pulses per degree, per mm for a prismatic joint; NaN
+    where it is not known.
     joint_types: 'revolute' or 'prismatic'. chain: the joints, in base_link. tool0: the
     controller's Tool 0 in the last link's frame. base: EPSON's world in base_link. payload,
     mass: of the heaviest load and of the arm itself, kg, None if unknown. provenance: the source
-    of each quantity, by its key in the file (without `limits.`).
+    of each quantity, by its key in the file without the unit. file: what it was loaded by, a name
+    or a path.
     """
 
     name: str
@@ -68,6 +85,7 @@ class RobotModel:
     payload: float | None
     mass: float | None
     provenance: dict[str, Provenance]
+    file: str
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -80,9 +98,21 @@ class RobotModel:
         return _KINDS.get(self.joint_types, f'{len(self.joint_types)} joints')
 
     @property
-    def confidence(self) -> str:
-        """The lowest confidence of all quantities."""
-        return max((each.worst for each in self.provenance.values()), key=CONFIDENCES.index)
+    def mark(self) -> str:
+        """The lowest mark of all quantities."""
+        return max((each.worst for each in self.provenance.values()), key=MARKS.index)
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """What of ranges, speeds and lengths nobody has confirmed, a sentence each."""
+        asked = {'range': 'ranges', 'speed': 'speeds', 'origins': 'lengths', 'heights': 'heights'}
+        found = {words: self.provenance.get(key) for key, words in asked.items()}
+        return tuple(
+            f'{words} of the {self.name} are {origin.worst} ({origin.source}): compare them with '
+            'yours before the arm moves'
+            for words, origin in found.items()
+            if origin is not None and origin.worst in MARKS[2:]
+        )
 
     @cached_property
     def reach(self) -> Array:
@@ -101,135 +131,138 @@ class RobotModel:
 
     @cached_property
     def pulses_per_unit(self) -> Array:
-        """Encoder pulses per rad, per m for a prismatic joint, shape (n,)."""
+        """Encoder pulses per rad, or m for a prismatic joint, shape (n,), NaN if not known."""
         return self.pulses_per_degree * self.shown_per_unit
 
 
-def robot_models() -> tuple[str, ...]:
-    """Return the names of all models in config/robots/, sorted."""
-    return tuple(sorted(path.stem for path in share_folder('config', 'robots').glob('*.yaml')))
-
-
 def load_robot_model(name: str) -> RobotModel:
-    """Read config/robots/NAME.yaml, or the file itself if `name` is a path to a .yaml file.
+    """Read a model of config/robots/, or the file itself if `name` is a path to a .yaml file.
 
-    Names may be written as EPSON does, C4-A601S, and shortened where only one model begins so.
-    Raises FileNotFoundError (which lists the models there are) or InputError.
+    Names are as for `model_name`. Raises FileNotFoundError, which says what is near, or
+    InputError.
     """
-    path = Path(name) if name.endswith('.yaml') else _file_of(name)
-    return _parse(read_yaml(path), path)
-
-
-def _file_of(name: str) -> Path:
-    """Return the file of a model. Raises FileNotFoundError that says which names are near."""
-    models = robot_models()
-    wanted = name.lower().replace('-', '_')
-    found = (
-        [wanted] if wanted in models else [m for m in models if wanted and m.startswith(wanted)]
-    )
-    if len(found) == 1:
-        return share_file('config', 'robots', f'{found[0]}.yaml')
-    try:
-        return share_file('config', 'robots', f'{name}.yaml')
-    except FileNotFoundError as error:
-        near = found or get_close_matches(wanted, models)
-        if not near:
-            raise
-        raise FileNotFoundError(f'{error}; did you mean {" or ".join(near)}?') from None
-
-
-def _parse(data: Any, path: Path) -> RobotModel:
-    reader = Reader(path)
-    names = reader.names(data, 'joint_names')
-    types = reader.choices(data, 'joint_types', JOINT_TYPES, len(names))
-    columns, provenance = _limits(reader, data, len(names))
-    pulses = reader.get(data, 'pulses_per_degree', dict)
-    pulses_per_degree = reader.numbers(
-        pulses, 'value', 'pulses_per_degree', len(names), PULSES_RANGE
-    )
-    if np.any(np.abs(pulses_per_degree) < MIN_PULSES_PER_DEGREE):
-        rule = f'none may be less than {MIN_PULSES_PER_DEGREE:g}'
-        raise reader.error('pulses_per_degree.value', pulses_per_degree.tolist(), rule)
-    provenance['pulses_per_degree'] = reader.provenance(pulses, 'pulses_per_degree', len(names))
-    chain = _chain(reader, data, len(names), provenance)
-    tool0 = _frame(reader, data, 'tool0', provenance)
-    base = _frame(reader, data, 'base', provenance, turned_only=True)
-    payload = _weight(reader, data, 'payload', provenance)
-    mass = _weight(reader, data, 'mass', provenance)
-    try:
-        limits = JointLimits(names, **columns, units=tuple(UNITS[kind] for kind in types))
-    except ValueError as cause:
-        raise InputError(f'{printable(path)}: {cause}') from cause
-    for joint, width in zip(names, limits.position_max - limits.position_min, strict=True):
-        if width < MIN_JOINT_RANGE:
-            rule = f'the range of {joint} must be at least {MIN_JOINT_RANGE:g}'
-            raise reader.error('limits.position', float(width), rule)
+    name = model_name(name)
+    made_of = layers(name)
+    reader = Reader(made_of)
+    count = len(reader.get('origins_mm', list))
+    types = reader.choices('joint_types', JOINT_TYPES, count)
+    keys = _keys(types)
+    reader.check_keys([*OTHER_KEYS, *keys.values()])
+    reader.check_sources(QUANTITIES)
+    row = made_of[-1].where
+    listed = f'EPSON {row[-1]}, ' if row else ''
     return RobotModel(
-        name=reader.get(data, 'name', str),
-        description=reader.get(data, 'description', str),
-        limits=limits,
-        pulses_per_degree=pulses_per_degree,
+        name=name if row else reader.get('name', str),
+        description=listed + reader.get('description', str, 'a model of its own'),
+        limits=_limits(reader, keys, types),
+        pulses_per_degree=_pulses(reader, keys['pulses'], count),
         joint_types=types,
-        chain=chain,
-        tool0=tool0,
-        base=base,
-        payload=payload,
-        mass=mass,
-        provenance=provenance,
+        chain=_chain(reader, count),
+        tool0=_frame(reader, 'tool0'),
+        base=_frame(reader, 'world'),
+        payload=_weight(reader, 'payload_kg'),
+        mass=_weight(reader, 'mass_kg'),
+        provenance=_provenance(reader, keys, count),
+        file=name,
     )
 
 
-def _limits(
-    reader: Reader, data: Any, count: int
-) -> tuple[dict[str, Array], dict[str, Provenance]]:
-    limits = reader.get(data, 'limits', dict)
-    columns: dict[str, Array] = {}
-    provenance: dict[str, Provenance] = {}
-    for quantity in ('position', 'velocity', 'acceleration', 'jerk'):
-        where = f'limits.{quantity}'
-        block = reader.get(limits, quantity, dict, 'limits.')
-        if quantity == 'position':
-            columns['position_min'] = reader.numbers(block, 'min', where, count, POSITION_RANGE)
-            columns['position_max'] = reader.numbers(block, 'max', where, count, POSITION_RANGE)
-        else:
-            columns[quantity] = reader.numbers(block, 'max', where, count, LIMIT_RANGE)
-        provenance[quantity] = reader.provenance(block, where, count)
-    return columns, provenance
+QUANTITIES = (
+    *('range', 'speed', 'acceleration', 'jerk', 'pulses'),
+    *('origins', 'heights', 'tool0', 'world', 'payload', 'mass'),
+)
+"""What has a source: the keys without units; `heights`: of `origins_mm`, where they differ."""
+
+OTHER_KEYS = (
+    *('name', 'description', 'like', 'sources', 'joint_names', 'joint_types', 'zero_outside'),
+    *('origins_mm', 'axes', 'tool0_mm', 'tool0_deg', 'world_mm', 'world_deg'),
+    *('payload_kg', 'mass_kg'),
+)
 
 
-def _chain(reader: Reader, data: Any, count: int, provenance: dict[str, Provenance]) -> Chain:
-    block = reader.get(data, 'chain', dict)
-    origins = reader.vectors(block, 'origins', 'chain', count, LENGTH_RANGE)
-    axes = reader.vectors(block, 'axes', 'chain', count, AXIS_RANGE)
+def _keys(types: tuple[str, ...]) -> dict[str, str]:
+    """Return the keys of what joints have, with their units: degrees, or also mm."""
+    mixed = PRISMATIC in types
+    shown, si = ('deg_mm', 'rad_m') if mixed else ('deg', 'rad')
+    return {
+        'range': f'range_{shown}',
+        'speed': f'speed_{shown}_s',
+        'acceleration': f'acceleration_{si}_s2',
+        'jerk': f'jerk_{si}_s3',
+        'pulses': f'pulses_per_{shown}',
+    }
+
+
+def _si(values: Array, types: tuple[str, ...]) -> Array:
+    """Return degrees and mm of joints, shape (n, …), in rad and m as urdf/ does, to the bit."""
+    turns = np.array([each != PRISMATIC for each in types]).reshape(-1, *[1] * (values.ndim - 1))
+    return np.where(turns, values * RADIANS, values / 1e3)
+
+
+def _limits(reader: Reader, keys: dict[str, str], types: tuple[str, ...]) -> JointLimits:
+    count = len(types)
+    names = reader.names('joint_names', count)
+    ranges = reader.vectors(keys['range'], count, POSITION_RANGE, ('the lowest', 'the highest'))
+    zero_outside = reader.get('zero_outside', bool, False)
+    for name, (low, high) in zip(names, ranges.tolist(), strict=True):
+        if high - low < MIN_RANGE:
+            rule = f'{low:g} … {high:g} of {name} is no range from low to high'
+            raise reader.error(keys['range'], ranges.tolist(), rule)
+        if not low <= 0.0 <= high and not zero_outside:
+            rule = f'0 is outside {low:g} … {high:g} of {name}; is that so? zero_outside: true'
+            raise reader.error(keys['range'], ranges.tolist(), rule)
+    acceleration = reader.numbers(keys['acceleration'], count, LIMIT_RANGE)
+    jerk = acceleration * JERK_PER_ACCELERATION
+    if reader.has(keys['jerk']):
+        jerk = reader.numbers(keys['jerk'], count, LIMIT_RANGE)
+    position_min, position_max = _si(ranges, types).T
+    return JointLimits(
+        names,
+        position_min=position_min,
+        position_max=position_max,
+        velocity=_si(reader.numbers(keys['speed'], count, SPEED_RANGE), types),
+        acceleration=acceleration,
+        jerk=jerk,
+        units=tuple(UNITS[kind] for kind in types),
+    )
+
+
+def _pulses(reader: Reader, key: str, count: int) -> Array:
+    if not reader.has(key):
+        return np.full(count, np.nan)
+    pulses = reader.numbers(key, count, PULSES_RANGE, unknown=True)
+    if np.any(np.abs(pulses) < MIN_PULSES_PER_DEGREE):
+        rule = f'none may be less than {MIN_PULSES_PER_DEGREE:g}'
+        raise reader.error(key, pulses.tolist(), rule)
+    return pulses
+
+
+def _chain(reader: Reader, count: int) -> Chain:
+    axes = reader.vectors('axes', count, AXIS_RANGE, XYZ)
     for axis in axes:
         if abs(np.linalg.norm(axis) - 1.0) > UNIT_TOLERANCE:
-            raise reader.error('chain.axes', axis.tolist(), 'must have length 1')
-    provenance['chain'] = reader.provenance(block, 'chain')
-    return Chain(origins, axes)
+            raise reader.error('axes', axis.tolist(), 'must have length 1')
+    return Chain(reader.vectors('origins_mm', count, LENGTH_RANGE, XYZ) / 1e3, axes)
 
 
-def _frame(
-    reader: Reader,
-    data: Any,
-    key: str,
-    provenance: dict[str, Provenance],
-    *,
-    turned_only: bool = False,
-) -> Frame:
-    block = reader.get(data, key, dict)
-    xyz = np.zeros(3)
-    if not turned_only:
-        xyz = reader.numbers(block, 'xyz', key, 3, LENGTH_RANGE, 'x, y and z')
-    rpy = reader.numbers(block, 'rpy', key, 3, ANGLE_RANGE, 'roll, pitch and yaw')
-    provenance[key] = reader.provenance(block, key)
-    return Frame(xyz, rpy)
+def _frame(reader: Reader, key: str) -> Frame:
+    xyz = reader.numbers(f'{key}_mm', 3, LENGTH_RANGE, 'x, y and z')
+    rpy = reader.numbers(f'{key}_deg', 3, ANGLE_RANGE, 'roll, pitch and yaw')
+    return Frame(xyz / 1e3, rpy * RADIANS)
 
 
-def _weight(
-    reader: Reader, data: Any, key: str, provenance: dict[str, Provenance]
-) -> float | None:
-    if key not in data:
-        return None
-    block = reader.get(data, key, dict)
-    provenance[key] = reader.provenance(block, key)
-    return reader.number(block, 'value', key, WEIGHT_RANGE)
+def _weight(reader: Reader, key: str) -> float | None:
+    return reader.number(key, WEIGHT_RANGE) if reader.has(key) else None
+
+
+def _provenance(reader: Reader, keys: dict[str, str], count: int) -> dict[str, Provenance]:
+    found = {}
+    for quantity in QUANTITIES:
+        key = keys.get(quantity, '')
+        if quantity == 'jerk' and not reader.has(key):
+            found[quantity] = ASSUMED_JERK
+        elif quantity in ('pulses', 'payload', 'mass') and not reader.has(key or f'{quantity}_kg'):
+            continue  # not known
+        elif quantity != 'heights' or reader.has_source(quantity):
+            found[quantity] = reader.provenance(quantity, count if key else 1)
+    return found

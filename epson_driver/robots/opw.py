@@ -1,13 +1,19 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The seven lengths of a six-axis arm with an ortho-parallel basis and a spherical wrist (OPW).
+"""Inverse kinematics of a six-axis arm with an ortho-parallel basis and a spherical wrist (OPW).
 
-They follow from the chain, so a model file has each length once. In the OPW pose, all angles 0,
-the arm stands upright and the tool frame is parallel to base_link; the model's zero pose differs
-from it by the offsets: angle = sign · joint - offset.
+The closed form is that of M. Brandstötter, A. Angerer and M. Hofbaur: An Analytical Solution of
+the Inverse Kinematics Problem of Industrial Serial Manipulators with an Ortho-parallel Basis and a
+Spherical Wrist, 2014.
+
+Its seven lengths follow from the chain, so a model file has each length once. In the OPW pose, all
+angles 0, the arm stands upright and the tool frame is parallel to base_link; the model's zero pose
+differs from it by the offsets: angle = sign · joint - offset.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from math import acos, atan2, cos, hypot, pi, sin, sqrt
 
 import numpy as np
 
@@ -17,6 +23,14 @@ from epson_driver.robots.model import RobotModel
 
 TOLERANCE = 1e-9
 """How far axes may be from parallel (1 - cosine) or from crossing each other (m)."""
+
+
+STRAIGHT_WRIST_RAD = 2e-6
+"""With joint 5 closer to 0 than this, joints 4 and 6 are in line: only their sum counts. The error
+of the solution is no larger."""
+
+ROUNDING = 1e-12
+"""An arm that lacks this share of its reach is stretched: rounding."""
 
 
 class KinematicsError(ValueError):
@@ -114,3 +128,68 @@ def _no_opw(model: RobotModel, reason: str) -> KinematicsError:
 def _from_up(direction: Array) -> float:
     """Return the angle about y that turns z into a direction in the arm's plane, rad."""
     return float(np.arctan2(direction[0], direction[2]))
+
+
+class OpwSolver:
+    """The closed form with the parameters of one model."""
+
+    def __init__(self, model: RobotModel) -> None:
+        parameters = opw_parameters(model)
+        self._lengths = parameters.lengths
+        self._signs, self._offsets = np.array(parameters.signs), np.array(parameters.offsets)
+
+    def hindrance(self, _pose: Array) -> str:
+        """Return '': a spherical wrist can point anywhere."""
+        return ''
+
+    def branches(self, pose: Array, near: Array) -> list[Array]:
+        """Return those of the eight solutions that exist, regardless of the joint limits.
+
+        Those of an arm at the edge of its reach come twice. With a straight wrist, joint 4 is as
+        in `near`.
+        """
+        fourth = float(self._signs[3] * near[3] - self._offsets[3])
+        angles = [
+            (*arm, *wrist)
+            for arm in self._arms(pose[:3, 3] - self._lengths['c4'] * pose[:3, 2])
+            for wrist in _wrists(arm, pose[:3, :3], fourth)
+        ]
+        return [self._signs * (np.array(each) + self._offsets) for each in angles]
+
+    def _arms(self, wrist: Array) -> Iterator[tuple[float, float, float]]:
+        """Yield the angles of joints 1 to 3 that bring the wrist's centre to a place."""
+        a1, a2, b, c1, c2, c3, _ = self._lengths.values()
+        x, y, up = float(wrist[0]), float(wrist[1]), float(wrist[2]) - c1
+        square = x * x + y * y - b * b
+        if square < -ROUNDING * (x * x + y * y + b * b):
+            return
+        out = sqrt(max(square, 0.0))
+        fore, elbow = hypot(a2, c3), atan2(a2, c3)
+        for first, ahead in (
+            (atan2(y, x) - atan2(b, out), out - a1),
+            (atan2(y, x) + atan2(b, out) - pi, -out - a1),  # over the shoulder
+        ):
+            away = ahead * ahead + up * up
+            bend = (away - c2 * c2 - fore * fore) / (2.0 * c2 * fore)
+            if abs(bend) > 1.0 + ROUNDING:
+                continue
+            third = acos(min(max(bend, -1.0), 1.0))
+            for turn in (third, -third):
+                second = atan2(ahead, up) - atan2(fore * sin(turn), c2 + fore * cos(turn))
+                yield first, second, turn - elbow
+
+
+def _wrists(
+    arm: tuple[float, float, float], turn: Array, fourth: float
+) -> Iterator[tuple[float, float, float]]:
+    """Yield the angles of joints 4 to 6 that give the hand its orientation, `fourth` if any."""
+    (c1, s1), (c23, s23) = ((cos(each), sin(each)) for each in (arm[0], arm[1] + arm[2]))
+    forearm = np.array([[c1 * c23, s1 * c23, -s23], [-s1, c1, 0.0], [c1 * s23, s1 * s23, c23]])
+    r = (forearm @ turn).tolist()
+    fifth = atan2(hypot(r[0][2], r[1][2]), r[2][2])
+    if fifth < STRAIGHT_WRIST_RAD:
+        yield fourth, 0.0, atan2(r[1][0], r[1][1]) - fourth
+        return
+    a, b = atan2(r[1][2], r[0][2]), atan2(r[2][1], -r[2][0])
+    yield a, fifth, b
+    yield a + pi, -fifth, b + pi

@@ -1,18 +1,28 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Typed access to the keys of a model file. Errors name file, key, value and rule."""
+"""Typed access to the keys of a model. Errors name file, line, key, value and rule."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from epson_driver.inputs import JOINT_NAMES, InputError, number, printable, shown
+from epson_driver.inputs import (
+    JOINT_NAMES,
+    InputError,
+    near_name,
+    number,
+    printable,
+    shown,
+    yaml_line,
+)
 from epson_driver.motion import Array
+from epson_driver.robots.catalogue import Layer
 
-CONFIDENCES = ('high', 'medium', 'low')
-"""Best first."""
+MARKS = ('confirmed', 'one source', 'derived', 'estimated')
+"""How far a number can be trusted, best first: by EPSON's own for this model or by two sources;
+by one; computed from such, or taken from a sister model; a proxy or a guess."""
 
 Range = tuple[float, float, str]
 """Smallest and largest value, and their unit."""
@@ -22,51 +32,88 @@ Range = tuple[float, float, str]
 class Provenance:
     """Where the numbers of a quantity come from, and how far each of them can be trusted.
 
-    `confidence` has one entry per joint, or a single one for a quantity that is not per joint.
+    `marks` has one entry per joint, or a single one for a quantity that is not per joint.
     """
 
     source: str
-    confidence: tuple[str, ...]
+    marks: tuple[str, ...]
 
     @property
     def worst(self) -> str:
-        """The lowest confidence of all its numbers."""
-        return max(self.confidence, key=CONFIDENCES.index)
+        """The lowest mark of all its numbers."""
+        return max(self.marks, key=MARKS.index)
 
 
 class Reader:
-    """The keys of one file, checked for type, length and range."""
+    """The keys of one model, checked for type, length and range.
 
-    def __init__(self, path: Path) -> None:
-        self._file = printable(path)
+    layers: what it is made of; a key is that of the last layer which has it.
+    """
+
+    def __init__(self, layers: Sequence[Layer]) -> None:
+        self._own = layers[-1]
+        self._from = {key: layer for layer in layers for key in layer.values}
+        self._sources: dict[str, tuple[Layer, Any]] = {}
+        for layer in layers:
+            if not layer.where and layer is self._own:  # what somebody else said is of their value
+                for key in layer.values:
+                    self._sources.pop(key.partition('_')[0], None)
+            for key, source in self._in(layer, 'sources', {}, dict).items():
+                self._sources[key] = layer, source
 
     def error(self, key: str, value: object, rule: str) -> InputError:
-        """Return the error for a value that breaks a rule."""
-        return InputError(f'{self._file}: {key} = {shown(value)}: {rule}')
+        """Return the error for a value of a key that breaks a rule."""
+        layer = self._from.get(key, self._own)
+        return self._error(layer, (key,), f'{key} = {shown(value)}: {rule}')
 
-    def get(self, block: Any, key: str, kind: type, where: str = '') -> Any:
-        """Return the value of a key that must be there and of one type."""
-        if not isinstance(block, dict):
-            raise self.error(where.rstrip('.') or 'the file', block, 'must be a mapping')
-        if key not in block:
-            raise InputError(f'{self._file}: {where}{key} is missing')
-        if not isinstance(block[key], kind):
-            raise self.error(where + key, block[key], f'must be a {kind.__name__}')
-        return block[key]
+    def check_keys(self, known: Sequence[str]) -> None:
+        """Raise InputError for a key that is none of those a model of this build has."""
+        for key, layer in self._from.items():
+            if key in known:
+                continue
+            units = [each for each in known if each.startswith(key + '_')]
+            near = near_name(key, known)
+            hint = f'; did you mean {near}?' if near else f'; known are {", ".join(known)}'
+            rule = f'has no unit: {units[0]}' if units else f'unknown key{hint}'
+            raise self._error(layer, (key,), f'{key}: {rule}')
 
-    def names(self, block: Any, key: str) -> tuple[str, ...]:
-        """Return a list of joint names, at least one."""
-        value = self.get(block, key, list)
-        names: tuple[str, ...] = JOINT_NAMES.checked(value, f'{self._file}: {key}')
+    def check_sources(self, known: Sequence[str]) -> None:
+        """Raise InputError for a source of something that is no quantity."""
+        for key, (layer, _) in self._sources.items():
+            if key not in known:
+                rule = f'must be one of {", ".join(known)}'
+                raise self._error(layer, ('sources', key), f'sources.{key}: {rule}')
+
+    def has(self, key: str) -> bool:
+        """Return whether the model has a key."""
+        return key in self._from
+
+    def has_source(self, quantity: str) -> bool:
+        """Return whether the model says where a quantity comes from."""
+        return quantity in self._sources
+
+    def get(self, key: str, kind: type, otherwise: Any = None) -> Any:
+        """Return the value of a key, which must be there unless `otherwise` is given."""
+        if key not in self._from:
+            if otherwise is not None:
+                return otherwise
+            raise InputError(f'{printable(self._own.path)}: {key} is missing')
+        return self._in(self._from[key], key, None, kind)
+
+    def names(self, key: str, count: int) -> tuple[str, ...]:
+        """Return a list of `count` joint names, by default joint_1 and so on."""
+        value = self.get(key, list, [f'joint_{number}' for number in range(1, count + 1)])
+        try:
+            names: tuple[str, ...] = JOINT_NAMES.checked(value, key)
+        except InputError:
+            raise self.error(key, value, JOINT_NAMES.text) from None
+        if len(names) != count:
+            raise self.error(key, value, f'must have {count} names, one per joint')
         return names
 
-    def choices(
-        self, block: Any, key: str, allowed: tuple[str, ...], count: int
-    ) -> tuple[str, ...]:
-        """Return one word per joint; without the key, the first of the allowed words for each."""
-        if not isinstance(block, dict) or key not in block:
-            return (allowed[0],) * count
-        words = self.get(block, key, list)
+    def choices(self, key: str, allowed: tuple[str, ...], count: int) -> tuple[str, ...]:
+        """Return one word per joint, by default the first of the allowed words."""
+        words = self.get(key, list, [allowed[0]] * count)
         if len(words) != count or not all(word in allowed for word in words):
             rule = f'must be a list of one per joint, each of {", ".join(allowed)}'
             raise self.error(key, words, rule)
@@ -74,47 +121,69 @@ class Reader:
 
     def numbers(
         self,
-        block: Any,
         key: str,
-        where: str,
         count: int,
         range_: Range,
         of: str = 'one per joint',
+        *,
+        unknown: bool = False,
     ) -> Array:
-        """Return `count` numbers within a range."""
-        values = self.get(block, key, list, where + '.')
+        """Return `count` numbers within a range, NaN for null where one may be unknown."""
+        values = self.get(key, list)
         if len(values) != count:
-            raise self.error(f'{where}.{key}', values, f'must have {count} numbers, {of}')
-        for value in values:
-            self._number(value, f'{where}.{key}', range_)
-        return np.array(values, dtype=float)
+            raise self.error(key, values, f'must have {count} numbers, {of}')
+        return np.array(
+            [
+                np.nan if unknown and value is None else self._number(key, value, range_)
+                for value in values
+            ]
+        )
 
-    def number(self, block: Any, key: str, where: str, range_: Range) -> float:
+    def number(self, key: str, range_: Range) -> float:
         """Return one number within a range."""
-        return self._number(self.get(block, key, object, where + '.'), f'{where}.{key}', range_)
+        return self._number(key, self.get(key, object), range_)
 
-    def vectors(self, block: Any, key: str, where: str, count: int, range_: Range) -> Array:
-        """Return `count` vectors of three numbers within a range, shape (count, 3)."""
-        rows = self.get(block, key, list, where + '.')
+    def vectors(self, key: str, count: int, range_: Range, each: tuple[str, ...]) -> Array:
+        """Return `count` vectors of numbers within a range, shape (count, len(each))."""
+        rows = self.get(key, list)
         if len(rows) != count:
-            raise self.error(f'{where}.{key}', rows, f'must have {count} vectors, one per joint')
+            raise self.error(key, rows, f'must have {count} lists, one per joint')
         for row in rows:
-            if not isinstance(row, list) or len(row) != 3:
-                raise self.error(f'{where}.{key}', row, 'must have 3 numbers, x, y and z')
+            if not isinstance(row, list) or len(row) != len(each):
+                raise self.error(key, row, f'must have {len(each)} numbers, {" and ".join(each)}')
             for value in row:
-                self._number(value, f'{where}.{key}', range_)
-        return np.array(rows, dtype=float)
+                self._number(key, value, range_)
+        return np.array(rows, dtype=float).reshape(count, len(each))
 
-    def provenance(self, block: Any, where: str, count: int = 1) -> Provenance:
-        """Return `source` and `confidence` of a quantity that has `count` numbers."""
-        confidence = block.get('confidence')
-        entries = confidence if isinstance(confidence, list) else [confidence] * count
-        if len(entries) != count or any(entry not in CONFIDENCES for entry in entries):
-            rule = f'must be one of {", ".join(CONFIDENCES)}'
-            more = ', or a list of one per joint' if count > 1 else ''
-            raise self.error(f'{where}.confidence', confidence, rule + more)
-        return Provenance(self.get(block, 'source', str, where + '.'), tuple(entries))
+    def provenance(self, quantity: str, count: int = 1) -> Provenance:
+        """Return mark and source of a quantity that has `count` numbers."""
+        layer, source = self._sources.get(quantity, (self._own, None))
+        if source is None:
+            return Provenance(f'{printable(self._own.path.name)}, without a source', (MARKS[1],))
+        key = f'sources.{quantity}'
+        mark, text = source if isinstance(source, list) and len(source) == 2 else ('', '')
+        marks: list[str] = mark if isinstance(mark, list) else [mark] * count
+        if len(marks) != count or any(each not in MARKS for each in marks):
+            more = ' (or a list of one per joint)' if count > 1 else ''
+            rule = f'must be [MARK, source], with one of {", ".join(MARKS)}{more}'
+            raise self._error(layer, ('sources', quantity), f'{key} = {shown(source)}: {rule}')
+        return Provenance(str(text), tuple(marks))
 
-    def _number(self, value: object, key: str, range_: Range) -> float:
-        checked: float = number(*range_).checked(value, f'{self._file}: {key}')
+    def _in(self, layer: Layer, key: str, otherwise: Any, kind: type) -> Any:
+        value = layer.values.get(key, otherwise)
+        if not isinstance(value, kind):
+            rule = f'must be a {kind.__name__}'
+            raise self._error(layer, (key,), f'{key} = {shown(value)}: {rule}')
+        return value
+
+    def _number(self, key: str, value: object, range_: Range) -> float:
+        try:
+            checked: float = number(*range_).checked(value, key)
+        except InputError:
+            raise self.error(key, value, number(*range_).text) from None
         return checked
+
+    def _error(self, layer: Layer, keys: tuple[str, ...], text: str) -> InputError:
+        line = yaml_line(layer.path, (*layer.where, *keys))
+        place = f'{printable(layer.path)}{f", line {line}" if line else ""}'
+        return InputError(f'{place}: {text}')

@@ -11,15 +11,14 @@ from epson_driver.profiles.point_fields import FieldsUsed
 from epson_driver.profiles.profile import ControllerProfile
 from epson_driver.robots import RobotModel
 from epson_driver.sim_controller.arm.executor import Executor
-from epson_driver.sim_controller.arm.following import Following
-from epson_driver.sim_controller.arm.low_power import LowPower
+from epson_driver.sim_controller.arm.low_power import LOW_POWER, LOW_POWER_TOOL_SPEED, LowPower
 from epson_driver.sim_controller.arm.point_to_point import PointToPoint
 from epson_driver.sim_controller.arm.simulated_arm import SimulatedArm
 from epson_driver.sim_controller.arm.streaming import Planner, Streaming
 from epson_driver.sim_controller.client_connections import ClientConnections
 from epson_driver.sim_controller.condition.spel_settings import SpelSettings
 from epson_driver.sim_controller.condition.states import STARTED_BY_A_PERSON
-from epson_driver.sim_controller.core import Controller, Parts
+from epson_driver.sim_controller.core import Controller, Factories
 from epson_driver.sim_controller.programs.motion_program import MotionProgram
 from epson_driver.sim_controller.programs.motoman_program import MotomanProgram
 from epson_driver.sim_controller.programs.points import clipped
@@ -27,19 +26,20 @@ from epson_driver.sim_controller.programs.program import Program
 from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
 from epson_driver.sim_controller.spel_host.spel_program import SpelProgram
 from epson_driver.simple_message import MAX_JOINTS, Dialect
+from epson_driver.spel import ErrorNumber, SpelError, Surroundings, Terminal, build
 from epson_driver.spel import Program as CompiledProgram
-from epson_driver.spel import Terminal
 
 DEFAULT_SPEED = 0.05
 """Speed and Accel of a SPEL+ program until it sets them, a fraction of the limits."""
 
 
 class SpelSource(NamedTuple):
-    """A SPEL+ program, its ports, and its terminal; None: what it prints is logged."""
+    """A SPEL+ program, its ports, and its terminal, or None to log what it prints."""
 
     program: CompiledProgram
     network: ProgramNetwork
     terminal: Terminal | None = None
+    around: Surroundings | None = None
 
 
 def new_controller(
@@ -75,14 +75,15 @@ def new_controller(
         planner,
         profile.state.period if state_period is None else state_period,
         seed,
-        Parts(
+        Factories(
             arm=lambda controller: _new_arm(controller, where, planner),
             program=_new_program,
             clients=ClientConnections,
             settings=SpelSettings(profile.motion.speed, profile.motion.accel),
+            window=_command_window,
         )
         if spel is None
-        else _spel_parts(spel, where),
+        else _spel_factories(spel, where),
     )
 
 
@@ -92,44 +93,76 @@ def program_network(profile: ControllerProfile) -> ProgramNetwork:
     return ProgramNetwork({ports.motion: 'motion', ports.state: 'state', ports.io: 'io'})
 
 
-def _spel_parts(source: SpelSource, where: Array) -> Parts:
+def _spel_factories(source: SpelSource, where: Array) -> Factories:
     """Return how a controller is made whose program is written in SPEL+."""
 
     def arm(controller: Controller) -> SimulatedArm:
-        motion = controller.profile.motion
-        caps = LowPower(motion.low_power, motion.low_power_tool_speed, controller.model.reach)
-        executor = PointToPoint(
-            controller.model.limits,
-            where,
-            DEFAULT_SPEED,
-            DEFAULT_SPEED,
-            statement_overhead=motion.statement_overhead,
-            caps=caps,
-            late_blend=True,
+        return SimulatedArm(
+            _statements(controller, where), controller.servo, _low_power(controller)
         )
-        return SimulatedArm(executor, controller.servo, caps)
 
     def program(controller: Controller, executor: Executor) -> Program:
         if not isinstance(executor, PointToPoint):
             raise TypeError('a SPEL+ program moves the arm from point to point')
-        return SpelProgram(source.program, controller, executor, source.network, source.terminal)
+        return SpelProgram(
+            source.program,
+            controller,
+            executor,
+            source.network,
+            source.terminal,
+            around=source.around,
+        )
 
-    return Parts(
+    return Factories(
         arm=arm,
         program=program,
         clients=lambda controller: ClientConnections(controller, source.network),
         settings=SpelSettings(DEFAULT_SPEED, DEFAULT_SPEED),
+        window=_own_window,
         tables=STARTED_BY_A_PERSON,
     )
 
 
+def _statements(controller: Controller, start: Array) -> PointToPoint:
+    """Return what moves the arm from `start`, shape (n,), rad, as SPEL+ statements say."""
+    return PointToPoint(
+        controller.model.limits,
+        start,
+        DEFAULT_SPEED,
+        DEFAULT_SPEED,
+        statement_overhead=controller.profile.motion.statement_overhead,
+        caps=_low_power(controller),
+        late_blend=True,
+    )
+
+
+def _low_power(controller: Controller) -> LowPower:
+    return LowPower(LOW_POWER, LOW_POWER_TOOL_SPEED, controller.model.reach)
+
+
+def _own_window(controller: Controller) -> SpelProgram:
+    assert isinstance(controller.program, SpelProgram)  # noqa: S101 - _spel_factories made it
+    return controller.program
+
+
+def _command_window(controller: Controller) -> SpelProgram:
+    """Return a program of no functions, to which the built-in one lends the arm."""
+    executor = _statements(controller, controller.arm.commanded)
+
+    def claim() -> None:
+        if controller.clients.attended('motion'):
+            text = 'the client of the motion port has the arm'
+            raise SpelError(ErrorNumber.TASK_TYPE, text)
+        controller.arm.lend(executor)
+
+    network = ProgramNetwork({})
+    return SpelProgram(build({'': ''}), controller, executor, network, claim=claim)
+
+
 def _new_arm(controller: Controller, start: Array, planner: Planner | None) -> SimulatedArm:
     """Return an arm that is smooth if there is a planner, and goes point to point otherwise."""
-    motion = controller.profile.motion
-    caps = LowPower(motion.low_power, motion.low_power_tool_speed, controller.model.reach)
+    caps = _low_power(controller)
     executor = _new_executor(controller, start, planner, caps)
-    if controller.profile.program.setpoints:
-        executor = Following(executor, caps.limits(controller.model.limits))
     return SimulatedArm(executor, controller.servo, caps)
 
 
@@ -158,7 +191,6 @@ def _new_executor(
         controller.planner_failed,
         motion.look_ahead,
         motion.look_ahead_points,
-        path_tolerance=motion.path_tolerance,
         low_power_limits=caps.limits(limits),
         acknowledge=_acknowledge(program.acknowledge, 'taken'),
         uses=program.uses,

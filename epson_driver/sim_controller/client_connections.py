@@ -20,8 +20,9 @@ from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.faults.faulty_transport import FaultyTransport
 from epson_driver.sim_controller.io.io_session import IoSession
 from epson_driver.sim_controller.io.motoman_io_session import MotomanIoSession
-from epson_driver.sim_controller.ports.program_ports import ProgramPorts
-from epson_driver.sim_controller.ports.session import Client, Send, Session
+from epson_driver.sim_controller.ports.session import Client, ProgramPorts, Send, Session
+from epson_driver.sim_controller.programs.client_watchdog import ClientWatchdog
+from epson_driver.sim_controller.programs.motion_program import MotionProgram
 from epson_driver.sim_controller.programs.motion_session import MotionSession
 from epson_driver.sim_controller.programs.program import ProgramQuit
 from epson_driver.sim_controller.remote.remote_session import RemoteSession
@@ -78,9 +79,9 @@ class ClientConnection(Session):
 
     @property
     def claim(self) -> tuple[bool, bool, bool, float]:
-        """How good a claim to its place a remote client has; the one with the least makes room.
+        """Return the eviction priority of a remote client, lowest first.
 
-        A client that has just come has the best one, then one of this machine, then one that is
+        A client that has just come has the highest, then one of this machine, then one that is
         logged in, then the one that was heard last. No command is ever under way: each is answered
         when it has come.
         """
@@ -118,7 +119,7 @@ class ClientConnection(Session):
         self.closed()
 
     def dismiss(self) -> None:
-        """Close the connection once everything is sent; the client is gone at once."""
+        """Forget the client at once, and close the connection once everything is sent."""
         self._close()
         self.closed()
 
@@ -177,7 +178,7 @@ class ClientConnections:
         return self._down(port) and self._controller.profile.server.aborted == 'silent'
 
     def gone(self, connection: ClientConnection) -> None:
-        """Remove a closed connection; a program that does not reconnect serves no other."""
+        """Remove a closed connection, the last one if the program does not reconnect."""
         self._connections.remove(connection)
         dies = not self._controller.profile.server.reconnect
         if dies and self.server(connection.port) is not None:
@@ -215,6 +216,10 @@ class ClientConnections:
         for connection in [held for held in self._connections if held.port == port]:
             connection.dismiss()
 
+    def attended(self, port: str) -> bool:
+        """Return whether a port has a client."""
+        return any(connection.port == port for connection in self._connections)
+
     def make_room(self, port: str) -> None:
         """Close the connection of the port's oldest client, unless the arm has somewhere to go."""
         held = [connection for connection in self._connections if connection.port == port]
@@ -235,7 +240,7 @@ class ClientConnections:
         return [connection for connection in self._connections if connection.port == 'remote']
 
     def boot(self, seconds: float) -> None:
-        """Close all connections and refuse others for `seconds`; then serve all ports."""
+        """Close all connections, refuse others for `seconds`, and serve all ports again."""
         if self._boot is not None:
             self._boot.cancel()
         self._boot = self._controller.clock.after(seconds, self._booted)
@@ -257,12 +262,12 @@ class ClientConnections:
             return 'its task does not run'
         if self._spel is not None and port != 'remote':
             return self._spel.rejection(port)
-        if port == 'motion' and any(connection.port == port for connection in self._connections):
+        if port == 'motion' and self.attended(port):
             return 'there is a motion client already'
         return None
 
     def _make_room(self, client: Client) -> str | None:
-        """Make room for one more remote client; return None, or why there is none."""
+        """Make room for one more remote client, or return why there is none."""
         held = self._remote
         if len(held) < MAX_REMOTE_CLIENTS:
             return None
@@ -280,7 +285,9 @@ class ClientConnections:
 def _open(controller: Controller, port: str, send: Send, client: Client) -> Session:
     match port:
         case 'motion':
-            return MotionSession(controller, controller.dialect.byte_order, send)
+            return MotionSession(
+                controller, controller.dialect.byte_order, send, _watchdog(controller)
+            )
         case 'state':
             return StateSession(
                 controller,
@@ -303,6 +310,14 @@ def _open(controller: Controller, port: str, send: Send, client: Client) -> Sess
         case 'remote':
             return RemoteSession(controller, controller.clock, send, client.close)
     raise ValueError(f'{port} is no port')
+
+
+def _watchdog(controller: Controller) -> ClientWatchdog | None:
+    """Return what notices that the motion client hangs, where the profile has that."""
+    program, timeout = controller.program, controller.profile.server.client_timeout
+    if not timeout or not isinstance(program, MotionProgram):
+        return None
+    return ClientWatchdog(controller.clock, timeout, lambda: program.client_silent(timeout))
 
 
 def _no_io(controller: Controller) -> str | None:

@@ -57,7 +57,7 @@ class Clock:
 
     @property
     def next_due(self) -> float | None:
-        """When the next timer acts, s; None if there is none."""
+        """When the next timer acts, s, or None if there is none."""
         while self._timers and self._timers[0][2].action is None:
             heapq.heappop(self._timers)
         return self._timers[0][0] if self._timers else None
@@ -98,7 +98,7 @@ class Clock:
         passes(elapsed)
 
     def _skip(self, timer: Timer, period: float, until: float) -> bool:
-        """Leave out what the next timer, a periodic one, is too late for; True if it did."""
+        """Skip what the next timer, a periodic one, is too late for, and return whether it did."""
         too_many = int((until - timer.due) / period) - timer.catch_up
         if too_many <= 0:
             return False

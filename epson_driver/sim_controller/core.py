@@ -10,7 +10,7 @@ give the same bytes. `assembly.new_controller` puts arm, program and clients to 
 import copy
 import logging
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -50,12 +50,14 @@ from epson_driver.sim_controller.condition.states import (
 from epson_driver.sim_controller.condition.tasks import Task, TaskRow, TaskState, rows
 from epson_driver.sim_controller.faults.faults import Faults
 from epson_driver.sim_controller.io.io_points import IoPoints
-from epson_driver.sim_controller.ports.session import Client, Send, Session
+from epson_driver.sim_controller.ports.requests import VERSION, WITHOUT_WATCHDOG
+from epson_driver.sim_controller.ports.session import Client, CommandWindow, Send, Session
 from epson_driver.sim_controller.programs.points import angles_rejection, clipped
 from epson_driver.sim_controller.programs.program import Program
 from epson_driver.sim_controller.state import state_messages
 from epson_driver.simple_message import (
     Dialect,
+    GetVersion,
     JointFeedback,
     JointPosition,
     Packet,
@@ -70,12 +72,17 @@ _NO_PLANNER = Rejection(
     ErrorNumber.PLANNER_FAILED, 'the motion planner starts again: try again in a second'
 )
 
+_LENT = Rejection(ErrorNumber.MOTION_ABORTED, 'a command of $Execute moves the arm')
+
+CYCLE_PERIOD_S = 0.004
+"""Of the motion control, s."""
+
 MAX_PUSH = {'rad': np.radians(1.0), 'm': 0.001}
 """The largest push that the servo of a joint withstands, rad or m; more is a position error."""
 
 
 class Clients(Protocol):
-    """The clients of the ports, as the core needs them; `client_connections.py` implements it."""
+    """The clients of the ports, as the core needs them."""
 
     def connect(self, port: str, client: Client) -> Session:
         """Begin to serve a client. Raises ConnectionRefusedError: why nobody serves the port."""
@@ -85,6 +92,9 @@ class Clients(Protocol):
 
     def dismiss(self, port: str) -> None:
         """Close the connections of all clients of the port once they have got what was sent."""
+
+    def attended(self, port: str) -> bool:
+        """Return whether a port has a client."""
 
     def make_room(self, port: str) -> None:
         """Close the connection of the port's oldest client, unless the arm has somewhere to go."""
@@ -105,17 +115,22 @@ class Clients(Protocol):
         """Return whether a task has ended because its client went, or the program quit."""
 
     def boot(self, seconds: float) -> None:
-        """Close all connections and take no others for `seconds`; then serve all ports."""
+        """Close all connections, take no others for `seconds`, and serve all ports again."""
+
+
+class Window(Program, CommandWindow, Protocol):
+    """A SPEL+ program that executes commands, too."""
 
 
 @dataclass(frozen=True, slots=True)
-class Parts:
+class Factories:
     """How those parts of a controller are made that need the controller itself."""
 
     arm: Callable[['Controller'], SimulatedArm]
     program: Callable[['Controller', Executor], Program]
     clients: Callable[['Controller'], Clients]
     settings: SpelSettings
+    window: Callable[['Controller'], 'Window']
     tables: Tables = field(default_factory=lambda: REGIONS)
 
 
@@ -137,7 +152,7 @@ class Controller:
         planner: Planner | None,
         state_period: float,
         seed: int,
-        parts: Parts,
+        factories: Factories,
     ) -> None:
         self.model = model
         self.profile = profile
@@ -150,16 +165,18 @@ class Controller:
         self._told = Timing()
         self.io = IoPoints(profile.io)
         self.faults = Faults(self.clock, seed, self, len(model.joint_names))
-        self.clients = parts.clients(self)
-        self.spel = parts.settings
-        self._tables = parts.tables
+        self.clients = factories.clients(self)
+        self.spel = factories.settings
+        self._tables = factories.tables
+        self._new_window = factories.window
+        self._window: Window | None = None  # the command window, once it was used
         self.errors = ErrorRegister()
         self._planner = planner
         servo = profile.servo
         self.servo = Servo(start, model.pulses_per_unit, servo.lag, servo.encoder)
-        self.arm = parts.arm(self)
+        self.arm = factories.arm(self)
         self.reply: Send | None = None  # where replies of the motion program go
-        self.program = parts.program(self, self.arm.executor)
+        self.program = factories.program(self, self.arm.executor)
         self._error: int = ErrorNumber.NONE  # of the controller itself, until it is reset
         self._error_text = ''  # what its program says of it; empty: only what the number means
         self._begun = 0  # points that the faults know of
@@ -192,7 +209,8 @@ class Controller:
             self.io.boot()
             self.errors.clear()
             self._forget_error()
-            self.program.boot()
+            for program in self._programs():
+                program.boot()
         if event in DEFAULTS_AFTER:
             self.forget_settings()
         self._react(before)
@@ -216,14 +234,31 @@ class Controller:
         """
         return self.clients.connect(port, client)
 
+    @property
+    def window(self) -> Window:
+        """What executes $Execute: the SPEL+ program, or something beside the built-in one."""
+        if self._window is None:
+            self._window = self._new_window(self)
+        return self._window
+
+    def _programs(self) -> Iterable[Program]:
+        yield self.program
+        if self._window is not None and self._window is not self.program:
+            yield self._window
+
     def client_came(self) -> None:
         """Serve a new motion client. Points that were kept for it move the arm at once."""
+        self._end_command('a client of the motion port came')
         if self.profile.server.lost_client == 'brake':
             self.program.restart()
         if self._unattended:
             self._unattended = False
             if self.condition.tasks is Tasks.RUNNING and not self._slowing:
                 self.arm.executor.resume()
+
+    def _end_command(self, why: str) -> None:
+        if self._window is not None:
+            self._window.abort_command(f'the command was aborted: {why}')
 
     def client_lost(self) -> None:
         """Do what the profile says when the motion client is gone."""
@@ -251,7 +286,7 @@ class Controller:
         self._error, self._error_text = ErrorNumber.NONE, ''
 
     def reboot(self, seconds: float) -> None:
-        """Switch off and on again; it takes `seconds`. Buttons, door and key stay as they are."""
+        """Switch off and on again, in `seconds`. Buttons, door and key stay as they are."""
         self.clients.boot(seconds)
         self.apply(Event.BOOT)
 
@@ -279,7 +314,7 @@ class Controller:
         self._settle()
 
     def freeze(self, joint: int | None) -> None:
-        """Let the encoder of one joint (index from 0) report its last value; None: of none."""
+        """Freeze the encoder of one joint (index from 0), or with None of none."""
         self.servo.freeze(joint)
 
     def servo_error(self, joint: int, critical: bool = False) -> None:
@@ -296,7 +331,7 @@ class Controller:
         self.errors.enter(rejection)
 
     def planner_failed(self, reason: str) -> None:
-        """Brake and end the trajectory, as there is no planner now; braking needs none."""
+        """Brake and end the trajectory, as there is no planner now."""
         self.timing.planner_failures += 1
         self.show(Rejection(ErrorNumber.PLANNER_FAILED, f'the motion planner: {reason}'))
         self.program.restart()
@@ -307,7 +342,7 @@ class Controller:
         return own if own is not None else rows(self.task_state)
 
     def task_state(self, task: Task) -> TaskState:
-        """Return what a task is doing; one whose port nobody serves any more does not run."""
+        """Return what a task is doing, if its port is served at all."""
         return TaskState.NOT_RUNNING if self.clients.ended(task) else task.state(self.condition)
 
     # Time.
@@ -342,9 +377,10 @@ class Controller:
     def _move(self, dt: float) -> None:
         """Let `dt` ≥ 0 s pass for the arm, in which no timer is due."""
         if self.in_motion:
-            self.arm.step(dt, self.program.step)
+            own = self.arm.executor is self.arm.own
+            self.arm.step(dt, self.program.step if own else self.window.step)
             self._settle()
-        while self._begun < self.arm.executor.begun:
+        while self._begun < self.arm.own.begun:
             self._begun += 1
             self.faults.point_begun()
 
@@ -367,13 +403,13 @@ class Controller:
 
     @property
     def error_number(self) -> int:
-        """The error shown in STATUS; through an E-stop, that the motion task is aborted."""
+        """The error shown in STATUS, which in an E-stop is that of the aborted motion task."""
         if self.condition.estopped:
             return ErrorNumber.TASK_ABORTED
         return self._error or self.errors.number
 
     def error_text(self, number: int) -> str:
-        """Return what an error number means; of the one shown now, what its program says of it."""
+        """Return what an error number means, for the one shown now in its program's words."""
         told = self._error_text if number == self.error_number == self._error else ''
         return told or TEXTS.get(number, 'see the manual')
 
@@ -398,15 +434,24 @@ class Controller:
             accepts_points=self.program.ready and self.motion_rejection() is None,
         )
 
+    def version(self) -> GetVersion:
+        """Return which version the program is: whether it has a watchdog."""
+        watches = self.profile.server.client_timeout > 0.0
+        return GetVersion(VERSION if watches else WITHOUT_WATCHDOG)
+
     # What follows from a change of the condition.
 
     def _react(self, before: Condition) -> None:
         now = self.condition
+        if now.door is Door.OPEN and before.door is not Door.OPEN:
+            self._end_command('the safeguard door was opened')
         if now.tasks in ENDED and before.tasks not in ENDED:
-            self.program.restart()
+            for program in self._programs():
+                program.restart()
             self.clients.tasks_ended()
         elif now.motors in (Motors.OFF, Motors.BRAKING) and before.motors is not now.motors:
-            self.program.abort()
+            for program in self._programs():
+                program.abort()
         if now.tasks is before.tasks:
             return
         if before.tasks in ENDED and now.tasks not in ENDED:
@@ -414,11 +459,13 @@ class Controller:
         if now.tasks is Tasks.RECOVERING:
             self._recover()
         elif now.tasks in (Tasks.PAUSED, Tasks.INTERRUPTED, Tasks.WAIT_RECOVER):
-            self.program.pause()
+            for program in self._programs():
+                program.pause()
             self.arm.hold()
         else:
             self._resume_arm()
-            self.program.resume()
+            for program in self._programs():
+                program.resume()
 
     def _resume_arm(self) -> None:
         """Let the arm go on after a hold, unless it waits for a motion client."""
@@ -450,7 +497,7 @@ class Controller:
             self.apply(Event.STANDSTILL)
 
     def _set_power(self) -> None:
-        """Tell the arm whether power is low; one that moves brakes on its path, then goes on."""
+        """Tell the arm whether power is low, so that a moving one brakes, then goes on."""
         arm, low = self.arm.executor, self.condition.power is not Power.HIGH
         goes_on = self.condition.motors is Motors.ON and self.condition.tasks is Tasks.RUNNING
         if low and not arm.low_power and goes_on and not arm.still:
@@ -466,9 +513,15 @@ class Controller:
     def motion_rejection(self) -> Rejection | None:
         """Return why a point is refused in this condition, or None."""
         rejection = state_messages.motion_rejection(self.condition)
+        if rejection is None and self.arm.executor is not self.arm.own:
+            return _LENT
         if rejection is None and self._planner is not None and not self._planner.ready:
             return _NO_PLANNER
         return rejection
+
+    def command_rejection(self) -> Rejection | None:
+        """Return why a command cannot move the arm, or None: it needs no task that runs."""
+        return state_messages.motion_rejection(replace(self.condition, tasks=Tasks.RUNNING))
 
     def _tell_timing(self) -> None:
         """Log the delays in the motion that has ended, if there were any."""

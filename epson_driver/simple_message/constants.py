@@ -9,7 +9,7 @@ MAX_JOINTS = 10
 
 
 class MessageType(IntEnum):
-    """Message ids this package knows a layout for; every other id is carried as `Opaque`."""
+    """Message ids with a known layout: every other one is carried as `Opaque`."""
 
     PING = 1
     GET_VERSION = 2
@@ -19,7 +19,6 @@ class MessageType(IntEnum):
     STATUS = 13
     JOINT_TRAJ_PT_FULL = 14
     JOINT_FEEDBACK = 15
-    JOINT_SETPOINT = 1510
     MOTION_CTRL = 2001
     MOTION_REPLY = 2002
     READ_IO_BIT = 2003
@@ -58,7 +57,7 @@ class ReplyCode(IntEnum):
 
 
 class SpecialSequence(IntEnum):
-    """Negative sequence numbers with a meaning of their own; other negative ones are reserved."""
+    """Negative sequence numbers with a meaning of their own: the others are reserved."""
 
     START_TRAJECTORY_DOWNLOAD = -1
     START_TRAJECTORY_STREAMING = -2

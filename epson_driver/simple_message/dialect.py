@@ -7,14 +7,14 @@ from enum import Enum
 
 
 class ByteOrder(Enum):
-    """Order of the bytes of every int and real; the value is `struct`'s prefix."""
+    """Order of the bytes of every int and real, with `struct`'s prefix as its value."""
 
     LITTLE = '<'
     BIG = '>'
 
 
 class Real(Enum):
-    """Width of `shared_real`; the value is `struct`'s code."""
+    """Width of `shared_real`, with `struct`'s code as its value."""
 
     FLOAT32 = 'f'
     FLOAT64 = 'd'

@@ -17,6 +17,7 @@ least 2**16 in the other, so that exactly one order can be right.
 import struct
 from typing import NamedTuple
 
+from epson_driver.simple_message.constants import CommType, MessageType
 from epson_driver.simple_message.dialect import ByteOrder
 from epson_driver.simple_message.errors import FrameError
 
@@ -38,6 +39,11 @@ class Frame(NamedTuple):
     reply_code: int
     body: bytes
     byte_order: ByteOrder
+
+    @property
+    def heartbeat(self) -> bool:
+        """Whether it is only a sign of life: a PING as a topic, which nobody answers."""
+        return self.msg_type == MessageType.PING and self.comm_type == CommType.TOPIC
 
 
 class Framer:

@@ -14,7 +14,7 @@ from epson_driver.simple_message.messages import Message
 
 
 class IoType(IntEnum):
-    """The first half of an address; the second is the index within the type, from 0."""
+    """The first half of an address, before the index within the type, from 0."""
 
     DIGITAL_INPUT = 1
     DIGITAL_OUTPUT = 2

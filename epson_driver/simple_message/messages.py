@@ -35,14 +35,14 @@ class Ping(Message):
 
 @dataclass(frozen=True, slots=True)
 class GetVersion(Message):
-    """GET_VERSION (2). The request is empty; the reply carries (major, minor, patch)."""
+    """GET_VERSION (2): an empty request, and a reply with (major, minor, patch)."""
 
     version: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class JointPosition(Message):
-    """JOINT_POSITION (10): where the joints are; also the usual body of a reply."""
+    """JOINT_POSITION (10): where the joints are, and the usual body of a reply."""
 
     sequence: int = 0
     joints: tuple[float, ...] = ZEROS
@@ -105,21 +105,6 @@ class JointFeedback(Message):
     positions: tuple[float, ...] = ZEROS
     velocities: tuple[float, ...] = ZEROS
     accelerations: tuple[float, ...] = ZEROS
-
-
-@dataclass(frozen=True, slots=True)
-class JointSetpoint(Message):
-    """JOINT_SETPOINT (1510), ours, in EPSON's range: where the arm should be now.
-
-    It replaces the one before. `velocities` say how it moves on, rad/s or m/s; `scale` is the
-    share (0, 1] of every limit that the motion may use. A `sequence` of 0 begins a stream, each
-    further one is the next number.
-    """
-
-    sequence: int
-    joints: tuple[float, ...] = ZEROS
-    velocities: tuple[float, ...] = ZEROS
-    scale: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -68,14 +68,14 @@ class WriteIoBitReply(Message):
 
 @dataclass(frozen=True, slots=True)
 class ReadIoGroup(Message):
-    """READ_IO_GROUP (2007): eight bits; the address is without its last digit."""
+    """READ_IO_GROUP (2007): eight bits, whose address lacks its last digit."""
 
     address: int
 
 
 @dataclass(frozen=True, slots=True)
 class ReadIoGroupReply(Message):
-    """READ_IO_GROUP_REPLY (2008); the lowest bit of `value` is the first one of the group."""
+    """READ_IO_GROUP_REPLY (2008): the lowest bit of `value` is the first one of the group."""
 
     value: int
     result: int

@@ -26,7 +26,9 @@ from epson_driver.spel.host import (
     Terminal,
 )
 from epson_driver.spel.machine import Machine, TaskView
-from epson_driver.spel.project import build, read_project, with_defines
+from epson_driver.spel.project import build, with_defines, with_setup
+from epson_driver.spel.project_data import read_project
+from epson_driver.spel.surroundings import Surroundings, read_answers
 from epson_driver.spel.task import TaskState, Timing
 from epson_driver.spel.values import Array, Point, Value
 
@@ -46,6 +48,7 @@ __all__ = [
     'Program',
     'ProgramError',
     'SpelError',
+    'Surroundings',
     'TaskError',
     'TaskState',
     'TaskType',
@@ -54,6 +57,8 @@ __all__ = [
     'Timing',
     'Value',
     'build',
+    'read_answers',
     'read_project',
     'with_defines',
+    'with_setup',
 ]

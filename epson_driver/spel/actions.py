@@ -10,7 +10,9 @@ from epson_driver.spel.errors import ErrorNumber, SpelError
 from epson_driver.spel.host import Memory
 from epson_driver.spel.library import parse_string, text_of, value_of
 from epson_driver.spel.pallets import checked_number, new_pallet
+from epson_driver.spel.project_data import LAST_POINT
 from epson_driver.spel.task import (
+    Counter,
     Linked,
     Reference,
     Task,
@@ -30,6 +32,7 @@ from epson_driver.spel.values import (
     store,
 )
 
+_MOST_COUNTERS = 16
 _LONGEST = 1e7
 """The longest time that can be waited for, s."""
 
@@ -78,7 +81,7 @@ def wait_condition(task: Task, test: Test, time: float | None) -> None:
 
 
 def set_default_timeout(task: Task, time: float) -> None:
-    """TMOut s; 0 is never."""
+    """TMOut s, where 0 is never."""
     task.default_timeout = seconds(task, 'TMOut', time) or None
 
 
@@ -97,7 +100,7 @@ def wait_signal(task: Task, number: int, time: float | None = None) -> None:
 
 
 def signal(task: Task, number: int) -> None:
-    """Signal n: who waits goes on; nobody else ever knows."""
+    """Signal n: let those that wait go on."""
     within('Signal', nearest(number), 0, 63)
     task.world.signals[number] = task.world.signals.get(number, 0) + 1
 
@@ -199,7 +202,7 @@ def pause_all(task: Task) -> None:
 
 
 def resume_paused(world: World) -> None:
-    """Go on after a pause; what was waited for in time begins again."""
+    """Go on after a pause, beginning timed waits again."""
     for each in world.tasks.values():
         if each.paused:
             each.paused = False
@@ -235,7 +238,7 @@ def set_trap(
     target: Linked | None,
     action: str,
 ) -> None:
-    """Trap n, condition … or Trap event Xqt f; without a target it is disarmed.
+    """Trap n, condition … or Trap event Xqt f, disarmed without a target.
 
     With Call the task stands until the function is over, with Xqt it goes on.
     """
@@ -261,15 +264,25 @@ def store_condition(task: Task, name: str, test: Test) -> None:
 # Bits
 
 
+def _may_write(task: Task, name: str, memory: Memory, words: tuple[str, ...]) -> None:
+    """Refuse an output at an E-stop or open door without Forced (p560, p567). Raises SpelError."""
+    if memory is not Memory.OUTPUT or 'forced' in words:
+        return
+    host = task.world.host
+    if host.value('estopon', ()) or host.value('safetyon', ()):
+        text = f'{name}: at an E-stop or with the door open outputs need Forced'
+        raise SpelError(ErrorNumber.TASK_TYPE, text)
+
+
 def _bits(name: str, memory: Memory, width: int, value: int | None) -> Callable[..., None]:
     def one(
         task: Task,
         index: float,
         time: float | None = None,
-        _parallel: float | None = None,
+        parallel: float | None = None,
         words: tuple[str, ...] = (),
     ) -> None:
-        del words
+        _may_write(task, name, memory, words)
         host, bit, number = task.world.host, value or 0, nearest(index)
         host.write_bits(memory, number, width, bit)
         if time is None:
@@ -278,15 +291,46 @@ def _bits(name: str, memory: Memory, width: int, value: int | None) -> Callable[
         def after(_timed_out: bool) -> None:
             host.write_bits(memory, number, width, 1 - bit)
 
-        task.wait(seconds(task, name, time), after=after)
+        duration = seconds(task, name, time)
+        if parallel == 0:  # the next statement does not wait (p567, p572)
+            task.world.later.append((task.world.time + duration, lambda: after(True)))
+        else:
+            task.wait(duration, after=after)
 
     def many(task: Task, index: float, given: float, words: tuple[str, ...] = ()) -> None:
-        del words
+        _may_write(task, name, memory, words)
         wanted = within(name, nearest(given), -(1 << (width - 1)), (1 << width) - 1)
         mask = (1 << width) - 1
         task.world.host.write_bits(memory, nearest(index), width, wanted & mask)
 
     return many if value is None else one
+
+
+def _set_input(width: int) -> Callable[[Task, float, float], None]:
+    """Return SetSw, SetIn, SetInW: inputs of a dry run, which this is."""
+
+    def run(task: Task, index: float, given: float) -> None:
+        wanted = within('SetIn', nearest(given), -(1 << (width - 1)), (1 << width) - 1)
+        value = (wanted != 0) if width == 1 else wanted & (1 << width) - 1
+        task.world.host.write_bits(Memory.INPUT, nearest(index), width, int(value))
+
+    return run
+
+
+def _decimal_out(task: Task, port: float, given: float, words: tuple[str, ...] = ()) -> None:
+    """OpBCD port, 0 to 99."""
+    number = within('OpBCD', nearest(given), 0, 99)
+    _may_write(task, 'OpBCD', Memory.OUTPUT, words)
+    value = number // 10 << 4 | number % 10
+    task.world.host.write_bits(Memory.OUTPUT, nearest(port), 8, value)
+
+
+def reset_counter(task: Task, bit: float) -> None:
+    """CTReset bit: the input counts from 0."""
+    counters, number = task.world.counters, nearest(bit)
+    if number not in counters and len(counters) == _MOST_COUNTERS:
+        raise bad('CTReset', f'{_MOST_COUNTERS} inputs count already')
+    counters[number] = Counter(0, task.world.host.read_bits(Memory.INPUT, number, 1))
 
 
 # Terminal
@@ -378,7 +422,7 @@ def parse_into(_task: Task, text: str, into: Array, delimiters: str) -> None:
 def set_point(task: Task, number: int, point: Point) -> None:
     """P(n) = …: as P0, P1, … hold it."""
     world = task.world
-    world.points[within('P', number, 0, 9999)] = world.host.stored_point(point)
+    world.points[within('P', number, 0, LAST_POINT)] = world.host.stored_point(point)
 
 
 def define_pallet(
@@ -425,6 +469,11 @@ STATEMENTS: dict[str, Callable[..., None]] = {
     'memoff': _bits('MemOff', Memory.MEMORY, 1, 0),
     'memout': _bits('MemOut', Memory.MEMORY, 8, None),
     'memoutw': _bits('MemOutW', Memory.MEMORY, 16, None),
+    'setsw': _set_input(1),
+    'setin': _set_input(8),
+    'setinw': _set_input(16),
+    'opbcd': _decimal_out,
+    'ctreset': reset_counter,
     'msgbox': message_box,
     'pallet': define_pallet,
     'palletclr': clear_pallet,

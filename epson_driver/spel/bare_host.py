@@ -13,19 +13,25 @@ from epson_driver.spel.host import (
     Completion,
     Memory,
     MotionRequest,
-    NetSettings,
 )
-from epson_driver.spel.values import Array, Point, Value
+from epson_driver.spel.loopback import Loopback
+from epson_driver.spel.values import Array, Point, Value, nearest
 
 MOTORS_OFF = 4031
 _MOST_BITS = 65_536
-_SETTINGS = {'speed': 5, 'accel': 5, 'speeds': 50, 'accels': 200, 'speedfactor': 100}
+_SETTINGS = {'speed': 5, 'accel': 5, 'speeds': 50, 'accels': 200, 'speedfactor': 100,
+    'tool': 0, 'limz': 0, 'cp': 0, 'arm': 0, 'robot': 1,
+}  # fmt: skip
 
 
-class BareHost:
+OF_A_ROBOT = frozenset({'agl', 'pls', 'realpls', 'ppls', 'pagl', 'jrange', 'ptptime'})
+
+
+class BareHost(Loopback):
     """Keeps what a program sets, and what it prints."""
 
     def __init__(self, show: Callable[[str], None] | None = None) -> None:
+        super().__init__()
         self.printed: list[str] = []
         self.failures: list[TaskError] = []
         self.moves: list[MotionRequest] = []
@@ -39,6 +45,7 @@ class BareHost:
         self.power = False
         self.settings: dict[str, tuple[float, ...]] = {}
         self.here = Point('xy', (0.0,) * 6)
+        self.tools: dict[int, Point] = {}
         self._show = show
 
     # Terminal
@@ -58,32 +65,10 @@ class BareHost:
         self.write(caller, f'{title}: {text}\n')
         return self.answer
 
-    # Network: nobody is there
-
-    def open_net(self, _port: int, _settings: NetSettings, _server: bool) -> None:
-        """Open."""
-
-    def close_net(self, _port: int) -> None:
-        """Close."""
+    # Network: the program's own ports are each other's peers
 
     def orphan_net(self, _port: int) -> None:
         """Take note of nothing."""
-
-    def connected(self, _port: int) -> bool:
-        """Return that nobody is there."""
-        return False
-
-    def received(self, _port: int) -> bytes:
-        """Return nothing."""
-        return b''
-
-    def take(self, _port: int, _count: int) -> bytes:
-        """Return nothing."""
-        return b''
-
-    def send(self, port: int, _data: bytes) -> None:
-        """Refuse."""
-        raise SpelError(ErrorNumber.NETWORK, f'port {port} has no peer')
 
     # Bits
 
@@ -106,9 +91,9 @@ class BareHost:
 
     # The robot
 
-    def value(self, name: str, arguments: Sequence[int | float | Point]) -> float | Point:
+    def value(self, name: str, arguments: Sequence[int | float | Point]) -> float | Point | str:
         """Return what was set, or 0."""
-        if name in ('here', 'curpos', 'realpos'):
+        if name in ('here', 'curpos', 'realpos', 'findpos'):
             return self.here
         if name in ('cx', 'cy', 'cz', 'cu', 'cv', 'cw'):
             point = arguments[0]
@@ -118,9 +103,20 @@ class BareHost:
             return point.values[axis]
         if name in ('motor', 'power'):
             return int(self.motors if name == 'motor' else self.power)
+        if name == 'tlset':
+            return self.tools.get(int(arguments[0]), Point('xy', (0.0,) * 6))  # type: ignore[arg-type]
+        if name == 'tldef':
+            return -(arguments[0] in self.tools)
         if name in _SETTINGS:
-            return self.settings.get(name, (_SETTINGS[name],))[0]
-        return self.states.get(name, 0)
+            values = self.settings.get(name) or (_SETTINGS[name],)
+            which = arguments[0] if arguments else 1
+            return values[min(int(which), len(values)) - 1]  # type: ignore[arg-type]
+        if name == 'targetok':
+            return self.states.get(name, -1)
+        if name in OF_A_ROBOT - self.states.keys():
+            text = f'{name} needs the joints of a robot: run it on a simulated controller'
+            raise SpelError(ErrorNumber.NOT_SIMULATED, text)
+        return self.states.get(name, '' if name.endswith('$') else 0)
 
     def command(
         self, name: str, arguments: Sequence[Value | Point | None], words: tuple[str, ...]
@@ -130,6 +126,13 @@ class BareHost:
             self.motors = 'on' in words
         elif name == 'power':
             self.power = 'high' in words
+        elif name == 'cp':
+            self.settings[name] = (float('on' in words),)
+            return None
+        if name == 'tlset':
+            number, tool = arguments
+            assert isinstance(tool, Point)  # noqa: S101 - its form says so
+            self.tools[nearest(number)] = tool  # type: ignore[arg-type]
         self.settings[name] = tuple(
             float(each) for each in arguments if isinstance(each, int | float)
         )
@@ -169,3 +172,4 @@ class Done:
 
     done = True
     error = None
+    share = 1.0

@@ -105,6 +105,25 @@ def _done(task: Task, which: int | str) -> int:
     return -1 if task.world.task(which) is None else 0
 
 
+def _decimal_in(task: Task, port: int) -> int:
+    value = task.world.host.read_bits(Memory.INPUT, port, 8)
+    return (value >> 4) * 10 + (value & 15)
+
+
+def _counted(task: Task, bit: int) -> int:
+    counter = task.world.counters.get(bit)
+    if counter is None:
+        raise SpelError(ErrorNumber.ARGUMENT, f'Ctr: input {bit} counts nothing: CTReset {bit}')
+    return counter.count
+
+
+def _io_number(task: Task, label: str) -> int:
+    found = task.world.program.data.labels.get(label.lower())
+    if found is None:
+        raise SpelError(ErrorNumber.ARGUMENT, f'IONumber: there is no I/O label {label}')
+    return found
+
+
 TASK_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'rnd': lambda task, most: task.world.random.uniform(0.0, most),
     'p': point,
@@ -132,6 +151,9 @@ TASK_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'sw': _bits(Memory.INPUT, 1),
     'in': _bits(Memory.INPUT, 8),
     'inw': _bits(Memory.INPUT, 16),
+    'inbcd': _decimal_in,
+    'ctr': _counted,
+    'ionumber': _io_number,
     'oport': _bits(Memory.OUTPUT, 1),
     'out': _bits(Memory.OUTPUT, 8),
     'outw': _bits(Memory.OUTPUT, 16),

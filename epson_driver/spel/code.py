@@ -5,6 +5,7 @@
 from dataclasses import dataclass, field
 
 from epson_driver.spel.errors import Position
+from epson_driver.spel.project_data import ProjectData
 from epson_driver.spel.syntax import Declare, File, Parameter
 from epson_driver.spel.values import Value
 
@@ -65,5 +66,6 @@ class Program:
     libraries: list[Declare]
     files: list[File]
     source: str
-    texts: dict[int, str] = field(default_factory=dict)
-    """Error numbers of UserErrors.dat with their messages."""
+    data: ProjectData = field(default_factory=ProjectData)
+    shared: dict[str, Variable] = field(default_factory=dict)
+    """The Global variables by name in lower case."""

@@ -15,7 +15,6 @@ from epson_driver.spel.commands import COMMANDS, TASK_TYPE_WORDS
 from epson_driver.spel.conditions import condition, is_condition
 from epson_driver.spel.errors import Position, Problem, SyntaxProblem
 from epson_driver.spel.expression_code import Expressions, check_depth
-from epson_driver.spel.expressions import is_point_literal
 from epson_driver.spel.scope import Scope
 from epson_driver.spel.syntax import (
     Apply,
@@ -42,16 +41,20 @@ from epson_driver.spel.syntax import (
     Redim,
     Return,
     Select,
+    Share,
     Statement,
     Store,
+    Stub,
     TaskCommand,
     Transfer,
     Trap,
     Wait,
     Xqt,
+    walk,
 )
 from epson_driver.spel.values import INT, NUMBERS, POINT, STRING, TYPES, Value
 
+COORDINATES = frozenset({'cx', 'cy', 'cz', 'cu', 'cv', 'cw'})
 _MARK = re.compile('\x01([0-9]+)\x01')
 _WAITING = f'return {WAITING}'
 
@@ -83,7 +86,7 @@ class Compiler:
         self._leaves: list[tuple[str, int]] = []
 
     def compile(self) -> None:
-        """Fill in the function's code; problems go to the list."""
+        """Fill in the function's code, and the list of problems."""
         code, function = self._code, self._function
         try:
             for number, parameter in enumerate(function.parameters, 1):
@@ -101,7 +104,7 @@ class Compiler:
             code.result_slot = len(function.parameters) + 1
             result = function.result or 'integer'
             code.blanks.append(TYPES[result].blank)
-            if function.result:
+            if function.result or _gives_value(function):
                 self._scope.add_local(
                     Variable(function.name, result, 'v', code.result_slot, at=function.at)
                 )
@@ -237,10 +240,21 @@ class Compiler:
         target = statement.target
         made = self._expressions
         if self._scope.variable(target.name) is None:
-            if isinstance(target, Name) and is_point_literal(target.name):
-                number, kind = str(int(target.name[1:])), POINT
+            point = made.point_number(target.name) if isinstance(target, Name) else None
+            if point is not None:
+                number, kind = point, POINT
             elif isinstance(target, Apply) and target.name.lower() == 'p':
                 number, kind = made.whole(target.arguments[0].value), POINT
+            elif isinstance(target, Apply) and target.name.lower() == 'plocal':
+                number = made.which_point(target.arguments[0].value)
+                self._do(f's_plocal(v[0], {number}, {made.whole(statement.value)})')
+                return
+            elif isinstance(target, Apply) and target.name.lower() in COORDINATES:
+                number = made.which_point(target.arguments[0].value)
+                value = made.number(statement.value).text
+                axis = target.name[-1].lower()
+                self._do(f's_coordinate(v[0], {number}, {axis!r}, {value})')
+                return
             else:
                 kind = ''
             if kind == POINT:
@@ -411,6 +425,10 @@ class Compiler:
         kinds = {'MsgBox': 'snsv', 'ParseStr': 'sas'}.get(rule.name, '')
         if rule.name == 'SetNet':
             kinds = 'isin'
+        elif rule.form == '@open':
+            kinds = 'si'
+        elif rule.name == 'Local':
+            kinds = 'i' + 'p' * (len(statement.arguments) - 1)
         elif rule.name == 'Pallet':
             kinds = 'i' + 'p' * (len(statement.arguments) - 3) + 'ii'
         given = []
@@ -437,6 +455,8 @@ class Compiler:
             return made.string(argument)
         if kind == 'p':
             return made.point(argument)
+        if kind == 'q':
+            return made.which_point(argument)
         return made.whole(argument) if kind == 'i' else made.number(argument).text
 
     @_statement.register
@@ -587,10 +607,15 @@ class Compiler:
             values = ''.join(f'{made.number(each).text}, ' for each in statement.points)
             points = f'f_pulse({values}), '
         else:
+            if name in ('arc', 'arc3') and not made.are_points(statement.points):
+                text = f'not simulated: {statement.name} but by a point to pass through'
+                raise SyntaxProblem(statement.at, text, 'not-simulated')
             points = ''.join(f'{made.point(each)}, ' for each in statement.points)
         before = ''
         conditions = []
-        for given, stored in ((statement.till, 'till'), (statement.find, 'find')):
+        for given, stored in (
+            (statement.till, 'till'), (statement.find, 'find'), (statement.sense, 'sense')
+        ):  # fmt: skip
             if given is False:
                 conditions.append('None')
             elif given is True:
@@ -599,15 +624,57 @@ class Compiler:
                 more, test = condition(given, made)
                 before += more
                 conditions.append(f'lambda: {test}')
-        conditions.append("v[0].stored('sense')" if statement.sense else 'None')
-        ljm = 'None'
-        for kind, number in statement.numbers:
-            if kind == 'ljm' and number is not None:
-                ljm = made.whole(number)
+        numbers = ''.join(
+            f'{kind!r}: {made.number(value).text}, ' for kind, value in statement.numbers
+        )
+        beside = self._beside(statement.parallel) if statement.parallel else 'None'
         self._act(
             f'{before}v[0].move({name!r}, ({points}), {statement.cp}, '
-            f'{", ".join(conditions)}, {statement.words!r}, {ljm})'
+            f'{", ".join(conditions)}, {statement.words!r}, {{{numbers}}}, {beside})'
         )
+
+    def _beside(self, block: Block) -> str:
+        """Add the instructions of !…! for the motion to pass over, and return where they begin."""
+        start, at = self._start, self._at
+        inside, behind = self._mark(), self._mark()
+        self._go(behind)
+        self._set(inside)
+        self._block(block)
+        self._act('v[0].leave()')
+        self._set(behind)
+        self._start, self._at = start, at
+        return self._to(inside)
+
+    @_statement.register
+    def _(self, statement: Share) -> None:
+        self._act(f'v[0].wait_share({self._expressions.number(statement.percent).text})')
+
+    @_statement.register
+    def _(self, statement: Stub) -> None:
+        made = self._expressions
+        given = [self._stub_argument(argument) for argument in statement.arguments]
+        made.note_stub(statement.name, statement.at)
+        self._act(f'v[0].stub({statement.name!r}, ({"".join(f"{each}, " for each in given)}))')
+
+    def _stub_argument(self, argument: Argument) -> str:
+        """Return a variable by reference, as the answer may be put into it, or a value."""
+        made, value = self._expressions, argument.value
+        variable = self._scope.variable(value.name) if isinstance(value, Name | Apply) else None
+        if variable is None:
+            return made.stub_argument(argument)
+        if variable.array and isinstance(value, Name):
+            return made.array(argument)[0]
+        assert isinstance(value, Name | Apply)  # noqa: S101 - it names a variable
+        reference, type_name = made.reference(value)
+        return f'(*{reference}, {type_name!r})'
+
+
+def _gives_value(function: Function) -> bool:
+    """Return whether a value is assigned to a function's name."""
+    return any(
+        isinstance(node, Assign) and node.target.name.lower() == function.name.lower()
+        for node in walk(function.body)
+    )
 
 
 def _form_kind(form: str, number: int) -> str:

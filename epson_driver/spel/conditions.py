@@ -9,9 +9,10 @@ the left; the right side is worked out once, when the statement begins (SPEL+ p8
 from epson_driver.spel.errors import SyntaxProblem
 from epson_driver.spel.expression_code import Expressions
 from epson_driver.spel.functions import FUNCTIONS
-from epson_driver.spel.scope import Scope
+from epson_driver.spel.scope import Scope, against_true
 from epson_driver.spel.syntax import Apply, Binary, Expression, Name, Unary
 from epson_driver.spel.values import INT, TYPES, type_word
+from epson_driver.spel.words import is_a
 
 _JOIN = {'and': 'and', 'or': 'or', 'xor': '!='}
 _COMPARE = {'=': '==', '<>': '!=', '<': '<', '>': '>', '<=': '<=', '>=': '>='}
@@ -25,7 +26,7 @@ def is_condition(expression: Expression, scope: Scope) -> bool:
         return expression.operator == 'not'
     if isinstance(expression, Name | Apply) and scope.variable(expression.name) is None:
         rule = FUNCTIONS.get(expression.name.lower())
-        return rule is not None and rule.event
+        return is_a('function', expression.name) if rule is None else rule.event
     return False
 
 
@@ -46,13 +47,14 @@ def _test(expression: Expression, made: Expressions, before: list[str]) -> str:
     if isinstance(expression, Unary) and expression.operator == 'not':
         return f'(not {_test(expression.operand, made, before)})'
     if isinstance(expression, Binary) and expression.operator in _COMPARE:
+        expression = against_true(expression, made.scope)
         left = _event(expression.left, made, before)
         return f'({left} {_COMPARE[expression.operator]} {_once(expression.right, made, before)})'
     return _event(expression, made, before)
 
 
 def _once(expression: Expression, made: Expressions, before: list[str]) -> str:
-    """Work a whole number out once; return the name that keeps it."""
+    """Work a whole number out once and return the name that keeps it."""
     name = made.temporary()
     before.append(f'{name} = {made.whole(expression)}')
     return name
@@ -80,8 +82,12 @@ def _event(expression: Expression, made: Expressions, before: list[str]) -> str:
         if rule is not None and rule.event:
             if isinstance(expression, Name):
                 return made.value(expression).text
-            if len(expression.arguments) == 1 and rule.arguments == 'i':
-                index = _once(expression.arguments[0].value, made, before)
-                return f't_{rule.name.lower()}(v[0], {index})'
+            given = [_once(each.value, made, before) for each in expression.arguments]
+            arguments = ', '.join(given)
+            if rule.by == 'task':
+                return f't_{rule.name.lower()}(v[0], {arguments})'
+            return f'v[0].value({rule.name.lower()!r}, ({arguments},))'
+        if rule is None and is_a('function', expression.name):
+            return made.value(expression).text
     text = 'a condition takes inputs, outputs, memory, states and whole global variables only'
     raise SyntaxProblem(expression.at, text, 'wait-condition')

@@ -84,6 +84,7 @@ class ErrorNumber(IntEnum):
     TASK_TYPE = 9996
     SYNC = 9997
     RESUME = 9998
+    NOT_SIMULATED = 9999
 
 
 TEXTS: dict[int, str] = {
@@ -109,9 +110,11 @@ TEXTS: dict[int, str] = {
     ErrorNumber.TASK_TYPE: 'this type of task cannot execute the statement',
     ErrorNumber.SYNC: 'SyncLock twice, or SyncUnlock by a task that has not locked',
     ErrorNumber.RESUME: 'EResume without an error',
+    ErrorNumber.NOT_SIMULATED: 'not simulated: a test can give an answer (--stub)',
 }
 
 
+OWN_NUMBERS = range(9990, 9999)
 USER_ERRORS = range(8000, 9000)
 
 

@@ -13,8 +13,9 @@ from typing import NamedTuple
 from epson_driver.spel.code import Variable
 from epson_driver.spel.errors import Position, Problem, SyntaxProblem
 from epson_driver.spel.expressions import is_point_literal
-from epson_driver.spel.functions import AXES, FUNCTIONS, NOT_SIMULATED, FunctionRule, counts
-from epson_driver.spel.scope import Scope, constant
+from epson_driver.spel.functions import FUNCTIONS, STUB_RESULTS, FunctionRule, counts
+from epson_driver.spel.library import REAL_DIGITS
+from epson_driver.spel.scope import Scope, against_true, constant
 from epson_driver.spel.syntax import (
     Apply,
     Argument,
@@ -39,6 +40,7 @@ from epson_driver.spel.values import (
     TYPES,
     type_word,
 )
+from epson_driver.spel.words import is_a
 
 _COMPARE = {'=': '==', '<>': '!=', '<': '<', '>': '>', '<=': '<=', '>=': '>='}
 _BITS = {'and': '&', 'or': '|', 'xor': '^', 'mask': '&'}
@@ -91,7 +93,7 @@ class Expressions:
         return self._expect(expression, NUMBERS, 'a number')
 
     def whole(self, expression: Expression) -> str:
-        """Return the code of a whole number; a real is made one as on assignment."""
+        """Return the code of a whole number, made of a real as on assignment."""
         return _rounded(self.number(expression))
 
     def string(self, expression: Expression) -> str:
@@ -99,8 +101,22 @@ class Expressions:
         return self._expect(expression, (STRING,), 'a string').text
 
     def point(self, expression: Expression) -> str:
-        """Return the code of a point."""
+        """Return the code of a point, by its label before an I/O label of that name."""
+        labelled = self._labelled(expression)
+        if labelled is not None:
+            return f't_p(v[0], {labelled})'
         return self._expect(expression, (POINT,), 'a point').text
+
+    def are_points(self, expressions: Sequence[Expression]) -> bool:
+        """Return whether there are two, both of them points."""
+        return len(expressions) == 2 and all(
+            self._labelled(each) is not None or self.value(each).kind == POINT
+            for each in expressions
+        )
+
+    def _labelled(self, expression: Expression) -> int | None:
+        name = expression.name if isinstance(expression, Name) else ''
+        return None if self.scope.variable(name) is not None else self.scope.point_number(name)
 
     def _expect(self, expression: Expression, kinds: Sequence[str], what: str) -> Code:
         code = self.value(expression)
@@ -122,7 +138,7 @@ class Expressions:
         if (code.kind in NUMBERS) != (wanted.kind in NUMBERS):
             text = f'{type_word(type_name)} cannot take {_WORDS[code.kind]}'
             raise SyntaxProblem(expression.at, text, 'type')
-        if isinstance(fixed, int) and wanted.kind == INT:
+        if isinstance(fixed, int) and wanted.kind == INT and type_name != 'boolean':
             if not wanted.least <= fixed <= wanted.most:
                 text = f'{fixed} does not fit {type_word(type_name)}'
                 text += f' ({wanted.least}..{wanted.most})'
@@ -134,7 +150,7 @@ class Expressions:
     def _note(self, expression: Expression, code: Code, type_name: str) -> None:
         """Note a value that may not arrive as it is."""
         wanted = TYPES[type_name]
-        if wanted.kind != INT:
+        if wanted.kind != INT or type_name == 'boolean':
             return
         name = type_word(type_name)
         if code.kind != INT:
@@ -155,6 +171,8 @@ class Expressions:
             name = self.temporary()
             limit = f'len({name} := {code.text}) <= {LONGEST_STRING}'
             return f'({name} if {limit} else LONG({name}))'
+        if type_name == 'boolean' and not code.truth:
+            return f'(-1 if {code.text} else 0)'
         if wanted.kind == INT:
             if code.kind == INT and code.checked:
                 return code.text
@@ -265,10 +283,13 @@ class Expressions:
             return self._binary(expression)
         point = self.point(expression.point)
         if isinstance(expression, PointFlag):
-            return Code(f'{point}.flagged({expression.flag!r})', POINT)
-        axis = AXES.index(expression.axis)
+            flag = repr(expression.flag)
+            if expression.value is not None:
+                flag = f'f"{expression.flag}{{{self.number(expression.value).text}:g}}"'
+            return Code(f'v[0].flagged({point}, {flag})', POINT)
         moved = self.number(expression.value).text
-        return Code(f'{point}.changed({expression.operator!r}, {axis}, {moved})', POINT)
+        change = f'{expression.operator!r}, {expression.axis!r}, {moved}'
+        return Code(f'CHANGED({point}, {change})', POINT)
 
     def _unary(self, expression: Unary) -> Code:
         code = self.number(expression.operand)
@@ -280,8 +301,11 @@ class Expressions:
         return Code(f'(~{code.text})', INT, truth, checked=bool(truth))
 
     def _binary(self, expression: Binary) -> Code:
+        expression = against_true(expression, self.scope)
         operator, at = expression.operator, expression.at
         left, right = self.value(expression.left), self.value(expression.right)
+        if left.kind == right.kind == POINT and operator in ('+', '-'):
+            return Code(f'ADDED({left.text}, {right.text}, {operator}1.0)', POINT)
         if POINT in (left.kind, right.kind):
             raise SyntaxProblem(at, f'{operator} does not take points', 'type')
         if (left.kind == STRING) != (right.kind == STRING):
@@ -329,10 +353,34 @@ class Expressions:
             return self.read(variable)
         if key in self.scope.constants:
             fixed = self.scope.constants[key]
-            return Code(repr(fixed), INT if isinstance(fixed, int) else DOUBLE)
-        if is_point_literal(name):
-            return Code(f't_p(v[0], {int(name[1:])})', POINT)
+            return Code(repr(fixed), INT if isinstance(fixed, int) else STRING, checked=True)
+        if (number := self.point_number(name)) is not None:
+            return Code(f't_p(v[0], {number})', POINT)
+        if key in self.scope.data.unlabelled:
+            return Code(f'UNLABELLED({name!r})', INT)
         return self._function(name, (), expression.at)
+
+    def point_number(self, name: str) -> str | None:
+        """Return the code of a point's number: P1, a label, or P and a variable (p345)."""
+        if is_point_literal(name):
+            return str(int(name[1:]))
+        if (labelled := self.scope.point_number(name)) is not None:
+            return str(labelled)
+        variable = self.scope.variable(name[1:]) if name[:1] in 'pP' else None
+        if variable is None or variable.array or TYPES[variable.type].kind != INT:
+            return None
+        return self.read(variable).text
+
+    def which_point(self, expression: Expression) -> str:
+        """Return the code of a point's number: of P1, P(i), a label, a number, a label as text."""
+        if isinstance(expression, Name):
+            number = self.point_number(expression.name)
+            if number is not None and self.scope.variable(expression.name) is None:
+                return number
+        if isinstance(expression, Apply) and expression.name.lower() == 'p':
+            return self.whole(expression.arguments[0].value)
+        code = self._expect(expression, (*NUMBERS, STRING), 'a point')
+        return f'v[0].labelled({code.text})' if code.kind == STRING else _rounded(code)
 
     def _apply(self, expression: Apply) -> Code:
         variable = self.scope.variable(expression.name)
@@ -349,8 +397,9 @@ class Expressions:
         if key in self.scope.functions:
             result = self.scope.functions[key].result
             if not result:
-                text = f'{name} has no value: its Function line has no As'
-                raise SyntaxProblem(at, text, 'type')
+                text = f'{name}: its Function line has no As: RC+ takes the value for an Integer'
+                self.notes.append(Problem(at, 'type', text, warning=True))
+                result = 'integer'
             slot = self._call(name, arguments, at)
             kind = TYPES[result].kind
             return Code(f'v[{slot}]', kind, checked=kind in (DOUBLE, STRING))
@@ -358,11 +407,38 @@ class Expressions:
             return self._library(key, arguments, at)
         rule = FUNCTIONS.get(key)
         if rule is None:
-            if key in NOT_SIMULATED:
-                raise SyntaxProblem(at, f'not simulated: {name}', 'not-simulated')
+            if is_a('function', key):
+                return self._stub(name, arguments, at)
+            if is_a('statement', key) or is_a('keyword', key):
+                raise SyntaxProblem(at, f'{name} has no value', 'syntax')
             what = 'function or array' if arguments else 'variable, constant or function'
             raise SyntaxProblem(at, f'unknown {what} {name[:40]}', 'unknown')
         return self._built_in(rule, arguments, at)
+
+    def note_stub(self, name: str, at: Position) -> None:
+        """Note that something of SPEL+ is not simulated."""
+        text = f'{name} is not simulated: running it needs an answer (--stub)'
+        self.notes.append(Problem(at, 'not-simulated', text, warning=True))
+
+    def _stub(self, name: str, arguments: tuple[Argument, ...], at: Position) -> Code:
+        self.note_stub(name, at)
+        given = ''.join(f'{self.stub_argument(each)}, ' for each in arguments)
+        kind = STRING if name.endswith('$') else STUB_RESULTS.get(name.lower(), INT)
+        return Code(f'v[0].ask({name!r}, ({given}), {kind!r})', kind)
+
+    def stub_argument(self, argument: Argument) -> str:
+        """Return a value, or for an unknown name that of a sequence or window."""
+        value = argument.value
+        if argument.whole_array:
+            return self.array(argument)[0]
+        if isinstance(value, Name) and not self._means_something(value.name):
+            return repr(value.name)
+        return self.value(value).text
+
+    def _means_something(self, name: str) -> bool:
+        key, scope = name.lower(), self.scope
+        known = key in scope.constants or key in scope.functions or is_a('function', key)
+        return known or scope.variable(name) is not None or self.point_number(name) is not None
 
     def _built_in(self, rule: FunctionRule, arguments: tuple[Argument, ...], at: Position) -> Code:
         least, most = counts(rule.arguments)
@@ -378,6 +454,8 @@ class Expressions:
         key = rule.name.lower()
         name = key.replace('$', '_s')
         kind = codes[0].kind if rule.result == '=' else rule.result
+        if rule.name == 'Str$' and codes[0].kind == SINGLE:
+            given += f', {REAL_DIGITS}'
         if rule.by == 'value':
             text = f'f_{name}({given})'
         elif rule.by == 'task':
@@ -396,12 +474,16 @@ class Expressions:
             return Code(self.string(value), STRING)
         if wanted == 'p':
             return Code(self.point(value), POINT)
+        if wanted == 'q':
+            return Code(self.which_point(value), INT)
         if wanted == 't' and isinstance(value, Name):
             key = value.name.lower()
             if key in self.scope.functions and self.scope.variable(key) is None:
                 return Code(repr(key), INT)
         if wanted == 'n':
             return self.number(value)
+        if wanted == 'x':
+            return self._expect(value, (*NUMBERS, STRING), 'a number or a string')
         return Code(self.whole(value), INT)
 
     def _library(self, key: str, arguments: tuple[Argument, ...], at: Position) -> Code:

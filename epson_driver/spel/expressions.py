@@ -2,8 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Expressions of SPEL+, by precedence: ( ) ** * / Mod + - = <> < > Not And Or Xor."""
 
+from collections.abc import Container
+
 from epson_driver.spel.errors import Position, SyntaxProblem
-from epson_driver.spel.functions import AXES, POINT_FLAGS
+from epson_driver.spel.functions import AXES, FUNCTIONS, POINT_FLAGS, STUB_RESULTS, TURNS
 from epson_driver.spel.lexer import END, NAME, NUMBER, STRING, SYMBOL, Token
 from epson_driver.spel.syntax import (
     Apply,
@@ -18,6 +20,7 @@ from epson_driver.spel.syntax import (
     Text,
     Unary,
 )
+from epson_driver.spel.values import POINT
 
 DEEPEST = 40
 """Brackets, signs and Nots within each other."""
@@ -28,9 +31,10 @@ MOST_OPERATORS = 100
 _LEVELS: tuple[tuple[str, ...], ...] = (
     ('xor',),
     ('or',),
-    ('and', 'mask'),
+    ('and',),
     (),  # Not
     ('=', '<>', '<', '>', '<=', '>=', '=<', '=>'),
+    ('mask',),
     ('+', '-'),
     ('mod',),
     ('*', '/'),
@@ -38,8 +42,10 @@ _LEVELS: tuple[tuple[str, ...], ...] = (
 )
 _SAME = {'=<': '<=', '=>': '>='}
 _POINT_FUNCTIONS = frozenset(
-    {'p', 'xy', 'ja', 'agltopls', 'pulse', 'pallet', 'here', 'curpos', 'realpos'}
+    [name for name, rule in FUNCTIONS.items() if rule.result == POINT]
+    + [name for name, result in STUB_RESULTS.items() if result == POINT]
 )
+_FLAG_OF_ANGLE = ('j1a', 'j4a')
 
 
 def is_point_literal(name: str) -> bool:
@@ -47,21 +53,23 @@ def is_point_literal(name: str) -> bool:
     return name[:1] in 'pP' and name[1:].isdigit() and name.isascii() and len(name) < 8
 
 
-def is_point(expression: Expression) -> bool:
-    """Return whether an expression can only be a point."""
-    if isinstance(expression, PointChange | PointFlag):
-        return True
-    if isinstance(expression, Name | Apply):
-        name = expression.name.lower()
-        return name in _POINT_FUNCTIONS or is_point_literal(expression.name)
-    return False
+def _moves(token: Token) -> bool:
+    return token.lower in AXES or token.lower in TURNS or token.lower[:2] == 'tl'
+
+
+def _is_flag(token: Token) -> bool:
+    word = token.lower
+    return word in POINT_FLAGS or word in _FLAG_OF_ANGLE or token.kind == NUMBER or word == '('
 
 
 class Reader:
-    """The tokens of one statement, read from the left."""
+    """The tokens of one statement, read from the left. `labels`: of points, in lower case."""
 
-    def __init__(self, found: list[Token], at: Position) -> None:
+    def __init__(
+        self, found: list[Token], at: Position, labels: Container[str] = frozenset()
+    ) -> None:
         self._tokens = found
+        self._labels = labels
         self._next = 0
         self._depth = 0
         self._operators = 0
@@ -69,7 +77,7 @@ class Reader:
 
     @property
     def here(self) -> Token:
-        """Return the next token; behind the last one an END."""
+        """Return the next token, or END behind the last one."""
         if self._next < len(self._tokens):
             return self._tokens[self._next]
         at = self._start
@@ -172,27 +180,54 @@ class Reader:
             raise SyntaxProblem(self.here.position, 'the expression is too deep: divide it')
 
     def _point(self) -> Expression:
-        """Read an operand, and what can only follow a point: :Z(0), +Z(10), /L."""
+        """Read an operand, and what can only follow a point: :Z(0), +TLZ(10), /L, @1 (p592)."""
         left = self._operand()
-        while is_point(left):
+        while True:
+            token, after = self.here, self.look(1)
+            axis = after.kind == NAME and self.look(2).text == '('
+            is_point = self._is_point(left)
+            absolute = token.text == ':' and axis and after.lower in AXES
+            if absolute or (is_point and token.text in ('+', '-') and axis and _moves(after)):
+                self.step()
+                self.step()
+                value = self._in_brackets()
+                left = PointChange(left, token.text, after.lower, value, token.position)
+            elif is_point and token.text in ('/', '@') and _is_flag(after):
+                self.step()
+                left = self._flag(left, token)
+            else:
+                return left
             self._operators += 1
             if self._operators > MOST_OPERATORS:
                 raise SyntaxProblem(self.here.position, 'the expression is too long: divide it')
-            token, after = self.here, self.look(1)
-            axis = after.kind == NAME and after.lower in AXES and self.look(2).text == '('
-            if token.text in (':', '+', '-') and axis:
-                self.step()
-                self.step()
-                self.need('(')
-                value = self.expression()
-                self.need(')')
-                left = PointChange(left, token.text, after.lower, value, token.position)
-            elif token.text == '/' and (after.lower in POINT_FLAGS or after.kind == NUMBER):
-                self.step()
-                left = PointFlag(left, self.step().lower, token.position)
-            else:
-                break
-        return left
+
+    def _flag(self, point: Expression, sign: Token) -> Expression:
+        """Read a posture, or a local: /2, /(i), @2."""
+        mark = '@' if sign.text == '@' else ''
+        if self.sees('('):
+            return PointFlag(point, mark, sign.position, self._in_brackets())
+        word = self.step()
+        value = self._in_brackets() if word.lower in _FLAG_OF_ANGLE else None
+        return PointFlag(point, mark + word.lower, sign.position, value)
+
+    def _in_brackets(self) -> Expression:
+        self.need('(')
+        value = self.expression()
+        self.need(')')
+        return value
+
+    def _is_point(self, expression: Expression) -> bool:
+        """Return whether an expression can only be a point."""
+        if isinstance(expression, PointChange | PointFlag):
+            return True
+        if isinstance(expression, Name | Apply):
+            name = expression.name.lower()
+            return (
+                name in _POINT_FUNCTIONS
+                or is_point_literal(name)
+                or (isinstance(expression, Name) and name in self._labels)
+            )
+        return False
 
     def _operand(self) -> Expression:
         token = self.here
@@ -239,7 +274,7 @@ class Reader:
         """Read one argument: ByRef and a() too."""
         by_reference = self.takes('byref')
         if not by_reference:
-            self.takes('byval')
+            self.takes('byval', '#')
         token = self.here
         if token.kind == NAME and self.look(1).text == '(' and self.look(2).text == ')':
             after = self.look(3)

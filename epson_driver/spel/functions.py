@@ -1,14 +1,17 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The functions there are, as one table: arguments, result, versions, who works them out.
+"""The functions there are, as one table: arguments, result, who works them out.
 
-Arguments: `n` a number, `i` a whole number, `s` a string, `p` a point, `a` an array, `t` a task
-(its number or a function's name); `?` may be left out. Results: `i`, `n` (a real), `s`, `p`, and
-`=` for the kind of the first argument.
+Arguments: `n` a number, `i` a whole number, `s` a string, `x` either, `p` a point,
+`q` the number of one (P1, its label), `a` an array,
+`t` a task (its number or a function's name); `?` may be left out. Results: `i`, `n` (a Double),
+`f` (a Real), `s`, `p`, and `=` for the kind of the first argument.
 """
 
 from dataclasses import dataclass
 from typing import Literal
+
+from epson_driver.spel.words import FIRST, WORDS
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +27,12 @@ class FunctionRule:
     result: str
     by: Literal['value', 'task', 'host'] = 'value'
     event: bool = False
-    since: int = 6
+
+    @property
+    def since(self) -> int:
+        """The first version that has it."""
+        word = WORDS.get(self.name.lower())  # there is none for P( )
+        return word.since[0] if word is not None else FIRST[0]
 
 
 def _task(name: str, arguments: str, result: str, event: bool = False) -> FunctionRule:
@@ -43,23 +51,26 @@ FUNCTIONS: dict[str, FunctionRule] = {
         FunctionRule('Int', 'n', 'i'),
         FunctionRule('Fix', 'n', 'i'),
         FunctionRule('Sgn', 'n', 'i'),
-        FunctionRule('Sqr', 'n', 'n'),
-        FunctionRule('Sin', 'n', 'n'),
-        FunctionRule('Cos', 'n', 'n'),
-        FunctionRule('Tan', 'n', 'n'),
-        FunctionRule('Asin', 'n', 'n'),
-        FunctionRule('Acos', 'n', 'n'),
-        FunctionRule('Atan', 'n', 'n'),
-        FunctionRule('Atan2', 'n,n', 'n'),
+        FunctionRule('Sqr', 'n', 'f'),
+        FunctionRule('Sin', 'n', 'f'),
+        FunctionRule('Cos', 'n', 'f'),
+        FunctionRule('Tan', 'n', 'f'),
+        FunctionRule('Asin', 'n', 'f'),
+        FunctionRule('Acos', 'n', 'f'),
+        FunctionRule('Atan', 'n', 'f'),
+        FunctionRule('Atan2', 'n,n', 'f'),
         FunctionRule('DegToRad', 'n', 'n'),
         FunctionRule('RadToDeg', 'n', 'n'),
         FunctionRule('LShift', 'i,i', 'i'),
         FunctionRule('RShift', 'i,i', 'i'),
-        FunctionRule('LShift64', 'i,i', 'i', since=7),
-        FunctionRule('RShift64', 'i,i', 'i', since=7),
+        FunctionRule('LShift64', 'i,i', 'i'),
+        FunctionRule('RShift64', 'i,i', 'i'),
         FunctionRule('BSet', 'i,i', 'i'),
         FunctionRule('BClr', 'i,i', 'i'),
         FunctionRule('BTst', 'i,i', 'i'),
+        FunctionRule('BSet64', 'i,i', 'i'),
+        FunctionRule('BClr64', 'i,i', 'i'),
+        FunctionRule('BTst64', 'i,i', 'i'),
         _task('Rnd', 'n', 'n'),
         # Strings
         FunctionRule('Len', 's', 'i'),
@@ -75,10 +86,13 @@ FUNCTIONS: dict[str, FunctionRule] = {
         FunctionRule('RTrim$', 's', 's'),
         FunctionRule('Trim$', 's', 's'),
         FunctionRule('Space$', 'i', 's'),
+        FunctionRule('Tab$', 'i', 's'),
+        FunctionRule('LSet$', 's,i', 's'),
+        FunctionRule('RSet$', 's,i', 's'),
         FunctionRule('Str$', 'n', 's'),
         FunctionRule('Val', 's', 'n'),
         FunctionRule('Hex$', 'i', 's'),
-        FunctionRule('FmtStr$', 'n,s', 's'),
+        FunctionRule('FmtStr$', 'x,s', 's'),
         FunctionRule('ParseStr', 's,a,s', 'i'),
         FunctionRule('UBound', 'a,i?', 'i'),
         # Points
@@ -86,12 +100,22 @@ FUNCTIONS: dict[str, FunctionRule] = {
         FunctionRule('JA', 'n,n,n?,n?,n?,n?,n?', 'p'),
         FunctionRule('AglToPls', 'n,n,n,n,n?,n?,n?', 'p'),
         FunctionRule('Pulse', 'i,i,i,i,i?,i?,i?', 'p'),
+        FunctionRule('LJM', 'p,p?,i?', 'p'),
         _task('P', 'i', 'p'),
-        _task('PDef', 'i', 'i'),
+        _task('PDef', 'q', 'i'),
+        _task('PNumber', 'q', 'i'),
+        _task('PLabel$', 'q', 's'),
+        *(_task(name, 'p?', 'i') for name in ('Hand', 'Elbow', 'Wrist')),
+        *(_task(f'J{joint}Flag', 'p?', 'i') for joint in (1, 2, 4, 6)),
+        _task('Dist', 'p,p', 'f'),
+        _task('Arch', 'i,i', 'f'),
+        _task('PLocal', 'p', 'i'),
+        _task('Local', 'i', 'p'),
+        _task('LocalDef', 'i', 'i'),
         _task('Pallet', 'i,i,i?', 'p'),
         # Time
         _task('Tmr', 'i', 'n'),
-        FunctionRule('ElapsedTime', '', 'n', 'task', since=7),
+        _task('ElapsedTime', '', 'n'),
         _task('Time', 'i', 'i'),
         _task('Date$', '', 's'),
         _task('Time$', '', 's'),
@@ -111,6 +135,14 @@ FUNCTIONS: dict[str, FunctionRule] = {
         _task('ChkNet', 'i', 'i'),
         _task('OpenNet', 'i', 'i'),
         _task('Lof', 'i', 'i', event=True),
+        # Files
+        _task('FreeFile', '', 'i'),
+        _task('Eof', 'i', 'i'),
+        _task('FileExists', 's', 'i'),
+        _task('FileLen', 's', 'i'),
+        _task('FileDateTime$', 's', 's'),
+        _task('FolderExists', 's', 'i'),
+        _task('CurDir$', '', 's'),
         # Inputs, outputs, memory
         _task('Sw', 'i', 'i', event=True),
         _task('In', 'i', 'i', event=True),
@@ -121,6 +153,9 @@ FUNCTIONS: dict[str, FunctionRule] = {
         _task('MemSw', 'i', 'i', event=True),
         _task('MemIn', 'i', 'i', event=True),
         _task('MemInW', 'i', 'i', event=True),
+        _task('InBCD', 'i', 'i', event=True),
+        _task('Ctr', 'i', 'i', event=True),
+        _task('IONumber', 's', 'i'),
         # The controller
         _host('CtrlInfo', 'i', 'i'),
         _host('Stat', 'i', 'i'),
@@ -138,72 +173,73 @@ FUNCTIONS: dict[str, FunctionRule] = {
         _host('RobotType', '', 'i'),
         _host('InPos', '', 'i'),
         _host('TillOn', '', 'i'),
+        _host('JS', '', 'i'),
+        _host('JT', '', 'i'),
+        _host('PosFound', '', 'i'),
+        _host('FindPos', '', 'p'),
+        _host('Tool', '', 'i'),
+        _host('TLSet', 'i', 'p'),
+        _host('TLDef', 'i', 'i'),
+        _host('Arm', '', 'i'),
+        _host('Robot', '', 'i'),
+        _host('RobotModel$', '', 's'),
+        _host('RobotName$', '', 's'),
+        _host('LimZ', '', 'f'),
+        _host('CP', '', 'i'),
         _host('Speed', 'i?', 'i'),
         _host('Accel', 'i', 'i'),
         _host('AccelMax', 'i?', 'i'),
-        _host('SpeedS', 'i?', 'n'),
-        _host('AccelS', 'i?', 'n'),
-        FunctionRule('SpeedFactor', '', 'i', 'host', since=7),
-        _host('Agl', 'i', 'n'),
+        _host('SpeedS', 'i?', 'f'),
+        _host('AccelS', 'i?', 'f'),
+        _host('SpeedFactor', '', 'i'),
+        _host('Agl', 'i', 'f'),
         _host('Pls', 'i', 'i'),
         _host('RealPls', 'i', 'i'),
         _host('JRange', 'i,i', 'i'),
         _host('Here', '', 'p'),
         _host('CurPos', '', 'p'),
         _host('RealPos', '', 'p'),
-        _host('CX', 'p', 'n'),
-        _host('CY', 'p', 'n'),
-        _host('CZ', 'p', 'n'),
-        _host('CU', 'p', 'n'),
-        _host('CV', 'p', 'n'),
-        _host('CW', 'p', 'n'),
+        _host('CX', 'p', 'f'),
+        _host('CY', 'p', 'f'),
+        _host('CZ', 'p', 'f'),
+        _host('CU', 'p', 'f'),
+        _host('CV', 'p', 'f'),
+        _host('CW', 'p', 'f'),
         _host('PPls', 'p,i', 'i'),
-        _host('PAgl', 'p,i', 'n'),
+        _host('PAgl', 'p,i', 'f'),
         _host('TargetOK', 'p', 'i'),
-        _host('PTPTime', 'p,i,i', 'n'),
+        _host('PTPTime', 'p,i,i', 'f'),
     )
 }
 """By name in lower case."""
 
-CONSTANTS: dict[str, int | float] = {
-    'true': -1,
-    'false': 0,
-    'on': 1,
-    'off': 0,
-    'high': 1,
-    'low': 0,
-    'pi': 3.141592653589793,
-    'mb_ok': 0,
-    'mb_okcancel': 1,
-    'mb_abortretryignore': 2,
-    'mb_yesnocancel': 3,
-    'mb_yesno': 4,
-    'mb_retrycancel': 5,
-    'idok': 1,
-    'idcancel': 2,
-    'idabort': 3,
-    'idretry': 4,
-    'idignore': 5,
-    'idyes': 6,
-    'idno': 7,
+STUB_RESULTS = {
+    name: kind
+    for kind, names in {
+        'p': 'align alignecp armdef cnv_point cnv_queget ecpset findpos latchpos recoverpos '
+        'vistrans vxtrans workque_get base diffpoint hofs',
+        'n': 'accelr aio_in avgspeed cnv_lpulse cnv_pulse cnv_speed difftoolorientation '
+        'finedist healthrbinfo healthctrlinfo inertia inreal olrate outreal peakspeed ptrq atrq '
+        'realtorque realaccel singularityangle singularityspeed tcpspeed tcspeed weight',
+    }.items()
+    for name in names.split()
 }
+"""What functions return that only a test can answer: most of them a whole number."""
 
-AXES = ('x', 'y', 'z', 'u', 'v', 'w')
-POINT_FLAGS = frozenset(
-    {'l', 'r', 'a', 'b', 'f', 'nf', 'j4f0', 'j4f1', 'j6f0', 'j6f1', 'j1f0', 'j1f1'}
-)
+AXES = ('x', 'y', 'z', 'u', 'v', 'w', 'r', 's', 't', 'st')
+TURNS = ('rx', 'ry', 'rz')
+POSTURES = {
+    'hand': ('r', 'l'),
+    'elbow': ('a', 'b'),
+    'wrist': ('nf', 'f'),
+    'j1flag': ('j1f0', 'j1f1'),
+    'j2flag': tuple(f'j2f{turn}' for turn in range(128)),
+    'j4flag': ('j4f0', 'j4f1'),
+    'j6flag': tuple(f'j6f{turn}' for turn in range(128)),
+}
+"""Functions and statements of a point's posture, with its flags: the first one is the usual."""
 
-NOT_SIMULATED = frozenset(
-    {
-        'align', 'avgspeed', 'box', 'brake', 'calib', 'chkcom', 'cnv_quelen', 'ctr', 'curdir$',
-        'dist', 'ecp', 'errb', 'fbusio_in', 'fileexists', 'find', 'fine', 'force_getforce',
-        'getcurrentuser$', 'hand', 'inbcd', 'inertia', 'inreal', 'insidebox', 'insideplane',
-        'j1flag', 'j4flag', 'j6flag', 'joint', 'limz', 'peakspeed', 'plabel$',
-        'pnumber', 'ptcltrq', 'ptrq', 'realtorque', 'recovery', 'robot', 'robotmodel$',
-        'robotname$', 'tcspeed', 'tlset', 'tool', 'ver', 'weight', 'windowsstatus', 'xy_lim',
-    }
-)  # fmt: skip
-"""SPEL+ functions that are refused by name before a program starts."""
+POINT_FLAGS = frozenset(flag for flags in POSTURES.values() for flag in flags)
 
 
 def counts(arguments: str) -> tuple[int, int]:

@@ -10,8 +10,8 @@ A host raises SpelError for what a controller would answer with an error; the ta
 it at that statement.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import Protocol
 
@@ -31,6 +31,10 @@ class Completion(Protocol):
     """Something that takes time: a motion, motors being switched."""
 
     @property
+    def share(self) -> float:
+        """Return how much of it is done, 0 to 1."""
+
+    @property
     def done(self) -> bool:
         """Return whether the statement is over: for CP, when the deceleration begins."""
 
@@ -41,7 +45,7 @@ class Completion(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class NetSettings:
-    """SetNet. `timeout` s for sending and receiving, 0 is never; `terminator` ends a line."""
+    """SetNet, with the terminator of lines, and the timeout of sending and receiving, s."""
 
     host: str
     tcp_port: int
@@ -56,7 +60,9 @@ class MotionRequest:
     `name` in lower case ('go', 'move', …); `points` its targets in order; `cp` whether it may
     blend into the next one. `till`: the arm decelerates once it returns true, the statement is
     over without an error; the host asks at each scan, and ends the motion with the SpelError that
-    the question may raise. `words` are other modifiers ('rot', 'c0'), `ljm` its number.
+    the question may raise. `find`: where the arm is once it holds is kept; `sense`: a Jump ends
+    above its target if it holds there. `words` are other modifiers ('rot'), `numbers` the values
+    of 'c', 'limz' (mm), 'ljm' and 'performmode'.
     """
 
     name: str
@@ -66,7 +72,7 @@ class MotionRequest:
     find: Callable[[], bool] | None = None
     sense: Callable[[], bool] | None = None
     words: tuple[str, ...] = ()
-    ljm: int | None = None
+    numbers: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,13 +89,13 @@ class Terminal(Protocol):
     """The window that Print writes to and Input reads from."""
 
     def write(self, caller: Caller, text: str) -> None:
-        """Show a text; a line ends with a line feed."""
+        """Show a text whose lines end with a line feed."""
 
     def read_line(self) -> str | None:
-        """Return a line that a person has typed; None while there is none."""
+        """Return a line that a person has typed, or None while there is none."""
 
     def message_box(self, caller: Caller, text: str, buttons: int, title: str) -> int | None:
-        """Return the number of the button that was pressed; None as long as there is none.
+        """Return the number of the button that was pressed, or None as long as there is none.
 
         It is asked again until there is one.
         """
@@ -102,7 +108,7 @@ class Network(Protocol):
         """Listen, or connect. Does not wait for the peer. Raises SpelError."""
 
     def close_net(self, port: int) -> None:
-        """Close a port; nothing happens if it is not open."""
+        """Close a port if it is open."""
 
     def orphan_net(self, port: int) -> None:
         """Be told that the task which opened a port has ended: nobody answers a new peer."""
@@ -111,7 +117,7 @@ class Network(Protocol):
         """Return whether an open port has a peer."""
 
     def received(self, port: int) -> bytes:
-        """Return what has come and is not yet taken; it may remain when the peer is gone."""
+        """Return what has come and is not yet taken, even from a peer that is gone."""
 
     def take(self, port: int, count: int) -> bytes:
         """Take the first bytes of what has come."""
@@ -133,7 +139,7 @@ class Bits(Protocol):
 class Robot(Protocol):
     """The arm, its motors and its settings, and what the controller says of itself."""
 
-    def value(self, name: str, arguments: Sequence[int | float | Point]) -> float | Point:
+    def value(self, name: str, arguments: Sequence[int | float | Point]) -> float | Point | str:
         """Return a function by its name in lower case ('agl', 'realpls', 'ctrlinfo', 'cx', …).
 
         Truth is -1 or 1, as the function has it. Raises SpelError.

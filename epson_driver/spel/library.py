@@ -5,10 +5,12 @@
 import math
 import re
 from collections.abc import Callable
+from dataclasses import replace
+from datetime import datetime
 from typing import Any
 
 from epson_driver.spel.errors import ErrorNumber, SpelError
-from epson_driver.spel.values import DOUBLE, LONGEST_STRING, SINGLE, Array, Point, overflow
+from epson_driver.spel.values import LONGEST_STRING, SINGLE, Array, Point, overflow
 
 _NUMBER = re.compile(
     r'\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|&[hH][0-9a-fA-F]+|&[bB][01]+)'
@@ -16,23 +18,30 @@ _NUMBER = re.compile(
 _MOST_ELEMENTS = 200
 
 
+REAL_DIGITS, DOUBLE_DIGITS = 7, 15
+
+
 def text_of(value: object, kind: str) -> str:
     """Return a value as Print shows it: Real with 7 digits, Double with 15."""
     if isinstance(value, float):
-        return number_text(value, 7 if kind == SINGLE else 15)
-    return str(value)
+        return number_text(value, REAL_DIGITS if kind == SINGLE else DOUBLE_DIGITS)
+    return value.printed if isinstance(value, Point) and value.kind == 'xy' else str(value)
 
 
-def number_text(value: float, digits: int = 15) -> str:
-    """Return a number: from 1e14 on as 1.000000E+014."""
-    if abs(value) >= 1e14:
-        mantissa, exponent = f'{value:.6E}'.split('E')
-        return f'{mantissa}E{int(exponent):+04d}'
+def number_text(value: float, digits: int = DOUBLE_DIGITS) -> str:
+    """Return a number, a large or a small one as 1.000000E+014 (p795)."""
     text = f'{value:.{digits}g}'
-    if 'e' not in text:
+    if abs(value) < 1e14 and 'e' not in text:
         return text
-    mantissa, exponent = text.split('e')
+    mantissa, exponent = f'{value:.6E}'.split('E')
     return f'{mantissa}E{int(exponent):+04d}'
+
+
+def _string(value: float, digits: int = DOUBLE_DIGITS) -> str:
+    """Return Str$, of a whole number that no Long holds as a Real (p795)."""
+    if isinstance(value, int) and abs(value) < 1 << 31:
+        return str(value)
+    return number_text(float(value), REAL_DIGITS if isinstance(value, int) else digits)
 
 
 def power(base: float, exponent: float) -> float:
@@ -73,11 +82,11 @@ def _shift(name: str, bits: int, left: bool) -> Callable[[int, int], int]:
     return shift
 
 
-def _bit(name: str, change: Callable[[int, int], int]) -> Callable[[int, int], int]:
+def _bit(name: str, change: Callable[[int, int], int], bits: int) -> Callable[[int, int], int]:
     def bit(value: int, number: int) -> int:
-        if not 0 <= number <= 31:
-            raise _bad(name, f'bit {number} is not in 0..31')
-        return change(_signed(value, 32), number)
+        if not 0 <= number < bits:
+            raise _bad(name, f'bit {number} is not in 0..{bits - 1}')
+        return _signed(change(_signed(value, bits), number), bits)
 
     return bit
 
@@ -138,15 +147,55 @@ def _hex(value: int) -> str:
     return f'{value & 0xFFFFFFFF:X}'
 
 
+_DATE = re.compile(
+    r'yyyy|yy|y|mmmm|mmm|mm|m|dddd|ddd|dd|d|hh|h|nn|n|ss|s|w|q|am/pm', re.IGNORECASE
+)
+_DATES = ('%Y/%m/%d %H:%M:%S', '%Y/%m/%d', '%H:%M:%S')
+
+
+def format_string(value: float | str, pattern: str) -> str:
+    """Return FmtStr$ of a number, or of a date and time as Date$ and Time$ have them (p340)."""
+    return _date(value, pattern) if isinstance(value, str) else _format(value, pattern)
+
+
+def _date(text: str, pattern: str) -> str:
+    """Return a date by y, m, d, h, n (minutes), s, w (1 is Sunday), q and AM/PM."""
+    for layout in _DATES:
+        try:
+            date = datetime.strptime(text.strip(), layout)
+        except ValueError:
+            continue
+        break
+    else:
+        raise _bad('FmtStr$', f'{text[:40]!r} is no date: yyyy/mm/dd hh:nn:ss')
+    half = 'am/pm' in pattern.lower()
+    hour = (date.hour - 1) % 12 + 1 if half else date.hour
+    shown = {
+        'yyyy': f'{date:%Y}', 'yy': f'{date:%y}', 'y': f'{date.timetuple().tm_yday}',
+        'mmmm': f'{date:%B}', 'mmm': f'{date:%b}', 'mm': f'{date:%m}', 'm': f'{date.month}',
+        'dddd': f'{date:%A}', 'ddd': f'{date:%a}', 'dd': f'{date:%d}', 'd': f'{date.day}',
+        'hh': f'{hour:02}', 'h': f'{hour}', 'nn': f'{date:%M}', 'n': f'{date.minute}',
+        'ss': f'{date:%S}', 's': f'{date.second}', 'w': f'{date.isoweekday() % 7 + 1}',
+        'q': f'{(date.month + 2) // 3}', 'am/pm': 'AM' if date.hour < 12 else 'PM',
+    }  # fmt: skip
+    return _DATE.sub(lambda found: shown[found[0].lower()], pattern)
+
+
 def _format(value: float, pattern: str) -> str:
-    """Return FmtStr$: 0 a digit, # one if there is any, a point."""
-    found = re.fullmatch(r'([0#,]*)(?:\.([0#]*))?', pattern)
+    """Return a number: 0 a digit, # one if there is any, a point, commas.
+
+    Commas at the end of the whole part divide by 1000, others set thousands apart.
+    """
+    found = re.fullmatch(r'([0#,]*?)(,*)(?:\.([0#]*))?', pattern)
     if found is None:
-        raise _bad('FmtStr$', f'{pattern[:40]!r} may have 0, # and one point only')
-    whole, broken = found[1].replace(',', ''), found[2] or ''
+        raise _bad('FmtStr$', f'{pattern[:40]!r} may have 0, #, commas and one point only')
+    value /= 1000 ** len(found[2])
+    whole, broken = found[1].replace(',', ''), found[3] or ''
     digits = f'{abs(value):.{len(broken)}f}'
     before, _, after = digits.partition('.')
     before = before.lstrip('0').rjust(whole.count('0'), '0')
+    if ',' in found[1]:
+        before = re.sub(r'(?<=\d)(?=(\d{3})+$)', ',', before)
     for sign in reversed(broken):
         if sign == '#' and after.endswith('0'):
             after = after[:-1]
@@ -157,7 +206,7 @@ def _format(value: float, pattern: str) -> str:
 
 
 def parse_string(text: str, into: Array, delimiters: str) -> int:
-    """Cut a string at any of the delimiters into an array, resized; return how many there are."""
+    """Cut a string at the delimiters into a resized array, and return the number of parts."""
     parts = [text]
     if delimiters:
         parts = [part for part in re.split(f'[{re.escape(delimiters)}]', text) if part]
@@ -180,6 +229,11 @@ def _point(kind: str) -> Callable[..., Point]:
         return Point(kind, tuple(float(value) for value in values))
 
     return point
+
+
+def _nearest_way(point: Point, _from: Point | None = None, _flag: int = 1) -> Point:
+    """Return LJM: the point without a posture, which every host reaches by the nearest one."""
+    return replace(point, flags=tuple(each for each in point.flags if each.isdigit()))
 
 
 def _xy(*values: float) -> Point:
@@ -205,9 +259,12 @@ VALUE_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'rshift': _shift('RShift', 32, False),
     'lshift64': _shift('LShift64', 64, True),
     'rshift64': _shift('RShift64', 64, False),
-    'bset': _bit('BSet', lambda value, bit: _signed(value | 1 << bit, 32)),
-    'bclr': _bit('BClr', lambda value, bit: _signed(value & ~(1 << bit), 32)),
-    'btst': _bit('BTst', lambda value, bit: value >> bit & 1),
+    'bset': _bit('BSet', lambda value, bit: value | 1 << bit, 32),
+    'bclr': _bit('BClr', lambda value, bit: value & ~(1 << bit), 32),
+    'btst': _bit('BTst', lambda value, bit: value >> bit & 1, 32),
+    'bset64': _bit('BSet64', lambda value, bit: value | 1 << bit, 64),
+    'bclr64': _bit('BClr64', lambda value, bit: value & ~(1 << bit), 64),
+    'btst64': _bit('BTst64', lambda value, bit: value >> bit & 1, 64),
     'len': len,
     'asc': _code,
     'chr$': _character,
@@ -221,13 +278,17 @@ VALUE_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'rtrim$': str.rstrip,
     'trim$': str.strip,
     'space$': lambda count: ' ' * _length('Space$', count),
-    'str$': lambda value: text_of(value, DOUBLE),
+    'tab$': lambda count: '\t' * _length('Tab$', count),
+    'lset$': lambda text, count: text.ljust(_length('LSet$', count))[:count],
+    'rset$': lambda text, count: text.rjust(_length('RSet$', count))[:count],
+    'str$': _string,
     'val': value_of,
     'hex$': _hex,
-    'fmtstr$': _format,
+    'fmtstr$': format_string,
     'parsestr': parse_string,
     'ubound': upper_bound,
     'xy': _xy,
+    'ljm': _nearest_way,
     'ja': _point('angles'),
     'agltopls': _point('angles'),
     'pulse': _point('pulses'),

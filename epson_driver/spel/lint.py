@@ -6,9 +6,11 @@ Errors are what a controller of that version refuses or fails at; warnings are w
 leaves open, or what usually goes wrong. Each rule has a name and a row in docs/spel.md.
 """
 
+import re
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from epson_driver.spel.code import Program
@@ -20,9 +22,13 @@ from epson_driver.spel.commands import (
     forbidden,
 )
 from epson_driver.spel.errors import Position, Problem
-from epson_driver.spel.functions import CONSTANTS, FUNCTIONS
-from epson_driver.spel.project import build_with
-from epson_driver.spel.scope import constant
+from epson_driver.spel.functions import FUNCTIONS
+from epson_driver.spel.lint_ranges import literals
+from epson_driver.spel.lint_use import inner, leaves, shared, unreachable, unused
+from epson_driver.spel.project import build_with, reserved_names
+from epson_driver.spel.project_data import INCLUDE, PROGRAM, PROJECT, encoded, listed_files
+from epson_driver.spel.rc_files import header_fault
+from epson_driver.spel.scope import ONE_WHEN_ON, constant
 from epson_driver.spel.syntax import (
     Apply,
     Binary,
@@ -30,12 +36,9 @@ from epson_driver.spel.syntax import (
     Command,
     Declaration,
     Do,
-    EResume,
-    Exit,
     Expression,
     For,
     Function,
-    If,
     Input,
     Jump,
     Label,
@@ -44,40 +47,45 @@ from epson_driver.spel.syntax import (
     Number,
     OnErr,
     Print,
-    Return,
-    Select,
     Statement,
     Store,
+    Stub,
     TaskCommand,
     Transfer,
     Trap,
     Wait,
     Xqt,
+    walk,
 )
+from epson_driver.spel.words import CONSTANTS, WORDS
 
 LONGEST_LINE = 512
 LONGEST_NAME = 32
 LONGEST_FUNCTION_NAME = 64
 MOST_WAIT_VARIABLES = 64
+_LAST = {'<': -1, '<=': 0, '>': 1, '>=': 0}
+"""What a comparison leaves as the last, or first, index: its limit and this."""
+
 DEEPEST_FOR = 10
 
 RULES = {
     'syntax': 'what cannot be read',
     'unknown': 'a name that nothing has',
-    'not-simulated': 'SPEL+ has it, this interpreter does not',
-    'type': 'a number where a string must be, ByRef of another type, …',
+    'not-simulated': 'SPEL+ has it, this interpreter needs an answer to it (`--stub`)',
+    'type': 'a number where a string must be, ByRef of another type, no As, …',
     'arguments': 'too many or too few',
     'declaration': 'declared twice, or with bounds that are no constants',
     'array-size': 'more elements than the scope allows',
-    'array-index': 'an index below 0',
+    'array-index': 'an index that the array does not have',
     'overflow': 'a constant that does not fit its type',
     'string-length': 'more than 255 characters',
     'label': 'missing, or there twice',
     'wait-condition': 'what Wait, Till and Trap cannot look at: locals, arrays, reals',
     'preprocessor': '#define, #ifdef … that do not fit',
     'include': 'a file that is not there',
-    'user-errors': 'UserErrors.dat that cannot be read',
+    'project-file': 'a file of RC+ that cannot be read, or has a wrong header',
     'line-length': 'more than 512 characters',
+    'reserved': 'a name that is a word of SPEL+, or a predefined constant',
     'name-length': 'variables and labels up to 32 characters, functions up to 64',
     'version': 'newer than the controller',
     'task-type': 'what this type of task cannot execute',
@@ -88,16 +96,19 @@ RULES = {
     'goto-out-of-loop': 'GoTo that leaves a loop (error 2020 after a while)',
     'handler': 'an error handler that is fallen into',
     'port-shared': 'a port that two tasks use (ChkNet -2)',
-    'true-compare': '= True with what is 1, not -1, when it holds',
+    'true-compare': '= True with what may be 1, and not -1, when it holds',
     'and-guard': 'an index that And does not guard: both sides are worked out',
     'real-to-integer': 'rounding that is not documented',
     'integer-range': 'a Long, or a For, that may not fit an Integer',
     'declaration-in-loop': 'a declaration that may be executed again',
+    'range': 'a number that no controller takes: Speed 120, 5 / 0, TmReset 99',
+    'unreachable': 'a statement behind one that goes elsewhere, a Case that is there already',
+    'unused': 'a function that nothing calls, a variable that nothing names',
+    'two-owners': 'two tasks that move the robot, set a timer, or switch an output',
     'hex': 'a number above &H7FFFFFFF: its sign is not documented',
 }
 """The rules by name, with what each finds."""
 
-_ONE_WHEN_TRUE = frozenset({'sw', 'oport', 'memsw', 'motor', 'power', 'btst', 'inpos', 'targetok'})
 _WAITING_COMMANDS = frozenset(
     {'waitsig', 'waitnet', 'synclock', 'msgbox', 'waitpos', 'home', 'taskwait'}
 )
@@ -107,12 +118,35 @@ def check(files: Mapping[str, str], version: int = 8) -> list[Problem]:
     """Return all that is wrong with a project's files on controllers of a version, in order."""
     problems: list[Problem] = []
     program = build_with(files, problems, problems)
-    lint = _Lint(program, version)
+    lint = _Lint(program, version, files)
     for name, text in files.items():
-        problems.extend(_long_lines(name, text))
+        if name.lower().endswith((PROGRAM, INCLUDE)):
+            problems.extend(_long_lines(name, text))
+        elif name.lower().endswith(PROJECT):
+            problems.extend(_missing(name, text, files))
+        elif fault := min((header_fault(each) for each in encoded(text)), key=len):
+            problems.append(Problem(Position(name, 1), 'project-file', fault, warning=True))
     for rule in lint.rules:
         problems.extend(rule())
-    return sorted(set(problems), key=lambda each: (each.position, each.rule, each.text))
+    wanted = (each for each in set(problems) if not _switched_off(each, files))
+    return sorted(wanted, key=lambda each: (each.position, each.rule, each.text))
+
+
+def _switched_off(problem: Problem, files: Mapping[str, str]) -> bool:
+    """Return whether the line has a comment `' check off: rule, …` for what is no error."""
+    lines = files.get(problem.position.file, '').split('\n')
+    if not problem.warning or not 0 < problem.position.line <= len(lines):
+        return False
+    found = re.search(r"'.*\bcheck off:([a-z, -]*)", lines[problem.position.line - 1])
+    return found is not None and problem.rule in found[1].replace(',', ' ').split()
+
+
+def _missing(name: str, text: str, files: Mapping[str, str]) -> Iterator[Problem]:
+    there = {each.lower() for each in files}
+    for listed in listed_files(name, text):
+        if listed.lower().endswith(PROGRAM) and listed.lower() not in there:
+            said = f'it names {listed}, which is not there: all .prg files are built'
+            yield Problem(Position(name, 1), 'project-file', said, warning=True)
 
 
 def _long_lines(name: str, text: str) -> Iterator[Problem]:
@@ -120,18 +154,6 @@ def _long_lines(name: str, text: str) -> Iterator[Problem]:
         if len(line) > LONGEST_LINE:
             said = f'the line has {len(line)} characters: RC+ takes {LONGEST_LINE}'
             yield Problem(Position(name, number, LONGEST_LINE + 1), 'line-length', said)
-
-
-def walk(node: Any) -> Iterator[Any]:
-    """Yield a node of the syntax with all that is in it."""
-    todo = [node]
-    while todo:
-        each = todo.pop()
-        if isinstance(each, tuple | list) and not isinstance(each, Position):
-            todo.extend(reversed(each))
-        elif is_dataclass(each):
-            yield each
-            todo.extend(getattr(each, field.name) for field in reversed(fields(each)))
 
 
 def _task_names(body: Any) -> Iterator[Any]:
@@ -157,8 +179,9 @@ class _Root:
 class _Lint:
     """The rules, on one program."""
 
-    def __init__(self, program: Program, version: int) -> None:
+    def __init__(self, program: Program, version: int, files: Mapping[str, str]) -> None:
         self.program = program
+        self.files = files
         self.version = version
         self.functions: dict[str, Function] = {
             function.name.lower(): function
@@ -177,6 +200,9 @@ class _Lint:
             self._comparisons,
             self._nesting,
             self._numbers,
+            lambda: literals(program, list(self.functions.values())),
+            lambda: unreachable(self.functions),
+            self._use,
         ]
         self._shared = {
             variable.name.lower(): variable
@@ -245,7 +271,23 @@ class _Lint:
 
     # Rules
 
+    def _use(self) -> Iterator[Problem]:
+        roots = [root.function for root in self._roots()]
+        reached = {root: self._reached(root) for root in roots}
+        yield from unused(self.program, self.files, set(roots))
+        mains = [root for root in roots if root.startswith('main') and root[4:].isdigit()]
+        traps = {
+            node.target.lower()
+            for function in self.functions.values()
+            for node in walk(function.body)
+            if isinstance(node, Trap)
+        }
+        tasks = {root: reached[root] for root in roots if root not in {*mains, *traps}}
+        yield from shared(tasks, self.functions)
+
     def _names(self) -> Iterator[Problem]:
+        for file in self.program.files:
+            yield from reserved_names(file, (self.version, 99))
         for function in self.functions.values():
             yield from _long(function.name, LONGEST_FUNCTION_NAME, function.at)
             for parameter in function.parameters:
@@ -268,8 +310,9 @@ class _Lint:
             for node in walk([*file.declarations, *(each.body for each in file.functions)]):
                 if isinstance(node, Declaration):
                     yield from self._new(node.type, TYPES[node.type], node.at)
-                elif isinstance(node, Command | Motion):
-                    yield from self._new(node.name, COMMANDS[node.name.lower()].since, node.at)
+                elif isinstance(node, Command | Motion | Stub):
+                    since = WORDS[node.name.lower()].since[0]
+                    yield from self._new(node.name, since, node.at)
                 elif isinstance(node, Name | Apply):
                     rule = FUNCTIONS.get(node.name.lower())
                     if rule is not None and node.name.lower() not in self._shared:
@@ -330,7 +373,7 @@ class _Lint:
 
     def _block_waits(self, body: Any, seen: frozenset[str]) -> bool:
         for node in walk(body):
-            if isinstance(node, Wait | Motion | Input | Transfer):
+            if isinstance(node, Wait | Motion | Input | Transfer | Stub):
                 return True
             name = getattr(node, 'name', '')
             if isinstance(node, Command | TaskCommand) and name.lower() in _WAITING_COMMANDS:
@@ -388,10 +431,10 @@ class _Lint:
         before: Statement | None = None
         for statement in block:
             handler = isinstance(statement, Label) and statement.name.lower() in handlers
-            if handler and before is not None and not _leaves(before):
+            if handler and before is not None and not leaves(before):
                 text = 'the error handler is reached without an error: put Exit Function above it'
                 yield Problem(statement.at, 'handler', text, warning=True)
-            for each in _inner(statement):
+            for each in inner(statement):
                 yield from self._fallen_into(each, handlers)
             before = statement
 
@@ -452,25 +495,42 @@ class _Lint:
             if not isinstance(other, Name | Apply) or other.name.lower() in booleans:
                 continue
             name = other.name.lower()
-            if name in FUNCTIONS and name not in _ONE_WHEN_TRUE:
+            if name in FUNCTIONS and name not in ONE_WHEN_ON:
                 continue
-            text = f'{other.name} = True holds only for -1: write {other.name} <> 0, or = On'
+            text = f'{other.name} = True: True is -1 (p995), {other.name} may be 1: write '
+            text += f'{other.name} <> 0, or = On'
             yield Problem(node.at, 'true-compare', text, warning=True)
 
     def _guard(self, node: Binary) -> Iterator[Problem]:
-        guarded = set()
+        """Find `i <= 3 And a(i) = 1` where 3 is the bound of a: a(4) is looked at all the same."""
+        guarded: dict[str, set[int]] = {}
         for each in walk(node.left):
-            if isinstance(each, Binary) and each.operator in ('<', '<=', '>', '>=', '<>'):
-                guarded |= {n.name.lower() for n in (each.left, each.right) if isinstance(n, Name)}
+            if isinstance(each, Binary) and each.operator in _LAST and isinstance(each.left, Name):
+                limit = constant(each.right, CONSTANTS)
+                if isinstance(limit, int):
+                    last = limit + _LAST[each.operator]
+                    guarded.setdefault(each.left.name.lower(), set()).add(last)
         for each in walk(node.right):
-            if not isinstance(each, Apply):
+            bounds = self._bounds.get(each.name.lower()) if isinstance(each, Apply) else None
+            if bounds is None or len(bounds) != len(each.arguments):
                 continue
-            if each.name.lower() in FUNCTIONS or each.name.lower() in self.functions:
-                continue
-            for index in walk(each.arguments):
-                if isinstance(index, Name) and index.name.lower() in guarded:
+            for argument, bound in zip(each.arguments, bounds, strict=True):
+                index = argument.value
+                if isinstance(index, Name) and guarded.get(index.name.lower(), set()) & {bound, 0}:
                     text = f'And works out both sides: it does not guard {each.name}({index.name})'
                     yield Problem(each.at, 'and-guard', text, warning=True)
+
+    @cached_property
+    def _bounds(self) -> dict[str, tuple[int | float | None, ...]]:
+        """The upper bounds of all arrays by name."""
+        return {
+            variable.name.lower(): tuple(constant(each, CONSTANTS) for each in variable.bounds)
+            for file in self.program.files
+            for declaration in walk([file.declarations, file.functions])
+            if isinstance(declaration, Declaration)
+            for variable in declaration.variables
+            if variable.bounds
+        }
 
     def _nesting(self) -> Iterator[Problem]:
         for function in self.functions.values():
@@ -496,33 +556,12 @@ def _nested(block: tuple[Statement, ...], depth: int, loop: bool) -> Iterator[Pr
             text = 'whether a declaration in a loop clears its variables is not documented: '
             text += 'put it at the beginning of the function'
             yield Problem(statement.at, 'declaration-in-loop', text, warning=True)
-        inner = depth + isinstance(statement, For)
-        if inner > DEEPEST_FOR and isinstance(statement, For):
+        within = depth + isinstance(statement, For)
+        if within > DEEPEST_FOR and isinstance(statement, For):
             text = f'more than {DEEPEST_FOR} For in each other'
             yield Problem(statement.at, 'for-depth', text)
-        for each in _inner(statement):
-            yield from _nested(each, inner, loop or isinstance(statement, Do | For))
-
-
-def _inner(statement: Statement) -> list[tuple[Statement, ...]]:
-    if isinstance(statement, If):
-        return [*(body for _, body in statement.branches), statement.otherwise]
-    if isinstance(statement, Select):
-        return [*(body for _, body in statement.cases), statement.default]
-    return [statement.body] if isinstance(statement, Do | For) else []
-
-
-def _leaves(statement: Statement) -> bool:
-    """Return whether what follows a statement is not reached from it."""
-    if isinstance(statement, Exit | EResume | Return):
-        return True
-    if isinstance(statement, Do) and statement.before is None and statement.after is None:
-        return not any(isinstance(n, Exit) and n.what == 'do' for n in walk(statement.body))
-    if isinstance(statement, TaskCommand):
-        return (
-            statement.name.lower() == 'quit' and statement.task is None and not statement.function
-        )
-    return isinstance(statement, Jump) and statement.kind == 'goto'
+        for each in inner(statement):
+            yield from _nested(each, within, loop or isinstance(statement, Do | For))
 
 
 def _long(name: str, most: int, at: Position) -> Iterator[Problem]:

@@ -6,21 +6,28 @@ There is one processor. A task runs for a turn (1 ms of the controller's time), 
 that can; each statement takes its time. Nothing depends on the computer: two runs are the same.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from datetime import datetime
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from epson_driver.spel import library, values
+from epson_driver.spel import frames, library, values
 from epson_driver.spel.actions import STATEMENTS, resume_paused, set_point
 from epson_driver.spel.builtins import TASK_FUNCTIONS
-from epson_driver.spel.code import Program
+from epson_driver.spel.code import FunctionCode, Program
 from epson_driver.spel.commands import TaskType
 from epson_driver.spel.errors import ErrorNumber, SpelError
-from epson_driver.spel.host import Host
+from epson_driver.spel.file_access import FILE_FUNCTIONS, FILE_STATEMENTS
+from epson_driver.spel.host import Host, Memory
 from epson_driver.spel.library import VALUE_FUNCTIONS, power, remainder
+from epson_driver.spel.point_actions import POINT_FUNCTIONS, POINT_STATEMENTS
 from epson_driver.spel.ports import NET_STATEMENTS
+from epson_driver.spel.project import command
+from epson_driver.spel.surroundings import Surroundings
 from epson_driver.spel.task import (
+    COMMAND_TASK,
     FIRST_BACKGROUND,
+    FIRST_HELPER,
     FIRST_TRAP,
     Frame,
     Instruction,
@@ -46,6 +53,7 @@ STARTED = datetime(2000, 1, 1)
 """What the controller's clock shows when nothing else is said."""
 
 _SOURCE = '<spel>'
+_PROGRAM = (_SOURCE, library.__file__, values.__file__, frames.__file__)
 _ARITHMETIC: dict[type[Exception], ErrorNumber] = {
     ZeroDivisionError: ErrorNumber.DIVISION_BY_ZERO,
     OverflowError: ErrorNumber.OVERFLOW,
@@ -63,6 +71,11 @@ _EVENT_TRAPS = {
     'abort': TaskType.NO_PAUSE,
     'finish': TaskType.NO_PAUSE,
 }
+
+
+def all_statements() -> dict[str, Callable[..., None]]:
+    """Return the statements that the interpreter executes itself, by name in lower case."""
+    return {**STATEMENTS, **NET_STATEMENTS, **POINT_STATEMENTS, **FILE_STATEMENTS}
 
 
 class TaskView(NamedTuple):
@@ -90,8 +103,9 @@ class Machine:
         timing: Timing | None = None,
         rounding: str = 'nearest',
         started: datetime = STARTED,
+        around: Surroundings | None = None,
     ) -> None:
-        self.world = World(program, host, timing or Timing(), started)
+        self.world = World(program, host, timing or Timing(), started, around or Surroundings())
         self._turn = max(int(self.world.timing.turn / self.world.timing.statement), 1)
         self._last = 0
         self._next_scan = 0.0
@@ -112,33 +126,43 @@ class Machine:
         def long(text: str) -> str:
             raise too_long(text)
 
-        names: dict[str, object] = {
+        def unlabelled(name: str) -> int:
+            text = f'the I/O label {name} has no number: give it IOLabels.dat, or #define {name}'
+            raise SpelError(ErrorNumber.ARGUMENT, text)
+
+        names: dict[str, Any] = {
             'g': self.world.g,
             'F': self.world.linked,
             'WHOLE': whole,
             'OVER': over,
             'INDEX': index,
             'LONG': long,
+            'UNLABELLED': unlabelled,
             'SINGLE': single,
             'FINITE': finite,
             'MOD': remainder,
             'POWER': power,
             'store': store,
             'set_point': set_point,
+            'CHANGED': frames.changed,
+            'ADDED': frames.added,
         }
-        for table, letter in ((VALUE_FUNCTIONS, 'f'), (TASK_FUNCTIONS, 't')):
+        self._names = names
+        in_task = {**TASK_FUNCTIONS, **POINT_FUNCTIONS, **FILE_FUNCTIONS}
+        for table, letter in ((VALUE_FUNCTIONS, 'f'), (in_task, 't')):
             for name, function in table.items():
                 names[f'{letter}_{name.replace("$", "_s")}'] = function
-        for name, statement in {**STATEMENTS, **NET_STATEMENTS}.items():
+        for name, statement in all_statements().items():
             names[f's_{name}'] = statement
         program = self.world.program
         exec(compile(program.source, _SOURCE, 'exec'), names)  # noqa: S102 - compiler.py wrote it
-        for code in program.functions:
-            found: list[Instruction] = [
-                names[f'o{code.index}_{number}']  # type: ignore[misc]
-                for number in range(len(code.source))
-            ]
-            self.world.linked.append(Linked(code, found, bytearray(len(found))))
+        self.world.linked += [self._linked(code) for code in program.functions]
+
+    def _linked(self, code: FunctionCode) -> Linked:
+        found: list[Instruction] = [
+            self._names[f'o{code.index}_{number}'] for number in range(len(code.source))
+        ]
+        return Linked(code, found, bytearray(len(found)))
 
     # What people and the controller do
 
@@ -161,6 +185,13 @@ class Machine:
         """Start the function that runs as long as the controller does."""
         self.start(name, FIRST_BACKGROUND, TaskType.BACKGROUND, clear=False)
 
+    def execute(self, text: str) -> None:
+        """Start what the command window executes, as task 0. Raises ProgramError, SpelError."""
+        code = command(self.world.program, text)
+        source = ''.join(code.source)
+        exec(compile(source, _SOURCE, 'exec'), self._names)  # noqa: S102 - compiler.py wrote it
+        self.world.add(COMMAND_TASK, self._linked(code), (), TaskType.NORMAL)
+
     def clear_variables(self) -> None:
         """Set all shared variables to nothing but those that are preserved."""
         for slot, variable in enumerate(self.world.program.variables):
@@ -179,7 +210,7 @@ class Machine:
         return found
 
     def restore(self, values: dict[str, list[Value]]) -> None:
-        """Set what `preserved` returned; variables that have changed since stay as they are."""
+        """Set what `preserved` returned, except variables that have changed since."""
         for slot, variable in enumerate(self.world.program.variables):
             given = values.get(variable.name)
             held = self.world.g[slot]
@@ -218,7 +249,7 @@ class Machine:
         self.world.aborted.clear()
 
     def event(self, name: str, *numbers: int) -> bool:
-        """Start what Trap has for 'emergency', 'error', 'sgopen', …; return if there is any."""
+        """Start what Trap has for 'emergency', 'error', 'sgopen', … and return if there is any."""
         linked = self.world.event_traps.get(name)
         if linked is None:
             return False
@@ -239,13 +270,20 @@ class Machine:
 
     @property
     def running(self) -> Task | None:
-        """Return the task that runs, or ran last; None if it is over."""
+        """Return the task that runs, or ran last, or None if it is over."""
         return self.world.tasks.get(self._last)
+
+    @property
+    def running_number(self) -> int:
+        """Return the number of the task that runs, or ran last."""
+        return self._last
 
     def tasks(self) -> Iterator[TaskView]:
         """Yield the tasks that there are, by number, and those that an error ended."""
         aborted = self.world.aborted
         for number in sorted({*self.world.tasks, *aborted}):
+            if number >= FIRST_HELPER:
+                return
             task = self.world.tasks.get(number)
             if task is None:
                 error = aborted[number]
@@ -270,7 +308,7 @@ class Machine:
     # Time
 
     def next_time(self) -> float | None:
-        """Return when something happens by itself; None while all wait for the host."""
+        """Return when something happens by itself, or None while all wait for the host."""
         if self._ready() is not None:
             return self.world.time
         return self._next_due()
@@ -291,9 +329,10 @@ class Machine:
         News of the host is seen even then: who waited for it runs at `next_time()`.
         """
         world = self.world
-        self._wake()
-        while world.time <= to:
-            self._wake()
+        while True:
+            self._wake()  # also for what the last task has done to others
+            if world.time > to:
+                return
             task = self._ready()
             if task is not None:
                 self._last = task.number
@@ -326,13 +365,18 @@ class Machine:
                 times.append(waiting.until)
             if waiting.scanned:
                 times.append(waiting.next_scan)
-        if self.world.traps:
+        if self.world.traps or self.world.counters:
             times.append(self._next_scan)
+        times += [due for due, _ in self.world.later]
         return min(times, default=None)
 
     def _wake(self) -> None:
         """Let those go on whose time is over or whose test holds."""
         time = self.world.time
+        for due, action in [each for each in self.world.later if each[0] <= time]:
+            self.world.later.remove((due, action))
+            with suppress(SpelError):  # it may be refused by now, and no task asks
+                action()
         for number in sorted(self.world.tasks):
             task = self.world.tasks.get(number)
             if task is None or task.waiting is None or not _awake(task):
@@ -351,12 +395,13 @@ class Machine:
                 task.wake(False)
             elif waiting.until is not None and time >= waiting.until:
                 task.wake(True)
-        if self.world.traps and time >= self._next_scan:
+        if (self.world.traps or self.world.counters) and time >= self._next_scan:
             self._next_scan = time + self.world.timing.scan
             self._spring()
+            self._count()
 
     def _spring(self) -> None:
-        """Start what the Traps whose condition holds have; each is armed once."""
+        """Start what the Traps whose condition holds have, each of them once."""
         for number, trap in list(self.world.traps.items()):
             if trap.task.frame is None:
                 del self.world.traps[number]
@@ -375,6 +420,13 @@ class Machine:
                 if trap.action == 'call':
                     trap.task.held_by = started
 
+    def _count(self) -> None:
+        """Count the inputs of CTReset that have gone on since the last scan."""
+        for bit, counter in self.world.counters.items():
+            now = self.world.host.read_bits(Memory.INPUT, bit, 1)
+            counter.count = (counter.count + (now > counter.last)) & 0xFFFF
+            counter.last = now
+
     def _settle(self, task: Task) -> None:
         """Count the time of a wait from its statement's end, not from the turn's beginning."""
         waiting = task.waiting
@@ -382,7 +434,7 @@ class Machine:
             waiting.until = self.world.time + waiting.duration
 
     def _run(self, task: Task) -> int:
-        """Run a task for a turn, or until it waits or ends; return how many instructions."""
+        """Run a task for a turn, or until it waits or ends and return how many instructions."""
         limit, used = self._turn, 0
         frame = task.frame
         while frame is not None and used < limit and task.waiting is None:
@@ -434,7 +486,7 @@ def _of_program(error: Exception) -> bool:
     assert trace is not None  # noqa: S101 - it was raised
     while trace.tb_next is not None:
         trace = trace.tb_next
-    return trace.tb_frame.f_code.co_filename in (_SOURCE, library.__file__, values.__file__)
+    return trace.tb_frame.f_code.co_filename in _PROGRAM
 
 
 def _awake(task: Task) -> bool:

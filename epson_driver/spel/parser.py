@@ -6,23 +6,27 @@ A statement that cannot be read becomes a problem, and reading goes on with the 
 one run shows them all.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
+from dataclasses import replace
 
 from epson_driver.inputs import near_name
 from epson_driver.spel.commands import (
     COMMANDS,
-    NOT_SIMULATED,
-    STRUCTURE_WORDS,
+    KEYWORDS,
     TASK_TYPE_WORDS,
     TYPES,
 )
 from epson_driver.spel.errors import Position, Problem, SyntaxProblem
 from epson_driver.spel.expressions import Reader, is_point_literal
+from epson_driver.spel.functions import POINT_FLAGS
 from epson_driver.spel.lexer import NAME, NUMBER, STRING, Token
 from epson_driver.spel.preprocess import Line
 from epson_driver.spel.statements import Statements
 from epson_driver.spel.syntax import (
+    Apply,
+    Argument,
     Assign,
+    Binary,
     Block,
     Call,
     CaseItem,
@@ -36,12 +40,15 @@ from epson_driver.spel.syntax import (
     Function,
     If,
     Label,
+    Name,
     Parameter,
+    PointFlag,
     Select,
     Statement,
     Test,
     Variable,
 )
+from epson_driver.spel.words import CONSTANTS, is_a
 
 DEEPEST_BLOCK = 30
 """Blocks within each other. SPEL+ allows 10 For."""
@@ -71,7 +78,7 @@ def function_names(lines: Iterable[Line]) -> set[str]:
 
 
 def statements_of(line: Line) -> Iterator[list[Token]]:
-    """Yield the statements of a line; those of `!…!` stay together."""
+    """Yield the statements of a line, those of `!…!` together."""
     part: list[Token] = []
     parallel = False
     for token in line.tokens:
@@ -86,12 +93,18 @@ def statements_of(line: Line) -> Iterator[list[Token]]:
 
 
 class Parser(Statements):
-    """Reads one file."""
+    """Reads one file. `points`: the labels of points, in lower case."""
 
     def __init__(
-        self, name: str, lines: list[Line], functions: set[str], problems: list[Problem]
+        self,
+        name: str,
+        lines: list[Line],
+        functions: set[str],
+        problems: list[Problem],
+        points: Container[str] = frozenset(),
     ) -> None:
         super().__init__(functions)
+        self._points = points
         self._file = File(name)
         self._problems = problems
         self._lines = lines
@@ -102,7 +115,7 @@ class Parser(Statements):
         self._function: str | None = None
 
     def file(self) -> File:
-        """Return what the file holds; problems are in the list."""
+        """Return what the file holds, with problems in the list."""
         while (found := self._take()) is not None:
             try:
                 self._outside(found)
@@ -120,6 +133,9 @@ class Parser(Statements):
                 return
 
     # Lines and statements
+
+    def _reader(self, found: list[Token]) -> Reader:
+        return Reader(found, found[0].position, self._points)
 
     def _peek(self) -> list[Token] | None:
         while not self._queue and self._line < len(self._lines):
@@ -147,13 +163,13 @@ class Parser(Statements):
     # Outside functions
 
     def _outside(self, found: list[Token]) -> None:
-        reader = Reader(found, found[0].position)
+        reader = self._reader(found)
         word = found[0].lower
         if word == 'function':
             self._file.functions.append(self._read_function(reader))
         elif word == 'declare':
             self._file.declared.append(_declare(reader))
-        elif word == 'global' or word in TYPES:
+        elif word in ('global', 'static') or word in TYPES:
             self._file.declarations.append(declaration(reader, 'module'))
         elif found[0].kind == NUMBER or word == 'fend':
             raise SyntaxProblem(found[0].position, f'{found[0].text} stands outside a function')
@@ -187,7 +203,7 @@ class Parser(Statements):
     # Blocks
 
     def _block(self, ends: tuple[str, ...]) -> Block:
-        """Read statements up to a word that ends a block; that one is left."""
+        """Read statements up to, but not including, a word that ends a block."""
         self._depth += 1
         read: list[Statement] = []
         while (found := self._peek()) is not None:
@@ -214,14 +230,14 @@ class Parser(Statements):
             text = f'{kind} of line {at.line} has no {_CLOSING[kind]}'
             raise SyntaxProblem(at, text)
         self._take()
-        return Reader(found, found[0].position)
+        return self._reader(found)
 
     def _statement(self, found: list[Token]) -> list[Statement]:
         first = found[0]
         if first.kind != NAME:
             raise SyntaxProblem(first.position, f'a statement cannot begin with {first.text[:40]}')
         read: list[Statement] = []
-        if len(found) > 1 and found[1].text == ':' and not is_point_literal(first.text):
+        if self._is_label(found):
             read.append(Label(first.text, first.position))
             found = found[2:]
             if not found:
@@ -229,9 +245,13 @@ class Parser(Statements):
             first = found[0]
             if first.kind != NAME:
                 raise SyntaxProblem(first.position, 'a statement cannot begin so')
-        reader = Reader(found, first.position)
+        reader = self._reader(found)
         read.append(self._one(reader, first))
         return read
+
+    def _is_label(self, found: list[Token]) -> bool:
+        is_point = is_point_literal(found[0].text) or found[0].lower in self._points
+        return len(found) > 1 and found[1].text == ':' and not is_point
 
     def _one(self, reader: Reader, first: Token) -> Statement:
         word = first.lower
@@ -245,7 +265,10 @@ class Parser(Statements):
             if word in self._functions:
                 reader.step()
                 return self._call_statement(reader, first)
-            raise SyntaxProblem(first.position, *_unknown(first, reader))
+            if not is_a('statement', word):
+                raise SyntaxProblem(first.position, *_unknown(first, reader))
+            reader.step()
+            return self.read_stub(reader, first)
         reader.step()
         if rule.form.startswith('@'):
             method = getattr(self, rule.form.replace('@', 'read_'))
@@ -345,13 +368,13 @@ class Parser(Statements):
                 default = self._block(ends)
                 continue
             if closing.takes('else'):
-                closing.end()
+                self._rest_as_statement(closing)
                 default = self._block(ends)
                 continue
             items = [_case_item(closing)]
             while closing.takes(','):
                 items.append(_case_item(closing))
-            closing.end()
+            self._rest_as_statement(closing)
             cases.append((tuple(items), self._block(ends)))
 
     def read_do(self, reader: Reader, first: Token) -> Do:
@@ -398,7 +421,7 @@ class Parser(Statements):
 
 
 def _split_at_else(parts: list[list[Token]]) -> list[list[list[Token]]]:
-    """Divide the statements of a one-line If at its own Else; an If within keeps its own."""
+    """Divide the statements of a one-line If at its own Else, not at that of an If within."""
     result: list[list[list[Token]]] = [[[]]]
     inner = 0
     for number, part in enumerate(parts):
@@ -438,8 +461,28 @@ def _assignment(reader: Reader, word: str) -> Assign | None:
     target = reader.target()
     at = reader.need('=').position
     value = reader.expression()
+    if reader.sees(',') and (target.name.lower() == 'p' or is_point_literal(target.name)):
+        value = _coordinates(value, reader)
     reader.end()
     return Assign(target, value, at)
+
+
+def _coordinates(first: Expression, reader: Reader) -> Expression:
+    """Read the rest of `P1 = 300, 200, -50, 100 /L`, the old form of XY( ) (p590)."""
+    values = [first]
+    while reader.takes(','):
+        values.append(reader.expression())
+    flags: list[PointFlag] = []
+    while isinstance(last := values[-1], Binary) and last.operator == '/':
+        word = last.right.name if isinstance(last.right, Name) else ''
+        if word.lower() not in POINT_FLAGS:
+            raise SyntaxProblem(last.at, 'expected a posture of the point')
+        flags.insert(0, PointFlag(last.left, word.lower(), last.at))
+        values[-1] = last.left
+    point: Expression = Apply('XY', tuple(Argument(each) for each in values), first.at)
+    for flag in flags:
+        point = replace(flag, point=point)
+    return point
 
 
 def _case_item(reader: Reader) -> CaseItem:
@@ -460,10 +503,10 @@ def _test(reader: Reader) -> Test | None:
 
 def _unknown(first: Token, reader: Reader) -> tuple[str, str]:
     word = first.lower
-    if word in STRUCTURE_WORDS:
+    if word in KEYWORDS:
         return f'{first.text} cannot begin a statement', 'syntax'
-    if word in NOT_SIMULATED:
-        return f'not simulated: {first.text}', 'not-simulated'
+    if is_a('function', word) or word in CONSTANTS:
+        return f'{first.text} is no statement', 'syntax'
     what = 'variable or function' if reader.look(1).text in ('=', '(') else 'statement or function'
     near = near_name(first.text[:40], _NAMES)
     meant = f': did you mean {near}?' if near else ''
@@ -472,9 +515,9 @@ def _unknown(first: Token, reader: Reader) -> tuple[str, str]:
 
 def _check_name(name: Token, what: str) -> None:
     word = name.lower
-    if word in STRUCTURE_WORDS or word in TYPES or word in TASK_TYPE_WORDS:
+    if word in KEYWORDS or word in TYPES or word in TASK_TYPE_WORDS:
         text = f'{name.text} is a word of SPEL+: no {what} can be so named'
-        raise SyntaxProblem(name.position, text)
+        raise SyntaxProblem(name.position, text, 'reserved')
 
 
 def _type(reader: Reader) -> str:
@@ -485,12 +528,17 @@ def _type(reader: Reader) -> str:
 
 
 def declaration(reader: Reader, scope: str) -> Declaration:
-    """Read `[Global [Preserve]] type name[(bounds)], …`."""
+    """Read `[Global [Preserve]] [Static] type name[(bounds)], …`.
+
+    Static marks the variables of a library (RC+ 8): they are kept as all shared ones are.
+    """
     at = reader.here.position
     if reader.takes('global'):
         if scope == 'local':
             raise SyntaxProblem(at, 'Global stands inside a function: put it above all functions')
         scope = 'preserve' if reader.takes('preserve') else 'global'
+    if scope != 'local':
+        reader.takes('static')
     kind = _type(reader)
     variables = []
     while True:
@@ -531,12 +579,22 @@ def _parameters(reader: Reader) -> tuple[Parameter, ...]:
             if not by_reference:
                 text = f'{name.text}(): arrays are handed over ByRef only'
                 raise SyntaxProblem(name.position, text, 'type')
-        reader.need('as')
-        read.append(Parameter(name.text, _type(reader), by_reference, array, name.position))
+        kind = _parameter_type(reader)
+        read.append(Parameter(name.text, kind, by_reference, array, name.position))
         if not reader.takes(','):
             break
     reader.need(')')
     return tuple(read)
+
+
+def _parameter_type(reader: Reader) -> str:
+    """Read As and a type. RC+ builds `AsInteger` too, as a fielded project has it."""
+    word = reader.here.lower
+    if word.startswith('as') and word[2:] in TYPES:
+        reader.step()
+        return word[2:]
+    reader.need('as')
+    return _type(reader)
 
 
 def _declare(reader: Reader) -> Declare:

@@ -7,6 +7,7 @@ A port belongs to the task that opened it, as long as that lives (SPEL+ p194).
 
 from collections.abc import Callable
 
+from epson_driver.spel import file_access
 from epson_driver.spel.actions import (
     fill,
     input_terminal,
@@ -16,12 +17,15 @@ from epson_driver.spel.actions import (
     within,
 )
 from epson_driver.spel.errors import ErrorNumber, SpelError
+from epson_driver.spel.file_access import is_file
 from epson_driver.spel.host import NetSettings
 from epson_driver.spel.task import Port, Reference, Task
 from epson_driver.spel.values import TYPES, Array, Point, Value, nearest, store
 
 ONE_TASK = ': one task opens, uses and closes a port'
 FIRST_PORT, LAST_PORT = 201, 216
+_DISPLAYS = (0, 20, 21, 24)
+"""Devices that show what is printed to them, as the run window does."""
 _MOST_BYTES = 1_023
 _LONGEST_LINE = 1_024
 _TERMINATORS = {'cr': '\r', 'lf': '\n', 'crlf': '\r\n'}
@@ -93,7 +97,7 @@ def close_net(task: Task, number: float | None) -> None:
 
 
 def wait_net(task: Task, number: float, time: float | None = None) -> None:
-    """WaitNet #n[, s]: until there is a peer; TW says whether the time ran out."""
+    """WaitNet #n[, s]: until there is a peer or the time ran out, as TW says."""
     index = nearest(number)
     _opened(task, 'WaitNet', index)
     host = task.world.host
@@ -118,9 +122,17 @@ def check_net(task: Task, number: int) -> int:
 
 
 def _receive(
-    task: Task, name: str, number: int, ready: Callable[[bytes], int], use: Callable[[bytes], None]
+    task: Task,
+    name: str,
+    number: int,
+    ready: Callable[[bytes], int],
+    use: Callable[[bytes], None],
+    wanted: int = 1,
 ) -> None:
     """Wait until `ready` says how many bytes to take, then use them."""
+    if is_file(number):
+        use(file_access.read(task, name, number, wanted))
+        return
     port = _opened(task, name, number)
     host = task.world.host
 
@@ -140,6 +152,9 @@ def _receive(
 
 
 def _send(task: Task, name: str, number: int, data: bytes) -> None:
+    if is_file(number):
+        file_access.write(task, name, number, data)
+        return
     _opened(task, name, number)
     host = task.world.host
     if not host.connected(number):
@@ -177,7 +192,7 @@ def read_bin(task: Task, number: int, into: Array | Reference, count: int | None
             container[place] = _byte(value, type_name)
 
     task.owe('readbin')
-    _receive(task, 'ReadBin', number, lambda b: wanted if len(b) >= wanted else 0, use)
+    _receive(task, 'ReadBin', number, lambda b: wanted if len(b) >= wanted else 0, use, wanted)
 
 
 def write_bin(task: Task, number: int, what: Array | int, count: int | None) -> None:
@@ -199,7 +214,7 @@ def read(task: Task, number: int, into: Reference, count: int | None) -> None:
         text = data.decode('latin-1').split('\0')[0]
         container[index] = store(text, type_name)
 
-    _receive(task, 'Read', number, lambda b: wanted if len(b) >= wanted else 0, use)
+    _receive(task, 'Read', number, lambda b: wanted if len(b) >= wanted else 0, use, wanted)
 
 
 def write(task: Task, number: int, text: str, _count: int | None = None) -> None:
@@ -212,7 +227,7 @@ def _encoded(text: str) -> bytes:
 
 
 def _line_end(data: bytes, terminator: bytes) -> int:
-    """Return how many bytes the first line has, its end included; 0 without one."""
+    """Return how many bytes the first line has, its end included, or 0 without one."""
     at = data.find(terminator)
     if at >= 0:
         return at + len(terminator)
@@ -224,9 +239,12 @@ def print_to(
 ) -> None:
     """Print [#n,] a, b[,]."""
     text = print_line(items)
-    if number is None:
+    if number is None or number in _DISPLAYS:
         task.owe('print')
         print_terminal(task, text + ('\n' if line else ' '))
+        return
+    if is_file(number):
+        file_access.write(task, 'Print', number, _encoded(text + ('\r\n' if line else '')))
         return
     port = _opened(task, 'Print', number)
     _send(task, 'Print', number, _encoded(text + (port.settings.terminator if line else '')))
@@ -238,6 +256,10 @@ def input_from(
     """Input [#n,] a, b and Line Input [#n,] s$."""
     if number is None:
         input_terminal(task, targets, whole)
+        return
+    if is_file(number):
+        text = file_access.read(task, 'Input', number, None).decode('latin-1')
+        fill('Input', text, targets, whole)
         return
     end = _opened(task, 'Input', number).settings.terminator.encode()
 

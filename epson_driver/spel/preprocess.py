@@ -63,7 +63,7 @@ class Preprocessor:
         self._steps = 0
 
     def lines(self, name: str) -> Iterator[Line]:
-        """Yield the lines of a file that hold a program; problems go to the list."""
+        """Yield the lines of a file that hold a program, with problems to the list."""
         yield from self._lines(name.lower(), 0)
 
     def _lines(self, key: str, depth: int) -> Iterator[Line]:

@@ -3,21 +3,30 @@
 """Files to a program: read, parse, compile. All that is wrong with it is said at once."""
 
 import re
-from collections.abc import Mapping
-from pathlib import Path
+from collections.abc import Iterator, Mapping
 
-from epson_driver.inputs import InputError, printable, read_file, shown
+from epson_driver.inputs import InputError, shown
 from epson_driver.spel.code import FunctionCode, Program, Variable
 from epson_driver.spel.compiler import Compiler
 from epson_driver.spel.errors import Position, Problem, ProgramError, SyntaxProblem
-from epson_driver.spel.parser import Parser, function_names
+from epson_driver.spel.lexer import NAME, Token, tokens
+from epson_driver.spel.parser import Parser, function_names, statements_of
 from epson_driver.spel.preprocess import Line, Preprocessor
+from epson_driver.spel.project_data import ProjectData, project_data
 from epson_driver.spel.scope import Scope
-from epson_driver.spel.syntax import Declaration, Declare, File, Function
+from epson_driver.spel.syntax import (
+    Declaration,
+    Declare,
+    File,
+    Function,
+    Label,
+    Parameter,
+    walk,
+)
+from epson_driver.spel.syntax import Variable as VariableName
+from epson_driver.spel.taught import add_missing
 from epson_driver.spel.values import TYPES, size
-
-LARGEST_FILE = 5_000_000
-"""Bytes."""
+from epson_driver.spel.words import FIRST, WORDS, reserved
 
 MOST_ELEMENTS = 2_000_000
 """Of all shared arrays together."""
@@ -25,41 +34,16 @@ MOST_ELEMENTS = 2_000_000
 OFF = "'"
 """In front of a #define line: it is a comment."""
 
+COMMAND = '$Execute'
+"""The name of what the command window executes."""
+
+_AROUND = (('Function', COMMAND), ('Fend',))
+_MAIN = re.compile(r'(?im)^[ \t]*function[ \t]+main\b(?:[ \t]*\([ \t]*\))?')
 _DEFINE = re.compile(r"\s*'?#define\s+([A-Za-z]\w*)(?:\s+(.*))?$")
-_ENDINGS = ('.prg', '.inc')
-_USER_ERRORS = 'UserErrors.dat'
-
-
-def read_project(path: Path) -> dict[str, str]:
-    """Return the texts of a project by file name: a folder, or one .prg with its includes.
-
-    Raises InputError for what cannot be read.
-    """
-    folder = path if path.is_dir() else path.parent
-    files: dict[str, str] = {}
-    for each in sorted(folder.iterdir() if folder.is_dir() else []):
-        wanted = each.suffix.lower() in _ENDINGS or each.name.lower() == _USER_ERRORS.lower()
-        wanted = wanted and (path.is_dir() or each.suffix.lower() != '.prg')
-        if wanted and each.is_file():
-            files[each.name] = decoded(read_file(each, LARGEST_FILE))
-    if not path.is_dir():
-        files[path.name] = decoded(read_file(path, LARGEST_FILE))
-    if not any(name.lower().endswith('.prg') for name in files):
-        raise InputError(f'{printable(path)}: has no .prg file')
-    return files
-
-
-def decoded(content: bytes) -> str:
-    """Return a text: UTF-8, or byte by byte where it is not."""
-    try:
-        text = content.decode('utf-8-sig')
-    except UnicodeDecodeError:
-        text = content.decode('latin-1')
-    return text.replace('\r\n', '\n').replace('\r', '\n')
 
 
 def with_defines(files: Mapping[str, str], values: Mapping[str, str]) -> dict[str, str]:
-    """Return the files with other values in their #define lines; an empty value turns one off.
+    """Return the files with other values in their #define lines, or for '' without them.
 
     A line that is turned off by a ' in front is turned on. Raises InputError for a name that no
     file has such a line for, and a value that is more than one line.
@@ -84,14 +68,36 @@ def with_defines(files: Mapping[str, str], values: Mapping[str, str]) -> dict[st
     return changed
 
 
-def parse(files: Mapping[str, str], problems: list[Problem]) -> list[File]:
-    """Return the .prg files as they are written; what cannot be read goes to the list."""
+def with_setup(files: Mapping[str, str], statements: str) -> dict[str, str]:
+    """Return the files with statements in the line of Function main, behind its name.
+
+    Raises InputError for statements of more than one line, or where there is no main.
+    """
+    if not statements.isprintable():
+        raise InputError(f'{shown(statements)}: must be one line of statements, divided by ;')
+    changed = {
+        name: _MAIN.sub(lambda found: f'{found[0]}; {statements}', text)
+        if name.lower().endswith('.prg')
+        else text
+        for name, text in files.items()
+    }
+    if changed == dict(files):
+        raise InputError('the project has no Function main to set up something for')
+    return changed
+
+
+def _parse(
+    files: Mapping[str, str], problems: list[Problem], notes: list[Problem], data: ProjectData
+) -> list[File]:
+    """Return the .prg files as they are written, with what cannot be read in the list."""
     lines: dict[str, list[Line]] = {}
     for name in files:
         if name.lower().endswith('.prg'):
             lines[name] = list(Preprocessor(files, problems).lines(name))
     names = {each for found in lines.values() for each in function_names(found)}
-    return [Parser(name, found, names, problems).file() for name, found in lines.items()]
+    add_missing(data, files, lines, names, notes)
+    labels = data.point_labels
+    return [Parser(name, found, names, problems, labels).file() for name, found in lines.items()]
 
 
 def build(files: Mapping[str, str]) -> Program:
@@ -106,9 +112,11 @@ def build(files: Mapping[str, str]) -> Program:
 def build_with(
     files: Mapping[str, str], problems: list[Problem], notes: list[Problem] | None = None
 ) -> Program:
-    """Return the program as far as it can be made; what is wrong goes to the lists."""
+    """Return the program as far as it can be made, with what is wrong in the lists."""
     notes = [] if notes is None else notes
-    parsed = parse(files, problems)
+    data = project_data(files, problems)
+    parsed = _parse(files, problems, notes, data)
+    problems.extend(problem for file in parsed for problem in reserved_names(file, FIRST))
     functions: dict[str, Function] = {}
     libraries: dict[str, tuple[int, Declare]] = {}
     declared: list[Declare] = []
@@ -130,10 +138,9 @@ def build_with(
         )
         for index, (key, function) in enumerate(functions.items())
     }
-    labels, texts = _user_errors(files, problems)
     shared: dict[str, Variable] = {}
     variables: list[Variable] = []
-    outer = Scope(shared, functions, libraries, labels)
+    outer = Scope(shared, functions, libraries, data)
     scopes = []
     for file in parsed:
         module: dict[str, Variable] = {}
@@ -154,7 +161,52 @@ def build_with(
             if functions[function.name.lower()] is function:
                 Compiler(function, scope.for_function(), codes, problems, notes).compile()
     source = ''.join(text for code in codes.values() for text in code.source)
-    return Program(list(codes.values()), codes, variables, declared, parsed, source, texts)
+    return Program(list(codes.values()), codes, variables, declared, parsed, source, data, shared)
+
+
+def command(program: Program, text: str) -> FunctionCode:
+    """Return the code of statements as the command window takes them. Raises ProgramError.
+
+    They may use what is Global in the program. A string that has no end ends with them.
+    """
+    at = Position(COMMAND, 1)
+    problems: list[Problem] = []
+    try:
+        found = tokens(text + '"' * (text.count('"') % 2), COMMAND, 1)
+        line = Line(at, tuple(found))
+        for part in statements_of(line):
+            word = WORDS.get(part[0].lower) if part else None
+            if word is not None and not word.window:
+                said = f'{word.name} is for programs only: the command window does not take it'
+                problems.append(Problem(part[0].position, 'syntax', said))
+    except SyntaxProblem as problem:
+        raise ProgramError([problem.problem]) from problem
+    around = [Line(at, tuple(Token(NAME, word, at) for word in words)) for words in _AROUND]
+    lines = [around[0], line, around[1]]
+    file = Parser(COMMAND, lines, set(program.by_name), problems, program.data.point_labels).file()
+    if problems:
+        raise ProgramError(problems)
+    (function,) = file.functions
+    functions = {each.name.lower(): each for of in program.files for each in of.functions}
+    libraries = {each.name.lower(): (at, each) for at, each in enumerate(program.libraries)}
+    scope = Scope(program.shared, functions, libraries, program.data)
+    code = FunctionCode(COMMAND, len(program.functions), (), '', at, at)
+    codes = {**program.by_name, COMMAND.lower(): code}
+    Compiler(function, scope.for_function(), codes, problems, []).compile()
+    if problems:
+        raise ProgramError(problems)
+    return code
+
+
+def reserved_names(file: File, version: tuple[int, ...]) -> Iterator[Problem]:
+    """Yield the names of a file that are words of SPEL+, up to a version."""
+    for node in walk([file.functions, file.declarations]):
+        if not isinstance(node, Function | Parameter | VariableName | Label):
+            continue
+        if reserved(node.name, version):
+            what = type(node).__name__.lower()
+            text = f'{node.name} is a word of SPEL+: no {what} can be so named'
+            yield Problem(node.at, 'reserved', text)
 
 
 def _declare(
@@ -189,29 +241,3 @@ def _declare(
             continue
         within[key] = variable
         variables.append(variable)
-
-
-def _user_errors(
-    files: Mapping[str, str], problems: list[Problem]
-) -> tuple[dict[str, int], dict[int, str]]:
-    """Return labels and messages of UserErrors.dat: nError, sLabel and sMessage lines."""
-    labels: dict[str, int] = {}
-    texts: dict[int, str] = {}
-    found = [name for name in files if name.lower() == _USER_ERRORS.lower()]
-    number = 0
-    for line_number, line in enumerate(files[found[0]].split('\n') if found else [], 1):
-        match = re.match(r'\s*(nError|sLabel|sMessage)\w*\s*=\s*"?([^"]*)"?', line, re.IGNORECASE)
-        if match is None:
-            continue
-        word, value = match[1].lower(), match[2].strip()
-        if word == 'nerror':
-            if not re.fullmatch('[0-9]{1,5}', value):
-                text = f'{value[:40]!r} is not an error number'
-                problems.append(Problem(Position(found[0], line_number), 'user-errors', text))
-                continue
-            number = int(value)
-        elif word == 'slabel' and value:
-            labels[value.lower()] = number
-        elif value:
-            texts[number] = value
-    return labels, texts

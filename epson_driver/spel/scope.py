@@ -6,8 +6,9 @@ from collections.abc import Mapping
 
 from epson_driver.spel.code import Variable
 from epson_driver.spel.errors import Position, SyntaxProblem
-from epson_driver.spel.functions import CONSTANTS
+from epson_driver.spel.project_data import ProjectData
 from epson_driver.spel.syntax import (
+    Apply,
     Binary,
     Declaration,
     Declare,
@@ -18,6 +19,7 @@ from epson_driver.spel.syntax import (
     Unary,
 )
 from epson_driver.spel.values import TYPES, size
+from epson_driver.spel.words import CONSTANTS
 
 LIMITS = {
     'local': (2_000, 200),
@@ -28,12 +30,13 @@ LIMITS = {
 """Elements of an array by scope; of strings. SPEL+ Language Reference, page 952."""
 
 
-def constant(expression: Expression, constants: Mapping[str, int | float]) -> int | float | None:
-    """Return the value of an expression of constants, None if it is not one."""
+def constant(expression: Expression, constants: Mapping[str, int | str]) -> int | float | None:
+    """Return the number that an expression of constants is, None if it is none."""
     if isinstance(expression, Number):
         return expression.value
     if isinstance(expression, Name):
-        return constants.get(expression.name.lower())
+        fixed = constants.get(expression.name.lower())
+        return None if isinstance(fixed, str) else fixed
     if isinstance(expression, Unary):
         value = constant(expression.operand, constants)
         if value is None:
@@ -52,6 +55,26 @@ def constant(expression: Expression, constants: Mapping[str, int | float]) -> in
     return None
 
 
+ONE_WHEN_ON = frozenset({'sw', 'memsw', 'oport', 'btst', 'btst64', 'motor', 'power', 'cp'})
+"""Functions that are 1, not True, when what they ask for holds."""
+
+
+def against_true(expression: Binary, scope: 'Scope') -> Binary:
+    """Return `Sw(1) = True` as `Sw(1) <> 0`: fielded programs wait for it and go on."""
+    for one, other in ((expression.left, expression.right), (expression.right, expression.left)):
+        if (
+            expression.operator in ('=', '<>')
+            and isinstance(one, Name)
+            and one.name.lower() == 'true'
+            and isinstance(other, Name | Apply)
+            and other.name.lower() in ONE_WHEN_ON
+            and scope.variable(other.name) is None
+        ):
+            turned = '<>' if expression.operator == '=' else '='
+            return Binary(turned, other, Number(0, one.at, '0'), expression.at)
+    return expression
+
+
 class Scope:
     """The variables of a project, a file and a function, and the functions there are."""
 
@@ -60,25 +83,28 @@ class Scope:
         shared: dict[str, Variable],
         functions: Mapping[str, Function],
         libraries: Mapping[str, tuple[int, Declare]],
-        constants: Mapping[str, int],
+        data: ProjectData,
+        module: dict[str, Variable] | None = None,
     ) -> None:
         self._shared = shared
-        self._module: dict[str, Variable] = {}
+        self._module = {} if module is None else module
         self._local: dict[str, Variable] = {}
         self.functions = functions
         self.libraries = libraries
-        self.constants: dict[str, int | float] = {**CONSTANTS, **constants}
+        self.data = data
+        self.constants: dict[str, int | str] = {**CONSTANTS, **data.labels}
 
     def for_file(self, module: dict[str, Variable]) -> 'Scope':
         """Return the scope inside a file."""
-        inner = Scope(self._shared, self.functions, self.libraries, {})
-        inner.constants = self.constants
-        inner._module = module
-        return inner
+        return Scope(self._shared, self.functions, self.libraries, self.data, module)
 
     def for_function(self) -> 'Scope':
         """Return the scope inside a function, without locals yet."""
         return self.for_file(self._module)
+
+    def point_number(self, name: str) -> int | None:
+        """Return the number of a point by its label."""
+        return self.data.point_labels.get(name.lower())
 
     def variable(self, name: str) -> Variable | None:
         """Return what a name stands for as a variable."""

@@ -7,24 +7,36 @@ import re
 from epson_driver.spel.commands import TASK_TYPE_WORDS
 from epson_driver.spel.errors import SyntaxProblem
 from epson_driver.spel.expressions import Reader
+from epson_driver.spel.functions import AXES
 from epson_driver.spel.lexer import END, NAME, Token
 from epson_driver.spel.syntax import (
     Argument,
+    Assign,
     Call,
     Command,
+    Do,
     EResume,
     Expression,
+    For,
+    If,
     Input,
     Jump,
+    Label,
     Motion,
     Name,
+    Number,
     OnErr,
     Print,
     Redim,
     Return,
+    Select,
+    Share,
+    Statement,
     Store,
+    Stub,
     Target,
     TaskCommand,
+    Text,
     Transfer,
     Trap,
     Wait,
@@ -34,6 +46,10 @@ from epson_driver.spel.syntax import (
 TRAP_EVENTS = ('emergency', 'error', 'pause', 'sgopen', 'sgclose', 'abort', 'finish')
 _TERMINATORS = ('cr', 'lf', 'crlf')
 _PROTOCOLS = ('tcp', 'udp', 'udp_send', 'udp_recv')
+_CONDITIONS = ('till', 'find', 'sense')
+_NUMBERED = ('c', 'limz', 'ljm', 'performmode')
+_PLAIN = ('rot', 'ecp', 'sync')
+_MODIFIERS = (*_CONDITIONS, *_NUMBERED, *_PLAIN, 'cp', '!')
 
 
 class Statements:
@@ -46,10 +62,17 @@ class Statements:
         """Read arguments by a form of the table."""
         arguments: list[Expression | None] = []
         words: list[str] = []
-        for number, kind in enumerate(form.split(',') if form else ()):
+        kinds = form.split(',') if form else []
+        last = re.match(r'w\((.*)\)', kinds[-1]) if kinds else None
+        final = last[1].lower().split('|') if last is not None else []
+        for number, kind in enumerate(kinds):
             optional = kind.endswith(('?', '*'))
-            if number and not (reader.takes(',') or optional):
+            early = optional and reader.sees(*final)  # `On 1, Forced`: the others are left out
+            if number and not (early or reader.takes(',') or optional):
                 raise reader.wrong('a comma and one more value')
+            if optional and reader.sees(*final) and kind is not kinds[-1]:
+                arguments.append(None)
+                continue
             if kind.endswith('*'):
                 while not reader.at_end():
                     arguments.append(reader.expression())
@@ -59,8 +82,11 @@ class Statements:
             choice = re.match(r'w\((.*)\)', kind)
             if choice is not None:
                 allowed = choice[1].lower().split('|')
+                bracket = reader.look(1).lower in allowed and reader.takes('(')  # QP (On)
                 if reader.sees(*allowed):
                     words.append(reader.step().lower)
+                    if bracket:
+                        reader.need(')')
                 elif not optional:
                     raise reader.wrong(' or '.join(choice[1].split('|')))
                 continue
@@ -168,6 +194,7 @@ class Statements:
             event = reader.step().lower
             if reader.at_end():
                 return Trap(event, None, None, '', '', first.position)
+            reader.takes(',')
             reader.need('xqt')
             return Trap(event, None, None, 'xqt', self._function_name(reader), first.position)
         number = reader.expression()
@@ -195,7 +222,7 @@ class Statements:
     # Terminal and network
 
     def _port(self, reader: Reader) -> Expression | None:
-        """Read #n with its comma; nothing where there is none."""
+        """Read #n with its comma, or nothing where there is none."""
         if not reader.takes('#'):
             return None
         port = reader.expression()
@@ -239,7 +266,7 @@ class Statements:
         return Transfer(first.text, port, value, count, first.position)
 
     def read_set_net(self, reader: Reader, first: Token) -> Command:
-        """Read SetNet #n, host, port[, terminator[, flow[, timeout[, protocol]]]]."""
+        """Read SetNet #n, host, port[, terminator[, flow[, timeout[, protocol[, …]]]]]."""
         reader.need('#')
         port = reader.expression()
         reader.need(',')
@@ -260,8 +287,9 @@ class Statements:
             if not reader.sees(*_PROTOCOLS):
                 raise reader.wrong('TCP')
             if not reader.takes('tcp'):
-                text = f'not simulated: SetNet with {reader.here.text}'
-                raise SyntaxProblem(reader.here.position, text, 'not-simulated')
+                raise self._not_simulated(reader, first)
+        if reader.takes(','):
+            reader.expression()  # of UDP
         arguments = (port, host, number, timeout)
         return Command(first.text, arguments, first.position, tuple(words))
 
@@ -290,9 +318,42 @@ class Statements:
 
     # The robot
 
+    def _not_simulated(self, reader: Reader, first: Token) -> SyntaxProblem:
+        text = f'not simulated: {first.text} with {reader.here.text}'
+        return SyntaxProblem(reader.here.position, text, 'not-simulated')
+
     def read_store(self, reader: Reader, first: Token) -> Store:
         """Read Till, Sense, Find with a condition."""
         return Store(first.text, reader.expression(), first.position)
+
+    def read_here(self, reader: Reader, first: Token) -> Assign:
+        """Read Here P1."""
+        return Assign(reader.target(), Name(first.text, first.position), first.position)
+
+    def read_local(self, reader: Reader, first: Token) -> Command:
+        """Read Local n, and one point, three with X or Y, or two pairs (P1:P11), (P2:P12)."""
+        given = [reader.expression()]
+        words: list[str] = []
+        while reader.takes(','):
+            if reader.sees('x', 'y', 'l', 'r', 'baseu'):
+                words.append(reader.step().lower)
+            elif _is_pair(reader):
+                reader.need('(')
+                given.append(reader.expression())
+                reader.need(':')
+                given.append(reader.expression())
+                reader.need(')')
+                words.append('pair')
+            else:
+                given.append(reader.expression())
+        return Command(first.text, tuple(given), first.position, tuple(words))
+
+    def read_open(self, reader: Reader, first: Token) -> Command:
+        """Read WOpen name As #n, and its like."""
+        name = reader.expression()
+        reader.need('as')
+        reader.takes('#')
+        return Command(first.text, (name, reader.expression()), first.position)
 
     def read_pallet(self, reader: Reader, first: Token) -> Command:
         """Read Pallet [Outside,] n, P1, P2, P3[, P4], columns, rows."""
@@ -316,37 +377,33 @@ class Statements:
 
     def read_motion(self, reader: Reader, first: Token) -> Motion:
         """Read a statement that moves the arm, with its modifiers in any order."""
-        points = [reader.expression()]
-        modifiers = ('cp', 'rot', 'ljm', 'till', 'find', 'sense', 'sync', '!')
-        while reader.takes(','):
+        points: list[Expression] = []
+        while not points or reader.takes(','):
+            if reader.sees('on', 'off'):  # Pass P1, On 2, P2
+                raise self._not_simulated(reader, first)
             points.append(reader.expression())
-        # The lists of Pass may be divided by On and Off too: those are not simulated
-        cp = sense = False
-        till: Expression | bool = False
-        find: Expression | bool = False
+        cp = False
+        conditions: dict[str, Expression | bool] = dict.fromkeys(_CONDITIONS, False)
         words: list[str] = []
-        numbers: list[tuple[str, Expression | None]] = []
+        numbers: list[tuple[str, Expression]] = []
+        parallel: tuple[Statement, ...] = ()
         while not reader.at_end():
             token = reader.step()
             word = token.lower
             if word == 'cp':
                 cp = True
-            elif word == 'rot':
-                words.append(word)
-            elif word == 'till':
-                till = reader.optional(*modifiers) or True
-            elif word == 'find':
-                find = reader.optional(*modifiers) or True
-            elif word == 'sense':
-                sense = True
-            elif word == 'ljm':
-                numbers.append((word, reader.optional(*modifiers)))
+            elif word in _CONDITIONS:
+                conditions[word] = reader.optional(*_MODIFIERS) or True
+            elif word in _NUMBERED:
+                bare = reader.at_end() or reader.sees(*_MODIFIERS)
+                value = Number(1, token.position) if bare else reader.expression()
+                numbers.append((word, value))
             elif len(word) == 2 and word[0] == 'c' and word[1].isdigit():
-                numbers.append(('c', None))
+                numbers.append(('c', Number(int(word[1]), token.position)))
+            elif word in _PLAIN:
                 words.append(word)
-            elif word == 'limz' or word in ('!', 'sync', 'perform', 'ecp'):
-                text = f'not simulated: {first.text} with {token.text}'
-                raise SyntaxProblem(token.position, text, 'not-simulated')
+            elif word == '!':
+                parallel = self.parallel(reader)
             else:
                 text = f'{first.text} does not take {token.text[:40]}'
                 raise SyntaxProblem(token.position, text)
@@ -355,12 +412,78 @@ class Statements:
             tuple(points),
             first.position,
             cp,
-            till,
-            find,
-            sense,
-            tuple(words),
-            tuple(numbers),
+            **conditions,
+            words=tuple(words),
+            numbers=tuple(numbers),
+            parallel=parallel,
         )
+
+    def parallel(self, reader: Reader) -> tuple[Statement, ...]:
+        """Read what stands between two !."""
+        read: list[Statement] = []
+        part: list[Token] = []
+        while True:
+            token = reader.step()
+            if token.text in (';', '!') or token.kind == END:
+                if part:
+                    read += self._beside(part)
+                part = []
+                if token.text != ';':
+                    return tuple(read)
+            else:
+                part.append(token)
+
+    def _beside(self, part: list[Token]) -> list[Statement]:
+        """Read a statement of !…!: D50, or one that does not move the arm."""
+        first = part[0]
+        digits = first.lower[1:]
+        if first.lower[:1] == 'd' and (not digits or digits.isdigit()):
+            rest = Reader(part[1:], first.position)
+            share = Number(int(digits), first.position) if digits else rest.expression()
+            rest.end()
+            return [Share(share, first.position)]
+        read = self._statement(part)
+        for each in read:
+            if isinstance(each, Motion | Label | If | Do | For | Select):
+                text = f'{first.text} cannot stand in !…!'
+                raise SyntaxProblem(first.position, text)
+        return read
+
+    def _statement(self, found: list[Token]) -> list[Statement]:
+        raise NotImplementedError
+
+    def read_stub(self, reader: Reader, first: Token) -> Stub:
+        """Read a statement that the interpreter knows by its name only."""
+        arguments: list[Argument] = []
+        while not reader.at_end():
+            if reader.takes(',', 'as', '#', 'to'):
+                continue
+            dotted = [reader.here]
+            while dotted[0].kind == NAME and reader.look(2 * len(dotted) - 1).text == '.':
+                dotted.append(reader.look(2 * len(dotted)))
+            if len(dotted) > 1:
+                for _ in range(2 * len(dotted) - 1):
+                    reader.step()
+                text = '.'.join(token.text for token in dotted)
+                if reader.sees('('):
+                    arguments += reader.arguments()
+                arguments.append(Argument(Text(text, dotted[0].position)))
+            else:
+                arguments.append(reader.argument())
+        return Stub(first.text, tuple(arguments), first.position)
+
+
+def _is_pair(reader: Reader) -> bool:
+    """Return whether (P1:P11) comes next, and not an expression in brackets."""
+    if not reader.sees('('):
+        return False
+    depth, ahead = 1, 1
+    while depth and (token := reader.look(ahead)).kind != END:
+        depth += (token.text == '(') - (token.text == ')')
+        if depth == 1 and token.text == ':' and reader.look(ahead + 1).lower not in AXES:
+            return True
+        ahead += 1
+    return False
 
 
 def _brackets_hold_all(reader: Reader) -> bool:

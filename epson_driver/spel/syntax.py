@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a program consists of: expressions, statements, functions. Plain data."""
 
-from dataclasses import dataclass, field
-from typing import Literal
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Any, Literal
 
 from epson_driver.spel.errors import Position
 
@@ -85,11 +86,12 @@ class PointChange:
 
 @dataclass(frozen=True, slots=True)
 class PointFlag:
-    """A point with an orientation flag or a local: `/L`, `/2`."""
+    """A point with a posture or a local: `/L`, `/2`, `@2`, `/(i)`, `/J1A(90)`."""
 
     point: 'Expression'
     flag: str
     at: Position
+    value: 'Expression | None' = None
 
 
 Expression = Number | Text | Name | Apply | Unary | Binary | PointChange | PointFlag
@@ -128,7 +130,7 @@ class Assign:
 
 @dataclass(frozen=True, slots=True)
 class If:
-    """Branches in order; `otherwise` is the Else."""
+    """Branches in order, and `otherwise`, the Else."""
 
     branches: tuple[tuple[Expression, 'Block'], ...]
     otherwise: 'Block'
@@ -217,7 +219,7 @@ class Return:
 
 @dataclass(frozen=True, slots=True)
 class OnErr:
-    """`OnErr GoTo label`; None is `OnErr GoTo 0`."""
+    """`OnErr GoTo label`, or for None `OnErr GoTo 0`."""
 
     label: str | None
     at: Position
@@ -253,7 +255,10 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """A statement that moves the arm. `till` True is the stored condition."""
+    """A statement that moves the arm. `till` True is the stored condition.
+
+    `numbers`: the values of C, LimZ, LJM and PerformMode; `parallel`: what stands in !…!.
+    """
 
     name: str
     points: tuple[Expression, ...]
@@ -261,9 +266,27 @@ class Motion:
     cp: bool = False
     till: Expression | bool = False
     find: Expression | bool = False
-    sense: bool = False
+    sense: Expression | bool = False
     words: tuple[str, ...] = ()
-    numbers: tuple[tuple[str, Expression | None], ...] = ()
+    numbers: tuple[tuple[str, Expression], ...] = ()
+    parallel: 'Block' = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """`D50` in !…!: what follows comes when half of the way is done."""
+
+    percent: Expression
+    at: Position
+
+
+@dataclass(frozen=True, slots=True)
+class Stub:
+    """A statement that only a test can answer: vision, conveyors, windows."""
+
+    name: str
+    arguments: tuple[Argument, ...]
+    at: Position
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,7 +300,7 @@ class Store:
 
 @dataclass(frozen=True, slots=True)
 class Print:
-    """Print to the terminal or to a port; `line` False ends with a comma."""
+    """Print to the terminal or to a port, with `line` False for a comma at the end."""
 
     port: Expression | None
     items: tuple[Expression, ...]
@@ -374,6 +397,8 @@ Statement = (
     | Call
     | Command
     | Motion
+    | Share
+    | Stub
     | Store
     | Print
     | Input
@@ -432,3 +457,15 @@ class File:
     functions: list[Function] = field(default_factory=list)
     declarations: list[Declaration] = field(default_factory=list)
     declared: list[Declare] = field(default_factory=list)
+
+
+def walk(node: Any) -> Iterator[Any]:
+    """Yield a node of the syntax with all that is in it."""
+    todo = [node]
+    while todo:
+        each = todo.pop()
+        if isinstance(each, tuple | list) and not isinstance(each, Position):
+            todo.extend(reversed(each))
+        elif is_dataclass(each):
+            yield each
+            todo.extend(getattr(each, field.name) for field in reversed(fields(each)))

@@ -1,25 +1,42 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Tasks: their calls, what they wait for, their errors; and what all tasks of a program share."""
+"""Tasks: their calls, what they wait for, their errors, and what they share."""
 
 import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from enum import IntEnum
+from typing import Any
 
 from epson_driver.spel.code import FunctionCode, Program, Variable
 from epson_driver.spel.commands import COMMANDS, TaskType, forbidden
 from epson_driver.spel.errors import ErrorNumber, SpelError, TaskError, meaning
-from epson_driver.spel.functions import FUNCTIONS
+from epson_driver.spel.frames import in_local, in_world, local_of
+from epson_driver.spel.functions import FUNCTIONS, POSTURES
 from epson_driver.spel.host import Caller, Completion, Host, MotionRequest, NetSettings
 from epson_driver.spel.pallets import Pallet
-from epson_driver.spel.values import TYPES, Array, Point, Value, store
+from epson_driver.spel.surroundings import Surroundings
+from epson_driver.spel.values import (
+    INT,
+    POINT,
+    STRING,
+    TYPES,
+    Array,
+    Point,
+    Value,
+    nearest,
+    store,
+)
 
 DEEPEST_CALL = 100
 """Calls within each other in one task."""
 
 LAST_NORMAL, FIRST_BACKGROUND, LAST_BACKGROUND, FIRST_TRAP = 32, 65, 80, 257
+FIRST_HELPER = 1000
+"""The task of !…! beside a motion has this number and that of the task that moves the arm."""
+COMMAND_TASK = 0
+"""What the command window executes is a task that no program can name."""
 
 Instruction = Callable[[list[object]], int]
 Test = Callable[[], object]
@@ -116,6 +133,25 @@ class Port:
 
 
 @dataclass(slots=True)
+class OpenFile:
+    """A file that is open: its name, what it holds, where it is read or written next."""
+
+    name: str
+    data: bytearray
+    at: int
+    reads: bool
+    writes: bool
+
+
+@dataclass(slots=True)
+class Counter:
+    """How often an input has gone on (p222), and how it was seen last."""
+
+    count: int
+    last: int
+
+
+@dataclass(slots=True)
 class Trap:
     """An armed Trap 1 to 4."""
 
@@ -128,7 +164,14 @@ class Trap:
 class World:
     """What the tasks of a program share: variables, time, ports, locks, the host."""
 
-    def __init__(self, program: Program, host: Host, timing: Timing, started: datetime) -> None:
+    def __init__(
+        self,
+        program: Program,
+        host: Host,
+        timing: Timing,
+        started: datetime,
+        around: Surroundings,
+    ) -> None:
         self.program = program
         self.host = host
         self.timing = timing
@@ -138,16 +181,26 @@ class World:
         self.g: list[object] = [blank(variable) for variable in program.variables]
         self.tasks: dict[int, Task] = {}
         self.aborted: dict[int, TaskError] = {}
-        self.ports: dict[int, Port] = {}
+        self.ports = {number: Port(each) for number, each in around.ports.items()}
+        self.stubs = around.new_stubs()
+        self.files = around.files
+        self.open_files: dict[int, OpenFile] = {}
+        self.counters: dict[int, Counter] = {}
         self.locks: dict[int, int] = {}
         self.signals: dict[int, int] = {}
-        self.points: dict[int, Point] = {}
+        self.points: dict[int, Point] = program.data.points
+        self.point_labels = dict(program.data.point_labels)
+        self.locals: dict[int, Point] = {}
+        self.arches = {number: (30.0 + 10.0 * number,) * 2 for number in range(7)}
+        """The arch table: depart and approach distance, mm (p111)."""
         self.pallets: dict[int, Pallet] = {}
         self.conditions: dict[str, Test] = {}
         self.timers: dict[int, float] = {}
         self.elapsed_from = 0.0
         self.traps: dict[int, Trap] = {}
         self.event_traps: dict[str, Linked] = {}
+        self.later: list[tuple[float, Callable[[], None]]] = []
+        """What is to be done at a time, whatever the tasks do."""
         self.random = random.Random(0)  # noqa: S311 - for Rnd, the same in every run
 
     def function(self, name: str) -> Linked:
@@ -181,8 +234,22 @@ class World:
         self.tasks[number] = task
         return task
 
+    def add_helper(self, task: 'Task', begin: int, motion: Completion) -> 'Task':
+        """Start what executes !…!: it sees the variables of the function that moves the arm."""
+        helper = Task(self, FIRST_HELPER + task.number, task.type)
+        moving = task.current
+        helper.push(moving.linked, moving.v[1 : 1 + len(moving.linked.code.parameters)], 0)
+        helper.current.v[1:] = moving.v[1:]
+        helper.current.pc = begin
+        helper.motion = motion
+        self.tasks[helper.number] = helper
+        return helper
+
     def end(self, task: 'Task') -> None:
         """End a task: its locks are free again, its ports open but nobody's."""
+        helper = self.tasks.get(FIRST_HELPER + task.number)
+        if helper is not None:
+            self.end(helper)
         task.frames.clear()
         task.frame = None
         task.waiting = None
@@ -205,9 +272,15 @@ class World:
             )
         return self.tasks.get(which)
 
+    def placed(self, arguments: Sequence[Any]) -> tuple[Any, ...]:
+        """Return values with their points in Local 0. Raises SpelError."""
+        return tuple(
+            in_world(each, self.locals) if isinstance(each, Point) else each for each in arguments
+        )
+
     def error_text(self, number: int) -> str:
         """Return what an error number means."""
-        return self.program.texts.get(number) or meaning(number)
+        return self.program.data.texts.get(number) or meaning(number)
 
 
 def blank(variable: Variable) -> object:
@@ -238,6 +311,8 @@ class Task:
         self.default_timeout: float | None = None
         self.error: TaskError | None = None
         self.since_wait = 0
+        self.motion: Completion | None = None
+        """What !…! stands beside, whose task this is."""
 
     # Calls
 
@@ -285,7 +360,7 @@ class Task:
     # Errors
 
     def on_error(self, handler: int) -> None:
-        """Set where an error goes; -1 is nowhere."""
+        """Set where an error goes, or nowhere with -1."""
         self.current.handler = handler
 
     def resumed(self) -> None:
@@ -316,6 +391,9 @@ class Task:
         name = frame.linked.code.name
         failure = TaskError(error.number, error.text, place, name, self.number)
         self.error = failure
+        if self.motion is not None:  # the task that moves the arm gets it
+            self.world.end(self)
+            return
         while self.frames:
             frame = self.frames[-1]
             if frame.handler >= 0 and not frame.handling:
@@ -326,7 +404,8 @@ class Task:
                 return
             self.frames.pop()
         self.world.end(self)
-        self.world.aborted[self.number] = failure
+        if self.number != COMMAND_TASK:
+            self.world.aborted[self.number] = failure
         self.world.host.task_failed(failure)
 
     # Waiting
@@ -338,7 +417,7 @@ class Task:
         after: Callable[[bool], None] | None = None,
         scanned: bool = False,
     ) -> None:
-        """Wait until a test holds or a time is over; not at all if it holds already."""
+        """Wait until a test holds or a time is over, or not at all if it holds already."""
         self.since_wait = 0
         if test is not None and test():
             if after is not None:
@@ -400,9 +479,25 @@ class Task:
         self.world.time += self.world.timing.extra.get(name, 0.0)
 
     def value(self, name: str, arguments: tuple[int | float | Point, ...]) -> object:
-        """Return a function of the host."""
+        """Return a function of the host, with places in Local 0 but for CX to CW."""
+        if name[0] != 'c':
+            arguments = self.world.placed(arguments)
         result = self.world.host.value(name, arguments)
         return int(result) if FUNCTIONS[name].result == 'i' else result  # type: ignore[arg-type]
+
+    def labelled(self, label: str) -> int:
+        """Return the number of a point by its label. Raises SpelError 7007."""
+        number = self.world.point_labels.get(label.lower())
+        if number is None:
+            raise SpelError(ErrorNumber.POINT_UNDEFINED, f'there is no point {label}')
+        return number
+
+    def flagged(self, point: Point, flag: str) -> Point:
+        """Return a point with a posture (/L), in a local (/1), or translated into one (@1)."""
+        if flag[0] == '@':
+            return in_local(point, int(flag[1:]), self.world.locals)
+        others = [flags for flags in POSTURES.values() if flag in flags]
+        return point.flagged(flag, others[0] if others else [str(local_of(point))])
 
     def command(
         self, name: str, arguments: tuple[Value | Point | None, ...], words: tuple[str, ...]
@@ -428,15 +523,64 @@ class Task:
         find: Callable[[], bool] | None,
         sense: Callable[[], bool] | None,
         words: tuple[str, ...],
-        ljm: int | None,
+        numbers: dict[str, float],
+        beside: int | None,
     ) -> None:
-        """Begin a motion and wait for its end."""
+        """Begin a motion and wait for its end, with the instructions of !…! at `beside`."""
         self.may(name)
-        request = MotionRequest(name, points, cp, till, find, sense, words, ljm)
-        self.wait_for(self.world.host.move(request))
+        placed = self.world.placed(points)
+        request = MotionRequest(name, placed, cp, till, find, sense, words, numbers)
+        completion = self.world.host.move(request)
+        if beside is None:
+            self.wait_for(completion)
+            return
+        helper = self.world.add_helper(self, beside, completion)
+
+        def after(_timed_out: bool) -> None:
+            error = completion.error or helper.error
+            if error is not None:
+                raise SpelError(error.number, error.text)
+
+        self.wait(None, lambda: completion.done and helper.frame is None, after)
+
+    def wait_share(self, percent: float) -> None:
+        """Wait until so much of the motion is done that !…! stands beside."""
+        motion = self.motion
+        assert motion is not None  # noqa: S101 - the compiler puts it into !…! only
+        share = min(max(percent / 100.0, 0.0), 1.0)
+        self.wait(None, lambda: motion.done or motion.share >= share, scanned=True)
+
+    # What only a test can answer
+
+    def stub(self, name: str, arguments: tuple[Any, ...]) -> None:
+        """Take the answer to a statement into its variables, in their order. Raises SpelError."""
+        self.since_wait = 0
+        references = [each for each in arguments if isinstance(each, tuple)]
+        answer = self.world.stubs.answer(name, self._shown(arguments))
+        if answer is None:
+            return
+        values = answer if isinstance(answer, list) else [answer]
+        for (container, index, type_name), value in zip(references, values, strict=False):
+            container[index] = store(value, type_name)
+
+    def ask(self, name: str, arguments: tuple[Any, ...], kind: str) -> Value | Point:
+        """Return the answer to a function. Raises SpelError."""
+        answer = self.world.stubs.answer(name, self._shown(arguments))
+        if kind == POINT:
+            values = answer if isinstance(answer, list) else []
+            return Point('xy', (*map(float, values), *[0.0] * (6 - len(values))))
+        if isinstance(answer, list) or answer is None:
+            answer = answer[0] if answer else 0
+        if kind == STRING:
+            return str(answer)
+        number = float(answer)
+        return nearest(number) if kind == INT else number
+
+    def _shown(self, arguments: tuple[Any, ...]) -> list[object]:
+        return [each[0][each[1]] if isinstance(each, tuple) else each for each in arguments]
 
     def library(self, number: int, arguments: tuple[object, ...]) -> Value:
-        """Call a function of a DLL; it may write to arrays and ByRef variables."""
+        """Call a function of a DLL, which may write to arrays and ByRef variables."""
         declared = self.world.program.libraries[number]
         given: list[Value | Array] = []
         handed: list[tuple[Array, list[Value], int]] = []

@@ -35,7 +35,7 @@ def _whole(bits: int, signed: bool) -> Type:
 
 
 TYPES: dict[str, Type] = {
-    'boolean': _whole(16, True),
+    'boolean': Type(INT, -1, 0),
     'byte': _whole(8, True),
     'ubyte': _whole(8, False),
     'integer': _whole(16, True),
@@ -82,7 +82,7 @@ class Array:
         return place
 
     def resize(self, bounds: tuple[int, ...], keep: bool) -> None:
-        """Give it other bounds; `keep` what has a place in both."""
+        """Give it other bounds, and `keep` what has a place in both."""
         old = Array.__new__(Array)
         old.bounds, old.d = self.bounds, self.d
         self.bounds = bounds
@@ -118,21 +118,23 @@ class Point:
     values: tuple[float, ...]
     flags: tuple[str, ...] = ()
 
-    def changed(self, operator: str, axis: int, value: float) -> 'Point':
-        """Return it with a coordinate set (:) or moved (+, -). Raises SpelError."""
-        if self.kind != 'xy' or axis >= len(self.values):
-            raise SpelError(ErrorNumber.ARGUMENT, 'the point has no such coordinate')
-        values = list(self.values)
-        sign = {':': 0.0, '+': 1.0, '-': -1.0}[operator]
-        values[axis] = value + values[axis] * abs(sign) if sign >= 0 else values[axis] - value
-        return replace(self, values=tuple(values))
-
-    def flagged(self, flag: str) -> 'Point':
-        """Return it with an orientation flag, or a local."""
-        return replace(self, flags=(*self.flags, flag))
+    def flagged(self, flag: str, instead: Sequence[str] = ()) -> 'Point':
+        """Return it with an orientation flag, or a local, in place of the one it had."""
+        kept = (each for each in self.flags if each not in instead)
+        return replace(self, flags=(*kept, flag))
 
     def __str__(self) -> str:
         return f'{self.kind}({", ".join(f"{value:.3f}" for value in self.values)})'
+
+    @property
+    def printed(self) -> str:
+        """Return what Print shows of a place in space (p166): 12 characters a coordinate."""
+        shown = (
+            f' {axis}:{value:9.3f}' for axis, value in zip('XYZUVW', self.values, strict=True)
+        )
+        local = next((flag for flag in self.flags if flag.isdigit()), '0')
+        flags = [flag.upper() for flag in self.flags if not flag.isdigit()]
+        return ''.join(shown) + ''.join(f' /{flag}' for flag in (*flags, local))
 
 
 def single(value: float) -> float:
@@ -196,6 +198,8 @@ def store(value: Value, type_name: str, rounding: Callable[[float], int] = neare
         return text
     if isinstance(value, str):
         raise SpelError(ErrorNumber.ARGUMENT, f'{value[:40]!r} is not a number')
+    if type_name == 'boolean':
+        return -1 if value else 0
     if kind.kind == INT:
         whole = value if isinstance(value, int) else rounding(value)
         if not kind.least <= whole <= kind.most:

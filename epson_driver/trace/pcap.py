@@ -46,7 +46,7 @@ Linux cooked (`tcpdump -i any`) in both versions."""
 
 
 class PcapError(ValueError):
-    """A file that cannot be read as a capture; the text says why."""
+    """A file that cannot be read as a capture, with the reason as its text."""
 
 
 class Flag:
@@ -87,7 +87,7 @@ class PcapWriter:
         self._write(_FILE_HEADER)
 
     def record(self, time_ns: int, packet: bytes) -> None:
-        """Write one packet; `time_ns` is ns since 1970."""
+        """Write one packet with its time, ns since 1970."""
         seconds, rest = divmod(time_ns, 1_000_000_000)
         length = len(packet)
         self._write(_RECORD.pack(seconds & 0xFFFFFFFF, rest // 1000, length, length) + packet)
@@ -205,7 +205,7 @@ def _checksum(total: int) -> int:
 
 
 def read_segments(data: bytes) -> Iterator[Segment]:
-    """Yield the TCP segments of a classic pcap file, in its order; other packets are left out.
+    """Yield the TCP segments of a classic pcap file in its order, without other packets.
 
     A file that ends within a packet (its writer was killed) ends before it. Raises PcapError for
     anything but a classic capture of IP packets.

@@ -12,7 +12,7 @@ sent and closed comes out of `advance`. The rules:
   Of the topics in between, the last of each type is sent.
 * A request is the recorded one if its bytes are the same, or else its type and sequence.
 * Requests are only expected in their order. What was not recorded there has no answer: none is
-  made up.
+  made up. Heartbeats are left out: how many there are is the client's own affair.
 """
 
 from collections import deque
@@ -65,7 +65,7 @@ class _Live:
 
 
 class Player:
-    """Plays a script once. Times `now` are s of any clock; `speed` 2 is twice as fast."""
+    """Plays a script once, twice as fast with a `speed` of 2, by any clock in s."""
 
     def __init__(self, script: Script, speed: float, tell: Callable[[str], None]) -> None:
         self.score = Score()
@@ -100,7 +100,7 @@ class Player:
 
     @property
     def waits_for(self) -> str:
-        """What the client has to do now for the recording to go on; empty if nothing."""
+        """What the client has to do now for the recording to go on, or '' if nothing."""
         if not self._waiting or not self._turns:
             return ''
         entry = self._script.entries[self._turns[0]]
@@ -137,6 +137,8 @@ class Player:
     def receive(self, connection: int, data: bytes) -> None:
         """Take what the client sent."""
         for piece, frame in self._live[connection].splitter.split(data):
+            if frame is not None and frame.heartbeat:
+                continue
             expected = self._requests[connection]
             index = expected[0] if expected else None
             entry = self._script.entries[index] if index is not None else None
@@ -203,7 +205,7 @@ class Player:
         return orders
 
     def wait(self) -> float | None:
-        """Return how long after the last `advance` the next is needed, s; None: after a call."""
+        """Return how long after the last `advance` the next is needed, s, or None."""
         if self._now is None or self._cursor == len(self._script.entries):
             return None
         if not self._waiting:
@@ -223,7 +225,7 @@ class Player:
         return self.score
 
     def _first_open(self, port: int) -> int:
-        """Return the index of the first connection to a port; it was never down before."""
+        """Return the index of the first connection to a port, before which it was never down."""
         for index, entry in enumerate(self._script.entries):
             if entry.kind is Kind.OPEN and self._script.port_of[entry.connection] == port:
                 return index

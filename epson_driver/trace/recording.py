@@ -19,7 +19,7 @@ CARRIES = (WireEvent.SENT, WireEvent.RECEIVED)
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One step of one connection; `number` counts connections from 0, `time` is s since 1970."""
+    """One step of the connection `number`, counted from 0, at `time`, s since 1970."""
 
     time: float
     number: int

@@ -34,7 +34,6 @@ TELLS = {
     MessageType.JOINT_TRAJ_PT: 'motion',
     MessageType.JOINT_TRAJ: 'motion',
     MessageType.JOINT_TRAJ_PT_FULL: 'motion',
-    MessageType.JOINT_SETPOINT: 'motion',
     MessageType.MOTION_CTRL: 'motion',
     MessageType.IO_INFO: 'io',
     MessageType.IO_READ: 'io',
@@ -45,7 +44,7 @@ TELLS = {
 
 
 class ScriptError(ValueError):
-    """A recording that cannot be played; the text says why."""
+    """A recording that cannot be played, with the reason as its text."""
 
 
 class Kind(Enum):
@@ -60,7 +59,7 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One entry; `time` in s from the beginning, never less than the one before it."""
+    """One entry at `time`, s from the beginning, never before the entry before it."""
 
     time: float
     kind: Kind
@@ -76,7 +75,7 @@ class Entry:
 
     @property
     def topic(self) -> int | None:
-        """The message type of a topic, which newer ones of its type replace; None otherwise."""
+        """The message type of a topic, which newer ones of its type replace, or None otherwise."""
         if self.frame is None or self.frame.comm_type != CommType.TOPIC:
             return None
         return self.frame.msg_type
@@ -95,7 +94,7 @@ class Script:
 
 
 class Splitter:
-    """Divides a stream into the bytes of its frames; what is no frame comes out as it is."""
+    """Divides a stream into the bytes of its frames, and passes on what is no frame."""
 
     def __init__(self) -> None:
         self._framer = Framer()
@@ -188,7 +187,7 @@ def _entries(steps: Sequence[Step]) -> Iterator[Entry]:
         if step.event in (WireEvent.SENT, WireEvent.RECEIVED):
             pieces = splitters[step.number, step.event].split(step.data)
             for data, frame in pieces:
-                if frame is not None or kind is Kind.SEND:
+                if kind is Kind.SEND or (frame is not None and not frame.heartbeat):
                     yield Entry(time, kind, step.number, data, frame)
             continue
         if kind is not Kind.OPEN:

@@ -39,7 +39,7 @@ _log = logging.getLogger(__name__)
 
 
 class TraceError(OSError):
-    """A trace that cannot begin, or go on; the text says why."""
+    """A trace that cannot begin, or go on, with the reason as its text."""
 
 
 def open_trace(folder: str, name: str) -> BinaryIO:
@@ -89,11 +89,6 @@ class Trace:
         self.largest: float = DEFAULT_MAX_BYTES
         self._conversations: dict[Link, Conversation] = {}
 
-    @property
-    def file_name(self) -> str:
-        """The file that is being written; empty if none is."""
-        return self._name if self._file is not None else ''
-
     def begin(self, file: BinaryIO) -> None:
         """Record into an open file, which is closed at the end.
 
@@ -113,7 +108,7 @@ class Trace:
                     self._take(link, WireEvent.RECEIVED, link.unread)
 
     def end(self, why: str, patience: float = 0.0) -> None:
-        """Have what is left written and the file closed; nothing happens if there is none.
+        """Have what is left written and the file closed, if there is one.
 
         That goes on in the background, after `patience` s: the last trace of a process needs some.
         """
@@ -127,7 +122,7 @@ class Trace:
         file.close(f'after {self._writer.size} bytes: {why}', patience)
 
     def _take(self, link: Link, event: WireEvent, data: bytes) -> None:
-        """Record one step. Whatever is wrong with the trace ends it; the link goes on."""
+        """Record one step, or end a trace with which anything is wrong."""
         try:
             self._record(link, event, data)
         except TraceError:
@@ -196,7 +191,7 @@ class _BackgroundFile:
             self._unwritten += data
 
     def close(self, why: str, patience: float) -> None:
-        """Write the rest in the background; wait for that, but only `patience` s."""
+        """Write the rest in the background, and wait for that at most `patience` s."""
         self._why = why
         self._closing.set()
         self._thread.join(patience)

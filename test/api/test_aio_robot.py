@@ -3,14 +3,15 @@
 """The asynchronous API against the simulated controller: real sockets, virtual time."""
 
 import asyncio
+import gc
 
 import numpy as np
 import pytest
 from support.api_harness import FAR, robot_cell
 from support.driver_harness import ScriptedController, answer, simulated
 from support.event_loop import run, stand_still, until
+from support.sim_process import vacant_port
 from support.two_jaws import TwoJaws
-from support.vacant_port import vacant_port
 
 from epson_driver import aio
 from epson_driver.aio import MotionError, Robot, RobotError
@@ -20,6 +21,7 @@ from epson_driver.sim_controller.faults.fault_text import parse
 from epson_driver.simple_message import IoType
 
 HOME = [0.0] * 6
+LONG = [2.0, 0.0, 0.0, 0.0, 0.3, 0.0]
 SLOW = 0.02
 
 
@@ -193,9 +195,90 @@ def test_speed_scaling_pauses_and_is_refused_out_of_range():
             assert not motion.done
             robot.set_speed_scaling(1.0)
             await motion.wait()
-            with pytest.raises(ValueError, match='factor 2 must be 0'):
+            with pytest.raises(ValueError, match=r'factor = 2\.0: must be 0'):
                 robot.set_speed_scaling(2.0)
             assert robot.speed_scaling == 1.0
+
+    run(scenario())
+
+
+async def begun_slowly(robot, way):
+    """Begin a motion of several seconds with few points."""
+    if way == 'joints':
+        return await robot.move_joints(LONG, speed=0.08, wait=False)
+    if way == 'waypoints':
+        return await robot.move_waypoints([LONG], speed=0.08, wait=False)
+    return await robot.move_trajectory([6.0], [LONG], wait=False)
+
+
+@pytest.mark.parametrize(
+    ('profile', 'smooth', 'way'),
+    [
+        ('rc620', False, 'joints'),
+        ('rc620', True, 'joints'),
+        ('rc620', True, 'waypoints'),
+        ('rc620', True, 'trajectory'),
+        ('generic', False, 'waypoints'),
+        ('fanuc', False, 'joints'),
+        ('motoman', True, 'waypoints'),
+        ('motoman', True, 'trajectory'),
+        ('spel', False, 'joints'),
+        ('thesis', False, 'trajectory'),
+    ],
+)
+def test_a_pause_holds_every_motion_and_it_goes_on(profile, smooth, way):
+    async def scenario():
+        async with robot_cell(profile=profile, smooth=smooth) as (robot, _):
+            motion = await begun_slowly(robot, way)
+            await asyncio.sleep(0.7)
+            robot.set_speed_scaling(0.0)
+            assert robot.status.paused
+            assert robot.status.remedy == 'call set_speed_scaling(1.0)'
+            await asyncio.sleep(3.0)
+            here = robot.joints
+            await asyncio.sleep(2.0)
+            assert robot.joints == pytest.approx(here, abs=1e-3)
+            assert not motion.done
+            robot.set_speed_scaling(1.0)
+            await motion.wait()
+            assert not robot.status.paused
+            assert robot.joints == pytest.approx(LONG, abs=0.01)
+
+    run(scenario())
+
+
+@pytest.mark.parametrize('profile', ['rc620', 'generic', 'motoman'])
+def test_half_the_speed_acts_on_a_move_that_runs(profile):
+    async def scenario():
+        async with robot_cell(profile=profile, smooth=profile != 'generic') as (robot, _):
+            motion = await begun_slowly(robot, 'joints')
+            await asyncio.sleep(0.5)
+            robot.set_speed_scaling(0.1)
+            await asyncio.sleep(motion.duration)
+            assert not motion.done
+            robot.set_speed_scaling(1.0)
+            await motion.wait()
+
+    run(scenario())
+
+
+def test_a_controller_that_cannot_be_slowed_says_so():
+    async def scenario():
+        async with robot_cell(profile='abb') as (robot, _):
+            robot.set_speed_scaling(0.0)
+            held = await robot.move_joints([0.2, 0, 0, 0, 0, 0], wait=False)
+            robot.set_speed_scaling(1.0)
+            await held.wait()
+            motion = await begun_slowly(robot, 'joints')
+            await asyncio.sleep(0.7)
+            with pytest.raises(RobotError, match='has the whole motion already'):
+                robot.set_speed_scaling(0.0)
+            assert robot.speed_scaling == 1.0
+            await motion.wait()
+        for profile in ('fanuc', 'thesis'):
+            async with robot_cell(profile=profile) as (robot, _):
+                with pytest.raises(RobotError, match=r'factor = 0\.5: this kind of controller i'):
+                    robot.set_speed_scaling(0.5)
 
     run(scenario())
 
@@ -266,8 +349,10 @@ def test_an_estop_ends_the_motion_and_only_enable_lets_the_arm_move_again():
             assert 'call reset()' in status.remedy
             with pytest.raises(RobotError, match=r'call reset\(\)'):
                 await robot.enable()
+            with pytest.raises(RobotError, match=r'^the E-stop is not reset .*; release it, '):
+                await robot.reset()
             controller.apply(Event.ESTOP_RELEASE)
-            assert 'call enable() to move again' in await robot.reset()
+            assert 'until it is enabled' in await robot.reset()
             assert pressed == [True, False]
             assert 'not enabled' in str(await motion_error(robot.move_joints(HOME)))
             await robot.enable()
@@ -282,7 +367,7 @@ def test_a_controller_that_is_paused_says_so_and_what_helps():
             await begun(robot)
             controller.apply(Event.PAUSE)
             await until(lambda: robot.status.paused)
-            assert robot.status.text == 'the controller is paused'
+            assert robot.status.text.startswith('the controller is paused')
             assert robot.status.remedy == 'continue at the controller'
 
     run(scenario())
@@ -379,7 +464,7 @@ def test_leaving_the_block_stops_the_arm(error):
                         raise error
             except (ZeroDivisionError, KeyboardInterrupt):
                 pass
-            assert motion.text == 'stopped by stop(); the arm stands'
+            assert motion.text == 'stopped on request; the arm stands'
             there = controller.arm.commanded
             await asyncio.sleep(1.0)
             assert np.array_equal(there, controller.arm.commanded)
@@ -485,7 +570,7 @@ def test_without_an_io_port_a_request_says_so():
         async with ScriptedController() as controller:
             ports = controller.ports
             async with Robot(motion_port=ports.motion, state_port=ports.state, io_port=0) as robot:
-                with pytest.raises(RobotError, match='I/O is not used: io_port is 0'):
+                with pytest.raises(RobotError, match='I/O is not used: its port is 0'):
                     await robot.io.read('DI', 0)
 
     run(scenario())
@@ -521,6 +606,50 @@ def test_a_gripper_opens_and_closes_and_says_why_it_does_not():
             jaws.stuck = True
             with pytest.raises(RobotError, match=r'DI 0 \(opened\) did not come on within 2 s'):
                 await robot.gripper.open()
+
+    run(scenario())
+
+
+def test_a_gripper_of_which_no_input_was_ever_on_is_not_closed():
+    wiring = aio.GripperWiring(open_output=0, close_output=1, opened_input=0, closed_input=1)
+
+    async def scenario():
+        async with robot_cell(settings=aio.Settings(gripper=wiring)) as (robot, _):
+            with pytest.raises(RobotError, match='has ever been on: check the wiring'):
+                await robot.gripper.close()
+
+    run(scenario())
+
+
+def test_a_motion_that_is_aborted_is_logged_only_if_nobody_ever_asks(caplog):
+    async def scenario():
+        async with robot_cell() as (robot, _):
+            for asked in (True, False):
+                motion = await begun(robot)
+                assert repr(motion).startswith('<Motion: ')
+                await robot.stop()
+                assert 'nobody waited' not in caplog.text
+                if asked:
+                    assert 'stopped on request' in str(await motion_error(motion.wait()))
+                assert 'stopped on request' in repr(motion)
+                del motion
+            gc.collect()
+            assert caplog.text.count('a motion that nobody waited for was aborted') == 1
+            assert repr(robot) == '<Robot: rc620, c3_a601s, the arm is enabled>'
+        assert repr(robot) == '<Robot: rc620, c3_a601s, not connected>'
+
+    run(scenario())
+
+
+def test_io_kinds_may_be_in_small_letters():
+    async def scenario():
+        async with robot_cell() as (robot, _):
+            await robot.io.write('do', 3, 1)
+            assert await robot.io.read('Do', 3) == 1
+            assert await robot.io.read('FLAG', 0) == 0
+            for wrong in ('dx', 3):
+                with pytest.raises(ValueError, match='must be DI or DO'):
+                    await robot.io.read(wrong, 3)
 
     run(scenario())
 
@@ -572,7 +701,31 @@ def test_the_public_names_are_those_of_the_synchronous_door():
     def public(kind):
         return {name for name in dir(kind) if not name.startswith('_')}
 
-    own = {'catch_up', 'measured', 'callback_failed'}
+    own = {'catch_up', 'measured'}
     for name in ('Robot', 'Motion', 'Io', 'Gripper'):
         missing = public(getattr(aio, name)) - public(getattr(robot, name)) - own
-        assert missing <= {'begin'}, name
+        assert missing <= {'begin', 'finish'}, name
+
+
+def test_whatever_is_wrong_with_a_motion_is_a_robot_error():
+    async def scenario():
+        async with robot_cell() as (robot, _):
+            for wrong in (
+                robot.move_joints([9.0] * 6),
+                robot.move_joints(None),
+                robot.move_joints([0.0] * 6, speed=2.0),
+                robot.move_waypoints([]),
+                robot.move_waypoints([[0.0] * 5]),
+                robot.move_trajectory([1.0], [['a'] * 6]),
+                robot.move_trajectory([1.0], [[0.0] * 6], joint_names=['a']),
+                robot.move_line('here'),
+                robot.move_line(robot.pose, frame='tabel'),
+                robot.move_arc([0.0], robot.pose),
+                robot.move_path([]),
+            ):
+                with pytest.raises(aio.ArgumentError) as caught:
+                    await wrong
+                assert isinstance(caught.value, RobotError)
+                assert isinstance(caught.value, ValueError)
+
+    run(scenario())

@@ -16,9 +16,9 @@ import pytest
 from support.api_harness import robot_cell
 from support.event_loop import run
 
-from epson_driver.motion.cartesian import arc, distance_from, line
 from epson_driver.profiles import load_controller_profile
 from epson_driver.robots.kinematics import rotation_of_uvw
+from epson_driver.tool_motion.pose_path import arc, distance_from, line
 
 READY = {
     'c3_a601s': [0.0, 0.2, 0.2, 0.0, -1.9, 0.0],
@@ -32,12 +32,6 @@ LOOK_S = 0.01
 """How often a motion is looked at."""
 
 MODELS = pytest.mark.parametrize('model', READY)
-
-
-@pytest.fixture(autouse=True)
-def _opw(request):
-    if 'model' in request.fixturenames and request.getfixturevalue('model') == 'c3_a601s':
-        pytest.importorskip('py_opw_kinematics')
 
 
 def resident_kb():

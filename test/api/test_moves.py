@@ -2,12 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a user's arguments are held against, and the moves that are made of them."""
 
+import inspect
+
 import numpy as np
 import pytest
 from support.driver_harness import LIMITS, MODEL
 
+from epson_driver import Robot
 from epson_driver.api import moves
-from epson_driver.driver.goal.goal_checks import check_limits
+from epson_driver.driver.goal.goal import check_limits
+from epson_driver.driver.goal.reference import ReferenceTrajectory
 from epson_driver.motion import Trajectory
 from epson_driver.robots import load_robot_model
 
@@ -20,8 +24,8 @@ HOME = np.zeros(6)
     [
         ([0.0] * 5, r'target has shape \(1, 5\)'),
         ([0.0] * 7, r'target has shape \(1, 7\)'),
-        ([0, 0, float('nan'), 0, 0, 0], 'joint_3: positions = nan rad is not finite'),
-        ([0, 0, 0, 0, 0, float('inf')], 'joint_6: positions = inf rad is not finite'),
+        ([0, 0, float('nan'), 0, 0, 0], 'target.0.: joint_3 = nan: must be a finite'),
+        ([0, 0, 0, 0, 0, float('inf')], 'target.0.: joint_6 = inf: must be a finite'),
         ([0, 0, 0, 0, 9.0, 0], 'joint_5: position 9 rad is outside the limits'),
         (['a'] * 6, 'target: must be rows of numbers'),
         (None, 'target'),
@@ -53,6 +57,20 @@ def test_a_share_that_cannot_be_is_refused_by_its_name(name, share):
         moves.check_shares(**{'speed': 1.0, 'acceleration': 1.0, name: share})
 
 
+@pytest.mark.parametrize('name', ['move_joints', 'move_waypoints'])
+def test_a_first_move_is_slow(name):
+    given = inspect.signature(getattr(Robot, name)).parameters
+    assert given['speed'].default <= 0.25
+    assert given['acceleration'].default <= 0.5
+
+
+@pytest.mark.parametrize('jerk', [0.0, -1.0, float('nan'), 'high'])
+def test_a_jerk_that_cannot_be_is_refused_and_another_is_taken(jerk):
+    with pytest.raises(ValueError, match='jerk = '):
+        moves.tool_limits(0.1, 2.0, 1.0, 10.0, 1e-4, jerk=jerk, slow=True)
+    assert moves.tool_limits(0.1, 2.0, 1.0, 10.0, 1e-4, jerk=5.0, slow=True).jerk_ratio == 2.5
+
+
 @pytest.mark.invariant(2)
 @pytest.mark.parametrize('model', ['c3_a601s', 'gx4_c251s', 'c12_c1401s'])
 @pytest.mark.parametrize('sampled', [False, True])
@@ -65,12 +83,8 @@ def test_random_moves_keep_the_limits_at_their_shares(model, sampled):
         )
         speed, acceleration = random.uniform(0.05, 1.0, 2)
         move = moves.straight(start, target, limits, speed, acceleration, sampled=sampled)
-        whole = move
-        if not sampled:
-            whole = Trajectory(
-                limits.names, np.array([0.0, move.duration]), np.vstack([start, target])
-            )
-        check_limits(whole, moves.scaled_limits(limits, speed, acceleration))
+        check_limits(move, moves.scaled_limits(limits, speed, acceleration))
+        assert np.diff(move.times, prepend=0.0).max() <= moves.LONGEST_SEGMENT_S + 1e-9
         assert np.allclose(move.positions[-1], target)
 
 
@@ -90,3 +104,38 @@ def test_random_moves_keep_the_limits_at_their_shares(model, sampled):
 def test_a_trajectory_that_cannot_be_is_refused_with_its_field(arguments, expected):
     with pytest.raises(ValueError, match=expected):
         moves.planned(*arguments, MODEL.limits)
+
+
+@pytest.mark.parametrize('velocities', [False, True])
+@pytest.mark.parametrize('first', [0.0, 2.0])
+def test_a_long_segment_is_divided_and_the_way_is_the_same(first, velocities):
+    start = np.full(6, 0.1)
+    times = np.array([first, first + 0.3, first + 1.9])
+    positions = np.array([start if first == 0.0 else HOME, HOME + 0.2, HOME + 0.5])
+    speeds = np.array([HOME, HOME + 0.3, HOME]) if velocities else None
+    plan = Trajectory(LIMITS.names, times, positions, speeds)
+    found = moves.divided(plan, start)
+    assert np.diff(found.times, prepend=0.0).max() <= moves.LONGEST_SEGMENT_S + 1e-9
+    assert set(times) <= set(found.times.tolist())
+    before, after = ReferenceTrajectory(plan, start), ReferenceTrajectory(found, start)
+    for time in np.linspace(0.0, plan.duration, 50):
+        assert np.allclose(before.at(time)[0], after.at(time)[0], atol=1e-9)
+    assert moves.divided(found, start) is found
+
+
+@pytest.mark.parametrize('values', [['0.1'] * 6, [True] * 6, 'abc', [None] * 6])
+def test_texts_and_truths_are_no_joint_positions(values):
+    with pytest.raises(ValueError, match='target: must be numbers'):
+        moves.joint_rows('target', values, LIMITS, rows=False)
+
+
+@pytest.mark.parametrize('share', [True, '0.5', None])
+def test_a_share_is_a_number(share):
+    with pytest.raises(ValueError, match='speed = '):
+        moves.check_shares(share, 0.5)
+
+
+@pytest.mark.parametrize('factor', ['x', None, True, False, float('nan'), 0.001, 1.5])
+def test_a_factor_that_cannot_be_is_refused_with_what_can(factor):
+    with pytest.raises(ValueError, match=r'^factor = .*: must be 0 \(pause\), or a number from'):
+        moves.FACTOR.checked(factor, 'factor')

@@ -2,13 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The forms of a pose, frames, tools and way points: what they mean, and what is refused."""
 
-import inspect
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from epson_driver import aio, robot
 from epson_driver.api.moves import path_points, path_runs
 from epson_driver.api.poses import (
     EpsonPoint,
@@ -19,8 +16,9 @@ from epson_driver.api.poses import (
     checked_tool,
     quaternion_pose,
 )
-from epson_driver.motion.cartesian import homogeneous
 from epson_driver.robots import load_robot_model
+from epson_driver.robots.kinematics import rotation_of_uvw
+from epson_driver.tool_motion.tool_pose import homogeneous
 
 MODEL = load_robot_model('c3_a601s')
 HERE = homogeneous(np.eye(3), np.array([0.4, 0.0, 0.5]))
@@ -145,12 +143,6 @@ def test_way_points_are_poses_or_have_a_circle_a_blend_and_a_frame_of_their_own(
         ([Waypoint(HERE, blend=0.1)], 0.0, r'points\[0\]\.blend = 0\.1 m: nothing follows'),
         ([Waypoint(HERE, frame='b')], 0.0, "frame = 'b': must be base_link"),
         ([Waypoint(HERE, via=[1, 2])], 0.0, r'points\[0\]\.via has shape \(2,\)'),
-        ([HERE], 0.0, r'points\[0\]: the tool is there already'),
-        (
-            [beside(0.4, 0.1), beside(0.4, 0.1)],
-            0.0,
-            r'points\[1\]: the tool is there already',
-        ),
         (
             [beside(0.4, 0.1), beside(0.4, 0.2)],
             0.15,
@@ -161,11 +153,6 @@ def test_way_points_are_poses_or_have_a_circle_a_blend_and_a_frame_of_their_own(
             0.0,
             r'points\[0\]: no arc leads from',
         ),
-        (
-            [beside(0.4, 0.1), homogeneous(np.diag([-1.0, -1.0, 1.0]), np.array([0.4, 0.2, 0.5]))],
-            0.0,
-            r'points\[1\]: the orientation turns by half a turn',
-        ),
     ],
 )
 def test_a_path_that_cannot_be_is_refused_with_the_point_and_the_reason(points, blend, expected):
@@ -174,17 +161,53 @@ def test_a_path_that_cannot_be_is_refused_with_the_point_and_the_reason(points, 
     assert '\n' not in str(caught.value)
 
 
-MOVES = ('move_joints', 'move_waypoints', 'move_trajectory', 'move_line', 'move_arc', 'move_path')
-PLACES = ('pose', 'tool_pose', 'ros_pose', 'epson_point', 'pose_in', 'tool', 'set_tool')
+def tremble(pose, random):
+    """Return a pose as encoders would have it the next time."""
+    moved = pose.copy()
+    moved[:3, 3] += random.uniform(-2e-5, 2e-5, 3)
+    return moved
 
 
-@pytest.mark.parametrize('name', [*MOVES, *PLACES, 'frames', 'set_frame'])
-def test_both_doors_take_the_same_arguments_and_say_the_same(name):
-    with_asyncio, without = getattr(aio.Robot, name), getattr(robot.Robot, name)
-    if isinstance(with_asyncio, property):
-        assert isinstance(without, property)
-    else:
-        parameters = [inspect.signature(each).parameters for each in (with_asyncio, without)]
-        assert str(parameters[0]) == str(parameters[1])
-    if name not in MOVES[:3]:  # their words differ where Ctrl-C does
-        assert inspect.getdoc(with_asyncio) == inspect.getdoc(without)
+def test_points_at_one_place_are_passed_once_with_the_smallest_blend_however_encoders_tremble():
+    first, second = beside(0.4, 0.1), beside(0.5, 0.1)
+    random = np.random.default_rng(31)
+    for _ in range(20):
+        here, again, twice = (tremble(each, random) for each in (HERE, first, first))
+        for given, runs, lengths in (
+            ([here, again, second], 1, [0.08, 0.04, 0.08]),
+            ([first, twice, again, second], 1, [0.08, 0.04, 0.08]),
+            ([Waypoint(first, blend=0.0), twice, second], 2, [0.1]),
+            ([first, Waypoint(twice, blend=0.0), second], 2, [0.1]),
+            ([here, first, second, tremble(second, random)], 1, [0.08, 0.04, 0.08]),
+        ):
+            found = path_runs(path_points(given, 0.02, None, frames()), HERE)
+            assert len(found) == runs
+            assert [part.length for part in found[0].parts] == pytest.approx(lengths, abs=1e-4)
+            assert found[-1].last == len(given) - 1
+            end = found[-1].pose(found[-1].seams[-1])
+            np.testing.assert_allclose(end, given[-1], atol=1e-12)
+
+
+@pytest.mark.parametrize('away', [0.0, 1e-7, 2e-6, 1e-5, 9e-5, 1e-3])
+def test_a_path_to_where_the_tool_is_succeeds_and_a_short_one_is_gone(away):
+    end = HERE.copy()
+    end[1, 3] += away
+    for count in (1, 2):
+        found = path_runs(path_points([end] * count, 0.0, None, frames()), HERE)
+        assert len(found) == (away > 1e-6)
+
+
+def test_a_path_does_not_creep_away_point_by_point():
+    steps = [beside(0.4, 9e-5 * index) for index in range(1, 101)]
+    (*_, last) = path_runs(path_points(steps, 0.0, None, frames()), HERE)
+    assert last.last == 99
+
+
+def test_a_matrix_of_few_digits_is_the_nearest_rotation():
+    exact = homogeneous(rotation_of_uvw(np.array([0.3, -0.7, 2.0])), np.array([0.1, 0.2, 0.3]))
+    found = checked_pose('pose', np.round(exact, 5))
+    turn = found[:3, :3]
+    assert np.abs(turn @ turn.T - np.eye(3)).max() < 1e-12
+    assert np.abs(found - exact).max() < 2e-5
+    with pytest.raises(ValueError, match='must be a rotation'):
+        checked_pose('pose', np.round(exact, 3))

@@ -4,6 +4,7 @@
 
 import asyncio
 import contextlib
+import inspect
 import logging
 import threading
 
@@ -12,10 +13,10 @@ import pytest
 from support.api_harness import FAR, ports_of
 from support.api_patience import be_patient
 from support.driver_harness import simulated
+from support.sim_process import vacant_port
 from support.two_jaws import TwoJaws
-from support.vacant_port import vacant_port
 
-from epson_driver import MotionError, Robot, RobotError, Settings
+from epson_driver import MotionError, Robot, RobotError, Settings, aio, robot
 from epson_driver.api import simulation
 from epson_driver.api.errors import RobotError as AnyRobotError
 from epson_driver.api.gripper import GripperWiring
@@ -72,7 +73,7 @@ def test_each_request_has_the_driver_s_own_answer(cell):
         assert np.linalg.norm(robot.ros_pose[3:]) == pytest.approx(1.0)
         robot.set_speed_scaling(0.5)
         assert robot.speed_scaling == 0.5
-        with pytest.raises(ValueError, match='the factor 3 must be 0'):
+        with pytest.raises(ValueError, match=r'factor = 3\.0: must be 0'):
             robot.set_speed_scaling(3.0)
         assert 'acknowledged STOP' in robot.stop()
         assert 'disabled' in robot.disable()
@@ -122,9 +123,36 @@ def test_a_connection_that_fails_leaves_no_thread_and_can_be_tried_again():
 @pytest.mark.invariant(9)
 def test_a_callback_that_raises_after_the_robot_was_closed_is_logged(caplog):
     with caplog.at_level(logging.ERROR):
-        Robot()._callback_failed(ZeroDivisionError('made for this test'))
+        Robot()._session.callbacks._failed(ZeroDivisionError('made for this test'))
     assert 'a callback failed (there is no connection' in caplog.text
     assert 'made for this test' in caplog.text
+
+
+ASYNCHRONOUS = {'catch_up', 'measured'}
+"""What only a program with an event loop needs."""
+
+
+@pytest.mark.parametrize('name', ['Robot', 'Motion', 'Io', 'Gripper'])
+def test_each_member_has_the_arguments_and_the_words_of_the_asynchronous_one(name):
+    face, awaited = getattr(robot, name), getattr(aio, name)
+    members = {each for each in vars(awaited) if not each.startswith('_')}
+    members -= ASYNCHRONOUS | {'begin', 'finish'}
+    assert members <= set(vars(face))
+    for each in members:
+        mine, theirs = getattr(face, each), getattr(awaited, each)
+        assert mine.__doc__
+        assert not inspect.iscoroutinefunction(mine)
+        if isinstance(theirs, property):
+            assert isinstance(mine, property)
+            assert inspect.signature(mine.fget) == inspect.signature(theirs.fget)
+        else:
+            assert mine.__doc__ == theirs.__doc__ or each == 'wait'
+            given = inspect.signature(mine)
+            assert given.parameters == inspect.signature(theirs).parameters
+            moves = given.return_annotation is robot.Motion
+            assert moves == each.startswith('move_')
+    assert inspect.signature(robot.Robot).parameters == inspect.signature(aio.Robot).parameters
+    assert robot.Robot.joints.__doc__ == aio.Robot.joints.__doc__
 
 
 # --- the threads ------------------------------------------------------------------------------
@@ -167,14 +195,6 @@ def test_a_loop_does_not_wait_for_itself():
     thread.close()
 
 
-def test_a_time_out_cancels_what_was_waited_for():
-    thread = LoopThread('test')
-    with pytest.raises(TimeoutError, match=r'not ended within 0\.01 s'):
-        thread.run(lambda: asyncio.sleep(3600.0), 0.01)
-    assert thread.call(lambda: len(asyncio.all_tasks())) == 1  # that which looks
-    thread.close()
-
-
 def test_what_is_no_function_is_no_callback():
     thread = CallbackThread('test', lambda error: None)
     with pytest.raises(TypeError, match='3 cannot be called'):
@@ -193,22 +213,37 @@ def instead(tmp_path, monkeypatch):
         path = tmp_path / 'python'
         path.write_text(f'#!/bin/sh\n{script}\n')
         path.chmod(0o755)
-        monkeypatch.setattr(simulation.sys, 'executable', str(path))
+        monkeypatch.setattr(simulation, 'module_command', lambda *_: [str(path)])
         return SimulatedController(['--robot', 'mars'])
 
     return run
 
 
-def test_a_controller_that_does_not_start_names_the_command_that_shows_why(instead):
-    controller = instead('echo no such robot; exit 2')
+@pytest.mark.parametrize(
+    ('script', 'said'),
+    [
+        ('echo usage >&2; echo epson_driver sim_controller: error: no robot >&2', 'no robot'),
+        ('true', 'it did not say why'),
+    ],
+)
+def test_a_controller_that_does_not_start_is_an_error_in_its_words(instead, script, said):
+    controller = instead(f'{script}; exit 2')
 
     async def scenario():
-        with pytest.raises(AnyRobotError, match=r'epson_driver sim_controller --robot mars$'):
+        with pytest.raises(AnyRobotError, match=f'controller did not start: {said}$'):
             await controller.start()
         await controller.close()
         await controller.close()  # nothing any more
 
     asyncio.run(scenario())
+
+
+def test_a_controller_with_a_program_of_its_own_can_be_simulated():
+    with Robot.simulated(controller='spel') as robot:
+        robot.enable()
+        robot.move_joints([0.1, 0, 0, 0, 0, 0])
+    with pytest.raises(RobotError, match=r'--motion: a SPEL. program moves as its statements say'):
+        Robot.simulated(controller='spel', motion='smooth').connect()
 
 
 @pytest.mark.invariant(9)

@@ -10,8 +10,9 @@ from support.api_harness import program
 from support.longer_arm import arm_file
 
 from epson_driver import Robot, Settings
-from epson_driver.api.errors import in_python
+from epson_driver.api.errors import WORDS
 from epson_driver.api.settings import Ports, make_setup
+from epson_driver.driver.inhibit import Remedy
 from epson_driver.node import parameters
 from epson_driver.node.driver_configuration import driver_configuration, goal_settings
 from epson_driver.profiles import load_controller_profile
@@ -88,17 +89,9 @@ def test_an_unknown_controller_lists_those_there_are():
         Robot(controller='rc999')
 
 
-@pytest.mark.parametrize(
-    ('sentence', 'expected'),
-    [
-        ('call ~/reset_error, then ~/enable', 'call reset(), then enable()'),
-        ('stopped by ~/stop; the arm stands', 'stopped by stop(); the arm stands'),
-        ('check robot_ip and the ports', 'check host and the ports'),
-        ('robot_ip_2 and ~/enabled', 'robot_ip_2 and ~/enabled'),
-    ],
-)
-def test_sentences_have_the_names_of_python(sentence, expected):
-    assert in_python(sentence) == expected
+def test_every_remedy_has_words_without_names_of_ros():
+    words = [WORDS.get(remedy, remedy.value) for remedy in Remedy]
+    assert not any('~/' in each or 'robot_ip' in each for each in words)
 
 
 @pytest.mark.slow
@@ -113,6 +106,8 @@ def test_the_api_passes_strict_type_checks_in_a_user_s_file(tmp_path):
         '    text: str = motion.wait(5.0)\n'
         '    remove = robot.on_estop(lambda pressed: print(pressed, text))\n'
         '    remove()\n'
+        '    robot.on_link(3)\n'
+        '    robot.move_line([0.0], sped=1.0)\n'
         '    return float(robot.joints[0])\n'
         'async def main() -> None:\n'
         '    async with AsyncRobot.simulated(settings=Settings()) as robot:\n'
@@ -133,9 +128,17 @@ def test_the_api_passes_strict_type_checks_in_a_user_s_file(tmp_path):
     )
     lines = process.communicate(timeout=600)[0].splitlines()
     messages = [line.partition(': ')[2] for line in lines if 'user.py' in line]
-    assert 'note: Revealed type is "epson_driver.robot.Robot"' in messages[0]
-    assert 'error: "Robot" has no attribute "move_joint"' in messages[1]
-    assert len([line for line in messages if line.startswith('error')]) == 1
+    for message, expected in zip(
+        messages,
+        [
+            'error: Argument 1 has incompatible type "int"; expected "Callable[[str, str]',
+            'error: Unexpected keyword argument "sped"',
+            'note: Revealed type is "epson_driver.robot.Robot"',
+            'error: "Robot" has no attribute "move_joint"',
+        ],
+        strict=True,
+    ):
+        assert expected in message
 
 
 @pytest.mark.parametrize(
@@ -158,3 +161,8 @@ def test_goals_are_replaced_on_the_way_only_where_that_can_be(name, more, words)
     else:
         with pytest.raises(ValueError, match=f'parameter replace_goals = on_the_way: .*{words}'):
             driver_configuration(values, profile)
+
+
+def test_settings_that_are_none_are_refused():
+    with pytest.raises(ValueError, match=r'^settings = .*: must be Settings'):
+        Robot(settings={'reply_timeout': 3.0})

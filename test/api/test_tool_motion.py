@@ -14,15 +14,14 @@ from support.api_harness import robot_cell
 from support.api_patience import be_patient
 from support.event_loop import run
 
-from epson_driver import EpsonPoint, Robot
+from epson_driver import ArgumentError, EpsonPoint, PathError, Robot, RobotError
 from epson_driver.api.moves import PathPoint, path_runs
 from epson_driver.api.poses import Target
 from epson_driver.motion import JointLimits, go
-from epson_driver.motion.cartesian import arc, distance_from, homogeneous, line
 from epson_driver.profiles import load_controller_profile
 from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw
-
-pytest.importorskip('py_opw_kinematics')
+from epson_driver.tool_motion.pose_path import arc, distance_from, line
+from epson_driver.tool_motion.tool_pose import homogeneous
 
 READY = [0.0, 0.2, 0.2, 0.0, -1.9, 0.0]
 ACCURACY = 1e-4
@@ -205,7 +204,6 @@ def test_what_cannot_be_driven_is_refused_before_anything_moves(robot):
     far[0, 3] += 1.0
     for request, expected in (
         (lambda: robot.move_line(far), r'out of reach \d+ % of the way, at \('),
-        (lambda: robot.move_line(pose), 'there already'),
         (lambda: robot.move_line(pose[:3]), r'pose has shape \(3, 4\): must be \(4, 4\)'),
         (lambda: robot.move_line(2.0 * pose), 'pose: must be a rotation and a place'),
         (lambda: robot.move_line(pose * np.nan), 'pose = .*: must be finite'),
@@ -215,14 +213,61 @@ def test_what_cannot_be_driven_is_refused_before_anything_moves(robot):
         (lambda: robot.move_line(pose, frame='tabel'), "frame = 'tabel': must be base_link"),
         (lambda: robot.move_line([400, 0, 500, 0, 0, 0, 1]), 'places are in m'),
         (lambda: robot.move_path([far, pose], blend=2.0), r'points\[0\]: the way there is 1 m'),
-        (lambda: robot.move_path([pose, far]), r'points\[0\]: the tool is there already'),
         (lambda: robot.move_arc([0.0, 0.0], far), r'via has shape \(2,\): must be \(3,\)'),
         (lambda: robot.move_arc(pose[:3, 3], far), 'no arc leads from'),
     ):
-        with pytest.raises(ValueError, match=expected):
+        with pytest.raises(ArgumentError, match=expected) as caught:
             request()
+        assert isinstance(caught.value, RobotError)
+        assert isinstance(caught.value, ValueError)
+        assert isinstance(caught.value, PathError) == ('out of reach' in expected)
     assert np.array_equal(before, robot.joints)
     assert robot.status.enabled
+
+
+@BOTH
+def test_a_line_that_is_too_fast_for_a_joint_is_slowed_unless_that_is_unwanted(arm):
+    robot, ready = arm
+    robot.move_joints(ready, speed=1.0)
+    pose = robot.tool_pose
+    pose[:2, 3] += 0.05 * np.array([-pose[1, 3], pose[0, 3]]) / np.hypot(*pose[:2, 3])
+    fast = {'speed': 20.0, 'acceleration': 500.0}
+    with pytest.raises(ValueError, match=r'too fast, .* the limit is'):
+        robot.move_line(pose, **fast, slow=False)
+    motion = robot.move_line(pose, **fast, accuracy=1e-3)
+    assert motion.duration > 0.05
+    assert np.allclose(robot.tool_pose, pose, atol=1e-4)
+
+
+def test_a_motion_that_left_its_path_says_how_far():
+    async def scenario():
+        async with robot_cell(model='gx4_c251s', smooth=True) as (robot, _):
+            await robot.move_joints(SCARA_READY, speed=1.0)
+            start = robot.tool_pose
+            inwards = -start[:2, 3] / np.hypot(*start[:2, 3])
+            end, via = start.copy(), start[:3, 3].copy()
+            end[:2, 3] += 0.04 * inwards
+            via[:2] += 0.02 * (inwards + np.array([-inwards[1], inwards[0]]))
+            fast = {'speed': 1.0, 'acceleration': 20.0}
+            motion = await robot.move_arc(via, end, **fast)  # servos that lag cut it
+            assert 'the tool was up to 0.' in motion.text
+            assert 'mm away from its path (accuracy 0.1 mm)' in motion.text
+            assert 'away' not in (await robot.move_arc(via, start, speed=0.05)).text
+
+    run(scenario())
+
+
+@BOTH
+def test_a_line_to_where_the_tool_is_succeeds_at_once_and_twice(arm):
+    robot, ready = arm
+    robot.move_joints(ready)
+    pose = robot.tool_pose
+    assert robot.move_line(pose).duration < 0.1
+    pose[2, 3] -= 0.01
+    for _ in range(2):  # where the encoders say that it is, the second time
+        robot.move_line(pose)
+        robot.move_path([robot.tool_pose, pose], blend=0.002)
+    assert np.allclose(robot.tool_pose, pose, atol=1e-5)
 
 
 def test_a_point_of_the_pendant_is_the_pose_it_shows(robot):
@@ -327,3 +372,27 @@ def test_a_scara_refuses_what_leans_and_goes_where_it_is_upright(scara):
     scara.move_line(EpsonPoint(point.x, point.y, point.z + 20.0, point.u + 30.0))
     assert scara.pose[2, 3] == pytest.approx(pose[2, 3] + 0.02, abs=1e-5)
     assert scara.epson_point.u == pytest.approx(point.u + 30.0, abs=1e-3)
+
+
+@pytest.mark.parametrize('model', ['c3_a601s', 'gx4_c251s'])
+def test_a_joint_move_to_a_pose_ends_there_in_the_nearest_configuration(model):
+    async def scenario():
+        async with robot_cell(model=model, smooth=True) as (robot, _):
+            count = len(robot.model.joint_names)
+            joints = np.array([0.3, 0.4, -0.02, 0.2, 0.5, 0.1])[:count]
+            pose = robot.forward(joints)
+            assert robot.inverse(pose, near=joints) == pytest.approx(joints, abs=1e-9)
+            await robot.move_joints(pose)
+            assert robot.tool_pose == pytest.approx(pose, abs=1e-4)
+            assert robot.joints == pytest.approx(robot.inverse(pose), abs=1e-3)
+            away = robot.pose
+            away[0, 3] += 1.5
+            with pytest.raises(PathError, match=r'target: no joint positions lead to \('):
+                await robot.move_joints(away)
+            with pytest.raises(PathError, match='pose: no joint positions lead to'):
+                robot.inverse(away)
+            before = robot.joints
+            await robot.move_joints(robot.epson_point)
+            assert robot.joints == pytest.approx(before, abs=2e-3)
+
+    run(scenario())

@@ -1,29 +1,26 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What `make bench` makes of what it measured beside the programs that do the least."""
+"""The benchmarks of performance and reliability, and the pages that show them."""
 
-import json
 import os
 import struct
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from benchmark import reliability_page
 from benchmark.codec import PACKETS, codec
 from benchmark.goal_length import measure_one, slow_wave
-from benchmark.performance import bars
-from benchmark.performance_report import BEGIN, END, Bar, docs_page, medians, report
+from benchmark.performance_report import Bar, medians
 from benchmark.point_round_trip import one_core
+from benchmark.reliability_page import provenance
 from benchmark.state_sender import STATUS, STEP_RAD, frame
 from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import JointPosition, PacketFramer, Status
 
 ROOT = Path(__file__).parents[2]
 LIMITS = load_robot_model('c3_a601s').limits
-
-
-def newest():
-    return json.loads((ROOT / 'benchmark/results/performance.json').read_text('utf-8'))
 
 
 def test_a_bar_is_an_upper_or_a_lower_one():
@@ -81,19 +78,40 @@ def test_the_benchmark_moves_the_arm_slowly():
     assert message.points[-1].positions[0] == pytest.approx(0.3, abs=1e-3)
 
 
-def test_the_page_has_the_figures_of_the_results():
-    data = newest()
-    page = (ROOT / 'docs/performance.md').read_text('utf-8')
-    assert docs_page(page, data) == page, 'run `make bench`'
-    assert (
-        docs_page(f'a\n{BEGIN}\nold\n{END}\nb\n', data) == f'a\n{BEGIN}\n{report(data)}{END}\nb\n'
-    )
+RUN = provenance('make it')
+
+CELL = {
+    'fault': 'cut', 'phase': 'moving', 'profile': 'rc620', 'interface': 'usual',
+    'end': 'aborted', 'rest': 0.1, 'recovery': 0.2, 'failure': '',
+}  # fmt: skip
 
 
-def test_the_bars_are_those_of_the_figures():
-    data = newest()
-    found = [bar.name for bar in bars(data)]
-    assert found == [bar['name'] for bar in data['bars']]
-    assert [bar.value for bar in bars(data)] == pytest.approx(
-        [bar['runs'][-1] for bar in data['bars']], rel=1e-4
-    )
+def test_the_newest_figures_replace_one_table_of_the_page() -> None:
+    text = 'a\n<!-- fuzz: begin -->\nstale\n<!-- fuzz: end -->\n<!-- soak: begin -->\n'
+    figures = {'run': RUN, 'seed': 7, 'targets': {}}
+    written = reliability_page.page(text, reliability_page.FUZZ, figures)
+    assert written.startswith('a\n<!-- fuzz: begin -->\n`make it`')
+    assert written.endswith('<!-- fuzz: end -->\n<!-- soak: begin -->\n')
+    assert 'seed 7' in written
+    assert 'stale' not in written
+
+
+def test_a_table_of_faults_counts_outcomes_and_names_what_failed() -> None:
+    cells = [
+        CELL,
+        CELL | {'rest': 0.4},
+        {'failure': 'AssertionError: moved'} | {key: CELL[key] for key in ('fault', 'phase')},
+    ]
+    text = ''.join(reliability_page.faults({'run': RUN, 'cells': cells}))
+    assert '3 cells; in 1 of them something did not hold.' in text
+    assert '`make it`' in text
+    assert '| `cut` | 3 | 2 aborted, **failed** | 0.40 | 0.20 |' in text
+
+
+def test_fuzzing_tells_how_many_inputs_there_were_and_what_was_found() -> None:
+    target = {'inputs': 1000, 'found': []}
+    figures: dict[str, Any] = {'run': RUN, 'seed': 1, 'targets': {'one': target, 'two': target}}
+    text = ''.join(reliability_page.fuzz(figures))
+    assert '2,000 inputs to 2 targets; 0 things did not hold.' in text
+    figures['targets']['two'] = target | {'found': ['x', 'y']}
+    assert '2 things did not hold: two 2.' in ''.join(reliability_page.fuzz(figures))

@@ -17,12 +17,11 @@ from epson_driver.bringup import (
     client_parameters,
     controller_arguments,
     launch_arguments,
-    model_argument,
     robot_description,
     several_robots,
 )
-from epson_driver.cli import processes
 from epson_driver.node.parameters import TABLE
+from epson_driver.processes import processes
 
 DEFAULTS = {each['name']: each['default_value'] for each in launch_arguments(*INTERFACE)}
 VALUES = DEFAULTS | {'interface': 'streaming'}
@@ -43,14 +42,6 @@ def test_an_argument_has_name_default_and_description() -> None:
         launch_arguments('robot_iq')
 
 
-def test_models_to_choose_from_are_those_with_a_description() -> None:
-    argument = model_argument()
-    assert argument['default_value'] in argument['choices']
-    assert argument['choices'][0] == ''  # as params_file says
-    for model in argument['choices'][1:]:
-        assert f'<robot name="{model}"' in robot_description(model)
-
-
 def test_defaults_that_the_descriptions_name_are_the_clients_own() -> None:
     defaults = {row.name: row.default for row in TABLE}
     for argument in launch_arguments('robot_ip', 'controller', 'robot_model'):
@@ -69,6 +60,7 @@ def test_a_prefix_is_before_every_name_of_the_urdf() -> None:
 
 def test_without_xacro_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, 'xacro', None)
+    monkeypatch.setenv('XDG_CACHE_HOME', '/nowhere')
     with pytest.raises(BringupError, match=r'^xacro is missing: sudo apt install ros-jazzy-xacro'):
         robot_description('c3_a601s')
 

@@ -11,6 +11,7 @@ import re
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 import yaml
 
@@ -24,7 +25,10 @@ from epson_driver.bringup import (
     move_group_parameters,
     robot_description,
     ros2_control_arguments,
+    servo_parameters,
 )
+from epson_driver.driver.servo.servo import MAX_LAG_S
+from epson_driver.driver.servo.setpoint import ServoSettings
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_file
 
@@ -114,9 +118,11 @@ def test_joints_and_tolerances_follow_the_model_and_the_prefix() -> None:
     assert plain['joints'] == own['joints']
     assert plain['constraints'].items() <= own['constraints'].items()
     scara = controllers_parameters('gx4_c251s', 'left_')
+    limits = load_robot_model('gx4_c251s').limits
+    behind = (MAX_LAG_S * ServoSettings().share * limits.velocity).round(3).tolist()
     assert scara['joints'] == [f'left_joint_{number}' for number in range(1, 5)]
-    assert scara['constraints']['left_joint_3'] == {'goal': 0.001}  # m
-    assert scara['constraints']['left_joint_4'] == {'goal': 0.01}  # rad
+    assert scara['constraints']['left_joint_3'] == {'trajectory': behind[2], 'goal': 0.001}  # m
+    assert scara['constraints']['left_joint_4'] == {'trajectory': behind[3], 'goal': 0.01}  # rad
 
 
 def test_moveit_executes_through_the_controller_that_is_started() -> None:
@@ -156,3 +162,18 @@ def test_moveit_servo_sends_windows_to_the_topic_that_takes_them() -> None:
     assert servo['publish_joint_velocities']
     assert servo['max_expected_latency'] < 0.5  # epson_driver.node.setpoint_messages.MAX_AHEAD_S
     assert servo['move_group_name'] == 'manipulator'
+
+
+@pytest.mark.parametrize(
+    ('model', 'margins'),
+    [('c3_a601s', [0.12] * 6), ('gx4_c251s', [0.12, 0.12, 0.0075, 0.12])],
+)
+def test_moveit_servos_margins_leave_each_joint_most_of_its_range(
+    model: str, margins: list[float]
+) -> None:
+    robot = load_robot_model(model)
+    found = servo_parameters(model)['moveit_servo']['joint_limit_margins']
+    assert found == pytest.approx(margins, abs=1e-4)
+    assert len(found) == len(robot.joint_names)
+    free = robot.limits.position_max - robot.limits.position_min - 2.0 * np.array(found)
+    assert np.all(free >= 0.899 * (robot.limits.position_max - robot.limits.position_min))

@@ -1,18 +1,25 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The `epson_driver` command itself."""
+"""The command line: its options, odd arguments, Ctrl+C, closed streams."""
 
 import errno
+import re
+import signal
 import subprocess
 import sys
+import time
+from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 
 import pytest
-from support.examples import one_in
+from support.interrupts import obey_interrupts
 
 from epson_driver.cli import __main__ as main
 from epson_driver.cli.arguments import if_in_use
-from epson_driver.cli.executables import EXECUTABLES
+from epson_driver.processes import processes
+from epson_driver.processes.command import module_command, safe_python
+from epson_driver.processes.executables import EXECUTABLES
 
 
 def command(*arguments: str, before: str = '') -> subprocess.CompletedProcess[str]:
@@ -50,20 +57,15 @@ def test_the_version_is_that_of_the_package() -> None:
     root = Path(__file__).parents[2]
     run = command('--version')
     assert run.returncode == 0
-    assert f"version='{run.stdout.split()[1]}'," in (root / 'setup.py').read_text('utf-8')
+    assert f'<version>{run.stdout.split()[1]}</version>' in (root / 'package.xml').read_text(
+        'utf-8'
+    )
     assert run.stdout == f'epson_driver {run.stdout.split()[1]}\n'
 
 
 def test_every_executable_is_installed_for_ros2_run() -> None:
     scripts = {path.name for path in (Path(__file__).parents[2] / 'scripts').iterdir()}
     assert scripts == {'executable', *EXECUTABLES}
-
-
-@pytest.mark.parametrize('name', one_in(4, EXECUTABLES))
-def test_every_usage_begins_alike(name: str) -> None:
-    run = command(name, '--help')
-    assert run.returncode == 0
-    assert run.stdout.startswith(f'usage: epson_driver {name} ')
 
 
 @pytest.mark.parametrize(
@@ -123,3 +125,318 @@ def test_a_module_of_our_own_that_is_missing_is_a_fault_and_no_advice(
 def test_only_a_port_that_is_taken_has_the_advice_for_it() -> None:
     assert if_in_use(None) == if_in_use(OSError(errno.EACCES, 'x')) == ''
     assert '--motion-port' in if_in_use(OSError(errno.EADDRINUSE, 'x'))
+
+
+CLOSED = ['sh', '-c', 'exec "$@" <&- >&- 2>&-', 'sh']
+
+WITHOUT_STDERR = ['sh', '-c', 'exec "$@" 2>&-', 'sh']
+
+WORKER = """
+import os
+from epson_driver.processes.worker import answer_file
+answers = answer_file()
+print('printed', flush=True)
+os.write(2, b'logged')
+answers.write(b'answer')
+"""
+
+
+@pytest.mark.parametrize(
+    ('words', 'code'), [(['robots'], 0), (['--help'], 0), (['pendant', '--port=x', 'status'], 2)]
+)
+def test_the_exit_code_is_the_usual_one(words: list[str], code: int) -> None:
+    run = subprocess.run([*CLOSED, *module_command('epson_driver.cli', *words)], check=False)
+    assert run.returncode == code
+
+
+def test_what_a_worker_prints_is_no_part_of_its_answer() -> None:
+    answer = subprocess.run(
+        [*WITHOUT_STDERR, *safe_python(), '-c', WORKER],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        check=True,
+    )
+    assert answer.stdout == b'answer'
+
+
+PLAN = str(Path(__file__).parents[2] / 'config' / 'trajectories' / 'around_pillar_11_points.yaml')
+
+PROGRAM = str(Path(__file__).parents[2] / 'controller_program')
+
+DIGITS = '9' * 400
+
+TOO_LONG = '9' * 5000  # more than Python reads
+
+HOSTS = ('', ' ', 'a..b', '.', 'x' * 64, 'a\nb', 'a\0b', '\udc80', '999.1.1.1', '1.2.3.4.5', 'a b')
+
+NUMBERS = (DIGITS, TOO_LONG, 'nan', '-inf', '-1e300', '', 'x', '1_0', '٣', '0x10')
+
+FILES = (
+    '',
+    '/tmp',
+    '/dev/zero',
+    '/nowhere/x.yaml',
+    '[/red]x.yaml',
+    'a\nb.yaml',
+    'a\0b.yaml',
+    'x' * 300,
+    'x' * 300 + '.yaml',
+    '\udc80.yaml',
+)
+
+TABLE = (
+    ('pendant', HOSTS, '--host={}', 'status'),
+    ('pendant', NUMBERS, '--port={}', 'status'),
+    ('pendant', NUMBERS, '--timeout={}', 'status'),
+    ('pendant', NUMBERS, 'io', 'out', '{}', 'x'),
+    ('pendant', ('nan', 'inf', 'x', TOO_LONG[:30] + 'x'), 'disturb', '1', '{}'),
+    ('sim_controller', HOSTS, '--host={}'),
+    ('sim_controller', NUMBERS, '--motion-port={}'),
+    ('sim_controller', NUMBERS, '--state-period={}'),
+    ('sim_controller', NUMBERS, '--look-ahead={}'),
+    ('sim_controller', NUMBERS, '--seed={}'),
+    ('sim_controller', NUMBERS, '--fault={}'),
+    ('sim_controller', NUMBERS, '--start={}'),
+    ('sim_controller', (DIGITS, TOO_LONG, 'nan', '-inf', '', 'x'), '--start={},0,0,0,0,0'),
+    ('sim_controller', FILES, '--robot={}'),
+    ('sim_controller', FILES, '--controller={}'),
+    ('replay', FILES, '{}'),
+    ('replay', HOSTS, '--host={}', PLAN),
+    ('replay', NUMBERS, '--state-port={}', PLAN),
+    ('replay', NUMBERS, '--speed={}', PLAN),
+    ('smooth', FILES, '{}'),
+    ('smooth', FILES, PLAN, '--robot={}'),
+    ('smooth', NUMBERS, PLAN, '--rate={}'),
+    ('smooth', (*NUMBERS, '1e-300', '0'), PLAN, '--look-ahead={}'),
+    ('smooth', NUMBERS, PLAN, '--path-tolerance={}'),
+    ('smooth', ('x.foo', '/tmp', '', '\udc80'), PLAN, '--picture={}'),
+    ('robots', FILES[1:], '{}'),  # without a name it lists all
+    ('spel', FILES, 'check', '{}'),
+    ('spel', FILES, 'test', '{}'),
+    ('spel', NUMBERS, 'check', PLAN, '--version={}'),
+    ('spel', FILES, 'run', '{}'),
+    ('spel', FILES, 'run', '--fast', PROGRAM, '--robot={}'),
+    ('spel', FILES, 'run', '--fast', PROGRAM, '--controller={}'),
+    ('spel', NUMBERS, 'run', '--fast', PROGRAM, '--seconds={}'),
+    ('spel', NUMBERS, 'run', PROGRAM, '--remote-port={}'),
+    ('spel', (*NUMBERS, '=1', 'NOWHERE=1'), 'run', '--fast', PROGRAM, '--define={}'),
+    ('demo', FILES, '--trajectory={}'),
+    ('demo', (*NUMBERS, '0'), '--seed={}'),
+    ('demo', (*NUMBERS, '0'), '--seeds={}'),
+    ('demo', ('x.foo', '/tmp', ''), '--picture={}'),
+)
+
+BAD_FILE = {'demo': 1}
+"""What ends with 1 for a bad file; the others end with 2, as their pages say."""
+
+
+@pytest.mark.invariant(7)
+@pytest.mark.parametrize(
+    ('name', 'values', 'words'),
+    [(name, values, words) for name, values, *words in TABLE],
+    ids=[f'{name} {" ".join(words)[-30:]}' for name, _, *words in TABLE],
+)
+def test_inv7_whatever_an_argument_is_it_is_refused_in_a_sentence(
+    name: str,
+    values: tuple[str, ...],
+    words: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    main = import_module(f'epson_driver.cli.{name}').main
+    for value in values:
+        monkeypatch.setattr(sys, 'argv', [name, *(word.replace('{}', value) for word in words)])
+        try:
+            code = main()
+        except SystemExit as end:
+            code = end.code
+        said = capsys.readouterr()
+        sentence = ' '.join((said.out + said.err).split())
+        assert code in (2, BAD_FILE.get(name, 2)), (value[:50], sentence)
+        assert 'error: ' in sentence or 'demo failed: ' in sentence
+        assert len(sentence) < 3000
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.invariant(7)
+@pytest.mark.parametrize('name', ['client', 'jog', 'panel'])
+@pytest.mark.parametrize('words', [('-r', 'no remapping'), ('-p', 'x'), ('-p', ':=3')])
+def test_inv7_whatever_a_ros_argument_is_it_is_refused_in_a_sentence(
+    name: str,
+    words: tuple[str, ...],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    if name == 'panel':
+        pytest.importorskip('viser')
+    monkeypatch.setattr(sys, 'argv', [name, '--ros-args', *words])
+    assert import_module(f'epson_driver.cli.{name}').main() == 1
+    said = capsys.readouterr().err
+    assert said.startswith(f'epson_driver {name}: ')
+    assert 'Failed to parse ROS arguments' in said
+    assert words[1] in said
+
+
+PATIENCE = 300.0
+
+PAUSE = 0.01
+"""Between one signal and the next, s."""
+
+AT_IMPORT = """
+import os, signal, sys
+class AtImport:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, AtImport())
+from epson_driver.cli.__main__ import main
+sys.exit(main())
+"""
+"""Sends itself SIGINT where a module begins to be imported."""
+
+LOADED = [
+    *((name, f'epson_driver.cli.{name.replace("-", "_")}') for name in EXECUTABLES),
+    ('client', 'rclpy'),
+    ('client', 'epson_driver.node.node'),
+    ('demo', 'rclpy'),
+    ('sim_controller', 'numpy'),
+    ('smooth', 'ruckig'),
+]
+
+
+@pytest.mark.parametrize(('name', 'module'), LOADED)
+def test_ctrl_c_while_an_executable_is_loaded_ends_it_without_a_traceback(
+    name: str, module: str
+) -> None:
+    run = subprocess.run(
+        [sys.executable, '-c', AT_IMPORT.format(module=module), name, '--help'],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+        preexec_fn=obey_interrupts,
+    )
+    assert (run.returncode, run.stdout, run.stderr) == (130, '', '')
+
+
+def test_ctrl_c_before_an_executable_handles_it_itself() -> None:
+    code = (
+        'import os, signal, sys\n'
+        'from epson_driver.cli import robots\n'
+        'from epson_driver.cli.__main__ import main\n'
+        'robots.main = lambda: os.kill(os.getpid(), signal.SIGINT)\n'
+        'sys.exit(main())'
+    )
+    command = [sys.executable, '-c', code, 'robots']
+    run = subprocess.run(
+        command, capture_output=True, text=True, check=False, preexec_fn=obey_interrupts
+    )
+    assert (run.returncode, run.stdout, run.stderr) == (130, '', '')
+
+
+def test_ctrl_c_ends_a_loop_and_does_nothing_from_then_on() -> None:
+    """Not even in the moment in which the loop closes, wherever the process is then."""
+    code = (
+        'import asyncio, os, signal\n'
+        'from epson_driver.processes.interrupt import ended_by_signals\n'
+        'def interrupt(): os.kill(os.getpid(), signal.SIGINT)\n'
+        'async def main():\n'
+        '    loop, end = asyncio.get_running_loop(), asyncio.Event()\n'
+        '    with ended_by_signals(loop, end.set):\n'
+        '        loop.call_soon(interrupt)\n'
+        '        await end.wait()\n'
+        '        interrupt()\n'
+        '    close = loop.close\n'
+        '    def interrupted_close(): interrupt(); close(); interrupt()\n'
+        '    loop.close = interrupted_close\n'
+        '    interrupt()\n'
+        'asyncio.run(main())\n'
+        'interrupt()\n'
+        "print('ended', signal.getsignal(signal.SIGTERM) is signal.SIG_DFL)"
+    )
+    run = subprocess.run(
+        [sys.executable, '-c', code],
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=obey_interrupts,
+    )
+    assert (run.returncode, run.stdout, run.stderr) == (0, 'ended True\n', '')
+
+
+def interrupted(process: subprocess.Popen[str]) -> str:
+    """Send SIGINT until the process has ended; return what it said after that began."""
+    until = time.monotonic() + PATIENCE
+    while process.poll() is None:
+        process.send_signal(signal.SIGINT)
+        time.sleep(PAUSE)
+        assert time.monotonic() < until, 'it does not end'
+    assert process.stdout is not None
+    with process.stdout:
+        return process.stdout.read()
+
+
+@pytest.fixture
+def started() -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Start executables in a ROS domain of their own; they end with the test."""
+    all_started: list[subprocess.Popen[str]] = []
+
+    def start(*arguments: str) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            [*processes.EXECUTABLE, *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env=processes.ros_environment(processes.free_ros_domain()),
+        )
+        all_started.append(process)
+        return process
+
+    yield start
+    for process in all_started:
+        process.kill()
+        process.wait()
+
+
+def line_with(process: subprocess.Popen[str], text: str) -> str:
+    """Wait until the process has said something; return the line."""
+    assert process.stdout is not None
+    said = ''
+    for line in process.stdout:
+        said += line
+        if text in line:
+            return line
+    raise AssertionError(said)
+
+
+@pytest.mark.invariant(9)
+def test_more_of_ctrl_c_while_controller_and_client_end(
+    started: Callable[..., subprocess.Popen[str]],
+) -> None:
+    free = [f'--{name}-port=0' for name in ('motion', 'state', 'io', 'remote')]
+    controller = started('sim_controller', *free)
+    ports = dict(re.findall(r'(\w+)=(\d+)', line_with(controller, 'listening ')))
+    settings = [f'{name}_port:={ports[name]}' for name in ('motion', 'state')]
+    client = started('client', '--ros-args', *(w for each in settings for w in ('-p', each)))
+    line_with(client, 'state link connected')
+    for process in (client, controller):
+        said = interrupted(process)
+        assert process.returncode in (0, 130), said
+        assert 'Traceback' not in said
+        assert 'KeyboardInterrupt' not in said
+
+
+@pytest.mark.invariant(9)
+def test_more_of_ctrl_c_while_the_demo_ends_leaves_nothing_running(
+    started: Callable[..., subprocess.Popen[str]], tmp_path: Path
+) -> None:
+    demo = started('demo', f'--picture={tmp_path / "report.png"}')
+    line_with(demo, 'sim_controller: rc620 (simulated), c3_a601s, 127.0.0.1:')
+    children = Path(f'/proc/{demo.pid}/task/{demo.pid}/children').read_text().split()
+    assert children
+    said = interrupted(demo)
+    assert demo.returncode == 130, said
+    assert 'Traceback' not in said
+    assert [child for child in children if Path('/proc', child).exists()] == []

@@ -1,14 +1,19 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver jog` at a terminal: what it says, and that nothing goes on without a key."""
+"""`epson_driver jog` at a terminal: its keys, what it says, nothing goes on without one."""
 
 import io
 import os
 import sys
+import time
 
 import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from epson_driver.cli import jog, processes
+from epson_driver.cli import jog
+from epson_driver.cli.jog import MAX_SPEED, MIN_SPEED, RELEASE_S, JogKeys
+from epson_driver.processes import processes
 
 
 class Terminal(io.StringIO):
@@ -59,8 +64,96 @@ def test_a_key_that_is_released_stops_and_a_new_speed_is_shown(monkeypatch):
     with os.fdopen(read) as keys:
         monkeypatch.setattr(sys, 'stdin', keys)
         os.write(write, b'+')
-        jog._jog(['a', 'b'], 0.1, publish)
+        jog._jog(['a', 'b'], 0.1, publish, lambda: '')
     os.close(write)
     assert [text.split()[0] for text in said] == ['0.15', '0.1']
     assert published[0] == (['a'], [pytest.approx(0.15)])
     assert published[-1] == (['a', 'b'], [0.0, 0.0])
+
+
+def test_why_the_arm_does_not_move_is_said_at_once(monkeypatch):
+    read, write = os.pipe()
+    said = []
+    monkeypatch.setattr('builtins.print', said.append)
+    with os.fdopen(read) as keys:
+        monkeypatch.setattr(sys, 'stdin', keys)
+        os.write(write, b'1')
+        jog._jog(
+            ['a'],
+            0.1,
+            lambda message: None if any(message.velocities) else os.write(write, b'x') and None,
+            lambda: 'the arm is not enabled (no reason); call ~/enable',
+        )
+    os.close(write)
+    assert said == ['the arm does not move: the arm is not enabled (no reason); call ~/enable']
+
+
+@pytest.mark.parametrize(
+    ('cause', 'name', 'said'),
+    [
+        ('NOT_ENABLED', 'left/epson_driver: arm', 'not enabled; call ~/enable'),
+        ('NONE', 'left/epson_driver: arm', ''),
+        ('NOT_ENABLED', 'right/epson_driver: arm', ''),
+    ],
+)
+def test_why_the_arm_does_not_move_is_taken_from_its_own_diagnostics(called, cause, name, said):
+    rclpy.init(args=['--ros-args', '-r', '__ns:=/left'])
+    try:
+        node = rclpy.create_node('jog')
+        why = jog.WhyNot(node, 'epson_driver')
+        values = [KeyValue(key='cause', value=cause), KeyValue(key='remedy', value='ENABLE')]
+        status = DiagnosticStatus(name=name, message='not enabled', values=values)
+        publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        publisher.publish(DiagnosticArray(status=[status]))
+        until = time.monotonic() + 5.0
+        while not (text := why()) and said and time.monotonic() < until:
+            time.sleep(0.01)
+        assert text == said
+    finally:
+        rclpy.shutdown()
+
+
+def test_a_held_key_moves_its_joint_and_released_it_stops():
+    keys = JogKeys(6, 0.1)
+    assert keys.velocity(0.0) is None
+    for count in range(10):
+        keys.press('3', 0.03 * count)
+        assert keys.velocity(0.03 * count) == (2, 0.1)
+    assert keys.velocity(0.27 + 0.9 * RELEASE_S) == (2, 0.1)
+    assert keys.velocity(0.27 + RELEASE_S) is None
+
+
+def test_the_keys_below_move_back():
+    keys = JogKeys(6, 0.1)
+    keys.press('e', 0.0)
+    assert keys.velocity(0.0) == (2, -0.1)
+
+
+@pytest.mark.parametrize('key', [' ', '7', 'u', 'Q', '\n', 'é', '+'])
+def test_any_other_key_stops(key):
+    keys = JogKeys(6, 0.1)
+    keys.press('1', 0.0)
+    keys.press(key, 0.01)
+    assert keys.velocity(0.01) is None
+    assert not keys.ended
+
+
+@pytest.mark.parametrize('key', ['x', '\x1b', '\x03', '\x04', ''])
+def test_it_ends_at_rest(key):
+    keys = JogKeys(6, 0.1)
+    keys.press('1', 0.0)
+    keys.press(key, 0.01)
+    assert keys.ended
+    assert keys.velocity(0.01) is None
+
+
+def test_the_speed_changes_within_bounds():
+    keys = JogKeys(6, 0.1)
+    keys.press('+', 0.0)
+    assert keys.speed == pytest.approx(0.15)
+    for _ in range(50):
+        keys.press('+', 0.0)
+    assert keys.speed == MAX_SPEED
+    for _ in range(50):
+        keys.press('-', 0.0)
+    assert keys.speed == MIN_SPEED

@@ -14,7 +14,7 @@ from support.longer_arm import arm_model
 
 from epson_driver.cli import robots
 from epson_driver.robots import load_robot_model, robot_models
-from epson_driver.share import share_file
+from epson_driver.robots.reader import MARKS
 
 COMMAND = [sys.executable, '-m', 'epson_driver.cli', 'robots']
 
@@ -43,20 +43,20 @@ def test_into_a_pipe_it_lists_every_model_with_tabs() -> None:
     done = run()
     assert (done.returncode, done.stderr) == (0, '')
     head, *lines = done.stdout.splitlines()
-    assert head == ('name\tkind\taxes\treach [mm]\tpayload [kg]\tconfirmed\tone source\testimated')
+    assert head == '\t'.join(('name', 'kind', 'axes', 'reach [mm]', 'payload [kg]', *MARKS))
     rows = [line.split('\t') for line in lines]
     assert [row[0] for row in rows] == list(robot_models())
-    for name, kind, axes, reach, payload, *confidences in rows:
+    for name, kind, axes, reach, payload, *marks in rows:
         model = load_robot_model(name)
         assert (kind, axes) == (model.kind, str(len(model.joint_names)))
         assert float(reach) == pytest.approx(model.reach[0] * 1e3, abs=0.5)
         assert float(payload) == model.payload
-        for level, listed in zip(('high', 'medium', 'low'), confidences, strict=True):
+        for level, listed in zip(MARKS, marks, strict=True):
             assert [*filter(None, listed.split(', '))] == [
                 quantity for quantity, origin in model.provenance.items() if origin.worst == level
             ]
-    confirmed, _one_source, estimated = next(row[5:] for row in rows if row[0] == 'c3_a601s')
-    assert 'position' in confirmed.split(', ')
+    confirmed, *_, estimated = next(row[5:] for row in rows if row[0] == 'c3_a601s')
+    assert 'range' in confirmed.split(', ')
     assert {'acceleration', 'jerk', 'payload'} <= set(estimated.split(', '))
 
 
@@ -64,12 +64,13 @@ def test_one_model_is_shown_in_degrees_and_in_si(c3: dict[str, dict[str, list[st
     joints = c3['Joints']
     assert joints['position min [degrees]'] == ['-170', '-160', '-51', '-200', '-135', '-360']
     assert float(joints['position max [rad]'][1]) == pytest.approx(np.radians(65.0), rel=1e-6)
-    assert joints['velocity [rad/s]'] == ['7.85', '7.85', '8.97', '9.65', '9.65', '12.56']
+    speeds = [float(word) for word in joints['velocity [rad/s]']]
+    assert speeds == pytest.approx([7.85, 7.85, 8.97, 9.65, 9.65, 12.56], rel=1e-6)
     assert float(joints['velocity [degrees/s]'][0]) == pytest.approx(450.0, abs=0.3)
     assert joints['acceleration [rad/s²]'][0] == '49.19'
     assert joints['pulses per degree'][0] == '29127.11'
     assert joints['reach [m]'] == ['0.665', '0.565', '0.315', '0.065', '0.065', '0']
-    assert c3['c3_a601s: EPSON C3-A601S (standard, table top mount)']['payload'] == ['3 kg']
+    assert c3['c3_a601s: EPSON C3-A601S, six-axis, table top mount']['payload'] == ['3 kg']
     chain = c3['Chain, in base_link, m']
     assert chain['joint_2, revolute'] == ['0.1 0 0.1235', '0 -1 0']
     assert chain['tool0, in the last link'] == ['0.005 0 0', '3.141593 -1.570796 0']
@@ -79,10 +80,10 @@ def test_one_model_is_shown_in_degrees_and_in_si(c3: dict[str, dict[str, list[st
 def test_every_number_comes_with_its_source(c3: dict[str, dict[str, list[str]]]) -> None:
     model = load_robot_model('c3_a601s')
     assert list(c3['Sources']) == list(model.provenance)
-    for quantity, (confidence, source) in c3['Sources'].items():
+    for quantity, (mark, source) in c3['Sources'].items():
         origin = model.provenance[quantity]
         assert source == origin.source
-        assert set(confidence.split()) == set(origin.confidence)
+        assert set(mark.split(', ')) == set(origin.marks)
 
 
 def test_a_scara_is_shown_in_mm_and_m() -> None:
@@ -96,23 +97,46 @@ def test_a_scara_is_shown_in_mm_and_m() -> None:
     assert shown['SCARA lengths, m'] == lengths
 
 
+@pytest.mark.parametrize(
+    ('arguments', 'found', 'not_found'),
+    [
+        (('--search', 't6'), {'t6_602s', 't6_b602s'}, {'t3_401s', 'c3_a601s'}),
+        (('--search', 'VT6L'), {'vt6_a901s'}, {'c3_a601s'}),
+        (('--search', 'ceiling'), {'gx8_c552sr', 'cx4_a601cr'}, {'gx8_c552s'}),
+        (('--payload', '3', '--reach', '600'), {'t6_602s', 'c3_a601s'}, {'t3_401s', 'gx8_c552s'}),
+        (('--search', 'nothing-like-it'), set(), {'c3_a601s'}),
+    ],
+)
+def test_the_list_can_be_narrowed(
+    arguments: tuple[str, ...], found: set[str], not_found: set[str]
+) -> None:
+    names = {line.split('\t')[0] for line in run(*arguments).stdout.splitlines()[1:]}
+    assert found <= names
+    assert not found or not names & not_found
+    assert len(names) < len(robot_models())
+
+
+def test_what_is_not_known_is_said() -> None:
+    shown = tables(run('t6_602s').stdout)
+    assert shown['Joints']['pulses per degree or mm'][2:] == ['not known', 'not known']
+    assert shown['Sources']['speed'][0] == 'derived, estimated'
+
+
 def test_a_file_of_ones_own_is_shown_too(tmp_path: Path) -> None:
-    text = share_file('config', 'robots', 'c3_a601s.yaml').read_text(encoding='utf-8')
     mine = tmp_path / 'mine.yaml'
-    mine.write_text(text.replace('name: c3_a601s', 'name: mine'), encoding='utf-8')
-    assert run(str(mine)).stdout.startswith('# mine: EPSON C3-A601S')
-    mine.write_text(text.replace('[0.1, 0, 0.1235]', '[0.1, 0]'), encoding='utf-8')
+    mine.write_text('name: mine\nlike: C3-A601S\npayload_kg: 2.5\n', encoding='utf-8')
+    assert run(str(mine)).stdout.startswith('# mine: six-axis, table top mount')
+    mine.write_text('name: mine\nlike: C3-A601S\npayload_kg: heavy\n', encoding='utf-8')
     done = run(str(mine))
     assert done.returncode == 2
-    assert f'{mine}: chain.origins = [0.1, 0]: must have 3 numbers, x, y and z' in done.stderr
+    assert f"{mine}, line 3: payload_kg = 'heavy': must be a number" in done.stderr
 
 
 def test_no_such_model_is_answered_with_those_there_are() -> None:
     done = run('c5')
     assert done.returncode == 2
     assert done.stdout == ''
-    assert 'no c5.yaml in ' in done.stderr
-    assert 'c3_a601s, c4_a601s' in done.stderr
+    assert 'no robot model c5; ' in done.stderr
     assert 'Traceback' not in done.stderr
 
 
@@ -147,8 +171,8 @@ def test_a_terminal_gets_tables_with_colours_unless_plain() -> None:
     text = on_a_terminal('c3_a601s')
     assert '┃' in text
     assert 'position min [degrees]' in text  # brackets are no markup
-    assert '\x1b[31mlow' in text
-    assert '\x1b[32mhigh' in text
+    assert '\x1b[31mestimated' in text
+    assert '\x1b[32mconfirmed' in text
     plain = on_a_terminal('c3_a601s', '--plain')
     assert plain.replace('\r\n', '\n') == run('c3_a601s').stdout
 

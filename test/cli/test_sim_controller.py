@@ -213,7 +213,7 @@ def test_a_port_in_use_is_named(start):
         ),
         (['--motion', 'jump'], 'invalid choice'),
         pytest.param(['--byte-order', 'middle'], 'invalid choice', marks=pytest.mark.slow),
-        (['--robot', 'c9'], r'no c9.yaml'),
+        (['--robot', 'c9'], r'no robot model c9'),
         pytest.param(['--controller', 'rc9'], r'no rc9.yaml', marks=pytest.mark.slow),
         pytest.param(['--robot', '/nowhere/r.yaml'], '/nowhere/r.yaml', marks=pytest.mark.slow),
         (['--motion-port', '70000'], 'must be a port from 0 to 65535'),

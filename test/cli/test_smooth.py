@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from epson_driver.cli import smooth
-from epson_driver.cli.interrupt import INTERRUPTED
-from epson_driver.cli.smooth_report import column, point_to_point, spline
-from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.motion import Trajectory, problems
 from epson_driver.motion.motion_figures import measure
 from epson_driver.motion.passages import passed
+from epson_driver.processes.interrupt import INTERRUPTED
+from epson_driver.report.smooth_study import column, point_to_point, spline
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_file
+from epson_driver.trajectory_file import read_trajectory
 
 FILE = share_file('config', 'trajectories', 'around_pillar_fast_100ms.yaml')
 BARE = share_file('config', 'trajectories', 'around_pillar_positions_only.yaml')

@@ -3,13 +3,14 @@
 """`epson_driver spel`: check and test, in a process as a user has them."""
 
 import json
+import socket
 import subprocess
 import sys
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
 import pytest
-from support.controller_hands import do
+from support.controller_harness import do
 
 COMMAND = [sys.executable, '-m', 'epson_driver.cli', 'spel']
 
@@ -66,15 +67,20 @@ def program(tmp_path: Path) -> Path:
 def test_check_says_file_line_and_column_and_ends_with_1_for_errors(tmp_path: Path) -> None:
     path = tmp_path / 'main.prg'
     path.write_text(GOOD.replace('Print', 'Prin'))
-    done = run('check', path)
+    done = run('check', path.parent, cwd=tmp_path.parent)
     assert done.returncode == 1
     assert done.stdout.splitlines() == [
-        'main.prg:2:3: error: unknown statement or function Prin: did you mean Print? [unknown]',
+        f'{tmp_path.name}/main.prg:2:3: error: '
+        'unknown statement or function Prin: did you mean Print? [unknown]',
         '1 errors, 0 warnings (version 8)',
     ]
     path.write_text(GOOD)
     done = run('check', path)
     assert (done.returncode, done.stdout) == (0, '0 errors, 0 warnings (version 8)\n')
+    done = subprocess.run(
+        [*COMMAND, 'check', '-'], input=WARNS, capture_output=True, text=True, check=False
+    )
+    assert done.stdout.startswith('stdin.prg:3:8: warning: i = True')
 
 
 def test_check_has_versions_and_warnings_that_fail_if_wished(tmp_path: Path) -> None:
@@ -92,7 +98,7 @@ def test_check_has_versions_and_warnings_that_fail_if_wished(tmp_path: Path) -> 
 def test_check_in_json(tmp_path: Path) -> None:
     path = tmp_path / 'main.prg'
     path.write_text(WARNS)
-    (problem,) = json.loads(run('check', '--json', path).stdout)
+    (problem,) = json.loads(run('check', '--format', 'json', 'main.prg', cwd=tmp_path).stdout)
     text = problem.pop('text')
     about = problem.pop('about')
     assert text.startswith('i = True')
@@ -105,7 +111,16 @@ def test_check_in_json(tmp_path: Path) -> None:
         'severity': 'warning',
     }
     path.write_text(GOOD)
-    assert json.loads(run('check', '--json', path).stdout) == []
+    assert json.loads(run('check', '--format', 'json', 'main.prg', cwd=tmp_path).stdout) == []
+    path.write_text(WARNS)
+    done = run('check', '--format', 'github', 'main.prg', cwd=tmp_path)
+    assert done.stdout.startswith('::warning file=main.prg,line=3,col=8,title=true-compare::i = T')
+    report = json.loads(run('check', '--format', 'sarif', 'main.prg', cwd=tmp_path).stdout)
+    (result,) = report['runs'][0]['results']
+    assert (result['ruleId'], result['level']) == ('true-compare', 'warning')
+    place = result['locations'][0]['physicalLocation']
+    assert place['artifactLocation']['uri'] == 'main.prg'
+    assert place['region'] == {'startLine': 3, 'startColumn': 8}
 
 
 def test_a_folder_is_a_project(program: Path) -> None:
@@ -131,6 +146,7 @@ def test_tests_run_and_are_reported(program: Path) -> None:
         'FAILED TestNeverEnds: tests.prg:15: not over after 600 s of the controller',
         'FAILED TestForNobody: tests.prg:20: waits for what never comes',
         'FAILED TestWith: tests.prg:22: a test cannot have parameters',
+        'tests.prg: 10 of 17 lines ran',
         '2 passed, 4 failed',
     ]
     suite = Xml.parse(report).getroot()
@@ -152,10 +168,10 @@ def test_some_tests_only(program: Path) -> None:
 
 def test_a_program_that_cannot_be_read_is_not_tested(tmp_path: Path) -> None:
     path = tmp_path / 'main.prg'
-    path.write_text('Function TestIt\n  Curve 1\nFend\n')
+    path.write_text('Function TestIt\n  Curved 1\nFend\n')
     done = run('test', path)
     assert done.returncode == 1
-    assert done.stdout == 'main.prg:2:3: error: not simulated: Curve [not-simulated]\n'
+    assert done.stdout == 'main.prg:2:3: error: unknown statement or function Curved [unknown]\n'
     assert done.stderr == ''
 
 
@@ -227,10 +243,11 @@ def test_an_error_of_the_program_ends_the_run_and_is_said_as_rc_plus_does(tmp_pa
 
 
 def test_a_program_that_cannot_be_run_is_not_started(tmp_path: Path) -> None:
-    (tmp_path / 'main.prg').write_text('Function main\n  Jump3CP P1\nFend\n')
+    (tmp_path / 'main.prg').write_text('Function main\n  Jumps P1\nFend\n')
     done = run_with_input('', tmp_path)
     assert done.returncode == 1
-    assert done.stdout == 'main.prg:2:3: error: not simulated: Jump3CP [not-simulated]\n'
+    said = 'main.prg:2:3: error: unknown statement or function Jumps: did you mean Jump? [unknown]'
+    assert done.stdout == f'{said}\n'
 
 
 def test_a_program_that_is_not_over_in_time_shows_its_tasks(tmp_path: Path) -> None:
@@ -258,3 +275,63 @@ def test_people_at_the_controller_reach_a_run_over_the_remote_port(tmp_path: Pat
     do(int(ports['remote']), 'io', 'in', '3', 'on')
     assert process.communicate(timeout=120)[0] == 'seen\n'
     assert process.returncode == 0
+
+
+HOMES = """Function main
+  Motor On
+  On 40
+  Tool 1
+  Home
+  Print Oport(40), CZ(Here)
+Fend
+"""
+
+
+def test_run_takes_what_the_robot_manager_keeps_and_has_all_boards(tmp_path: Path) -> None:
+    (tmp_path / 'main.prg').write_text(HOMES)
+    (tmp_path / 'robot.pts').write_text('sVersion="2.0.0"\nnNumberOfPoints=0\n')
+    setup = 'HomeSet 0, 0, 0, 0; TLSet 1, XY(0, 0, 50, 0)'
+    done = run_with_input('', '--fast', '--robot', 't3_401s', '--setup', setup, tmp_path)
+    assert (done.returncode, done.stdout.split()) == (0, ['1', '50']), done
+    done = run_with_input('', '--fast', '--robot', 't3_401s', tmp_path)
+    assert 'Tool 1 is not defined: TLSet 1, or run --setup' in done.stdout + done.stderr
+    done = run_with_input('', '--fast', '--setup', 'a\nb', tmp_path)
+    assert done.returncode == 2
+    assert 'must be one line of statements' in done.stderr
+
+
+def test_a_program_is_the_client_of_who_listens_on_this_machine(tmp_path: Path) -> None:
+    """OpenNet … As Client, with the port of the system configuration."""
+    (tmp_path / 'main.prg').write_text(
+        'Function main\n  String s$\n  OpenNet #202 As Client\n  WaitNet #202\n'
+        '  Print #202, "hello"\n  Input #202, s$\n  Print s$\n  CloseNet #202\nFend\n'
+    )
+    with socket.create_server(('127.0.0.1', 0)) as server:
+        server.settimeout(30)
+        net = f'202=192.168.0.9:{server.getsockname()[1]}:LF'
+        command = [*COMMAND, 'run', '--net', net, str(tmp_path)]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stdin=subprocess.DEVNULL) as done:
+            client, _ = server.accept()
+            with client:
+                client.settimeout(30)
+                assert client.recv(100) == b'hello\n'
+                client.sendall(b'and you\n')
+                assert client.recv(100) == b''
+            assert done.communicate(timeout=30)[0] == b'and you\n'
+    assert done.returncode == 0
+
+
+def test_which_lines_the_tests_ran(tmp_path: Path) -> None:
+    (tmp_path / 'main.prg').write_text(
+        'Function pick(found As Boolean)\n  If found Then\n    On 1\n  Else\n    Off 1\n'
+        '  EndIf\nFend\nFunction TestPick\n  SetSw 3, On\n  pick(Sw(3))\nFend\n'
+        'Function TestMore\n  pick(True)\nFend\n'
+    )
+    done = run('test', '--coverage', 'coverage.xml', '.', cwd=tmp_path)
+    assert done.stdout.splitlines()[-2:] == ['main.prg: 8 of 9 lines ran', '2 passed, 0 failed']
+    report = Xml.parse(tmp_path / 'coverage.xml').getroot()
+    (found,) = report.iter('class')
+    assert found.get('filename') == 'main.prg'
+    missed = [line.get('number') for line in report.iter('line') if line.get('hits') == '0']
+    assert missed == ['5']
+    assert report.get('lines-valid') == '9'

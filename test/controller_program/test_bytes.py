@@ -29,10 +29,10 @@ Function Start
   BytesInit
 Fend
 Function PackAll
-  Integer i, place
-  place = 150
+  Integer i, place(0)
+  place(0) = 150
   For i = 0 To {BATCH - 1}
-    g_ok(i) = PackFloat(g_in(i), ByRef g_bytes(), 4 * i, ByRef place)
+    g_ok(i) = PackFloat(g_in(i), ByRef g_bytes(), 4 * i, ByRef place(), 0)
   Next i
 Fend
 Function UnpackAll

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """E-stop, door, errors, lost clients, starts: nothing moves until it is enabled again."""
 
+from collections.abc import Callable
+
 import pytest
 from support.robot_program import (
     FILES,
@@ -10,13 +12,24 @@ from support.robot_program import (
     STATE_PORT,
     Client,
     RobotHarness,
+    SimpleRobot,
     TaskType,
     moved,
     point,
     request,
 )
 
-from epson_driver.simple_message import JointTrajPt, Ping, ReplyCode, SpecialSequence, reply
+from epson_driver.simple_message import (
+    IoSetting,
+    IoType,
+    IoWrite,
+    JointTrajPt,
+    Ping,
+    ReplyCode,
+    SpecialSequence,
+    reply,
+)
+from epson_driver.spel import SpelError
 
 OK, FAILURE = 1, 2
 STOP = JointTrajPt(SpecialSequence.STOP_TRAJECTORY)
@@ -369,3 +382,42 @@ def test_two_runs_give_the_same_bytes() -> None:
         return bytes(state.socket.sent), bytes(client.socket.sent)
 
     assert run() == run()
+
+
+def refusing(number: int = 2002) -> Callable[..., None]:
+    """Return a function of the robot that fails."""
+
+    def refuse(*_: object) -> None:
+        raise SpelError(number, 'refused')
+
+    return refuse
+
+
+def test_an_error_between_two_clients_ends_no_server() -> None:
+    """What drops points and switches outputs off may fail; the servers serve the next client."""
+    harness = RobotHarness()
+    motion, io = harness.client(MOTION_PORT), harness.client(IO_PORT)
+    harness.stream(motion, [point(0, harness.robot.position)])
+    io.send(request(IoWrite(1, (IoSetting(IoType.DIGITAL_OUTPUT, 3, 1),))))
+    harness.run(0.1)
+    writes, harness.robot.write_bits = harness.robot.write_bits, refusing()
+    motion.leave()
+    io.leave()
+    harness.run(1.0)
+    harness.robot.write_bits = writes
+    harness.run(0.5)
+    assert harness.robot.failures == []
+    assert harness.client(MOTION_PORT).open
+    assert {66, 67, 68} <= harness.machine.world.tasks.keys()
+
+
+def test_tables_that_cannot_be_filled_leave_main_waiting() -> None:
+    values, SimpleRobot.value = SimpleRobot.value, refusing()  # type: ignore[assignment]
+    try:
+        harness = RobotHarness(ready=False)
+    finally:
+        SimpleRobot.value = values
+    harness.robot.motors = True
+    harness.start_main()
+    harness.run(6.0)
+    assert [failure.number for failure in harness.robot.failures] == [8002]

@@ -233,6 +233,37 @@ def test_outputs_stay_if_config_says_so() -> None:
     assert bits(harness, Memory.OUTPUT) == {3}
 
 
+def test_outputs_that_rc_plus_uses_as_remote_outputs_are_read_only() -> None:
+    """As it is shipped: bits 0 to 7, with their byte and their word."""
+    harness = RobotHarness(IO_FIRST_OUTPUT_BYTE='1')
+    client = harness.client(IO_PORT)
+    wanted = (
+        IoSetting(DO, 7, 1),
+        IoSetting(DO, 8, 1),
+        IoSetting(GO, 0, 1),
+        IoSetting(GO, 1000, 1),
+    )
+    answer = ask(harness, client, IoWrite(1, wanted))
+    assert [each.result for each in answer.items] == [1002, 1, 1002, 1002]
+    harness.robot.bits[Memory.OUTPUT][2] = 1
+    ask(harness, client, IoReset(2, (IoAddress(DO, -1),)))
+    assert bits(harness, Memory.OUTPUT) == {2}
+
+
+@pytest.mark.parametrize('state', ['estopon', 'safetyon'])
+def test_outputs_are_written_in_an_estop_and_with_the_door_open(state: str) -> None:
+    """The manual demands Forced for it (p560, p567), and the interpreter does."""
+    harness = RobotHarness()
+    client = harness.client(IO_PORT)
+    harness.robot.states[state] = -1
+    wanted = (IoSetting(DO, 3, 1), IoSetting(GO, 1, 5), IoSetting(GO, 1000, 0x0108))
+    answer = ask(harness, client, IoWrite(1, wanted))
+    assert [each.result for each in answer.items] == [1, 1, 1]
+    client.leave()
+    harness.run(0.5)
+    assert bits(harness, Memory.OUTPUT) == set()
+
+
 def test_what_is_no_request_of_io(harness: RobotHarness, client: Client) -> None:
     count = (5).to_bytes(4, 'little')
     huge = (2**31 - 1).to_bytes(4, 'little')
@@ -241,7 +272,7 @@ def test_what_is_no_request_of_io(harness: RobotHarness, client: Client) -> None
         client.send(request(Opaque(MessageType.IO_READ, body)))
     client.send(request(Opaque(MessageType.IO_INFO, count * 2)))
     harness.run(0.3)
-    expected = [reply(GetVersion((0, 1, 0)), ReplyCode.SUCCESS)]
+    expected = [reply(GetVersion((0, 2, 0)), ReplyCode.SUCCESS)]
     expected += [reply(Opaque(MessageType.IO_READ), ReplyCode.FAILURE)] * 5
     expected += [reply(Opaque(MessageType.IO_INFO), ReplyCode.FAILURE)]
     got = client.raw()

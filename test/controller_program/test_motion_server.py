@@ -1,17 +1,22 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""motion.prg and main.prg: points in, checks, truthful replies, Go … CP, STOP."""
+"""The motion server of the controller program, with hostile clients too."""
 
 import math
 import struct
 from itertools import pairwise
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from support.examples import examples
 from support.robot_program import (
     FASTEST,
     HIGHEST,
+    IO_PORT,
     LOWEST,
     MOTION_PORT,
+    STATE_PORT,
     Client,
     RobotHarness,
     moved,
@@ -388,14 +393,16 @@ def test_start_streaming_is_as_sequence_0(harness: RobotHarness, client: Client)
 def test_ping_version_and_what_is_unknown(harness: RobotHarness, client: Client) -> None:
     client.send_bytes(struct.pack('<4i', 12, 0, 2, 0))
     unknown = request(Opaque(1599, bytes(8)))
+    used_again = request(Opaque(MessageType.PING, bytes(44)))
     client.send(request(Ping()), request(Ping((3,) * 10)), request(GetVersion()), unknown)
-    client.send(topic(Opaque(1599)), reply(Ping(), ReplyCode.SUCCESS), topic(Ping()))
+    client.send(topic(Opaque(1599)), reply(Ping(), ReplyCode.SUCCESS), topic(Ping()), used_again)
     harness.run(0.1)
     expected = [
         reply(Ping(), ReplyCode.SUCCESS),
         reply(Ping((0,) * 10), ReplyCode.SUCCESS),
-        reply(GetVersion((0, 1, 0)), ReplyCode.SUCCESS),
+        reply(GetVersion((0, 2, 0)), ReplyCode.SUCCESS),
         reply(Opaque(1599), ReplyCode.FAILURE),
+        reply(Ping(), ReplyCode.SUCCESS),
     ]
     assert client.raw() == b''.join(encode(each, LITTLE_ENDIAN) for each in expected)
 
@@ -423,3 +430,176 @@ def test_the_port_belongs_to_one_client(harness: RobotHarness, client: Client) -
     settings = harness.robot.sockets[MOTION_PORT].settings
     assert (settings.host, settings.tcp_port) == ('192.168.0.2', 11000)
     assert client.open
+
+
+# ---- a client that hangs
+
+
+HEARTBEAT = topic(Ping())
+TIMEOUT, SILENT = 0.5, 8004
+
+
+def packets(client: Client) -> list[tuple[int, int]]:
+    """Return message type and reply code of the answers since the last look."""
+    return [(each.msg_type, int(each.reply_code)) for each in client.packets()]
+
+
+def slow(harness: RobotHarness, count: int = 4) -> list:
+    """Return requests for points that take the arm some seconds."""
+    return [request(each) for each in line(harness, count, step=10.0, duration=2.0)]
+
+
+def test_a_client_that_hangs_has_its_points_dropped(harness: RobotHarness, client: Client) -> None:
+    client.send(HEARTBEAT, *slow(harness, 12))
+    harness.run(TIMEOUT - 0.05)
+    assert packets(client) == [(MessageType.JOINT_POSITION, OK)] * 8
+    assert harness.robot.move_now is not None
+    harness.run(0.2)
+    assert packets(client) == [
+        (MessageType.PING, FAILURE),
+        *[(MessageType.JOINT_POSITION, FAILURE)] * 4,
+    ]
+    harness.run(0.3)
+    assert harness.robot.move_now is None
+    assert harness.shared('g_point_error') == SILENT
+    at = harness.robot.position
+    harness.run(5.0)
+    assert (harness.robot.position, client.raw()) == (at, b'')  # it was told once
+
+
+def test_a_client_without_heartbeats_may_be_silent(harness: RobotHarness, client: Client) -> None:
+    client.send(request(Ping()), *slow(harness))
+    harness.rest()
+    assert packets(client) == [(MessageType.PING, OK), *[(MessageType.JOINT_POSITION, OK)] * 4]
+    assert len(harness.robot.gone_to) == 4
+
+
+@pytest.mark.parametrize('sign', [HEARTBEAT, request(Ping()), topic(Opaque(999))])
+def test_any_message_is_a_sign_of_life(harness: RobotHarness, client: Client, sign) -> None:
+    client.send(HEARTBEAT, *slow(harness))
+    for _ in range(20):
+        harness.run(TIMEOUT - 0.05)
+        client.send(sign)
+    assert len(harness.robot.gone_to) == 4
+    assert harness.shared('g_point_error') == 0
+
+
+def test_a_client_that_hung_must_send_stop_first(harness: RobotHarness, client: Client) -> None:
+    client.send(HEARTBEAT, *slow(harness))
+    harness.run(1.5)
+    client.packets()
+    at = harness.robot.position
+    client.send(
+        HEARTBEAT,
+        request(point(4, moved(at, j1=5.0), 0.5)),
+        request(point(0, moved(at, j1=5.0), 0.5)),
+        request(JointTrajPt(SpecialSequence.START_TRAJECTORY_DOWNLOAD)),
+    )
+    harness.run(1.0)
+    assert [code for _, code in packets(client)] == [FAILURE] * 3
+    assert harness.robot.position == at
+    assert harness.shared('g_point_error') == SILENT
+    client.send(request(STOP))
+    harness.run(0.2)
+    assert client.replies() == [(-4, OK)]
+    assert harness.stream(client, [point(0, moved(at, j1=1.0), 0.1)]) == [(0, OK)]
+    harness.rest()
+    assert close_to(harness.robot.position, moved(at, j1=1.0))
+
+
+def test_the_next_client_may_be_silent(harness: RobotHarness, client: Client) -> None:
+    client.send(HEARTBEAT, *slow(harness))
+    harness.run(1.5)
+    client.leave()
+    harness.run(0.5)
+    harness.enable()
+    following = harness.client()
+    following.send(*slow(harness))
+    harness.rest()
+    assert following.replies() == [(number, OK) for number in range(4)]
+
+
+def test_a_client_may_be_silent_while_no_main_takes_its_points(
+    harness: RobotHarness, client: Client
+) -> None:
+    client.send(HEARTBEAT, *slow(harness, 12))
+    harness.run(0.3)
+    harness.press_estop()
+    harness.run(5.0)
+    assert harness.shared('g_point_error') == 0
+    harness.robot.states['estopon'] = 0
+    harness.enable()
+    client.packets()
+    assert harness.stream(client, [point(0, harness.robot.position, 0.1)]) == [(0, OK)]
+
+
+def test_an_arm_that_stands_needs_no_heartbeats(harness: RobotHarness, client: Client) -> None:
+    client.send(HEARTBEAT)
+    harness.stream(client, line(harness, 1))
+    harness.rest()
+    harness.run(5.0)
+    assert client.raw() == b''
+    assert harness.shared('g_point_error') == 0
+
+
+POINT_BYTES = 52
+"""Of the body of a JOINT_TRAJ_PT. Here joint 1 is at 9 rad: others could be good points."""
+
+EDGES = [-(2**31), 2**31 - 1, -5, -4, -3, -2, -1, 0, 1, 2, 3, 10, 11, 12, 13, 64, 1000, 65200]
+
+WORDS = st.one_of(st.sampled_from(EDGES), st.integers(-(2**31), 2**31 - 1))
+
+KINDS = st.one_of(st.sampled_from([1, 2, 10, 11, 11, 11, *range(65200, 65207)]), WORDS)
+
+BODIES = st.one_of(
+    st.lists(WORDS, max_size=30)
+    .filter(lambda words: len(words) != POINT_BYTES // 4)
+    .map(lambda words: struct.pack(f'<{len(words)}i', *words)),
+    st.binary(max_size=80).filter(lambda body: len(body) != POINT_BYTES),
+    st.builds(
+        lambda sequence, floats: struct.pack('<i12f', sequence, 9.0, *floats[1:]),
+        st.sampled_from(EDGES),
+        st.lists(
+            st.sampled_from([float('nan'), float('inf'), 1e38, -1e38, 1e-45, 9.0, -0.5, 1e9]),
+            min_size=12,
+            max_size=12,
+        ),
+    ),
+)
+
+
+def _frame(kind: int, comm: int, code: int, body: bytes) -> bytes:
+    return struct.pack('<iiii', 12 + len(body), kind, comm, code) + body
+
+
+FRAMES = st.builds(
+    _frame, KINDS, st.sampled_from([1, 2, 2, 2, 3, 0, 9]), st.sampled_from([0, 0, 0, 1, 7]), BODIES
+)
+
+CHUNKS = st.lists(st.one_of(FRAMES, FRAMES, FRAMES, st.binary(max_size=40)), max_size=12)
+
+
+@settings(max_examples=examples(25), deadline=None, suppress_health_check=list(HealthCheck))
+@given(port=st.sampled_from([STATE_PORT, MOTION_PORT, IO_PORT]), chunks=CHUNKS, cut=st.booleans())
+def test_hostile_frames_end_nothing_and_move_nothing(
+    port: int, chunks: list[bytes], cut: bool
+) -> None:
+    harness = RobotHarness(LOST_CLIENT_MOTORS_OFF='')
+    client = harness.client(port)
+    for chunk in chunks:
+        if client.open:
+            client.send_bytes(chunk)
+            if cut:
+                harness.run(0.02)
+    harness.run(0.5)
+    client.leave()
+    harness.run(1.0)
+    assert harness.robot.gone_to == []
+    assert harness.robot.failures == []
+    assert all(harness.task(number) for number in (1, 65, 66, 67, 68))
+    good = harness.client()
+    start = harness.robot.position
+    points = [point(n, moved(start, j1=n + 1.0)) for n in range(3)]
+    assert harness.stream(good, points) == [(0, 1), (1, 1), (2, 1)]
+    harness.rest()
+    assert abs(harness.robot.position[0] - 3.0) < 1e-4

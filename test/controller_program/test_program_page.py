@@ -1,15 +1,30 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""docs/controller_program.md: its programs are SPEL+, and it has every name of config.inc."""
+"""The pages about the controller program, and what its tests cover."""
 
+import inspect
 import logging
 import re
-import textwrap
+from collections.abc import Callable, Iterator
+from itertools import product
 from pathlib import Path
 
 import pytest
+import test_conditions
+import test_io_server
+import test_motion_server
+import test_state_server
 from support.controller_harness import MODEL
-from support.robot_program import FILES
+from support.examples import one_in
+from support.robot_program import (
+    FILES,
+    IO_PORT,
+    MOTION_PORT,
+    STATE_PORT,
+    RobotHarness,
+    changed,
+    executed_lines,
+)
 from support.spel_program_harness import SPEL_PROFILE, SpelProgramHarness
 
 from epson_driver.sim_controller.spel_host.profile_project import profile_project
@@ -17,16 +32,40 @@ from epson_driver.spel.lint import check
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / 'docs' / 'controller_program.md').read_text(encoding='utf-8')
-PROGRAMS = [textwrap.dedent(each) for each in re.findall(r'(?s)```spel\n(.*?)```', PAGE)]
-ONE_LINE_OF_LOOP = 'endless-loop'
-"""What question 9 asks for."""
+PROGRAMS = sorted((ROOT / 'docs' / 'examples' / 'spel').glob('*.prg'))
+LOOP_WITHOUT_WAIT = 'endless-loop'
+"""What one of the questions asks about."""
+
+NOT_RUN = {
+    'test_bursts.py': 'the driver alone',
+    'test_command_line_view.py': 'the driver alone',
+    'test_diagnostic_levels.py': 'the driver alone',
+    'test_failures.py': 'a second state client: a port object has one',
+    'test_motion_primitives.py': 'the driver alone',
+    'test_independent_peer.py': "its peer takes a reply for the arm's arrival",
+    'test_interrupt.py': 'a second state client: a port object has one',
+    'test_node.py': 'the driver alone',
+    'test_packaging.py': 'the driver alone',
+    'test_scara.py': 'not tried',
+    'test_servo_streams.py': 'the driver alone',
+    'test_set_tool.py': 'the driver alone',
+    'test_several_robots.py': 'the driver alone',
+    'test_state_in_bursts.py': 'a fault profile of its own',
+    'test_trace_of_node.py': 'the driver alone',
+    'test_trap_folder.py': 'the driver alone',
+}
+"""System tests that are not run with the program, and why."""
 
 
-@pytest.mark.parametrize('program', PROGRAMS, ids=range(1, len(PROGRAMS) + 1))
-def test_the_programs_of_the_questions_can_be_built(program: str) -> None:
-    files = {'main.prg': program, 'UserErrors.dat': FILES['UserErrors.dat']}
+@pytest.mark.parametrize('program', PROGRAMS, ids=lambda each: each.stem)
+def test_the_programs_of_the_questions_can_be_built(program: Path) -> None:
+    assert f'(examples/spel/{program.name})' in PAGE
+    files = {
+        'main.prg': program.read_text(encoding='utf-8'),
+        'UserErrors.dat': FILES['UserErrors.dat'],
+    }
     found = {problem.rule for problem in check(files, 6)}
-    assert found <= {ONE_LINE_OF_LOOP}
+    assert found <= {LOOP_WITHOUT_WAIT}
 
 
 def test_the_page_has_every_name_of_config() -> None:
@@ -38,14 +77,14 @@ def test_the_page_has_every_name_of_config() -> None:
         assert name in written or covered or re.fullmatch(r'J\d_SPEED', name), name
 
 
-def test_the_page_names_every_system_test_that_is_not_run_with_the_program() -> None:
+def test_system_tests_that_are_not_run_with_the_program_have_a_reason() -> None:
     for path in sorted((ROOT / 'test' / 'system').glob('test_*.py')):
         run_with_it = re.search(r'\bPROGRAMS\b|\bspel\b', path.read_text(encoding='utf-8'))
-        assert bool(run_with_it) != (f'`{path.name}`' in PAGE), path.name
+        assert bool(run_with_it) != (path.name in NOT_RUN), path.name
 
 
 def test_the_page_has_every_error_number_of_the_program() -> None:
-    numbers = re.findall(r'nError\d=(\d+)', FILES['UserErrors.dat'])
+    numbers = re.findall(r'nError=(\d+)', FILES['UserErrors.dat'])
     numbers += re.findall(
         r'(?m)^#define \w+ (\d{4})$', FILES['messages.inc'].split('STATUS besides')[1]
     )
@@ -56,11 +95,88 @@ def test_the_page_has_every_error_number_of_the_program() -> None:
 def test_the_page_s_measurement_finds_how_long_accelerations_take(caplog) -> None:
     """What a person is told to measure is what the simulated arm has, and the profile puts in."""
     caplog.set_level(logging.INFO)
-    (program,) = [each for each in PROGRAMS if 'RAMP_MS' in each]
-    harness = SpelProgramHarness(program, caplog)
+    (program,) = [each for each in PROGRAMS if each.stem == 'measure_accelerations']
+    harness = SpelProgramHarness(program.read_text(encoding='utf-8'), caplog)
     harness.until(lambda: harness.printed)
     _, quick, _, ramp = harness.printed[0].split()
     config = profile_project(SPEL_PROFILE.spel, MODEL)['config.inc']
     wanted = dict(re.findall(r'(?m)^#define (T100_MS|RAMP_MS) (\d+)', config))
     assert float(quick) == pytest.approx(float(wanted['T100_MS']), abs=2.0)
     assert float(ramp) == pytest.approx(float(wanted['RAMP_MS']), abs=2.0)
+
+
+PORTS = {
+    test_state_server: STATE_PORT,
+    test_motion_server: MOTION_PORT,
+    test_io_server: IO_PORT,
+    test_conditions: MOTION_PORT,
+}
+
+ENDLESS = {'io.prg', 'main.prg', 'motion.prg', 'state.prg'}
+
+BEHIND_A_LOOP = 'Fend'
+"""Tasks never end: the Fend of their functions is not reached."""
+
+LINES_OF_BYTES = 'bytes.prg'
+"""test_bytes.py sees to it."""
+
+
+def _parameters(test: Callable[..., None]) -> Iterator[dict[str, object]]:
+    """Yield what pytest gives to a test, besides the fixtures."""
+    marks = [mark.args for mark in getattr(test, 'pytestmark', []) if mark.name == 'parametrize']
+    for values in product(*(values for _, values in marks)):
+        yield dict(zip((name for name, _ in marks), values, strict=True))
+
+
+def _run(test: Callable[..., None], port: int, given: dict[str, object]) -> None:
+    names = inspect.signature(test).parameters
+    if 'harness' in names:
+        given['harness'] = harness = RobotHarness()
+    if 'client' in names:
+        given['client'] = client = harness.client(port)
+        client.raw()
+    test(**given)
+
+
+@pytest.mark.slow
+def test_every_statement_is_executed() -> None:
+    """The tests of the servers and of main, run once more, leave no line of the program out."""
+    with executed_lines() as lines:
+        for module, port in PORTS.items():
+            for name, test in vars(module).items():
+                if name.startswith('test_'):
+                    for given in _parameters(test):
+                        _run(test, port, given)
+    missing = {
+        (file, number, FILES[file].split('\n')[number - 1].strip())
+        for file, found in lines.items()
+        for number, executed in found.items()
+        if not executed and file != LINES_OF_BYTES
+    }
+    behind = {each for each in missing if each[2] == BEHIND_A_LOOP and each[0] in ENDLESS}
+    assert sorted(missing - behind) == []
+    assert {name for name in FILES if name.endswith('.prg')} == lines.keys()
+
+
+@pytest.mark.parametrize('version', [6, 7, 8])
+@pytest.mark.parametrize(
+    'switches',
+    one_in(
+        4,
+        [
+            {},
+            {'NO_BACKGROUND': '1'},
+            {'START_MAIN': '1'},
+            {
+                'FULL_POWER': '',
+                'AUTO_ONLY': '',
+                'DOOR_ENDS_MOTION': '',
+                'LOST_CLIENT_MOTORS_OFF': '',
+                'IO_OFF_WHEN_LOST': '',
+            },
+        ],
+    ),
+    ids=str,
+)
+def test_the_linter_finds_nothing_with_any_switch(version: int, switches: dict[str, str]) -> None:
+    assert [str(problem) for problem in check(changed(**switches), version)] == []

@@ -13,14 +13,14 @@ import pytest
 from support.sim_process import started
 
 from epson_driver.cli import doctor as command
-from epson_driver.cli import processes
-from epson_driver.cli.interrupt import INTERRUPTED
-from epson_driver.cli.moveit_joints import joints_of
 from epson_driver.doctor import environment
 from epson_driver.doctor.environment import check_environment
-from epson_driver.doctor.findings import Finding, Findings, Level, as_text
+from epson_driver.doctor.findings import Findings, Level, as_text
+from epson_driver.doctor.ros_graph import joints_of
+from epson_driver.processes import processes
+from epson_driver.processes.interrupt import INTERRUPTED
 from epson_driver.robots import load_robot_model
-from epson_driver.share import share_file
+from epson_driver.robots.urdf import urdf
 
 
 def doctor(*words, **environment):
@@ -80,6 +80,23 @@ def test_another_package_of_the_same_name_is_found_out(tmp_path):
     found = checked(PYTHONPATH=str(tmp_path))
     finding = found[Level.WRONG, 'industrial_msgs/msg/RobotStatus']
     assert 'lacks e_stopped' in finding.found
+    assert str(package) in finding.found
+    assert 'PYTHONPATH' in finding.remedy
+
+
+def test_a_package_of_the_same_name_that_is_no_message_package_is_shown(tmp_path):
+    package = tmp_path / 'industrial_msgs'
+    package.mkdir()
+    (package / '__init__.py').touch()
+    (package / 'msg.py').write_text('class RobotStatus: pass\n')
+    found = checked(PYTHONPATH=str(tmp_path))
+    finding = found[Level.WRONG, 'industrial_msgs/msg/RobotStatus']
+    assert str(package) in finding.found
+    assert 'PYTHONPATH' in finding.remedy
+
+
+def test_another_distribution_of_ros_is_wrong():
+    assert 'jazzy' in checked(ROS_DISTRO='humble')[Level.WRONG, 'ROS'].found
 
 
 def test_what_this_machine_lacks_is_named_with_what_helps(tmp_path):
@@ -109,13 +126,12 @@ def called(monkeypatch, capsys):
     """Return a function that runs the command without a look at this machine."""
     monkeypatch.setattr(command, 'check_environment', lambda findings: None)
 
-    def call(*words, moveit='null', error=None):
-        def asked(*_args, **_options):
-            if error is not None:
-                raise error
-            return subprocess.CompletedProcess([], 0, f'{moveit}\n', '')
-
-        monkeypatch.setattr(command.subprocess, 'run', asked)
+    def call(*words, graph=None, moveit=None, drivers=()):
+        """`graph`: what the process prints that looks around; `moveit`, `drivers`: in it."""
+        told = json.dumps({'moveit': moveit, 'drivers': drivers})
+        said = graph or f'a line of the middleware\n{told}'
+        printed = [sys.executable, '-c', f'print({said!r})']
+        monkeypatch.setattr(command, 'module_command', lambda *_: printed)
         monkeypatch.setattr(sys, 'argv', ['epson_driver doctor', *words])
         code = command.main()
         return code, capsys.readouterr().out
@@ -136,18 +152,37 @@ NAMES = list(load_robot_model('c3_a601s').joint_names)
     ],
 )
 def test_the_joints_of_moveit_are_held_against_those_of_the_model(called, joints, code, said):
-    found, output = called(moveit=f'a line of the middleware\n{json.dumps(joints)}')
+    found, output = called(moveit=joints)
     assert found == code
     assert said in output
 
 
-@pytest.mark.parametrize(
-    'error',
-    [subprocess.TimeoutExpired('moveit_joints', 60.0), subprocess.CalledProcessError(1, 'x')],
-)
-def test_a_moveit_that_cannot_be_looked_for_is_skipped(called, error):
-    code, output = called(error=error)
+def test_what_cannot_be_looked_for_is_skipped(called):
+    code, output = called(graph='Traceback')
     assert (code, 'ROS does not start' in output) == (0, True)
+
+
+CLOSED = {
+    'name': '/left/epson_driver',
+    'host': '127.0.0.1',
+    'text': 'the arm is not enabled (not enabled since the driver started)',
+    'cause': 'NOT_ENABLED',
+    'remedy': 'ENABLE',
+}
+
+
+def test_a_closed_arm_gate_keeps_the_arm_from_moving(called):
+    code, output = called(drivers=[CLOSED])
+    assert code == 1
+    assert f'held    driver /left/epson_driver (127.0.0.1): {CLOSED["text"]}' in output
+    assert '→ ~/enable' in output
+    assert output.splitlines()[-1] == f'the arm cannot move: {CLOSED["text"]}'
+    assert 'nothing is wrong' not in output
+
+
+def test_an_open_arm_gate_is_in_order(called):
+    code, output = called(drivers=[CLOSED | {'cause': 'NONE', 'text': 'enabled'}])
+    assert (code, output.splitlines()[-1]) == (0, 'nothing is wrong')
 
 
 def test_a_text_that_cannot_be_saved_is_said_in_one_sentence(called, capsys, tmp_path):
@@ -209,7 +244,8 @@ def test_nobody_there_is_one_wrong_line_and_exit_code_1(tmp_path):
     learned = tmp_path / 'x.yaml'
     run = doctor('127.0.0.1', '--state-port', '1', '--learn', str(learned))
     assert run.returncode == 1
-    assert 'state port: 127.0.0.1:1: Connection refused' in run.stdout
+    said = 'state port: 127.0.0.1:1: the machine is there, but nothing listens at this port'
+    assert f'{said} (Connection refused)' in run.stdout
     assert '→ start the program on the controller' in run.stdout
     assert 'no profile is written' in run.stdout
     assert not learned.exists()
@@ -221,7 +257,7 @@ def test_nobody_there_is_one_wrong_line_and_exit_code_1(tmp_path):
         (('--ask',), 'give its address'),
         (('not a host',), 'must be an IP address'),
         (('127.0.0.1', '--controller', 'mars'), 'no mars'),
-        (('127.0.0.1', '--robot', 'mars'), 'no mars'),
+        (('127.0.0.1', '--robot', 'mars'), 'no robot model mars'),
         (('127.0.0.1', '--learn', 'x.txt'), 'must end in .yaml'),
         (('127.0.0.1', '--seconds', '0'), 'must be a number from 1 to 600'),
     ],
@@ -244,18 +280,16 @@ def test_a_profile_that_is_there_is_not_overwritten(tmp_path, monkeypatch, capsy
 
 
 def test_the_text_has_every_line_and_what_to_do():
-    findings = [
-        Finding(Level.OK, 'a', 'fine'),
-        Finding(Level.WRONG, 'b', 'broken', 'mend it'),
-    ]
+    findings = Findings(lambda finding: None)
+    findings.ok('a', 'fine')
+    findings.wrong('b', 'broken', 'mend it')
     assert as_text(findings, ['head']) == (
         'head\n\nok      a: fine\nwrong   b: broken\n        -> mend it\n\n1 wrong\n'
     )
 
 
 def test_joints_of_a_description():
-    text = share_file('urdf', 'c3_a601s.urdf').read_text(encoding='utf-8')
-    assert joints_of(text) == list(load_robot_model('c3_a601s').joint_names)
+    assert joints_of(urdf('c3_a601s')) == list(load_robot_model('c3_a601s').joint_names)
     assert joints_of('<robot') == []
 
 
@@ -263,7 +297,7 @@ MOVE_GROUP = """
 import rclpy, sys
 rclpy.init()
 node = rclpy.create_node('move_group')
-node.declare_parameter('robot_description', open(sys.argv[1]).read())
+node.declare_parameter('robot_description', sys.argv[1])
 print('ready', flush=True)
 rclpy.spin(node)
 """
@@ -273,9 +307,8 @@ rclpy.spin(node)
 def test_the_joints_of_a_running_moveit_are_compared():
     domain = processes.free_ros_domain()
     environment = processes.ros_environment(domain)
-    urdf = share_file('urdf', 'c3_a601s.urdf')
     node = subprocess.Popen(
-        [sys.executable, '-c', MOVE_GROUP, str(urdf)],
+        [sys.executable, '-c', MOVE_GROUP, urdf('c3_a601s')],
         env=environment,
         stdout=subprocess.PIPE,
         text=True,
@@ -284,7 +317,7 @@ def test_the_joints_of_a_running_moveit_are_compared():
         assert node.stdout is not None
         assert node.stdout.readline() == 'ready\n'
         asked = subprocess.run(
-            [sys.executable, '-m', 'epson_driver.cli.moveit_joints', '60'],
+            [sys.executable, '-m', 'epson_driver.doctor.ros_graph', '10'],
             env=environment,
             capture_output=True,
             text=True,
@@ -294,7 +327,7 @@ def test_the_joints_of_a_running_moveit_are_compared():
     finally:
         node.kill()
         node.wait()
-    assert json.loads(asked.stdout) == list(load_robot_model('c3_a601s').joint_names)
+    assert json.loads(asked.stdout)['moveit'] == list(load_robot_model('c3_a601s').joint_names)
 
 
 def test_ros2_doctor_counts_what_is_wrong(monkeypatch):

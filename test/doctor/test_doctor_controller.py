@@ -28,7 +28,6 @@ NAMES = (
     'motoman',
     'rc620',
     'rc700a',
-    'setpoints',
     'spel',
     'thesis',
 )
@@ -223,7 +222,7 @@ def test_with_motors_on_nothing_is_asked(name):
         controller.apply(Event.MOTORS_ON)
 
     facts, findings = examined(name, prepare=motors_on, may_ask=True, may_use_io=True)
-    assert 'motors are on' in told(findings, Level.SKIPPED)['motion, I/O, remote port']
+    assert 'motors are on' in told(findings, Level.SKIPPED)['motion, I/O port']
     assert 'program.kind' not in facts
 
 
@@ -249,7 +248,7 @@ def test_a_controller_that_falls_silent_is_told():
         controller.faults.start(parse('half_open:port=state'))
 
     _, findings = examined(prepare=silent)
-    assert told(findings, Level.WRONG)['state port'].startswith('nothing came in 5')
+    assert told(findings, Level.WRONG)['state port'].startswith('accepts, but nothing came in 5')
 
 
 def test_a_client_that_is_there_already_is_told():
@@ -307,10 +306,77 @@ def test_something_else_at_the_port_is_told(noise):
     assert 'something else answers there' in said or 'nothing came' in said
 
 
-def test_an_e_stop_is_noted_with_what_helps():
+def test_an_e_stop_is_told_with_what_helps():
     def press(controller):
         controller.press_estop()
 
     _, findings = examined(prepare=press)
-    assert 'pressed' in told(findings, Level.NOTE)['E-stop']
+    assert 'pressed' in told(findings, Level.HELD)['E-stop']
     assert all(each.remedy for each in findings.all if each.level is Level.WRONG)
+
+
+def enabled(controller):
+    controller.apply(Event.MOTORS_ON)
+
+
+def at_manual(controller):
+    enabled(controller)
+    controller.apply(Event.MODE_MANUAL)
+
+
+def paused(controller):
+    enabled(controller)
+    controller.apply(Event.PAUSE)
+
+
+def door_open(controller):
+    enabled(controller)
+    controller.apply(Event.DOOR_OPEN)
+
+
+@pytest.mark.parametrize(
+    ('prepare', 'about', 'said', 'remedy'),
+    [
+        (lambda controller: None, 'motors', 'the motors are off', 'enable'),
+        (at_manual, 'key switch', 'the key switch is at MANUAL', 'AUTO'),
+        (door_open, 'motors', 'the motors are off', 'close the safeguard'),
+        (paused, 'the arm', 'motion is not possible (a safeguard is open', 'continue'),
+    ],
+)
+def test_what_keeps_the_arm_from_moving_is_said_first(prepare, about, said, remedy):
+    """With the key at MANUAL, or an open door, the doctor said that nothing is wrong."""
+    _, findings = examined(prepare=prepare)
+    first = findings.all[0]
+    assert (first.level, first.about) == (Level.HELD, about)
+    assert said in first.found
+    assert remedy in first.remedy
+    assert findings.verdict == f'the arm cannot move: {first.found}'
+    assert findings.exit_code == 1
+
+
+def test_an_arm_that_could_move_is_said_to():
+    _, findings = examined(prepare=enabled)
+    assert findings.all[0].level is Level.OK
+    assert findings.verdict == 'nothing is wrong'
+
+
+@pytest.mark.parametrize(
+    ('prepare', 'about', 'said'),
+    [
+        (door_open, 'safeguard', 'the safeguard door is open'),
+        (lambda controller: controller.press_estop(), 'E-stop', 'pressed'),
+        (lambda controller: controller.apply(Event.MODE_MANUAL), 'key switch', 'MANUAL'),
+    ],
+)
+def test_the_remote_port_tells_what_status_does_not(prepare, about, said):
+    _, findings = examined('rc700a', prepare=prepare, may_ask=True)
+    held = [each for each in findings.all if each.level is Level.HELD]
+    assert held[0].about == about
+    assert said in held[0].found
+    assert len({each.about for each in held}) == len(held)
+    assert 'Remote Ethernet answers: ' in told(findings, Level.OK)['remote port']
+
+
+def test_without_once_nothing_was_looked_at_and_that_is_said():
+    _, findings = examined('thesis')
+    assert findings.verdict == 'nothing was looked at at the controller'

@@ -177,7 +177,7 @@ def found(findings, level):
         ),
         (
             sends(JOINTS, Status(0, 0, 2313, 1, 0, 2, 0)),
-            Level.NOTE,
+            Level.HELD,
             'error',
             '2313',
         ),
@@ -242,9 +242,9 @@ def test_what_may_stand_on_the_motors_is_left_alone(messages, why):
     async def noted(_reader, _writer):
         asked.append('a client')
 
-    served = Served(state=sends(*messages), motion=noted, io=noted, remote=noted)
+    served = Served(state=sends(*messages), motion=noted, io=noted)
     _, findings = examined(served, may_ask=True, may_use_io=True)
-    assert why in found(findings, Level.SKIPPED)['motion, I/O, remote port']
+    assert why in found(findings, Level.SKIPPED)['motion, I/O port']
     assert asked == []
 
 

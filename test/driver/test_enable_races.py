@@ -189,7 +189,7 @@ def test_inv4_disable_is_obeyed_after_the_enable_that_it_overtakes():
         disabling = asyncio.create_task(harness.commands.disable())
         success, text = await asking
         assert not success
-        assert 'disabled by ~/disable while ~/enable was under way' in text
+        assert 'disabled on request while the arm was being enabled' in text
         assert far.obeyed == []  # it was told at once
         assert await disabling == 'the arm is disabled and the motors are off'
         assert far.obeyed == ['SetMotorsOn', 'SetMotorsOff']
@@ -221,9 +221,9 @@ def test_inv4_an_enable_that_comes_while_the_arm_is_being_disabled_is_refused():
         await asyncio.sleep(0)
         success, text = await enable(harness)
         assert not success
-        assert '~/disable is under way' in text
+        assert 'still being disabled' in text
         await disabling
-        assert harness.gate == 'disabled by ~/disable'
+        assert harness.gate == 'disabled on request'
 
     slow_cell(scenario, delay=0.1)
 
@@ -254,7 +254,7 @@ def test_inv4_motors_that_go_off_again_cancel_an_enable():
         controller.apply(Event.MOTORS_OFF)
         success, text = await asking
         assert not success
-        assert 'the motors are off while ~/enable was under way' in text
+        assert 'the motors are off while the arm was being enabled' in text
         await until(lambda: far.obeyed == ['SetMotorsOn'])
         await seen(harness, drives_powered=1)
         assert harness.gate is not None
@@ -282,7 +282,7 @@ def test_inv4_disable_cancels_all_enables_and_those_that_wait_give_no_command():
         for asking in (first, second):
             success, text = await asking
             assert not success
-            assert 'disabled by ~/disable' in text
+            assert 'disabled on request' in text
         assert far.obeyed == ['SetMotorsOn', 'SetMotorsOff']
 
     slow_cell(scenario, delay=0.1)

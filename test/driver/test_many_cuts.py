@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a driver must stand for long: a hundred cuts of its links, and a goal of 10,000 points."""
+"""The driver through many cut connections and many goals."""
 
 import asyncio
 import contextlib
@@ -8,18 +8,31 @@ import gc
 import random
 import resource
 import sys
+import threading
 import weakref
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support.driver_harness import Harness, cell, pose, simulated
+import rclpy
+from action_msgs.msg import GoalStatus
+from control_msgs.action import FollowJointTrajectory
+from rclpy.action import ActionClient
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from support.driver_harness import JOINTS, Harness, cell, pose, simulated
 from support.event_loop import now, run, until
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from epson_driver.driver.arm_commands import ArmCommands
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.link import LinkState
 from epson_driver.link.states import BACK_OFF
+from epson_driver.node import goal_server
+from epson_driver.node.node import ClientNode
+from epson_driver.processes.processes import free_ros_domain
 from epson_driver.sim_controller.faults.fault_text import parse
 
 CELLS = 4
@@ -270,3 +283,133 @@ def test_a_goal_of_10000_points_streams_without_growth(caplog):
             assert max(size) < GROWTH
 
     run(scenario(), PATIENCE)
+
+
+GOALS = 100
+
+KEPT = 2
+"""How long a result is kept here, s."""
+
+KINDS = ('cut', 'executed', 'executed', *['refused'] * 7)
+"""What becomes of the goals, in turn."""
+
+EXPECTED = {
+    'cut': (GoalStatus.STATUS_ABORTED, 'link was lost'),
+    'executed': (GoalStatus.STATUS_SUCCEEDED, 'at the goal'),
+    'refused': (GoalStatus.STATUS_ABORTED, 'outside the limits'),
+}
+
+
+class User:
+    """A client node with its driver, and a user's node with an action client; both are served."""
+
+    def __init__(self, ports):
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, domain_id=free_ros_domain())
+        settings = {f'{name}_port': getattr(ports, name) for name in ('motion', 'state', 'remote')}
+        overrides = [Parameter(name, value=value) for name, value in settings.items()]
+        self._nodes = [
+            Node('epson_driver', context=self._context, parameter_overrides=overrides),
+            Node('user', context=self._context),
+        ]
+        self.client = ClientNode(self._nodes[0])
+        self.action = ActionClient(
+            self._nodes[1], FollowJointTrajectory, '/epson_driver/follow_joint_trajectory'
+        )
+        self._executor = SingleThreadedExecutor(context=self._context)
+        for node in self._nodes:
+            self._executor.add_node(node)
+        self._thread = threading.Thread(target=self._executor.spin)
+
+    async def __aenter__(self):
+        self._driving = asyncio.create_task(self.client.run())
+        self._thread.start()
+        return self
+
+    async def __aexit__(self, *_):
+        self._driving.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await self._driving
+        self._executor.shutdown()
+        self._thread.join()
+        for node in self._nodes:
+            node.destroy_node()
+        self._context.try_shutdown()
+
+    async def enable(self):
+        """Wait for the controller, and enable the arm."""
+        driver = self.client.driver
+        await until(
+            lambda: (
+                driver.state_link.connected
+                and driver.motion_link.connected
+                and driver.robot.sample is not None
+                and driver.robot.status is not None
+            )
+        )
+        await ArmCommands(driver).enable()
+
+    async def send(self, positions):
+        """Send a goal of one point; return a future of its status and sentence."""
+        loop = asyncio.get_running_loop()
+        accepted, done = loop.create_future(), loop.create_future()
+        point = JointTrajectoryPoint(positions=positions)
+        point.time_from_start.nanosec = 100_000_000
+        names = [f'joint_{number + 1}' for number in range(JOINTS)]
+        goal = FollowJointTrajectory.Goal(
+            trajectory=JointTrajectory(joint_names=names, points=[point])
+        )
+
+        def tell(future):
+            answer = future.result()
+            loop.call_soon_threadsafe(done.set_result, (answer.status, answer.result.error_string))
+
+        def on_accepted(future):
+            future.result().get_result_async().add_done_callback(tell)
+            loop.call_soon_threadsafe(accepted.set_result, None)
+
+        def send():  # in the thread that takes the answer, or that could come too early
+            self.action.send_goal_async(goal).add_done_callback(on_accepted)
+
+        self._executor.create_task(send)
+        await accepted
+        return done
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures('patient_driver')
+def test_no_goal_handle_is_left_after_a_hundred_goals_with_cuts(monkeypatch):
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    monkeypatch.setattr(goal_server, 'RESULT_TIMEOUT_S', KEPT)
+
+    async def scenario():
+        ends = Counter()
+        async with simulated() as (controller, ports), User(ports) as user:
+            await until(user.action.server_is_ready)
+            await user.enable()
+            driver, server = user.client.driver, user.client.goal_server.action_server
+            for number in range(GOALS):
+                kind = KINDS[number % len(KINDS)]
+                at = driver.robot.sample.positions
+                target = at + (0.02 if at[0] < 0.1 else -0.02)
+                if kind == 'refused':
+                    target[0] = 9.0
+                done = await user.send(target.tolist())
+                if kind == 'cut':
+                    await until(lambda: driver.goal_queue.busy)
+                    controller.faults.start(parse('cut for=0.05'))
+                status, text = await done
+                expected, words = EXPECTED[kind]
+                assert (status, words in text) == (expected, True), (kind, status, text)
+                ends[kind] += 1
+                if kind == 'cut':
+                    assert driver.gate.reason is not None
+                    await until(lambda: not controller.faults.active())
+                    await user.enable()
+            assert server._goal_handles  # for who asks late
+            await until(lambda: not server._goal_handles)
+            assert not server._result_futures
+            assert not user.client.goal_server.busy
+        print(dict(ends))
+
+    run(scenario(), 110.0)

@@ -11,6 +11,7 @@ from support.driver_harness import Harness, ScriptedController, cell, pose, simu
 from support.event_loop import run, until
 
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
+from epson_driver.driver.inhibit import Remedy
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
@@ -62,7 +63,7 @@ def test_a_goal_that_comes_in_a_pause_is_refused_at_once_and_the_next_one_runs()
             assert goal.outcome.end is End.ABORTED
             assert goal.outcome.code is ErrorCode.INVALID_GOAL
             assert goal.outcome.text.startswith('the controller is paused')
-            assert goal.outcome.text.endswith('continue there')
+            assert goal.outcome.remedy is Remedy.CONTINUE
             assert harness.driver.motion_link.statistics.frames_sent == sent
             assert harness.gate is None
             controller.apply(Event.CONTINUE)

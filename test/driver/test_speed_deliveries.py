@@ -13,7 +13,7 @@ from support.driver_harness import HOME, Harness, pose, simulated
 from support.event_loop import now, run, until
 
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
-from epson_driver.driver.goal.speed_scaling import RAMP_PER_S
+from epson_driver.driver.goal.reference import RAMP_PER_S
 from epson_driver.driver.outcome import End
 from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile

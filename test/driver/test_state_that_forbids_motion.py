@@ -19,10 +19,10 @@ from support.driver_harness import (
 )
 from support.event_loop import now, run, stand_still, until
 
-from epson_driver.cli import processes
 from epson_driver.driver.arm_commands import CommandError
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.driver.state.robot_state import DISTRUST_TIME_S, MAX_POSE_AGE_S
+from epson_driver.processes import processes
 
 pytestmark = pytest.mark.invariant(6, 8)
 
@@ -170,6 +170,34 @@ def test_inv6_a_goal_is_refused_at_once_when_the_pose_is_old():
             assert scripted.received == []
             with pytest.raises(CommandError, match='the newest joint state is'):
                 await harness.commands.enable()
+
+    run(scenario())
+
+
+@pytest.mark.invariant(6)
+@pytest.mark.parametrize(
+    ('timeout', 'age', 'begins'),
+    [(1.0, 0.28, True), (1.0, 0.32, False), (0.1, 0.08, True), (0.1, 0.12, False)],
+)
+def test_inv6_no_goal_begins_on_a_pose_that_is_older_than_the_timeout(timeout, age, begins):
+    """docs/invariants.md, 6: joints end and STATUS goes on."""
+
+    async def scenario():
+        async with (
+            ScriptedController() as scripted,
+            Harness(scripted.ports, state_timeout=timeout) as harness,
+        ):
+            await harness.ready()
+            await harness.commands.enable()
+            scripted.shows_joints = False
+            await more_statuses(harness, 1)
+            last = harness.driver.robot.sample
+            await until(lambda: now() > last.measured + age)
+            harness.submit(pose(0.5))
+            await until(lambda: harness.gate is not None)
+            assert bool(scripted.received) is begins
+            # and what runs ends as soon as there were none for 1 s
+            assert now() - last.time == pytest.approx(1.0, abs=0.001)
 
     run(scenario())
 

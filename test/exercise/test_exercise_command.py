@@ -9,17 +9,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.vacant_port import vacant_port
+from support.sim_process import vacant_port
 
-from epson_driver.cli import exercise, processes
-from epson_driver.cli.interrupt import INTERRUPTED
-from epson_driver.cli.processes import Ports, RunError
+from epson_driver.cli import exercise
 from epson_driver.exercise import cell as cell_module
 from epson_driver.exercise import runner
 from epson_driver.exercise.cases import CASES
 from epson_driver.exercise.cell import SimulatedCell
 from epson_driver.exercise.judge import Observed
-from epson_driver.exercise.witness import standstill
+from epson_driver.exercise.observer import standstill
+from epson_driver.processes import processes
+from epson_driver.processes.interrupt import INTERRUPTED
+from epson_driver.processes.processes import Ports, RunError
 from epson_driver.remote_ethernet.client import RemoteError
 from epson_driver.robots import load_robot_model
 
@@ -102,19 +103,19 @@ def lonely(tmp_path, monkeypatch):
         Ports(port, port, port, port), processes.free_ros_domain(), tmp_path, MODEL, ''
     )
     yield found
-    found.witness.close()
+    found.observer.close()
 
 
 @pytest.mark.slow
 def test_a_cell_that_has_said_nothing_has_no_positions_and_cannot_be_enabled(lonely):
-    assert not lonely.witness.wait_for_state(0.1)
+    assert not lonely.observer.wait_for_state(0.1)
     with pytest.raises(RunError, match='has not said yet where the joints are'):
         _ = lonely.positions
     with pytest.raises(RunError, match='~/enable: no service /epson_driver/enable'):
         lonely.enable()
-    times, positions = lonely.witness.seen
+    times, positions = lonely.observer.seen
     assert (times.shape, positions.shape) == ((0,), (0, 6))
-    assert not lonely.witness.moved_after_stop()
+    assert not lonely.observer.moved_after_stop()
 
 
 def test_a_fault_is_begun_at_the_pendant_and_a_refusal_is_said(lonely, monkeypatch):

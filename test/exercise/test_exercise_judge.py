@@ -8,10 +8,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from epson_driver.cli.pendant_words import request
 from epson_driver.exercise.cases import CASES, said
 from epson_driver.exercise.judge import GOOD, Observed, Result, Verdict, judge, junit
-from epson_driver.exercise.witness import MOVED, standstill
+from epson_driver.exercise.observer import MOVED, standstill
+from epson_driver.pendant.commands import request
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
 
 USUAL = Observed('no fault', 0, 5.0, 'there', 1, np.array([1.0, 0.0]))

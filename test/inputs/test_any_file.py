@@ -10,6 +10,7 @@ import copy
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import Any
 
 import pytest
@@ -17,14 +18,15 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.examples import examples
+from support.longer_arm import arm_file
 
-from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.error_texts import read_error_texts
 from epson_driver.inputs import InputError
 from epson_driver.motion import problems
 from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_folder
+from epson_driver.trajectory_file import read_trajectory
 
 pytestmark = pytest.mark.invariant(7)
 
@@ -39,13 +41,13 @@ def _trajectory(path: Path) -> None:
 
 def _model(path: Path) -> None:
     model = load_robot_model(str(path))
-    assert model.confidence
+    assert model.mark
     assert model.kind
     assert (model.reach >= 0.0).all()
 
 
 READERS: dict[str, tuple[Callable[[Path], object], Path]] = {
-    'robot': (_model, share_folder('config', 'robots') / 'c3_a601s.yaml'),
+    'robot': (_model, arm_file(Path(mkdtemp()), 6)),
     'controller': (
         lambda path: load_controller_profile(str(path)),
         share_folder('config', 'controllers') / 'rc620.yaml',

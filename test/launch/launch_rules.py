@@ -16,6 +16,7 @@ ROS_EXECUTABLES = {
     'controller_manager': {'ros2_control_node', 'spawner'},
     'joint_state_publisher_gui': {'joint_state_publisher_gui'},
     'moveit_ros_move_group': {'move_group'},
+    'ros2cli': {'ros2'},
     'robot_state_publisher': {'robot_state_publisher'},
     'rviz2': {'rviz2'},
     'tf2_ros': {'static_transform_publisher'},
@@ -86,7 +87,7 @@ def process_faults(process: Any) -> Iterator[str]:
             yield f'the client must be named {OWN}, as MoveIt knows it, not {process.name}'
     elif isinstance(process, Node) and process.package == OWN:
         yield f'{process.executable} is no ROS node: it takes no --ros-args'
-    elif isinstance(process, ExecuteProcess) and process.package != OWN:
+    elif isinstance(process, ExecuteProcess) and process.package not in (OWN, 'ros2cli'):
         yield f'{process.executable} is a ROS node: use Node'
 
 

@@ -14,7 +14,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 
@@ -206,9 +206,37 @@ class ExecuteProcess(Action):
 
     def run(self, context: Context) -> None:
         executable = self._cmd[0]
+        if executable == 'ros2':  # on PATH
+            executable = ExecutableInPackage('ros2', 'ros2cli')
         self.package, self.executable = executable.package, executable.executable
         self.command = [performed(word, context) for word in self._cmd[1:]]
         context.started.append(self)
+
+
+class Exit(NamedTuple):
+    """launch's ProcessExited."""
+
+    returncode: int
+
+
+class OnProcessExit:
+    def __init__(
+        self, *, target_action: Action, on_exit: Callable[[Exit, Context], Sequence[Action]]
+    ) -> None:
+        self.target_action, self.on_exit = target_action, on_exit
+
+
+class RegisterEventHandler(Action):
+    """What it starts when its process has done well counts as started."""
+
+    def __init__(self, event_handler: OnProcessExit) -> None:
+        super().__init__()
+        self._handler = event_handler
+
+    def run(self, context: Context) -> None:
+        assert not self._handler.on_exit(Exit(1), context)
+        for action in self._handler.on_exit(Exit(0), context):
+            action.execute(context)
 
 
 class Node(Action):
@@ -224,11 +252,14 @@ class Node(Action):
         parameters: Sequence[Any] = (),
         arguments: Sequence[Any] = (),
         output: str = 'log',
+        respawn: bool = False,
+        respawn_delay: float | None = None,
         on_exit: Action | None = None,
         condition: IfCondition | None = None,
     ) -> None:
         super().__init__(condition)
         self.on_exit = on_exit
+        self.respawn, self.respawn_delay = respawn, respawn_delay
         self.package, self.executable, self.name = package, executable, name
         self._given = namespace, list(parameters), list(arguments)
         self.output = output
@@ -292,9 +323,11 @@ MODULES: dict[str, tuple[type, ...]] = {
         IncludeLaunchDescription,
         LogInfo,
         OpaqueFunction,
+        RegisterEventHandler,
         Shutdown,
     ),
     'launch.conditions': (IfCondition,),
+    'launch.event_handlers': (OnProcessExit,),
     'launch.launch_description_sources': (PythonLaunchDescriptionSource,),
     'launch.substitutions': (LaunchConfiguration,),
     'launch_ros': (),

@@ -25,7 +25,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from epson_driver.cli import processes
+from epson_driver.processes import processes
 
 PATIENCE = 30.0
 ROBOTS = ('left', 'right')

@@ -12,7 +12,7 @@ from itertools import pairwise
 import pytest
 from support.event_loop import run, until
 from support.link_harness import Harness, Peer, frame, joints
-from support.vacant_port import vacant_port
+from support.sim_process import vacant_port
 
 from epson_driver.link import LinkState, WireEvent
 from epson_driver.simple_message import (

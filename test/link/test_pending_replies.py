@@ -40,7 +40,7 @@ def fanuc(sequence, code=OK):
 
 def abb(code=OK, msg_type=11):
     """ABB: a header of the request's own type and nothing else, as it comes off the wire."""
-    return decode(Frame(msg_type, 3, code, b'', Ping and request(Ping()).dialect.byte_order))
+    return decode(Frame(msg_type, 3, code, b'', request(Ping()).dialect.byte_order))
 
 
 def motoman(sequence, code=OK):

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from support.examples import examples
 
 from epson_driver.motion import Array, JointLimits, LineMotion, go
-from epson_driver.motion.blend import blend_start
 from epson_driver.motion.joint_stop import JointStop, stop_joints
+from epson_driver.motion.overlap import blend_start
 from epson_driver.robots import load_robot_model
 
 LIMITS = load_robot_model('c3_a601s').limits

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from support.motion_harness import CURVE, LIMITS, NAMES, PLAN
+from support.smoother_harness import CURVE, LIMITS, NAMES, PLAN
 
 from epson_driver.motion import JointLimits, Trajectory
 from epson_driver.motion.motion_figures import measure

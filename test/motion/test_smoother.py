@@ -3,17 +3,25 @@
 """The smoother as its users see it: points in, motion out (docs/invariants.md, 2 and 3)."""
 
 import dataclasses
-import pickle
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.motion import Array, JointLimits
-from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, Smoother, plan
+from epson_driver.motion.smoother import (
+    MERGE_TOLERANCE,
+    PASSED_TYPES,
+    Mode,
+    Plan,
+    Request,
+    Smoother,
+    plan,
+)
+from epson_driver.processes.values import packed, unpacked
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_file
+from epson_driver.trajectory_file import read_trajectory
 
 pytestmark = pytest.mark.invariant(2, 3)
 
@@ -415,8 +423,8 @@ def test_planning_elsewhere() -> None:
     while smoother.moving:
         request = smoother.request()
         if request is not None:
-            copy: Request = pickle.loads(pickle.dumps(request))
-            answer = pickle.loads(pickle.dumps(plan(copy, LIMITS)))
+            copy: Request = unpacked(packed(request), PASSED_TYPES)
+            answer = unpacked(packed(plan(copy, LIMITS)), PASSED_TYPES)
             pending.append((step + (45 if step % 7 == 0 else 20), answer))
         while pending and pending[0][0] <= step:
             late += not smoother.take(pending.pop(0)[1])
@@ -471,7 +479,7 @@ def test_memory_does_not_grow_with_the_stream() -> None:
             answer = plan(request, LIMITS)
             assert answer is not None
             smoother.take(answer)
-            sizes.append(len(pickle.dumps((request, answer))))
+            sizes.append(len(packed((request, answer))))
         smoother.step(0.02)
     assert smoother.points_ahead < 60
     assert max(sizes[-10:]) < 2 * max(sizes[:20])
@@ -523,6 +531,18 @@ def test_a_bad_replacement_changes_nothing() -> None:
 def test_a_start_outside_the_limits_is_refused() -> None:
     with pytest.raises(ValueError, match='the start, joint_1: position 9 is outside the limits'):
         Smoother(LIMITS, np.array([9.0, 0, 0, 0, 0, 0]))
+
+
+@pytest.mark.parametrize('dt', [-1.0, -1e-9, np.nan, np.inf])
+def test_a_bad_time_is_refused_and_none_passes(dt: float) -> None:
+    smoother = Smoother(LIMITS, HOME)
+    smoother.append(HOME + 0.2)
+    smoother.step(0.1)
+    before = smoother.now, smoother.motion
+    with pytest.raises(ValueError, match='must be 0 or more'):
+        smoother.step(dt)
+    assert smoother.now == before[0]
+    assert np.array_equal(smoother.motion.position, before[1].position)
 
 
 def test_a_bad_scale_is_refused() -> None:

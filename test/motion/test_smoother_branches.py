@@ -13,7 +13,6 @@ from support.smoother_harness import ARM
 
 from benchmark.family_members import FamilyMember, members
 from benchmark.limit_sets import limit_set
-from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.motion import JointLimits
 from epson_driver.motion.smoother import Mode, Smoother, planner
 from epson_driver.motion.smoother.effort import MAX_EFFORT_US, Effort
@@ -25,6 +24,7 @@ from epson_driver.motion.smoother.request import Plan, Request
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation, from_pieces
 from epson_driver.share import share_file
+from epson_driver.trajectory_file import read_trajectory
 
 CYCLE_S = 0.004
 MAX_MOTION_S = 60.0

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from epson_driver.motion import JointLimits
 from epson_driver.motion.smoother import MERGE_TOLERANCE, filtered, optimal, ruckig_move
+from epson_driver.motion.smoother.banded import solve_pentadiagonal, solve_tridiagonal
 from epson_driver.motion.smoother.joint_motion import fastest_move, fastest_stop
 from epson_driver.motion.smoother.limit_usage import limit_usage
 from epson_driver.motion.smoother.path import Knots, Path, through
-from epson_driver.motion.smoother.pentadiagonal import solve_pentadiagonal
 from epson_driver.motion.smoother.problem import Problem
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.time_parametrisation import (
@@ -23,7 +23,6 @@ from epson_driver.motion.smoother.time_parametrisation import (
     from_accelerations,
     from_pieces,
 )
-from epson_driver.motion.smoother.tridiagonal import solve_tridiagonal
 
 LIMITS = JointLimits(
     ('a', 'b'),
@@ -331,7 +330,8 @@ def test_the_pentadiagonal_solver(size: int, seed: int) -> None:
             band[: size - offset] = np.diag(matrix, offset)
         bands.append(band)
     right = rng.normal(size=size)
-    solution = solve_pentadiagonal(*bands, right)
+    diagonal, first, second = bands
+    solution = solve_pentadiagonal(diagonal, first, second, right)
     assert solution is not None
     assert matrix @ solution == pytest.approx(right, abs=1e-6)
 

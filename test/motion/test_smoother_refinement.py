@@ -16,7 +16,14 @@ from benchmark.limit_sets import limit_set
 from benchmark.trajectories import benchmark_set
 from epson_driver.motion import Array, JointLimits, Trajectory
 from epson_driver.motion.smoothed import retimed, smoothed
-from epson_driver.motion.smoother import Mode, Smoother, optimal, planner, refinement, sparse
+from epson_driver.motion.smoother import (
+    Mode,
+    Smoother,
+    optimal,
+    planner,
+    refinement,
+    refinement_policy,
+)
 from epson_driver.motion.smoother.effort import Effort
 from epson_driver.motion.smoother.path import Knots, Path, through
 from epson_driver.motion.smoother.problem import Problem
@@ -187,8 +194,8 @@ def test_a_path_that_is_no_faster_is_not_taken(monkeypatch: pytest.MonkeyPatch) 
     timing = optimal.propose(problem, bounds)
     knots = path.knots
     worse = Path(Knots(knots.u, knots.position, 0.5 * knots.first, knots.second))
-    monkeypatch.setattr(sparse, 'refined', lambda *_: worse)
-    found = sparse.faster(request_for(zigzag()), problem, bounds, timing, Effort(1e9))
+    monkeypatch.setattr(refinement_policy, 'refined', lambda *_: worse)
+    found = refinement_policy.faster(request_for(zigzag()), problem, bounds, timing, Effort(1e9))
     assert found == (path, timing)
 
 
@@ -202,8 +209,8 @@ def test_a_path_that_leaves_the_range_is_not_taken(monkeypatch: pytest.MonkeyPat
     steep[2, 0] = 2.0
     beyond = Path(Knots(path.knots.u, points, steep, path.knots.second))
     assert beyond.outside(SLOW).any()
-    monkeypatch.setattr(sparse, 'refined', lambda *_: beyond)
-    found = sparse.faster(request_for(points), problem, bounds, timing, Effort(1e9))
+    monkeypatch.setattr(refinement_policy, 'refined', lambda *_: beyond)
+    found = refinement_policy.faster(request_for(points), problem, bounds, timing, Effort(1e9))
     assert found == (path, timing)
 
 
@@ -214,7 +221,7 @@ def test_without_effort_left_the_plan_is_the_one_on_the_spline() -> None:
     timing = optimal.propose(problem, bounds)
     for left in (0.0, 3_000.0, 12_000.0):
         effort = Effort(left)
-        found = sparse.faster(request_for(zigzag()), problem, bounds, timing, effort)
+        found = refinement_policy.faster(request_for(zigzag()), problem, bounds, timing, effort)
         assert found[1].duration <= timing.duration
         assert left > 3_000.0 or found == (path, timing)
 
@@ -282,7 +289,7 @@ def test_a_tolerance_counts_for_points_without_times_in_either_mode() -> None:
 
 def test_the_path_keeps_the_order_of_points_that_are_near_to_each_other() -> None:
     points = np.concatenate([zigzag(3), zigzag(3)[-1] + 0.002 * np.arange(1, 4)[:, None]])
-    freedom = sparse._freedom(
+    freedom = refinement_policy._freedom(
         request_for(points, tolerance=0.5), spline_through(points, SLOW), SLOW
     )
     ways = np.abs(np.diff(points, axis=0)).max(axis=1)

@@ -6,7 +6,7 @@ Invariants 2 and 3 of docs/invariants.md.
 """
 
 import pytest
-from support.smoother_scenarios import assert_kept
+from support.smoother_harness import assert_kept
 
 pytestmark = pytest.mark.invariant(2, 3)
 

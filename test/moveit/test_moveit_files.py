@@ -1,19 +1,24 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The YAML files of config/moveit against the SRDF, the robot model, and a running client."""
+"""MoveIt's configuration against the SRDF, the robot model, and a running client."""
 
 import os
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 import yaml
 
 from epson_driver.bringup import move_group_parameters, rviz_parameters
-from epson_driver.cli import processes
 from epson_driver.node.parameters import JOINTS, TABLE
+from epson_driver.processes import processes
+from epson_driver.robots import load_robot_model
+from epson_driver.robots.urdf import srdf, urdf
 
 FOLDER = Path(__file__).parents[2] / 'config' / 'moveit'
 DEFAULTS = {row.name: row.default for row in TABLE}
@@ -142,17 +147,25 @@ def test_move_group_gets_every_file_and_rviz_what_its_panel_needs() -> None:
     planning = values['robot_description_planning']
     assert planning['cartesian_limits'] == load('pilz_cartesian_limits.yaml')['cartesian_limits']
     assert planning['default_velocity_scaling_factor'] == 0.1
-    own = load('c3_a601s/joint_limits.yaml')['joint_limits']
-    assert planning['joint_limits'] == {f'left_{joint}': each for joint, each in own.items()}
+    limits = load_robot_model('c3_a601s').limits
+    assert tuple(planning['joint_limits']) == tuple(f'left_{joint}' for joint in limits.names)
+    for index, joint in enumerate(planning['joint_limits'].values()):
+        for quantity in ('velocity', 'acceleration', 'jerk'):
+            assert joint[f'has_{quantity}_limits'] is True
+            assert joint[f'max_{quantity}'] == getattr(limits, quantity)[index]
+        assert 'max_position' not in joint
     for name in ('planning_pipelines.yaml', 'planning_scene_monitor.yaml'):
         assert load(name).items() <= values.items()
     for pipeline in values['planning_pipelines']:
         assert values[pipeline] == load(f'{pipeline}_planning.yaml')
+        fixed = move_group_parameters('c3_a601s', fix_start_state=True)[pipeline]
+        assert fixed == {**values[pipeline], 'fix_start_state': True}
     panel = rviz_parameters('c3_a601s', 'left_')
     assert panel.items() <= values.items()
     assert set(values) - set(panel) == {*CONTROLLERS, *load('planning_scene_monitor.yaml')}
     read = {path.name for path in FOLDER.glob('*.yaml')} - {'servo.yaml'}  # of MoveIt Servo
     assert read == {
+        'joint_limits.yaml',
         'kinematics.yaml',
         'kinematics_scara.yaml',
         'moveit_controllers.yaml',
@@ -171,3 +184,34 @@ def test_a_scara_has_its_four_joints_and_a_solver_that_keeps_the_turn() -> None:
         assert manager[name]['joints'] == ['joint_1', 'joint_2', 'joint_3', 'joint_4']
     assert values['robot_description_kinematics'] == load('kinematics_scara.yaml')
     assert values['robot_description_kinematics'][GROUP]['position_only_ik'] is False
+
+
+@pytest.mark.parametrize('model', ['c4_a901s', 'gx8_c552s'])
+def test_a_package_of_ones_own_has_what_moveit_configs_builder_looks_for(
+    model: str, tmp_path: Path
+) -> None:
+    """By the names that moveit_configs_utils of Jazzy has."""
+    folder = tmp_path / f'{model}_moveit_config'
+    command = [sys.executable, '-m', 'epson_driver.cli', 'robots', model, '--moveit', str(folder)]
+    run = subprocess.run(command, capture_output=True, text=True, check=True)
+    files = {path.relative_to(folder).as_posix() for path in folder.rglob('*') if path.is_file()}
+    assert {str(folder / name) for name in files} == set(run.stdout.splitlines())
+    config = {path.name: path for path in (folder / 'config').iterdir()}
+    assert {f'{model}.urdf', f'{model}.srdf', 'joint_limits.yaml', 'kinematics.yaml'} < set(config)
+    assert {'moveit_controllers.yaml', 'pilz_cartesian_limits.yaml'} < set(config)
+    assert {'ompl_planning.yaml', 'pilz_industrial_motion_planner_planning.yaml'} < set(config)
+    assert config[f'{model}.urdf'].read_text('utf-8') == urdf(model)
+    assert config[f'{model}.srdf'].read_text('utf-8') == srdf(model)
+    read = {name: yaml.safe_load(path.read_text('utf-8')) for name, path in config.items()}
+    values = rviz_parameters(model)
+    assert read['kinematics.yaml'] == values['robot_description_kinematics']
+    planning = read['joint_limits.yaml'] | read['pilz_cartesian_limits.yaml']
+    assert planning == values['robot_description_planning']
+    controllers = move_group_parameters(model)['moveit_simple_controller_manager']
+    assert read['moveit_controllers.yaml']['moveit_simple_controller_manager'] == controllers
+    manifest = ElementTree.parse(folder / 'package.xml').getroot()
+    assert manifest.findtext('name') == folder.name
+    assert f'project({folder.name} ' in (folder / 'CMakeLists.txt').read_text('utf-8')
+    again = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert again.returncode == 2
+    assert 'File exists' in again.stderr

@@ -25,7 +25,7 @@ def harness():
 
 @pytest.fixture
 def diagnostics(harness):
-    return Diagnostics(harness.driver, 'cell_1/epson_driver')
+    return Diagnostics(harness.driver, 'cell_1/epson_driver', lambda _: 1)
 
 
 def rows(message):
@@ -65,7 +65,12 @@ def test_a_link_is_an_error_unless_it_is_connected(harness, diagnostics, state):
 
 def test_the_arm_without_state_is_stale(harness, diagnostics):
     arm = rows(diagnostics.build(STAMP, 100.0))['arm']
-    assert (arm.level, arm.message) == (STALE, 'no joint state')
+    assert (arm.level, arm.message) == (
+        STALE,
+        'no link to the controller: the state link to 127.0.0.1:2 is disconnected',
+    )
+    assert values(arm)['cause'] == 'NO_STATE_LINK'
+    assert values(arm)['remedy'] == 'CONNECT'
     assert 'age of joint state [ms]' not in values(arm)
 
 
@@ -73,7 +78,8 @@ def test_the_arm_that_is_not_enabled_is_a_warning_with_its_reason(harness, diagn
     connect(harness)
     arm = rows(diagnostics.build(STAMP, 100.0))['arm']
     assert arm.level == WARN
-    assert arm.message == 'not enabled: not enabled since the driver started'
+    assert arm.message == 'the arm is not enabled (not enabled since the driver started)'
+    assert (values(arm)['cause'], values(arm)['remedy']) == ('NOT_ENABLED', 'ENABLE')
     assert values(arm)['arm gate'] == 'closed'
     assert values(arm)['arm gate reason'] == 'not enabled since the driver started'
 
@@ -84,12 +90,18 @@ def test_the_arm_that_is_enabled_is_fine(harness, diagnostics):
     arm = rows(diagnostics.build(STAMP, 100.25))['arm']
     assert (arm.level, arm.message) == (OK, 'enabled')
     assert values(arm) == {
+        'cause': 'NONE',
+        'remedy': 'NONE',
+        'advice': '',
         'arm gate': 'open',
         'goal running': 'False',
         'stream followed': 'none',
         'stream source': '',
         'stream lag [ms]': '0',
-        **{f'setpoints {each}': '0' for each in ('received', 'late', 'clipped', 'refused')},
+        **{
+            f'setpoints {each}': '0'
+            for each in ('received', 'late', 'left behind', 'clipped', 'refused')
+        },
         'goals without a smooth motion': '0',
         'goals at another speed than planned': '0',
         'age of joint state [ms]': '250.0',
@@ -106,11 +118,12 @@ def test_an_error_of_the_controller_is_an_error_with_its_number(harness, diagnos
     arm = rows(diagnostics.build(STAMP, 100.0))['arm']
     assert (arm.level, arm.message) == (
         ERROR,
-        'error 4001 (the arm would leave its motion range; not confirmed)',
+        'the controller is in error 4001 (the arm would leave its motion range; not confirmed)',
     )
     assert values(arm)['error code'] == '4001'
     assert values(arm)['error'] == 'the arm would leave its motion range'
-    assert values(arm)['remedy'] == 'send points inside the limits'
+    assert values(arm)['advice'] == 'send points inside the limits'
+    assert (values(arm)['cause'], values(arm)['remedy']) == ('ERROR', 'RESET')
     assert values(arm)['error text confirmed'] == 'False'
 
 
@@ -118,8 +131,8 @@ def test_a_number_that_nobody_has_listed_stands_alone(harness, diagnostics):
     connect(harness)
     harness.driver.robot.on_status(Status(1, 0, 1234, 1, 0, 2, 0), 100.0)
     arm = rows(diagnostics.build(STAMP, 100.0))['arm']
-    assert (arm.level, arm.message) == (ERROR, 'error 1234')
-    assert 'remedy' not in values(arm)
+    assert (arm.level, arm.message) == (ERROR, 'the controller is in error 1234')
+    assert 'error' not in values(arm)
 
 
 @pytest.mark.parametrize(
@@ -142,7 +155,7 @@ def test_motors_that_are_off_are_a_warning_with_the_gates_reason(harness, diagno
     harness.driver.gate.close('the motors are off')
     harness.driver.robot.on_status(Status(0, 0, 0, 0, 0, 2, 0), 100.0)
     arm = rows(diagnostics.build(STAMP, 100.0))['arm']
-    assert (arm.level, arm.message) == (WARN, 'not enabled: the motors are off')
+    assert (arm.level, arm.message) == (WARN, 'the arm is not enabled (the motors are off)')
 
 
 @pytest.mark.invariant(6)
@@ -213,7 +226,7 @@ def test_after_a_lost_link_the_regularity_is_that_of_the_new_one(harness, diagno
 
 def test_the_io_link_is_there_where_it_is_used_and_at_most_a_warning():
     harness = Harness(Ports(1, 2, 0, 0), io_port=3)
-    diagnostics = Diagnostics(harness.driver, 'x')
+    diagnostics = Diagnostics(harness.driver, 'x', lambda _: 1)
     io = rows(diagnostics.build(STAMP, 100.0))['io link']
     assert (io.level, io.message, io.hardware_id) == (WARN, 'connecting', '127.0.0.1:3')
     harness.driver.io.reason = ''
@@ -259,7 +272,7 @@ def test_counters_and_rates(harness, diagnostics):
 def test_a_running_driver_without_a_controller():
     async def scenario():
         async with Harness(Ports(1, 1, 0, 0)) as harness:
-            message = Diagnostics(harness.driver, 'epson_driver').build(STAMP, now())
+            message = Diagnostics(harness.driver, 'epson_driver', lambda _: 1).build(STAMP, now())
             assert {row.level for row in message.status} == {ERROR, STALE}
 
     run(scenario())

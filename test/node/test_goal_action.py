@@ -1,11 +1,19 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the log says of how a goal ended."""
+"""Goals and single points at the node: what the log says, and the rate of feedback."""
 
+import asyncio
+
+import numpy as np
 import pytest
+from support.driver_harness import JOINTS, LIMITS, Submitted, cell, pose
+from support.event_loop import run, until
 
+from epson_driver.driver.goal.goal import Goal
 from epson_driver.driver.outcome import End, ErrorCode, Outcome
+from epson_driver.motion import Trajectory
 from epson_driver.node.goal_action import CANCELED, outcome_line
+from epson_driver.node.goal_server import MAX_GAP_S, WARNING, PointStreams, Throttle
 
 CODE = ErrorCode.SUCCESSFUL
 
@@ -30,3 +38,85 @@ CODE = ErrorCode.SUCCESSFUL
 )
 def test_a_line_says_once_how_a_goal_ended(outcome: Outcome, line: str) -> None:
     assert outcome_line(outcome) == line
+
+
+@pytest.mark.parametrize('period', [0.004, 0.0055, 0.007, 0.013, 0.05])
+@pytest.mark.parametrize('rate', [5.0, 20.0])
+def test_the_mean_rate_is_the_one_that_was_set(period, rate):
+    throttle = Throttle()
+    times = 1000.0 + np.arange(0.0, 20.0, period)
+    passed = [time for time in times if throttle.passes(float(time), rate)]
+    assert len(passed) == pytest.approx(20.0 * rate, abs=2)
+    assert np.diff(passed).max() < 1.0 / rate + period + 1e-9
+
+
+def test_slower_samples_all_pass():
+    throttle = Throttle()
+    assert all(throttle.passes(1000.0 + index * 0.1, 20.0) for index in range(50))
+
+
+def test_after_a_silence_there_is_no_burst():
+    throttle = Throttle()
+    assert throttle.passes(1000.0, 20.0)
+    assert throttle.passes(1010.0, 20.0)
+    assert not throttle.passes(1010.01, 20.0)
+
+
+def test_another_rate_holds_from_the_next_sample_on():
+    throttle = Throttle()
+    assert throttle.passes(1000.0, 20.0)
+    assert throttle.passes(1000.06, 1.0)
+    assert not throttle.passes(1000.9, 1.0)
+    assert throttle.passes(1001.1, 1.0)
+
+
+PERIOD = 0.02
+
+
+def test_a_stream_of_single_points_is_noticed_once():
+    streams = PointStreams()
+    said = [streams.noticed(1, 0.0, PERIOD * count) for count in range(100)]
+    assert [count for count, text in enumerate(said) if text] == [2]
+    assert said[2] == WARNING
+    again = [streams.noticed(1, 5.0, 60.0 + PERIOD * count) for count in range(100)]
+    assert [count for count, text in enumerate(again) if text] == [2]
+
+
+def test_a_stream_of_windows_is_noticed_once():
+    """What MoveIt Servo sends if it is told to send to ~/joint_trajectory."""
+    streams = PointStreams()
+    said = [streams.noticed(20, 0.2, 0.01 * count) for count in range(100)]
+    assert [count for count, text in enumerate(said) if text] == [2]
+
+
+def test_single_points_now_and_then_are_no_stream():
+    streams = PointStreams()
+    assert not any(streams.noticed(1, 0.0, 1.5 * MAX_GAP_S * count) for count in range(50))
+    assert not any(streams.noticed(10, 2.0, PERIOD * count) for count in range(50))
+    assert not any(streams.noticed(1 + count % 2, 2.0, PERIOD * count) for count in range(50))
+
+
+def test_a_stream_of_single_points_ends_every_goal_and_leaves_the_arm_at_rest():
+    async def check():
+        async with cell() as (harness, _):
+            goals = []
+            for count in range(1, 51):
+                target = pose(0.006 * count)  # 0.3 rad/s
+                single = Trajectory(LIMITS.names, np.array([PERIOD]), target[None])
+                goals.append(Submitted(Goal(single, np.full(JOINTS, 0.01), goal_time=0.0)))
+                harness.driver.goal_queue.submit(goals[-1].handle)
+                await asyncio.sleep(PERIOD)
+            await until(lambda: all(goal.outcomes for goal in goals))
+            for goal in goals[:-1]:
+                assert goal.outcome.end is End.ABORTED or goal.outcome.end is End.SUCCEEDED
+                assert goal.outcome.text
+            assert await harness.rests()
+            assert not harness.driver.goal_queue.busy
+            assert harness.gate is None
+            assert 0.0 < harness.at[0] <= 0.3 + 1e-3
+            fastest = max(abs(sample.velocities).max() for _, sample in harness.events.samples)
+            assert fastest < LIMITS.velocity[0]
+            following = harness.submit(harness.at + pose(0.1))
+            assert (await following.end()).end is End.SUCCEEDED
+
+    run(check())

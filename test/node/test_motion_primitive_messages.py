@@ -12,7 +12,7 @@ from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outco
 from epson_driver.node.motion_primitive_messages import primitive_result, primitives_from_message
 from epson_driver.robots import load_robot_model
 from epson_driver.robots.kinematics import rotation_of_uvw
-from epson_driver.robots.motion_sequence import Kind
+from epson_driver.tool_motion.motion_sequence import Kind
 
 LIMITS = load_robot_model('c3_a601s').limits
 JOINTS = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]

@@ -12,10 +12,10 @@ from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from support.examples import one_in
 
-from epson_driver.cli.processes import free_ros_domain
 from epson_driver.inputs import InputError
 from epson_driver.node.node import ClientNode
 from epson_driver.node.parameters import TABLE, joint_rows
+from epson_driver.processes.processes import free_ros_domain
 
 OF_TRACES = ('trace_file', 'trace_size')  # a name of a file here makes a file
 ROWS = {row.name: row for row in (*TABLE, *joint_rows('joint_1')) if row.name not in OF_TRACES}

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from epson_driver.driver.goal.goal_plan import GoalPlan
+from epson_driver.driver.goal.planning_scope import PlanningScope
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.node.loop_bridge import DriverEndedError
 from epson_driver.node.motion_primitives import BUSY, MotionPrimitives, ToolBusyError
@@ -37,7 +37,7 @@ class Handle:
     ids=['ended', 'ended and another goal', 'another goal', 'free'],
 )
 def test_a_sequence_is_executed_only_if_nothing_has_come_since_it_was_planned(why, idle, said):
-    plan, handle, submitted = GoalPlan(), Handle(), []
+    plan, handle, submitted = PlanningScope(), Handle(), []
     if why is not None:
         plan.end(why)
     queue = SimpleNamespace(idle=idle, submit=submitted.append)

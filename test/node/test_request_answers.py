@@ -13,7 +13,7 @@ from support.request_harness import Made, RosHandle, done
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.driver.arm_commands import CommandError
-from epson_driver.driver.goal.goal_plan import GoalPlan
+from epson_driver.driver.goal.planning_scope import PlanningScope
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.node import goal_action, goal_server, gripper_server
 from epson_driver.node.goal_action import ActionType, GoalAction, Prepared
@@ -122,7 +122,7 @@ def test_a_cancel_request_that_cannot_be_served_is_rejected(made, action, monkey
     handle = RosHandle()
     key = handle.goal_id.uuid
     assert goals._cancel(handle) is CancelResponse.ACCEPT  # there is no such goal any more
-    goals._requests[key] = goal_action._Request(plan := GoalPlan())
+    goals._requests[key] = goal_action._Request(plan := PlanningScope())
     assert goals._cancel(handle) is CancelResponse.ACCEPT
     made.turn()
     assert plan.why == 'canceled before it could start'
@@ -205,11 +205,12 @@ class Servo:
         self.taken = []
         self.refused = []
 
-    def take(self, setpoint):
+    def take(self, setpoint, _came, *, missed):
+        assert not missed
         self.taken.append(setpoint)
 
-    def refuse(self, topic, why):
-        self.refused.append((topic, why))
+    def refuse(self, topic, why, came):
+        self.refused.append((topic, why, came))
 
 
 @pytest.mark.invariant(9)
@@ -217,21 +218,21 @@ def test_each_setpoint_is_taken_or_refused_and_an_empty_one_stops(made, monkeypa
     servo, stopped = Servo(), []
     interface = ServoInterface(made.node, servo, LIMITS.names, made.bridge, stopped.append, None)
     jog = made.node.taken['~/joint_jog']
-    jog(JointJog(joint_names=['joint_1'], velocities=[0.1]))
-    jog(JointJog(joint_names=['nobody'], velocities=[0.1]))
-    made.node.taken['~/servo'](JointTrajectory())
+    jog(JointJog(joint_names=['joint_1'], velocities=[0.1]), {})
+    jog(JointJog(joint_names=['nobody'], velocities=[0.1]), {})
+    made.node.taken['~/servo'](JointTrajectory(), {})
     made.turn()
     assert len(servo.taken) == len(stopped) == 1
-    ((topic, why),) = servo.refused
+    ((topic, why, _came),) = servo.refused
     assert topic == '~/joint_jog'
     assert 'nobody' in why
     monkeypatch.setattr(interface._servo, 'take', None)
     monkeypatch.setattr(interface, '_stop', lambda _: 1 // 0)
-    made.node.taken['~/servo'](JointTrajectory())
+    made.node.taken['~/servo'](JointTrajectory(), {})
     made.turn()
     assert made.faults[0].startswith('taking a setpoint on ~/servo failed: ZeroDivisionError')
     made.end()
-    jog(JointJog(joint_names=['joint_1'], velocities=[0.1]))  # nobody is there to follow it
+    jog(JointJog(joint_names=['joint_1'], velocities=[0.1]), {})  # nobody is there to follow it
 
 
 # --- the gripper ------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 import rclpy
@@ -23,12 +24,13 @@ from support.event_loop import now, until
 from support.event_loop import run as run_scenario
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from epson_driver.cli.processes import free_ros_domain
-from epson_driver.driver.goal.goal_settings import GoalSettings
-from epson_driver.driver.goal.pace import Timing
+from epson_driver.driver.goal.goal import GoalSettings
+from epson_driver.driver.goal.planned_speed import Timing
 from epson_driver.node.diagnostics import Diagnostics
 from epson_driver.node.node import ClientNode
 from epson_driver.node.parameters import TABLE, joint_rows, rejection
+from epson_driver.processes.processes import free_ros_domain
+from epson_driver.share import share_file
 from epson_driver.simple_message import Status
 from epson_driver.trace.trace import MEGABYTE
 
@@ -109,13 +111,53 @@ def test_names_and_types_are_those_of_the_node(made, title, method):
     assert offered(method(made.node, 'epson_driver', '/')) == written(title)
 
 
-def test_the_parameters_are_those_of_the_table():
+def allowed(enclave, kind, right):
+    """Return what the SROS 2 policy lets an enclave do with topics, services or actions."""
+    policy = ElementTree.parse(share_file('config', 'sros2', 'epson_driver.policy.xml'))
+    (profile,) = policy.findall(f'enclaves/enclave[@path="{enclave}"]/profiles/profile')
+    return {resolved(each.text) for each in profile.findall(f'{kind}[@{right}="ALLOW"]/*')}
+
+
+@pytest.mark.parametrize(
+    ('kind', 'right', 'method'),
+    [
+        ('topics', 'publish', Node.get_publisher_names_and_types_by_node),
+        ('topics', 'subscribe', Node.get_subscriber_names_and_types_by_node),
+        ('services', 'reply', Node.get_service_names_and_types_by_node),
+        ('actions', 'execute', get_action_server_names_and_types_by_node),
+    ],
+)
+def test_the_sros2_policy_allows_the_driver_what_it_does(made, kind, right, method):
+    used = {name for name, _ in method(made.node, 'epson_driver', '/') if '/_action/' not in name}
+    of_a_gripper = {f'{NODE}/gripper_cmd'} if kind == 'actions' else set()
+    assert allowed(NODE, kind, right) == used | of_a_gripper
+
+
+def test_the_sros2_policy_lets_an_observer_stop_the_arm_and_not_move_it():
+    of_every_node = {'/rosout', '/parameter_events'}
+    said = allowed(NODE, 'topics', 'publish') - of_every_node
+    for enclave in ('/epson_operator', '/epson_observer'):
+        assert allowed(enclave, 'topics', 'subscribe') == said
+    mover = allowed('/epson_operator', 'topics', 'publish') - of_every_node
+    assert mover == allowed(NODE, 'topics', 'subscribe')
+    assert allowed('/epson_operator', 'actions', 'call') == allowed(NODE, 'actions', 'execute')
+    assert set(written('Services')) < allowed('/epson_operator', 'services', 'request')
+    assert allowed('/epson_observer', 'topics', 'publish') == of_every_node
+    requests = {f'{NODE}/{name}' for name in ('stop', 'disable', 'read_io')}
+    assert allowed('/epson_observer', 'services', 'request') == requests
+    assert not allowed('/epson_observer', 'actions', 'call')
+
+
+def test_the_page_names_every_parameter_and_the_site_describes_it():
+    rows = [row.name for row in (*TABLE, *joint_rows('<joint>'))]
+    named = re.findall(r'`([a-z][\w.<>]*)`', section('Parameters'))
+    assert sorted(set(named)) == sorted(rows)
     make = runpy.run_path(str(DOCS / 'make_tables.py'))
-    assert make['page']('ros_interface.md') == PAGE, 'run `python docs/make_tables.py`'
+    assert re.findall(r'(?m)^\* `(.*?)` \(', ''.join(make['parameters']())) == rows
 
 
 def test_every_parameter_that_is_declared_is_described(made):
-    described = set(re.findall(r'^\* `([\w.<>]+)` \(', section('Parameters'), re.MULTILINE))
+    described = {row.name for row in (*TABLE, *joint_rows('<joint>'))}
     joints = made.driver.configuration.limits.names
     declared = set()
     for name in made.node.get_parameters_by_prefix(''):
@@ -136,7 +178,7 @@ def test_every_key_of_the_diagnostics_is_described():
             await harness.ready()
             await harness.commands.stop()  # a reply, for the latency
             harness.driver.goal_queue.last_timing = Timing(1.0, 1.0)
-            diagnostics = Diagnostics(harness.driver, 'x')
+            diagnostics = Diagnostics(harness.driver, 'x', lambda _: 1)
             harness.driver.state_link.statistics.bad_frames['body'] += 1
             diagnostics.build(Time(), now())
             seen = len(harness.events.samples)
@@ -177,6 +219,7 @@ EFFECTS = {
     'start_tolerance': (0.4, lambda made: made.driver.goal_queue.start_tolerance),
     'servo.scale': (0.5, lambda made: made.driver.servo.settings.share),
     'servo.timeout': (0.3, lambda made: made.driver.servo.settings.timeout),
+    'servo.catch_up': (2.0, lambda made: made.driver.servo.settings.catch_up),
     'servo.period': (0.1, lambda made: made.driver.servo.settings.period),
     'servo.start_tolerance': (0.2, lambda made: made.driver.servo.settings.start_tolerance),
     'constraints.stopped_velocity_tolerance': (

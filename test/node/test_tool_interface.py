@@ -19,7 +19,7 @@ from epson_driver.node.tool_interface import (
     pose_values,
 )
 from epson_driver.robots import load_robot_model, robot_models
-from epson_driver.share import share_file
+from epson_driver.robots.urdf import urdf
 
 MODEL = load_robot_model('c3_a601s')
 GOOD = [0.01, 0.02, 0.1, 0.0, 0.0, 0.6, 0.8]
@@ -73,8 +73,8 @@ def test_a_name_that_is_no_word_is_refused(name: str) -> None:
 def test_no_link_of_the_urdf_can_be_a_tool(model: str) -> None:
     """A frame with two parents would take tf apart."""
     known = load_robot_model(model)
-    urdf = ElementTree.parse(share_file('urdf', f'{model}.urdf'))
-    names = {str(link.get('name')) for link in urdf.iter('link')}
+    root = ElementTree.fromstring(urdf(model))
+    names = {str(link.get('name')) for link in root.iter('link')}
     assert links(known) == names | {'world'}
     for name in links(known):
         with pytest.raises(ValueError, match='a frame of that name'):

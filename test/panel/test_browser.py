@@ -2,9 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The panel in a real browser: Debian's chromium, driven by playwright."""
 
+import contextlib
 import importlib.util
 import io
+import os
 import shutil
+import signal
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,8 +18,10 @@ import pytest
 pytest.importorskip('viser')
 
 from support.cell import Cell
-from support.panel_process import PanelProcess
+from support.panel_client import PanelProcess
 from support.ros_peer import PATIENCE
+
+from epson_driver.panel.panel import STOP
 
 CHROMIUM = shutil.which('chromium') or shutil.which('google-chrome')
 
@@ -148,10 +153,42 @@ def test_the_view_is_not_empty_and_follows_the_arm_until_stop(page: Page, cell: 
     page.wait(lambda: abs(cell.peer.position()[0] - began) > 0.05, 'a part of the way')
     changed = np.abs(page.picture() - at_rest).sum(axis=2) > 60
     assert np.count_nonzero(changed) > 200
-    page.button('STOP').click()
+    assert page.button(STOP).bounding_box()['height'] >= 64
+    page.page.keyboard.press('Escape')
     page.wait_for_text('log', 'swing: ')
     cell.peer.assert_still()
     page.button('Disarm').click()
+
+
+def renderers() -> list[int]:
+    """Return the processes that draw the pages of browsers on this machine."""
+    found = []
+    for each in Path('/proc').iterdir():
+        with contextlib.suppress(OSError):
+            if each.name.isdigit() and b'--type=renderer' in (each / 'cmdline').read_bytes():
+                found.append(int(each.name))
+    return found
+
+
+@pytest.mark.invariant(3)
+def test_an_armed_page_whose_process_is_stopped_is_disarmed_and_its_goal_canceled(
+    page: Page, cell: Cell
+) -> None:
+    page.button('Arm').click()
+    page.wait(lambda: not page.button('Execute').is_disabled(), 'armed')
+    page.button('Go to its start, slowly').click()
+    page.wait_for_text('log', 'to the start of swing: ')
+    page.button('Execute').click()
+    cell.peer.wait_for_motion()
+    stopped = renderers()
+    for each in stopped:
+        os.kill(each, signal.SIGSTOP)
+    try:
+        cell.peer.wait_until_still()
+    finally:
+        for each in stopped:
+            os.kill(each, signal.SIGCONT)
+    page.wait_for_text('log', 'the armed window is frozen, hidden or cut off')
 
 
 @pytest.mark.invariant(6)
@@ -169,12 +206,11 @@ def test_an_estop_is_seen_with_its_reason_and_what_to_do(page: Page) -> None:
 def test_a_page_whose_panel_is_silent_turns_grey_and_says_so(
     page: Page, panel: PanelProcess
 ) -> None:
-    import signal
-
     def shown() -> tuple[str, bool]:
         found = page.page.evaluate(
             """() => [getComputedStyle(document.querySelector('.ed-live')).filter,
-                      document.querySelector('.ed-gone').getBoundingClientRect().height > 5]"""
+                      getComputedStyle(document.querySelector('.ed-gone')).visibility
+                          === 'visible']"""
         )
         return found[0], found[1]
 

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from epson_driver.driver.inhibit import Cause, Inhibit, Remedy
 from epson_driver.panel import page_html
-from epson_driver.panel.lamps import BAD, GOOD, UNKNOWN, WARN, advice, lamps
+from epson_driver.panel.lamps import BAD, CALM, GOOD, UNKNOWN, WARN, WORDS, advice, lamps
 from epson_driver.panel.robot_state import (
     MAX_AGES_S,
     Event,
@@ -29,6 +30,10 @@ FINE = Status(
     in_error=Tri.NO,
     mode='AUTO',
 )
+
+
+ESTOP = Inhibit(Cause.ESTOP, Remedy.RELEASE_ESTOP, 'so it is')
+NO_LINK = Inhibit(Cause.NO_STATE_LINK, Remedy.CONNECT, 'no link to the controller')
 
 
 def state(status: Status = FINE, **changes: object) -> RobotState:
@@ -100,22 +105,36 @@ def test_a_link_without_joint_states_is_not_green() -> None:
 @pytest.mark.parametrize(
     ('changes', 'lamp', 'colour', 'reason', 'remedy'),
     [
-        ({'status': replace(FINE, e_stopped=Tri.YES)}, 'E-stop', BAD, 'E-stop', 'Reset error'),
-        ({'link': 'backing_off'}, 'Link', BAD, 'backing off', 'robot_ip'),
+        (
+            {'status': replace(FINE, e_stopped=Tri.YES), 'inhibit': ESTOP},
+            'E-stop',
+            BAD,
+            'so it is',
+            'Reset error',
+        ),
+        ({'link': 'backing_off', 'inhibit': NO_LINK}, 'Link', BAD, 'no link', 'robot_ip'),
         (
             {
                 'status': replace(FINE, in_error=Tri.YES, error_codes=(4031,)),
-                'error_text': 'a bad thing',
-                'remedy': 'mend it',
+                'inhibit': Inhibit(Cause.ERROR, Remedy.RESET, 'error 4031', 'mend it'),
             },
             'Error',
             BAD,
-            'error 4031: a bad thing',
-            'mend it',
+            'error 4031',
+            'mend it; Reset error, then Enable',
         ),
-        ({'gate_open': False, 'gate_reason': 'so it is'}, 'Arm gate', WARN, 'so it is', 'Enable'),
         (
-            {'status': replace(FINE, mode='MANUAL', motion_possible=Tri.NO)},
+            {'gate_open': False, 'inhibit': Inhibit(Cause.NOT_ENABLED, Remedy.ENABLE, 'so it is')},
+            'Arm gate',
+            WARN,
+            'so it is',
+            'press Enable',
+        ),
+        (
+            {
+                'status': replace(FINE, mode='MANUAL', motion_possible=Tri.NO),
+                'inhibit': Inhibit(Cause.MANUAL_MODE, Remedy.TURN_TO_AUTO, 'it is at MANUAL'),
+            },
             'Mode',
             WARN,
             'at MANUAL',
@@ -140,12 +159,19 @@ def test_each_condition_has_its_lamp_its_reason_and_what_to_do(
     assert remedy in said.remedy
 
 
-def test_a_stop_that_did_not_work_comes_before_everything_else() -> None:
-    alarm = 'STOP did not work: not answered within 2 s; the arm still moves'
-    said = advice(state(arm_text=alarm, link='backing_off'), NOW)
-    assert said.reason == alarm
-    assert 'E-stop' in said.remedy
+@pytest.mark.parametrize('cause', Cause)
+def test_a_fault_comes_before_what_a_simulated_controller_says(cause: Cause) -> None:
+    simulation = Simulation({'door': 'open', 'tasks': 'stopped'})
+    said = advice(
+        state(inhibit=Inhibit(cause, Remedy.KEEP_AWAY, 'mine'), simulation=simulation), NOW
+    )
+    assert (said.reason == 'mine') == (cause not in CALM)
     assert said.colour == BAD
+
+
+def test_what_is_pressed_is_called_as_on_the_page() -> None:
+    pressed = {Remedy.RELEASE_ESTOP, Remedy.RESET, Remedy.ENABLE, Remedy.TURN_TO_AUTO}
+    assert pressed <= set(WORDS)
 
 
 @pytest.mark.parametrize(
@@ -161,17 +187,12 @@ def test_a_stop_that_did_not_work_comes_before_everything_else() -> None:
 def test_a_link_that_ended_with_the_simulated_program_has_that_as_its_reason(
     condition: dict[str, str], reason: str, remedy: str
 ) -> None:
-    said = advice(state(link='backing_off', simulation=Simulation(condition)), NOW)
+    found = state(link='backing_off', inhibit=NO_LINK, simulation=Simulation(condition))
+    said = advice(found, NOW)
     assert reason in said.reason
     assert remedy in said.remedy
-    later = state(link='backing_off', simulation=Simulation(condition))
-    later.times['simulation'] = NOW - MAX_AGES_S['simulation'] - 0.1
-    assert 'no link' in advice(later, NOW).reason
-
-
-def test_what_is_not_enabled_is_said_once() -> None:
-    reason = 'not enabled since the driver started'
-    assert advice(state(gate_open=False, gate_reason=reason), NOW).reason == reason
+    found.times['simulation'] = NOW - MAX_AGES_S['simulation'] - 0.1
+    assert 'no link' in advice(found, NOW).reason
 
 
 def test_unknown_is_not_taken_for_no() -> None:
@@ -194,7 +215,8 @@ def test_the_page_greys_itself_when_nothing_new_comes() -> None:
 
 def test_what_others_say_is_text_and_no_html() -> None:
     bad = '<script>alert(1)</script>"'
-    found = state(gate_open=False, gate_reason=bad, link=bad)
+    inhibit = Inhibit(Cause.ERROR, Remedy.RESET, bad, bad)
+    found = state(gate_open=False, inhibit=inhibit, link=bad)
     parts = [
         page_html.lamps_html(lamps(found, NOW), advice(found, NOW), [], 0),
         page_html.log_html([Event(0.0, 20, bad)]),

@@ -13,10 +13,10 @@ pytest.importorskip('viser')
 from support.panel_client import PanelClient
 from support.ros_peer import PATIENCE
 
-from epson_driver.cli import processes
 from epson_driver.panel import panel as panel_module
-from epson_driver.panel.panel import Panel, address
+from epson_driver.panel.panel import STOP, Panel, address
 from epson_driver.panel.web_server import WebServer
+from epson_driver.processes import processes
 
 ROBOT = '/nobody'
 
@@ -75,7 +75,7 @@ def test_a_failure_of_any_part_ends_the_panel(
     page = running.panel._pages[ROBOT]
     ends: dict[str, Callable[[], Any]] = {
         'drawing': lambda: setattr(page, 'draw_text', fails),
-        'a button': lambda: (setattr(page.control.robot, 'trigger', fails), client.click('STOP')),
+        'a button': lambda: (setattr(page.control.robot, 'trigger', fails), client.click(STOP)),
         'serving ROS': lambda: running.panel.ros._thread.executor.create_task(fails),
         'disarming': lambda: (setattr(page.control.arming, 'disconnect', fails), client.close()),
     }
@@ -111,7 +111,7 @@ def test_what_vanishes_with_its_browser_is_no_failure(running: Running) -> None:
 
 def test_a_stop_that_nobody_can_carry_out_is_said_and_no_failure(running: Running) -> None:
     with running.window() as client:
-        client.click('STOP')
+        client.click(STOP)
         client.wait_for_notification('nobody serves /nobody/stop')
         client.click('Arm')
         client.wait_for_notification('the driver does not report')
@@ -146,7 +146,7 @@ def test_without_ros_the_port_is_closed_again(monkeypatch: pytest.MonkeyPatch) -
         return made[-1]
 
     monkeypatch.setattr(panel_module, 'WebServer', server)
-    monkeypatch.setattr(panel_module, 'RosSide', fails)
+    monkeypatch.setattr(panel_module, 'RosDiscovery', fails)
     with pytest.raises(ZeroDivisionError):
         Panel('127.0.0.1', 0, None, [], [ROBOT], {}, allow_motion=False)
     with pytest.raises(OSError, match='refused'):

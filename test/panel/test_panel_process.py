@@ -15,12 +15,12 @@ pytest.importorskip('viser')
 
 from support.cell import START, Cell, cell_with
 from support.fleet import Fleet
-from support.panel_client import PanelClient
-from support.panel_process import PanelProcess
+from support.panel_client import PanelClient, PanelProcess
 from support.ros_peer import PATIENCE
 from websockets.exceptions import InvalidStatus
 
-from epson_driver.cli import processes
+from epson_driver.panel.panel import STOP
+from epson_driver.processes import processes
 
 ENABLED, SENT = '~/enable: the arm is enabled', 'goal sent: swing'
 
@@ -135,7 +135,7 @@ def test_one_window_cannot_press_the_buttons_of_another(cell: Cell, panel: Panel
 @pytest.mark.invariant(3)
 def test_any_window_stops_the_arm_at_once(cell: Cell, panel: PanelProcess) -> None:
     with moving(cell, panel) as client, panel.window() as other:
-        other.click('STOP')
+        other.click(STOP)
         client.wait_for_log('swing: ', after=SENT)
         cell.peer.assert_still()
         client.wait_for_log('~/stop: ', after=SENT)
@@ -150,6 +150,20 @@ def test_a_window_that_is_gone_takes_its_goal_with_it(cell: Cell, panel: PanelPr
         other.wait_for_log('swing: ', after=SENT)
         cell.peer.assert_still()
         assert other.disabled('Execute')
+    back(cell)
+
+
+@pytest.mark.invariant(3)
+def test_a_page_that_hangs_takes_its_goal_with_it_though_its_connection_stays(
+    cell: Cell, panel: PanelProcess
+) -> None:
+    with moving(cell, panel) as client:
+        client.freeze()
+        client.wait_for_log('the armed window is frozen, hidden or cut off', after=SENT)
+        client.wait_for_log('swing: ', after=SENT)
+        cell.peer.assert_still()
+        client.click('Arm')
+        client.wait_for_notification('no sign of life')
     back(cell)
 
 
@@ -351,7 +365,7 @@ def test_the_program_for_real_controllers_is_driven_in_the_same_way(tmp_path: Pa
         panel = PanelProcess(tmp_path, cell.domain)
         try:
             with moving(cell, panel) as client:
-                client.click('STOP')
+                client.click(STOP)
                 client.wait_for_log('swing: ', after=SENT)
                 cell.peer.assert_still()
                 client.set('E-stop', 'press')

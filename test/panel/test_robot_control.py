@@ -1,21 +1,34 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which robot the panel takes it for, and whether it may be moved."""
+"""The panel's control of a robot: arming, moving, staying."""
 
+import contextlib
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from support.panel_client import PanelClient
+from support.ros_peer import PATIENCE
 
+from epson_driver.cli.panel import PORT
+from epson_driver.demo.verdict import TOO_BUSY
 from epson_driver.motion import Trajectory
-from epson_driver.panel.arming import NotArmedError
-from epson_driver.panel.request_error import RequestError
-from epson_driver.panel.robot_control import RobotControl
+from epson_driver.panel.arming import ALIVE_WITHIN_S, Arming, NotArmedError
+from epson_driver.panel.robot_control import STOP_ANSWER_S, RequestError, RobotControl
 from epson_driver.panel.robot_state import MAX_AGES_S, RobotState, Simulation
 from epson_driver.panel.ros_robot import ERROR, INFO, WARN, NoDriverError
 from epson_driver.panel.sim_pendant import NotSimulatedError, PendantThread
+from epson_driver.processes import processes
 
 PARAMETERS = {'robot_model': 'c3_a601s', 'robot_ip': '192.0.2.1', 'remote_port': 0}
 NOW = 100.0
@@ -40,8 +53,11 @@ class Robot:
     def cancel_goals(self) -> list[Any]:
         return []
 
-    def trigger(self, name: str, _say: Any) -> None:
+    def trigger(self, name: str, say: Any) -> None:
+        if not self.served:
+            raise NoDriverError(f'nobody serves ~/{name}')
         self.asked.append(name)
+        self.say = say
 
     def set_speed(self, factor: float, say: Any) -> None:
         if not self.served:
@@ -74,6 +90,7 @@ def controlled(robot: Robot, pendants: PendantThread, *, allow_motion: bool) -> 
         allow_motion=allow_motion,
     )
     found.arming.connect(1)
+    found.arming.alive(1)
     return found
 
 
@@ -172,6 +189,48 @@ def test_a_robot_that_nobody_says_is_simulated_is_moved_only_if_the_panel_may(
 SHORT = Trajectory(('a', 'b'), np.array([0.0, 1.0]), np.zeros((2, 2)))
 
 
+@pytest.mark.invariant(3, 9)
+def test_a_stop_that_is_not_answered_is_an_alarm_until_one_is(
+    robot: Robot, pendants: PendantThread
+) -> None:
+    now = NOW
+    control = RobotControl(
+        robot,  # type: ignore[arg-type]
+        pendants,
+        lambda: now,
+        on_error=fail,
+        allow_motion=True,
+    )
+    control.stop()
+    control.look()
+    assert control.stop_alarm == ''
+    now += STOP_ANSWER_S + 0.01
+    control.look()
+    assert control.stop_alarm == (
+        'STOP was not delivered: the driver has not answered for 0.5 s. Press the E-stop.'
+    )
+    robot.say('~/stop: no goal was running', INFO)
+    assert control.stop_alarm == ''
+    control.stop()
+    robot.say('~/stop: no standstill seen within 2 s', ERROR)
+    assert control.stop_alarm.startswith('STOP failed: ~/stop: no standstill seen')
+    assert control.stop_alarm in robot.logged
+
+
+@pytest.mark.invariant(3, 9)
+@pytest.mark.parametrize('served', [True, False])
+def test_a_stop_to_a_driver_that_is_silent_is_an_alarm_at_once(
+    served: bool, robot: Robot, control: RobotControl
+) -> None:
+    robot.served = served
+    robot.state.times['diagnostics'] -= MAX_AGES_S['diagnostics'] + 0.01
+    with contextlib.nullcontext() if served else pytest.raises(NoDriverError):
+        control.stop()
+    assert control.stop_alarm.startswith('STOP was not delivered: ')
+    assert control.stop_alarm.endswith('Press the E-stop.')
+    assert robot.asked == ['stop'] * served, 'it may arrive yet'
+
+
 @pytest.mark.invariant(3)
 def test_stop_and_disable_need_no_armed_browser(robot: Robot, control: RobotControl) -> None:
     control.stop()
@@ -246,3 +305,198 @@ def test_a_speed_that_nobody_takes_is_said_and_the_next_one_is_asked_for(
     robot.served = True
     control.set_speed(1, 0.8)
     assert [factor for factor, _ in robot.asked] == [0.6, 0.8]
+
+
+class Rules:
+    def __init__(self) -> None:
+        self.why: str | None = None
+        self.ended: list[str] = []
+        self.now = 100.0
+        self.arming = Arming(lambda: self.why, self.ended.append, lambda: self.now)
+        for browser in (1, 2):
+            self.arming.connect(browser)
+            self.arming.alive(browser)
+
+    def may(self, browser: int) -> bool:
+        try:
+            with self.arming.held(browser):
+                return True
+        except NotArmedError:
+            return False
+
+
+@pytest.mark.invariant(1)
+def test_nobody_is_armed_until_somebody_asks_for_it() -> None:
+    rules = Rules()
+    assert not rules.may(1)
+    rules.arming.arm(1)
+    assert rules.may(1)
+    assert not rules.may(2)
+
+
+@pytest.mark.invariant(1)
+def test_a_second_window_is_not_armed_beside_the_first_but_may_disarm_it() -> None:
+    rules = Rules()
+    rules.arming.arm(1)
+    with pytest.raises(NotArmedError, match='another window'):
+        rules.arming.arm(2)
+    assert rules.may(1)
+    assert not rules.arming.disarm('not its own', 2)
+    assert rules.arming.disarm('stop')
+    rules.arming.arm(2)
+    assert rules.may(2)
+    assert not rules.may(1)
+
+
+@pytest.mark.invariant(4)
+def test_a_window_that_is_gone_is_disarmed_and_its_late_clicks_do_nothing() -> None:
+    rules = Rules()
+    rules.arming.arm(1)
+    rules.arming.disconnect(1)
+    assert rules.ended == ['the armed window of the panel is gone']
+    assert not rules.may(1)
+    with pytest.raises(NotArmedError, match='not connected'):
+        rules.arming.arm(1)
+    rules.arming.disconnect(2)
+    assert len(rules.ended) == 1
+
+
+@pytest.mark.invariant(4)
+def test_what_is_not_seen_any_more_disarms_and_does_not_arm_again_by_itself() -> None:
+    rules = Rules()
+    rules.arming.arm(1)
+    rules.why = 'no joint states'
+    assert not rules.may(1)
+    assert rules.ended == ['no joint states']
+    with pytest.raises(NotArmedError, match='no joint states'):
+        rules.arming.arm(1)
+    rules.why = None
+    assert not rules.may(1)
+
+
+@pytest.mark.invariant(3, 4)
+def test_a_window_whose_page_gives_no_sign_of_life_is_disarmed_and_cannot_be_armed() -> None:
+    rules = Rules()
+    rules.arming.arm(1)
+    for _ in range(5):
+        rules.now += ALIVE_WITHIN_S
+        rules.arming.alive(1)
+        rules.arming.watch()
+        assert rules.may(1)
+    rules.now += ALIVE_WITHIN_S + 0.01
+    rules.arming.alive(2)
+    rules.arming.watch()
+    assert rules.ended == ['the armed window is frozen, hidden or cut off']
+    with pytest.raises(NotArmedError, match='no sign of life'):
+        rules.arming.arm(1)
+    rules.arming.arm(2)
+
+
+def test_watching_disarms_without_a_click() -> None:
+    rules = Rules()
+    rules.arming.arm(1)
+    rules.arming.watch()
+    assert rules.arming.holder == 1
+    rules.why = 'no joint states'
+    rules.arming.watch()
+    assert rules.arming.holder is None
+
+
+@pytest.mark.invariant(3)
+def test_a_click_that_has_begun_is_over_before_the_arming_ends() -> None:
+    """Otherwise a goal could be sent after everything that was sent had been canceled."""
+    rules = Rules()
+    rules.arming.arm(1)
+    order: list[str] = []
+    begun, disconnected = threading.Event(), threading.Event()
+
+    def disconnect() -> None:
+        begun.wait()
+        rules.arming.disconnect(1)
+        order.append('ended')
+        disconnected.set()
+
+    thread = threading.Thread(target=disconnect)
+    thread.start()
+    with rules.arming.held(1):
+        begun.set()
+        assert not disconnected.wait(0.05)
+        order.append('goal sent')
+    thread.join()
+    assert order == ['goal sent', 'ended']
+    assert not rules.may(1)
+
+
+pytest.importorskip('viser')
+
+DEMO = (sys.executable, '-m', 'epson_driver.cli', 'demo')
+
+
+@pytest.mark.slow
+def test_demo_stays_with_a_panel_until_it_is_interrupted(tmp_path: Path) -> None:
+    run = subprocess.Popen(
+        [*DEMO, '--stay', '--motion=ptp', f'--picture={tmp_path / "x.png"}'],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {'PYTHONUNBUFFERED': '1'},
+    )
+    assert run.stdout is not None
+    said = ''
+    try:
+        while said.count('panel: http') < 2:  # before the run, and with what is exported
+            line = run.stdout.readline()
+            assert line, said
+            said += line
+        assert 'the arm did what was planned' in said or 'too busy to judge' in said
+        assert re.search(r'(?m)^export ROS_DOMAIN_ID=\d+$', said)
+        assert 'export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST\n' in said
+        address = re.search(r'panel: http://127\.0\.0\.1:(\d+)/', said)
+        assert address is not None, said
+        with PanelClient(int(address[1])) as client:
+            client.wait_for_lamp('Link', 'good')
+            client.wait_for_lamp('Arm gate', 'good')
+    finally:
+        run.send_signal(signal.SIGINT)
+        run.stdout.read()
+        assert run.wait(PATIENCE) in (0, TOO_BUSY)
+    with pytest.raises(ConnectionError):
+        PanelClient(int(address[1]))
+
+
+def test_two_runs_cannot_stay() -> None:
+    run = subprocess.run(
+        [*DEMO, '--compare', '--stay'], capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 2
+    assert 'leave out --stay and --panel' in run.stderr
+
+
+def test_demo_with_a_panel_says_what_is_missing() -> None:
+    code = (
+        'import sys; sys.modules["viser"] = None; sys.argv = ["", "demo", "--panel"]\n'
+        'from epson_driver.cli.__main__ import main; sys.exit(main())'
+    )
+    run = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=False)
+    assert run.returncode == 2
+    assert 'make demo ARGS=--panel' in ' '.join(run.stdout.split())
+
+
+@pytest.mark.slow
+def test_the_panel_of_a_simulated_controller_ends_with_it(tmp_path: Path) -> None:
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(('127.0.0.1', PORT))
+        except OSError:
+            pytest.skip(f'port {PORT} is taken on this machine')
+    environment = processes.ros_environment(processes.free_ros_domain())
+    controller = processes.sim_controller(
+        tmp_path / 'controller.log', '--panel', environment=environment
+    )
+    with processes.ended_at_exit(controller):
+        controller.ports()
+        assert controller.address() == f'http://127.0.0.1:{PORT}/'
+        PanelClient(PORT).close()
+        assert controller.end(signal.SIGTERM) == 0
+    with pytest.raises(ConnectionError):
+        PanelClient(PORT)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One robot's page and the controls of one browser, without ROS: what they draw and refuse."""
+"""The page of a robot in the panel, and the arm that it draws."""
 
 import time
 from collections.abc import Iterator
@@ -8,20 +8,25 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
+from support.panel_client import PanelClient
+
+from epson_driver.motion import Trajectory
+from epson_driver.panel.scene import ArmScene
+from epson_driver.panel.smooth_mesh import _smoothed, arm_meshes, quaternion
+from epson_driver.panel.web_server import WebServer
+from epson_driver.robots import load_robot_model, robot_models
+from epson_driver.robots.chain import rotation_about
+from epson_driver.robots.kinematics import Kinematics
 
 pytest.importorskip('viser')
 
-from support.panel_client import PanelClient
 from support.ros_peer import PATIENCE
 
-from epson_driver.motion import Trajectory
-from epson_driver.panel.request_error import RequestError
-from epson_driver.panel.robot_control import RobotControl
+from epson_driver.panel.robot_control import RequestError, RobotControl
 from epson_driver.panel.robot_page import INPUT, OUTPUT, BrowserControls, RobotPage
 from epson_driver.panel.robot_state import MAX_AGES_S, IoRange, RobotState
 from epson_driver.panel.sim_pendant import PendantThread
-from epson_driver.panel.web_server import WebServer
-from epson_driver.robots import load_robot_model
 
 NOW = 100.0
 NAMES = load_robot_model('c3_a601s').joint_names
@@ -77,6 +82,7 @@ class Page:
         self.client.wait(viewer.get_clients, 'a browser')
         (handle,) = viewer.get_clients().values()
         self.control.arming.connect(handle.client_id)
+        self.control.arming.alive(handle.client_id)
         self.controls = BrowserControls(self.page, handle)
         self.browser = handle.client_id
 
@@ -190,3 +196,92 @@ def test_trajectories_for_another_number_of_joints_are_not_offered(made: Page) -
     made.robot.state.joint_names = NAMES[:4]
     made.controls.refresh()
     assert made.controls._chosen.options == ('none',)
+
+
+pytest.importorskip('viser')
+
+
+@pytest.fixture
+def server() -> Iterator[WebServer]:
+    found = WebServer('127.0.0.1', 0, None)
+    yield found
+    found.stop()
+
+
+def rotation(wxyz: np.ndarray) -> np.ndarray:
+    w, x, y, z = wxyz
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + 2 * w * cross + 2 * cross @ cross
+
+
+@pytest.mark.parametrize('name', robot_models())
+def test_every_model_is_drawn_where_its_kinematics_put_it(name: str, server: WebServer) -> None:
+    model = load_robot_model(name)
+    scene = ArmScene(server.viser, '/robot', model, np.zeros(3), '')
+    limits = model.limits
+    joints = limits.position_min + 0.3 * (limits.position_max - limits.position_min)
+    scene.show(joints)
+    frame = np.eye(4)
+    for link, expected in zip(
+        scene._arm._links, Kinematics(model).link_frames(joints), strict=True
+    ):
+        step = np.eye(4)
+        step[:3, :3], step[:3, 3] = rotation(link.wxyz), link.position
+        frame = frame @ step
+        assert_allclose(frame, expected, atol=1e-9)
+    with PanelClient(server.port) as client:
+        client.wait(lambda: 'MeshMessage' in client.kinds, 'meshes')
+
+
+def test_meshes_keep_their_surface() -> None:
+    for mesh in arm_meshes(load_robot_model('c3_a601s'))[1]:
+        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        assert np.all(high - low > 0.005)
+        assert np.all(np.abs(mesh.vertices) < 0.5)
+        assert mesh.faces.max() == len(mesh.vertices) - 1
+
+
+def test_creases_stay_and_flat_faces_share_vertices() -> None:
+    corners = np.array(
+        [
+            [[0, 0, 0], [1, 0, 0], [0, 1, 0]],
+            [[1, 0, 0], [1, 1, 0], [0, 1, 0]],  # in the same plane
+            [[0, 0, 0], [0, 1, 0], [0, 0, 1]],  # across an edge of 90 degrees
+        ],
+        dtype=np.float32,
+    )
+    vertices, faces = _smoothed(corners)
+    assert len(vertices) == 4 + 3
+    assert_allclose(vertices[faces], corners)
+
+
+def test_a_quaternion_is_the_rotation_of_the_kinematics() -> None:
+    axis = np.array([0.6, 0.0, -0.8])
+    assert_allclose(
+        rotation(np.array(quaternion(axis, 1.234))), rotation_about(axis, 1.234), atol=1e-12
+    )
+
+
+def lines(server: WebServer) -> set[str]:
+    """Return the paths that are drawn."""
+    held = server.viser.scene._handle_from_node_name
+    return {path.rpartition('/')[2] for path in held if path.endswith(('driven', 'planned'))}
+
+
+def test_the_way_of_a_plan_that_is_not_known_is_drawn_as_it_goes(server: WebServer) -> None:
+    model = load_robot_model('c3_a601s')
+    scene = ArmScene(server.viser, '/robot', model, np.zeros(3), 'left')
+    assert '/robot/name' in server.viser.scene._handle_from_node_name
+    way = np.linspace(0.0, 0.2, 5)[:, None] * np.ones(6)
+    scene.show_plan(None)
+    for joints in way:
+        scene.show_ghost(joints)
+        scene.show(joints)
+    assert lines(server) == set()
+    scene.show_path()
+    assert lines(server) == {'driven', 'planned'}
+    short = Trajectory(model.joint_names, np.array([1.0]), way[-1:])
+    scene.show_plan(short)  # one point is no way, but what was driven before is forgotten
+    assert lines(server) == set()
+    scene.show_plan(Trajectory(model.joint_names, np.linspace(0.0, 1.0, 5), way))
+    assert lines(server) == {'planned'}

@@ -20,10 +20,10 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from support.ros_peer import PATIENCE
 
-from epson_driver.cli.processes import free_ros_domain
 from epson_driver.motion import Trajectory
 from epson_driver.node.ros_thread import RosThread
 from epson_driver.panel.ros_robot import PARAMETERS, Goal, NoDriverError, RosRobot
+from epson_driver.processes.processes import free_ros_domain
 
 WAY = Trajectory(('joint_1',), np.array([1.0]), np.array([[0.5]]))
 

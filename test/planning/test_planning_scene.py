@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What collides and what does not, in the planner's world."""
+"""What collides in the planner's world, and its triangles."""
 
 import numpy as np
 import pytest
@@ -9,6 +9,7 @@ from support.planning_harness import LEFT, MODEL, PART, PILLAR, scene
 from epson_driver.planning.scene import MAX_CONTACT_DEPTH_M
 from epson_driver.planning.shapes import Box, Cylinder, tray
 from epson_driver.planning.task import gripping, raised
+from epson_driver.planning.triangles import Picture
 from epson_driver.planning.workspace import HOME_RAD
 from epson_driver.robots.kinematics import Kinematics
 
@@ -100,3 +101,34 @@ def test_a_tray_is_open_above_and_closed_around():
     }
     assert distances == {0.105}
     assert {wall.centre[2] for wall in walls} == {0.04}
+
+
+def volume(corners):
+    """Return the volume inside of a closed surface, positive if its outside is outside."""
+    return float(np.einsum('ki,ki->', corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6)
+
+
+@pytest.mark.parametrize(
+    ('shape', 'expected'),
+    [
+        (Box('a', (0.1, 0.2, 0.3), (0.5, 0.1, 0.2), 0.7), 0.006),
+        (Cylinder('b', 0.1, 0.5, (0.1, 0.2, 0.3)), np.pi * 0.005),
+    ],
+)
+def test_shapes_are_closed_and_face_outwards(shape, expected):
+    corners, colours = Picture(scene(shape)).obstacles()
+    assert volume(corners) == pytest.approx(expected, rel=0.01)
+    assert corners.reshape(-1, 3).mean(axis=0) == pytest.approx(shape.centre, abs=0.01)
+    assert colours.shape == (len(corners), 3)
+
+
+def test_the_part_is_under_the_tool_that_holds_it():
+    world = scene()
+    picture = Picture(world)
+    tool = world.hand_pose(LEFT)
+    part, _ = picture.part(tool)
+    assert volume(part) == pytest.approx(np.prod(PART))
+    with_part, without = picture.arm(LEFT, holds=True)[0], picture.arm(LEFT, holds=False)[0]
+    assert len(with_part) == len(without) + len(part)
+    assert with_part[-len(part) :] == pytest.approx(part)
+    assert np.linalg.norm(without - tool[:3, 3], axis=-1).min() < 0.05

@@ -1,15 +1,28 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver report` as a person calls it, with right and with wrong arguments."""
+"""The report as a command and as a page."""
 
+import base64
+import dataclasses
+import hashlib
 import json
+import re
 import sys
+from pathlib import Path
 
+import numpy as np
 import pytest
 from support.recorded_run import usual_run
 
 from epson_driver.cli import report
-from epson_driver.cli.interrupt import INTERRUPTED
+from epson_driver.error_texts import load_error_texts
+from epson_driver.processes.interrupt import INTERRUPTED
+from epson_driver.report.derivatives import derivatives
+from epson_driver.report.figures import figures
+from epson_driver.report.page import MAX_SAMPLES, packed, page
+from epson_driver.report.run import Run
+from epson_driver.report.trace_run import read_trace
+from epson_driver.robots import load_robot_model, robot_models
 
 
 @pytest.fixture
@@ -65,7 +78,7 @@ def test_a_bag_and_its_report(called, tmp_path):
         (('a.pcap', '--output', 'x.pdf'), 'must end in .html'),
         (('nothing.pcap',), 'nothing.pcap: No such file'),
         (('a.pcap', '--robot', 'gx4_c251s', '--output', 'no/x.html'), 'No such file or directory'),
-        (('a.pcap', '--robot', 'mars'), 'no mars'),
+        (('a.pcap', '--robot', 'mars'), 'no robot model mars'),
         (('a.pcap', '--controller', 'mars'), 'no mars'),
         (('--compare', 'a.pcap', 'b.pcap', '--mcap', 'bag'), 'leave out --compare'),
         (('a.pcap', '--address', '10.9.9.9'), 'no connection to a controller'),
@@ -118,3 +131,125 @@ def test_a_library_that_is_missing_and_no_extra_of_ours_is_not_taken_for_one(cal
     monkeypatch.setattr(report, 'read_trace', missing)
     with pytest.raises(ModuleNotFoundError, match='numpy'):
         called('a.pcap')
+
+
+MODEL = load_robot_model('c3_a601s')
+
+ROOT = Path(__file__).parents[2]
+
+ASSETS = ROOT / 'epson_driver/report/assets'
+
+
+def made(tmp_path, **options):
+    path = usual_run(**options).write(tmp_path / 'run.pcap')
+    run = read_trace(path, MODEL.limits, load_error_texts())
+    return run, page([(run, figures(run))], MODEL)
+
+
+def data_of(text):
+    return json.loads(re.search(r'<script id="data"[^>]*>(.*?)</script>', text, re.DOTALL)[1])
+
+
+def test_the_policy_allows_these_scripts_and_nothing_else(tmp_path):
+    _, text = made(tmp_path)
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)[1]
+    rules = dict(rule.strip().split(' ', 1) for rule in policy.split(';'))
+    assert rules['default-src'] == "'none'"
+    assert set(rules) == {'default-src', 'script-src', 'style-src', 'base-uri', 'form-action'}
+    for kind, pattern in (
+        ('script-src', r'<script>(.*?)</script>'),
+        ('style-src', r'<style>(.*?)</style>'),
+    ):
+        hashes = {
+            "'sha256-" + base64.b64encode(hashlib.sha256(each.encode()).digest()).decode() + "'"
+            for each in re.findall(pattern, text, re.DOTALL)
+        }
+        assert hashes == set(rules[kind].split())
+    assert text.index('Content-Security-Policy') < text.index('<style>') < text.index('<script>')
+    assert not re.search(r'<(link|img|iframe|script|source)[^>]*\s(src|href)=', text)
+
+
+@pytest.mark.slow
+def test_a_minute_of_motion_is_at_most_two_megabytes():
+    count = 60 * 182
+    times = np.arange(count) / 182.0
+    noise = np.random.default_rng(1).normal(size=(count, 6))  # nothing to compress
+    run = Run(
+        'minute', 10**18, MODEL.joint_names, times, np.cumsum(noise, axis=0) * 1e-3, ended=60.0
+    )
+    assert len(page([(run, figures(run))], MODEL).encode()) <= 2_000_000
+
+
+@pytest.mark.slow
+def test_a_long_run_is_thinned_out_and_says_so(tmp_path):
+    count = MAX_SAMPLES * 5 // 2
+    times = np.arange(count) * 0.005
+    run = Run('long', 10**18, MODEL.joint_names, times, np.zeros((count, 6)), ended=187.0)
+    data = data_of(page([(run, figures(run))], MODEL))
+    assert data['runs'][0]['stride'] == 3
+    assert len(base64.b64decode(data['runs'][0]['times'])) / 4 <= MAX_SAMPLES
+    assert data['runs'][0]['figures']['joint_states']['count'] == count
+
+
+def test_the_data_are_those_of_the_run(tmp_path):
+    run, text = made(tmp_path, estop=2.0)
+    held = data_of(text)['runs'][0]
+    positions = np.frombuffer(base64.b64decode(held['positions']), '<f4').reshape(-1, 6)
+    assert np.array_equal(positions, run.positions.astype('<f4'))
+    assert held['figures']['events'][-1]['text'] == run.events[-1].text
+    times = [change[0] for change in held['conditions']]
+    assert times == sorted(times)
+    assert held['conditions'][-1][1] == list(run.conditions[-1].flags)
+
+
+def test_a_name_cannot_break_out_of_the_page(tmp_path):
+    run, _ = made(tmp_path)
+    evil = dataclasses.replace(run, source='</script><script>alert(1)</script>"')
+    text = page([(evil, figures(evil))], MODEL)
+    assert '<script>alert' not in text
+    assert data_of(text)['runs'][0]['figures']['source'] == evil.source
+
+
+@pytest.mark.parametrize('name', robot_models())
+def test_every_robot_can_be_drawn(name):
+    model = load_robot_model(name)
+    count = len(model.joint_names)
+    run = Run('r', 10**18, model.joint_names, np.arange(9) * 0.01, np.zeros((9, count)), ended=0.1)
+    data = data_of(page([(run, figures(run))], model))
+    assert len(data['arm']['origins']) == len(data['limits']['low']) == count
+    for mesh in data['arm']['meshes']:
+        corners = np.frombuffer(base64.b64decode(mesh['vertices']), '<u2')
+        triangles = np.frombuffer(base64.b64decode(mesh['triangles']), '<u2')
+        assert triangles.max() * 3 + 2 < len(corners)
+
+
+def test_the_bundle_has_its_licences_and_its_versions():
+    wanted = json.loads((ROOT / 'generate/report_bundle/package.json').read_text())['dependencies']
+    licences = (ASSETS / 'bundle.LICENSES.txt').read_text()
+    for name, version in (('three.js', wanted['three']), ('uPlot', wanted['uplot'])):
+        assert f'=== {name} {version} ===' in licences
+        assert f'{name} {version}' in (ASSETS / 'bundle.js').read_text()[:200]
+    assert licences.count('Permission is hereby granted') == 2
+
+
+def test_derivatives_of_a_parabola_are_exact_at_uneven_times():
+    times = np.cumsum(np.random.default_rng(2).uniform(0.002, 0.012, 300))
+    positions = np.stack([3.0 - 2.0 * times + 5.0 * times**2, times * 0.0], axis=1)
+    velocities, accelerations = derivatives(times, positions)
+    assert velocities[:, 0] == pytest.approx(-2.0 + 10.0 * times, abs=1e-6)
+    assert accelerations[:, 0] == pytest.approx(np.full(300, 10.0), rel=1e-5)
+    assert not velocities[:, 1].any()
+
+
+@pytest.mark.parametrize('count', [0, 1, 4])
+def test_few_joint_states_have_no_derivatives(count):
+    velocities, accelerations = derivatives(np.arange(count) * 0.1, np.ones((count, 6)))
+    assert velocities.shape == accelerations.shape == (count, 6)
+    assert not velocities.any()
+
+
+def test_a_mesh_with_more_vertices_than_16_bits_can_number_is_refused():
+    corners = np.random.default_rng(1).normal(size=(65_536, 3))
+    with pytest.raises(ValueError, match='65536 vertices: at most 65535'):
+        packed(corners, np.zeros((1, 3), dtype=int))
+    assert packed(corners[1:], np.zeros((1, 3), dtype=int))

@@ -20,10 +20,12 @@ from support.recorded_run import (
 )
 
 from epson_driver.error_texts import load_error_texts
+from epson_driver.motion import Trajectory
 from epson_driver.report.condition_events import condition_events
 from epson_driver.report.derivatives import derivatives
 from epson_driver.report.figures import STANDSTILL_RAD, figures
-from epson_driver.report.page import page
+from epson_driver.report.measure import Recording, measure
+from epson_driver.report.page import packed_arm, page
 from epson_driver.report.run import NO, UNKNOWN, YES, Condition, Plan, Run, RunError
 from epson_driver.report.trace_run import read_trace
 from epson_driver.robots import load_robot_model
@@ -36,11 +38,13 @@ from epson_driver.simple_message import (
     JointTrajPtFull,
     MotionCtrl,
     MotionReply,
+    Ping,
     ReplyCode,
     Status,
     ValidFields,
     encode,
     joint_data,
+    reply,
     topic,
 )
 from epson_driver.simple_message.motoman import Command, Result
@@ -316,6 +320,14 @@ def test_a_command_of_motoman_is_an_event_and_its_refusal_names_it(tmp_path):
     ]
 
 
+def test_a_ping_that_failed_says_that_the_driver_hung(tmp_path):
+    recorder = usual_run()
+    recorder.raw(4.1, 11000, encode(reply(Ping(), ReplyCode.FAILURE), LITTLE_ENDIAN))
+    run = read(recorder, tmp_path)
+    (error,) = [event for event in run.events if event.level == 'error']
+    assert error.text == 'the controller stopped the arm: it heard nothing from the driver'
+
+
 def test_a_reply_that_nobody_asked_for_and_a_message_cut_short_are_events(tmp_path):
     recorder = usual_run()
     unasked = struct.pack('<4i', 12, 999, CommType.SERVICE_REPLY, ReplyCode.SUCCESS)
@@ -395,3 +407,32 @@ def test_one_joint_state_is_a_run_that_can_be_drawn(tmp_path):
     assert numbers.velocities.tolist() == [[0.0] * 6]
     assert (numbers.joint_states.count, numbers.joint_states.rate) == (1, None)
     assert page([(run, numbers)], load_robot_model('c3_a601s'))
+
+
+MODEL = load_robot_model('gx8_c652s')
+NAMES = MODEL.joint_names
+
+
+def carried() -> Recording:
+    """The arm turns for 1 s, then the shaft alone goes up 0.1 m for 1 s, then the arm turns on."""
+    times = np.arange(0.0, 3.0, 0.01)
+    velocities = np.zeros((len(times), 4))
+    velocities[(times > 0.1) & (times < 1.0), 0] = 2.2
+    velocities[(times >= 1.0) & (times < 2.0), 2] = 0.1
+    velocities[(times >= 2.0) & (times < 2.9), 0] = 2.2
+    positions = np.cumsum(velocities, axis=0) * 0.01
+    return Recording(times, positions + np.array([0.0, 1.0, -0.2, 0.0]), velocities)
+
+
+def test_a_shaft_that_moves_slowly_is_no_stop_of_the_arm() -> None:
+    run = carried()
+    ends = Trajectory(NAMES, np.array([0.0, 3.0]), run.positions[[0, -1]])
+    assert measure(ends, run).stops == 1  # the same numbers, all taken for rad
+    assert measure(ends, run, MODEL.limits.rad_per_unit).stops == 0
+
+
+def test_the_page_has_the_meshes_of_all_links_of_a_scara() -> None:
+    drawn = packed_arm(MODEL)
+    assert {mesh['link'] for mesh in drawn['meshes']} == set(range(5))
+    assert {len(mesh['colour']) for mesh in drawn['meshes']} == {3}
+    assert drawn['types'] == ['revolute', 'revolute', 'prismatic', 'revolute']

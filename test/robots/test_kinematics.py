@@ -4,8 +4,6 @@
 
 import dataclasses
 import re
-import subprocess
-import sys
 
 import numpy as np
 import numpy.typing as npt
@@ -15,13 +13,11 @@ from scipy.spatial.transform import Rotation
 from support.examples import one_in
 
 from epson_driver.robots import Chain, Frame, RobotModel, load_robot_model, robot_models
-from epson_driver.robots.kinematics import Kinematics, opw_robot, rotation_of_uvw, uvw
+from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw, uvw
 from epson_driver.robots.opw import KinematicsError, opw_parameters
-from epson_driver.share import share_file
+from epson_driver.robots.urdf import urdf
 
 pinocchio = pytest.importorskip('pinocchio')
-pytest.importorskip('py_opw_kinematics')
-
 Array = npt.NDArray[np.float64]
 
 C3 = load_robot_model('c3_a601s')
@@ -73,10 +69,10 @@ def test_tool0_is_where_the_pendant_would_show_it(
 
 def from_urdf(text: str, degrees: tuple[float, ...]) -> Array:
     """Return Tool 0 in base by Pinocchio, which reads the URDF by itself."""
-    urdf = pinocchio.buildModelFromXML(text)
-    data = urdf.createData()
-    pinocchio.framesForwardKinematics(urdf, data, np.radians(degrees))
-    base, tool = (data.oMf[urdf.getFrameId(name)] for name in ('base', 'tool0'))
+    read = pinocchio.buildModelFromXML(text)
+    data = read.createData()
+    pinocchio.framesForwardKinematics(read, data, np.radians(degrees))
+    base, tool = (data.oMf[read.getFrameId(name)] for name in ('base', 'tool0'))
     return np.asarray((base.inverse() * tool).homogeneous)
 
 
@@ -86,8 +82,7 @@ def test_the_urdf_has_tool0_where_the_pendant_would_show_it(
     millimetres: tuple[float, ...],
     angles: tuple[float, ...] | None,
 ) -> None:
-    text = share_file('urdf', 'c3_a601s.urdf').read_text(encoding='utf-8')
-    pose = from_urdf(text, degrees)
+    pose = from_urdf(urdf('c3_a601s'), degrees)
     assert pose[:3, 3] * 1e3 == pytest.approx(millimetres, abs=CLOSE)
     if angles is not None:
         assert turned(pose[:3, :3], rotation_of_uvw(np.radians(angles))) < CLOSE
@@ -95,27 +90,19 @@ def test_the_urdf_has_tool0_where_the_pendant_would_show_it(
 
 @pytest.mark.parametrize('model', SIX_AXIS, ids=names)
 def test_the_chain_in_python_is_that_of_the_urdf(model: RobotModel) -> None:
-    urdf = pinocchio.buildModelFromUrdf(str(share_file('urdf', f'{model.name}.urdf')))
-    data, arm = urdf.createData(), Kinematics(model)
+    read = pinocchio.buildModelFromXML(urdf(model.file))
+    data, arm = read.createData(), Kinematics(model)
     for joints in joints_of(model, 0, 50):
-        pinocchio.framesForwardKinematics(urdf, data, joints)
+        pinocchio.framesForwardKinematics(read, data, joints)
         frames = arm.link_frames(joints)
         for number, frame in enumerate(frames, start=1):
-            there = data.oMf[urdf.getFrameId(f'link_{number}')].homogeneous
+            there = data.oMf[read.getFrameId(f'link_{number}')].homogeneous
             np.testing.assert_allclose(frame, there, atol=EXACT)
-        there = data.oMf[urdf.getFrameId('tool0')].homogeneous
+        there = data.oMf[read.getFrameId('tool0')].homogeneous
         np.testing.assert_allclose(arm.forward(joints), there, atol=EXACT)
-        in_base = data.oMf[urdf.getFrameId('base')].inverse().homogeneous @ there
+        in_base = data.oMf[read.getFrameId('base')].inverse().homogeneous @ there
         np.testing.assert_allclose(arm.in_base(arm.forward(joints)), in_base, atol=EXACT)
         np.testing.assert_allclose(arm.from_base(in_base), there, atol=EXACT)
-
-
-@pytest.mark.parametrize('model', ARMS, ids=names)
-def test_the_opw_lengths_describe_the_same_arm_as_the_chain(model: RobotModel) -> None:
-    arm, robot = Kinematics(model), opw_robot(opw_parameters(model))
-    for joints in joints_of(model, 1, 100):
-        pose = robot.forward(tuple(joints)).as_matrix()
-        np.testing.assert_allclose(pose, arm.forward(joints), atol=EXACT)
 
 
 def test_the_opw_lengths_of_the_c3_are_the_published_ones() -> None:
@@ -314,12 +301,12 @@ def test_a_scara_at_zero_faces_epsons_x() -> None:
     model = load_robot_model('gx4_c251s')
     arm = Kinematics(model)
     place, angles = arm.epson_point(np.zeros(4))
-    # zero pulses face EPSON's X; arms 124 + 126 mm; heights 156 + 10 - 42 mm
-    assert place == pytest.approx([0.25, 0.0, 0.124], abs=1e-12)
+    # zero pulses face EPSON's X; arms 124 + 126 mm; Z is 0 at the shaft's end, negative below
+    assert place == pytest.approx([0.25, 0.0, 0.0], abs=1e-12)
     assert angles == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
     joints = np.array([np.pi / 2, np.pi / 2, -0.1, np.radians(-30.0)])
     place, angles = arm.epson_point(joints)
-    assert place == pytest.approx([-0.126, 0.124, 0.024], abs=1e-12)
+    assert place == pytest.approx([-0.126, 0.124, -0.1], abs=1e-12)
     assert np.degrees(angles) == pytest.approx([150.0, 0.0, 0.0])
 
 
@@ -346,24 +333,3 @@ def test_u_v_and_w_turn_about_z_then_y_then_x() -> None:
             shown = uvw(rotation)
             assert shown[0] == 0.0
             assert turned(rotation_of_uvw(shown), rotation) < 1e-6
-
-
-def test_without_the_library_the_inverse_says_what_to_install_and_the_rest_works() -> None:
-    code = """
-import sys
-sys.modules['py_opw_kinematics'] = None
-import numpy as np
-from epson_driver.robots import load_robot_model
-from epson_driver.robots.kinematics import Kinematics
-arm = Kinematics(load_robot_model('c3_a601s'))
-pose = arm.forward(np.zeros(6))
-assert 'scipy' not in sys.modules
-try:
-    arm.inverse(pose)
-except ModuleNotFoundError as error:
-    print(error)
-"""
-    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True)
-    assert done.stdout == (
-        "inverse kinematics need py-opw-kinematics: pip install 'epson_driver[planning]'\n"
-    )

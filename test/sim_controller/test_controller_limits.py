@@ -1,15 +1,23 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whatever is sent and whenever it is stopped: the arm stays within every limit."""
+"""The limits of the simulated controller, with six joints and with seven."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.controller_harness import LIMITS, STOP, Harness, InlinePlanner, point
+from support.controller_harness import LIMITS, PROFILE, STOP, Harness, InlinePlanner, Remote, point
 from support.examples import examples
+from support.longer_arm import arm_model
 
+from epson_driver.profiles import load_controller_profile
+from epson_driver.robots import load_robot_model
+from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.condition.states import Motors, RejectedError
+from epson_driver.sim_controller.faults.fault_kinds import FaultError
+from epson_driver.sim_controller.faults.fault_text import parse
 from epson_driver.simple_message import FrameError
 
 DT = 0.001
@@ -203,3 +211,82 @@ def test_every_request_is_answered_once_and_in_order(sequences, pause):
     harness.step(1.0)  # the dead time of downloads
     harness.rest()
     assert [sequence for sequence, _ in harness.codes()] == sequences
+
+
+GOAL = (0.1, -0.2, 0.3, -0.1, 0.2, -0.3, 0.5)
+
+
+@pytest.fixture
+def model(tmp_path):
+    return arm_model(tmp_path, 7)
+
+
+@pytest.mark.parametrize('smooth', [False, True])
+def test_all_seven_joints_go_to_the_point_within_their_limits(model, smooth):
+    harness = Harness(model=model, planner=InlinePlanner() if smooth else None)
+    harness.send(point(0, GOAL))
+    trace = harness.run(dt=0.001)
+    assert harness.joints == pytest.approx(GOAL, abs=1e-6)
+    assert trace.shape[1] == 7
+    assert np.all(np.abs(np.diff(trace, axis=0)) <= model.limits.velocity * 0.001 * 1.001)
+    message = harness.controller.joint_position()
+    assert message.joints[7:] == (0.0, 0.0, 0.0)
+    harness.send(point(1, (*GOAL[:6], 7.0)))
+    assert [reply.reply_code for reply in harness.replies()][-1] == 2
+    assert harness.error == 4001
+
+
+def test_remote_commands_know_the_seventh_joint(model):
+    remote = Remote(Harness(model=model, motors=False))
+    assert remote('Sim,print,Agl(7)') == '#Sim,0'
+    assert remote('Sim,print,Agl(8)') == '!Sim,99'
+    assert remote('Execute,"HomeSet 0,0,0,0,0,0,100"') == '#Execute,0'
+    assert remote('Execute,"HomeSet 0,0,0,0,0,0"') == '!Execute,99'
+    assert remote('Sim,disturb,7,3.0') == '#Sim,0'
+    assert remote('Sim,print,Agl(7)') == '#Sim,3'
+
+
+def test_faults_reach_the_seventh_joint_and_no_other(model):
+    harness = Harness(model=model)
+    harness.controller.faults.start(parse('servo_error 7'))
+    assert harness.error == 5042
+    with pytest.raises(FaultError, match='the robot has 7 joints'):
+        harness.controller.faults.start(parse('servo_error 8'))
+
+
+def test_ten_joints_are_served_and_more_than_a_message_carries_are_refused(tmp_path):
+    assert len(Harness(model=arm_model(tmp_path, 10)).joints) == 10
+    with pytest.raises(ValueError, match='joints: 11 joints: a message carries at most 10'):
+        new_controller(arm_model(tmp_path, 11), PROFILE)
+
+
+MODEL = load_robot_model('gx4_c251s')
+
+START = np.array([0.5, -0.25, -0.05, 1.0])
+
+
+@pytest.fixture
+def remote() -> Remote:
+    controller = new_controller(MODEL, load_controller_profile('rc700a'), START)
+    return Remote(SimpleNamespace(controller=controller))
+
+
+def test_agl_is_in_mm_and_pls_in_pulses_per_mm(remote: Remote) -> None:
+    assert remote('Sim,print,Agl(1),Agl(3)') == '#Sim,28.64789 -50'
+    # 131072 pulses in 11.52 mm
+    assert remote('Sim,print,Pls(3)') == f'#Sim,{round(-50.0 * 131072 / 11.52)}'
+
+
+def test_home_is_held_against_the_stroke(remote: Remote) -> None:
+    assert remote('Execute,"HomeSet 0,0,-1706666,0"') == '#Execute,0'
+    assert remote('Execute,"HomeSet 0,0,-1706669,0"') == '!Execute,99'
+    assert 'HomeSet: joint_3' in remote('Sim,why')
+
+
+def test_a_push_is_in_mm(remote: Remote) -> None:
+    assert remote('Sim,disturb,3,-10') == '#Sim,0'
+    assert remote.controller.joint_position().joints[2] == pytest.approx(-0.06, abs=1e-7)
+    with pytest.raises(
+        RejectedError, match=r'joint_3 = 0\.04 m is outside the limits -0\.15 … 0 m'
+    ):
+        remote.controller.disturb(2, 0.1)

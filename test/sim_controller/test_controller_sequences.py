@@ -69,7 +69,7 @@ angles = st.tuples(*(st.floats(-0.375, 0.375, width=32) for _ in range(JOINTS)))
 class Sequences(RuleBasedStateMachine):
     """One controller, its person, a motion client, a state client and a remote client."""
 
-    PLANNER = None
+    PLANNER: type[InlinePlanner] | None = None
 
     def __init__(self):
         super().__init__()

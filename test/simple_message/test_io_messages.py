@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The I/O messages: bytes made with struct alone, what comes back, and bodies that are wrong."""
+"""The messages of I/O and of Motoman, byte by byte."""
 
 import struct
 from itertools import product
@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.examples import examples
-from wire_examples import INT32, frames_of
+from wire_examples import DIALECTS, FLOAT32, HEADERS, INT32, bits, frames_of
 
 from epson_driver.simple_message import (
     BIG_ENDIAN,
@@ -21,6 +21,7 @@ from epson_driver.simple_message import (
     FieldError,
     Frame,
     IoAddress,
+    IoCtrlReply,
     IoInfo,
     IoInfoReply,
     IoOutcome,
@@ -41,9 +42,21 @@ from epson_driver.simple_message import (
     IoWrite,
     IoWriteReply,
     Message,
+    MessageType,
+    MotionCtrl,
+    MotionReply,
+    MotomanIoResult,
     Opaque,
     Packet,
+    ReadIoBit,
+    ReadIoBitReply,
+    ReadIoGroup,
+    ReadIoGroupReply,
     ReplyCode,
+    WriteIoBit,
+    WriteIoBitReply,
+    WriteIoGroup,
+    WriteIoGroupReply,
     decode,
     encode,
     reply,
@@ -51,6 +64,8 @@ from epson_driver.simple_message import (
     topic,
 )
 from epson_driver.simple_message.io_layouts import MAX_ITEMS, MAX_VALUES
+from epson_driver.simple_message.motoman import Command, Invalid, NotReady, Result
+from epson_driver.simple_message.motoman_io import GENERAL_INPUTS, GENERAL_OUTPUTS, bit_address
 
 REQUEST, REPLY, TOPIC = (2, 0), (3, 1), (1, 0)
 
@@ -309,3 +324,120 @@ def test_the_same_words_mean_something_else_in_a_reply() -> None:
     assert decode(frame(65201, *words, header=REPLY)).message == IoReadReply(5, 1)
     with pytest.raises(BodyError):
         decode(frame(65201, *words))
+
+
+DATA = (1.0, -2.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 8.0)
+
+START_TRAJ_MODE = 200121
+
+ORDERS = pytest.mark.parametrize(
+    ('order', 'dialect'), [('<', LITTLE_ENDIAN), ('>', BIG_ENDIAN)], ids=['little', 'big']
+)
+
+
+@ORDERS
+def test_motion_ctrl_is_64_bytes_long(order: str, dialect: Dialect) -> None:
+    wire = struct.pack(order + '4i3i10f', 64, 2001, 2, 0, 0, 7, START_TRAJ_MODE, *DATA)
+    assert len(wire) == 68
+    message = MotionCtrl(0, 7, Command.START_TRAJ_MODE, DATA)
+    assert encode(request(message), dialect) == wire
+    (frame,) = frames_of(wire)
+    assert decode(frame).message == message
+
+
+@ORDERS
+def test_motion_reply_is_72_bytes_long(order: str, dialect: Dialect) -> None:
+    wire = struct.pack(order + '4i5i10f', 72, 2002, 3, 1, 1, 3, 14, 3, 3011, *DATA)
+    assert len(wire) == 76
+    message = MotionReply(1, 3, 14, Result.INVALID, Invalid.DATA_START_POS, DATA)
+    assert encode(reply(message, ReplyCode.SUCCESS), dialect) == wire
+    (frame,) = frames_of(wire)
+    assert decode(frame).message == message
+
+
+def test_the_first_bytes_as_they_are_in_a_capture() -> None:
+    wire = encode(request(MotionCtrl(0, 0, Command.CHECK_MOTION_READY)), LITTLE_ENDIAN)
+    assert wire == (
+        bytes.fromhex('40000000 d1070000 02000000 00000000  00000000 00000000 a50d0300')
+        + bytes(40)
+    )
+
+
+@pytest.mark.parametrize('dialect', DIALECTS, ids=str)
+@settings(max_examples=examples(40))
+@given(data=st.data())
+def test_every_value_comes_back_bit_exact(dialect: Dialect, data: st.DataObject) -> None:
+    ten = st.tuples(*[FLOAT32] * 10)
+    message = data.draw(
+        st.builds(MotionCtrl, INT32, INT32, INT32, ten)
+        | st.builds(MotionReply, INT32, INT32, INT32, INT32, INT32, ten)
+    )
+    packet = Packet(message, *data.draw(HEADERS), dialect=dialect)
+    (frame,) = frames_of(encode(packet, dialect))
+    received = decode(frame)
+    assert bits(received.message) == bits(message)
+    assert received.dialect == dialect
+
+
+@pytest.mark.parametrize(('msg_type', 'size'), [(2001, 52), (2002, 60)])
+@pytest.mark.parametrize('off', [-4, -1, 1, 4])
+def test_a_body_of_another_length_is_refused(msg_type: int, size: int, off: int) -> None:
+    with pytest.raises(
+        BodyError, match=f'body = .*{size + off} bytes.* has {size} or {size + 40}'
+    ):
+        decode(Frame(msg_type, 2, 0, bytes(size + off), LITTLE_ENDIAN.byte_order))
+
+
+def test_a_number_that_does_not_fit_is_named() -> None:
+    with pytest.raises(FieldError, match='command = 2147483648: must be an int32'):
+        encode(request(MotionCtrl(0, 0, 2**31)), LITTLE_ENDIAN)
+    with pytest.raises(FieldError, match=r'data = .*9 values.*: must have 10'):
+        encode(request(MotionCtrl(0, 0, 0, (0.0,) * 9)), LITTLE_ENDIAN)
+
+
+def test_the_numbers_of_the_protocol() -> None:
+    assert (MessageType.MOTION_CTRL, MessageType.MOTION_REPLY) == (2001, 2002)
+    assert [int(command) for command in Command] == [
+        *(200101, 200102),
+        *(200111, 200112, 200113, 200114),
+        *(200121, 200122),
+        200130,
+    ]
+    assert [int(result) for result in Result] == list(range(7))
+    assert [int(code) for code in Invalid] == [*range(3000, 3007), *range(3010, 3018)]
+    assert [int(code) for code in NotReady] == list(range(5000, 5013))
+
+
+MESSAGES = [
+    (2003, request(ReadIoBit(10010)), (10010,)),
+    (2004, reply(ReadIoBitReply(1, 0), ReplyCode.SUCCESS), (1, 0)),
+    (2005, request(WriteIoBit(10010, 1)), (10010, 1)),
+    (2006, reply(WriteIoBitReply(1002), ReplyCode.FAILURE), (1002,)),
+    (2007, request(ReadIoGroup(1001)), (1001,)),
+    (2008, reply(ReadIoGroupReply(255, 0), ReplyCode.SUCCESS), (255, 0)),
+    (2009, request(WriteIoGroup(1001, 129)), (1001, 129)),
+    (2010, reply(WriteIoGroupReply(1003), ReplyCode.FAILURE), (1003,)),
+    (2011, reply(IoCtrlReply(3, 3003), ReplyCode.SUCCESS), (3, 3003)),
+]
+
+
+@pytest.mark.parametrize(('msg_type', 'packet', 'words'), MESSAGES, ids=[m[0] for m in MESSAGES])
+@pytest.mark.parametrize(
+    ('order', 'dialect'), [('<', LITTLE_ENDIAN), ('>', BIG_ENDIAN)], ids=['little', 'big']
+)
+def test_each_message_has_the_bytes_of_motoros(msg_type, packet, words, order, dialect):
+    header = (12 + 4 * len(words), msg_type, packet.comm_type, packet.reply_code)
+    wire = struct.pack(f'{order}{4 + len(words)}i', *header, *words)
+    assert encode(packet, dialect) == wire
+    (frame,) = frames_of(wire)
+    assert decode(frame).message == packet.message
+    assert dialect in DIALECTS
+
+
+def test_bits_are_addressed_by_group_and_place_as_on_the_teach_pendant():
+    assert [bit_address(GENERAL_INPUTS, index) for index in (0, 7, 8)] == [10, 17, 20]
+    assert [bit_address(GENERAL_OUTPUTS, index) for index in (0, 15)] == [10010, 10027]
+
+
+def test_results_are_those_of_motoros():
+    assert [int(result) for result in MotomanIoResult] == [0, 1001, 1002, 1003, 1004, 1005]

@@ -17,7 +17,6 @@ from epson_driver.simple_message import (
     GetVersion,
     JointFeedback,
     JointPosition,
-    JointSetpoint,
     JointTraj,
     JointTrajPt,
     JointTrajPtFull,
@@ -224,7 +223,6 @@ def messages(real: Real) -> st.SearchStrategy[Message]:
         st.builds(Status, *[INT32] * 7),
         st.builds(JointTrajPtFull, INT32, INT32, INT32, number, ten, ten, ten),
         st.builds(JointFeedback, INT32, INT32, number, ten, ten, ten),
-        st.builds(JointSetpoint, INT32, ten, ten, number),
         st.builds(Opaque, vendor_types, st.binary(max_size=100)),
     )
 
@@ -242,5 +240,7 @@ HEADERS = st.sampled_from(
 def packets(dialect: Dialect) -> st.SearchStrategy[Packet]:
     """Return a strategy for packets with every kind of header."""
     return st.builds(
-        lambda message, header: Packet(message, *header, dialect), messages(dialect.real), HEADERS
+        lambda message, header: Packet(message, *header, dialect=dialect),
+        messages(dialect.real),
+        HEADERS,
     )

@@ -12,14 +12,12 @@ from support.examples import examples
 from support.spel_harness import ScriptedHost
 
 from epson_driver.spel import Machine, ProgramError, build
-from epson_driver.spel.commands import COMMANDS, NOT_SIMULATED, STRUCTURE_WORDS, TYPES
-from epson_driver.spel.functions import CONSTANTS, FUNCTIONS
 from epson_driver.spel.lint import check
-from epson_driver.spel.project import decoded
+from epson_driver.spel.project_data import decoded
+from epson_driver.spel.words import CONSTANTS
+from epson_driver.spel.words import WORDS as TABLE
 
-WORDS = sorted(
-    {*COMMANDS, *FUNCTIONS, *STRUCTURE_WORDS, *TYPES, *CONSTANTS, *sorted(NOT_SIMULATED)[:5]}
-)
+WORDS = sorted([*TABLE, *list(CONSTANTS)[:60], 'p'])
 SIGNS = [
     '(',
     ')',

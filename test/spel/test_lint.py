@@ -49,7 +49,7 @@ BAD = [
     ('task-type', 5, 'Function main\n  Trap Emergency Xqt a\nFend\nFunction a\n  Speed 5\nFend'),
     ('endless-loop', 3, main('  Do\n    MemOn 1\n  Loop')),
     ('endless-loop', 3, main('  Do While Sw(1) = Off\n    MemOn 1\n  Loop')),
-    ('goto-out-of-loop', 4, main('  Do\n    GoTo out\n    Wait 1\n  Loop\nout:')),
+    ('goto-out-of-loop', 4, main('  Do\n    If Sw(1) Then GoTo away\n    Wait 1\n  Loop\naway:')),
     ('handler', 5, main('  OnErr GoTo bad\n  Print 1\nbad:\n  EResume Next')),
     ('handler', 5, QUITS_ANOTHER),
     ('handler', 5, main('  OnErr GoTo bad\n  Quit 2\nbad:\n  EResume Next')),
@@ -61,7 +61,25 @@ BAD = [
     ('integer-range', 5, main('  Integer i\n  Long l\n  i = l')),
     ('integer-range', 4, main('  Integer i\n  For i = 1 To 32767\n  Next')),
     ('declaration-in-loop', 4, main('  Do\n    Integer i\n    Wait 1\n  Loop')),
+    ('range', 3, main('  Speed 120')),
+    ('range', 3, main('  Print 5 / 0')),
+    ('range', 3, main('  TmReset 99')),
+    ('range', 3, main('  SetNet #300, "", 1')),
+    ('range', 3, main('  MemOn 5000')),
+    ('range', 3, main('  Jump P1 C9')),
+    ('range', 3, main('  Tool 20')),
+    ('range', 3, 'Function main\n  Wait 1\n  Xqt 40, a\nFend\nFunction a\nFend'),
+    ('array-index', 4, main('  Integer a(5)\n  a(9) = 1')),
+    ('unreachable', 4, main('  Exit Function\n  Print 1')),
+    ('unreachable', 6, main('  Do While True\n    Wait 1\n  Loop\n  Print 1')),
+    ('unreachable', 6, main('  Select MemSw(1)\n  Case 1\n    Print 1\n  Case 1\n  Send')),
+    ('unused', 3, main('  Integer i')),
+    ('unused', 5, main('  Print 1') + 'Function nobody\nFend\n'),
+    ('unused', 1, 'Integer m\n' + main('  Print 1')),
+    ('two-owners', 6, 'Function main\n  Xqt a\n  Go P1\nFend\nFunction a\n  Go P2\nFend'),
+    ('two-owners', 6, 'Function main\n  Xqt a\n  TmReset 1\nFend\nFunction a\n  TmReset 1\nFend'),
     ('hex', 4, main('  Int64 l\n  l = &HFFFFFFFF')),
+    ('reserved', 3, main('  Integer below')),
     ('for-depth', 14, main('  Integer i\n' + '  For i = 1 To 2\n' * 11 + '  Next\n' * 11)),
     ('port-shared', 6, SHARED_PORT),
     ('version', 3, main('  UByte b')),
@@ -94,7 +112,7 @@ BAD = [
 def test_a_rule_finds_its_fault_at_its_line(rule: str, line: int, source: str) -> None:
     problems = found(source, 6)
     assert (rule, line) in problems
-    assert {each for each, _ in problems} - {rule} <= {'version'}
+    assert {each for each, _ in problems} - {rule} <= {'version', 'unused'}
 
 
 def test_more_than_64_variables_in_wait_conditions() -> None:
@@ -107,20 +125,21 @@ def test_more_than_64_variables_in_wait_conditions() -> None:
 
 def test_a_bad_user_errors_file_is_found() -> None:
     given = files('Function main\nFend\n')
-    given['UserErrors.dat'] = 'nError=many\n'
-    (problem,) = check(given)
-    assert (problem.rule, problem.position.file) == ('user-errors', 'UserErrors.dat')
+    given['UserErrors.dat'] = 'Label1 {\nnError=many\n}\n'
+    problem, _ = check(given)
+    assert (problem.rule, problem.position.file) == ('project-file', 'UserErrors.dat')
 
 
 def test_every_rule_has_a_program_that_breaks_it() -> None:
-    elsewhere = {'wait-variables', 'user-errors'}
+    elsewhere = {'wait-variables', 'project-file'}
     assert {rule for rule, _, _ in BAD} | elsewhere == RULES.keys()
 
 
 def test_where_exactly_a_problem_is() -> None:
     (problem,) = check(files('Function main\n  Integer i\n  If i = True Then Print 1\nFend\n'))
     assert str(problem) == (
-        'main.prg:3:8: warning: i = True holds only for -1: write i <> 0, or = On [true-compare]'
+        'main.prg:3:8: warning: i = True: True is -1 (p995), i may be 1: '
+        'write i <> 0, or = On [true-compare]'
     )
 
 
@@ -203,3 +222,32 @@ Fend
 def test_a_good_program_is_clean_on_every_version(version: int) -> None:
     build(files(GOOD))
     assert found(GOOD, version) == []
+
+
+QUIET = {
+    'a loop without an end above a handler': main(
+        '  OnErr GoTo bad\n  Do While True\n    Wait 1\n  Loop\nbad:\n  EResume Next'
+    ),
+    'both branches leave above a handler': main(
+        '  OnErr GoTo bad\n  If Sw(1) Then\n    Exit Function\n  Else\n    Exit Function\n'
+        '  EndIf\nbad:\n  EResume Next'
+    ),
+    'an index that another rule has checked': main(
+        '  Integer i, a(9)\n  i = a(1)\n  If i <> 3 And a(i) = 1 Then Print i'
+    ),
+    'a comment that switches a rule off': main("  Integer i  ' check off: hex, unused"),
+    'background tasks': 'Function BgMain\n  Xqt 66, a\nFend\nFunction a\n  Wait 1\nFend\n',
+    'a name behind an #ifdef': 'Integer m\n#ifdef X\n#define Y m\n#endif\n' + main('  Print 1'),
+    'Error with a handler that goes on': main(
+        '  OnErr GoTo bad\n  Error 8001\n  Exit Function\nbad:\n  EResume Next'
+    ),
+}
+
+
+@pytest.mark.parametrize('source', QUIET.values(), ids=QUIET.keys())
+def test_there_is_no_false_alarm(source: str) -> None:
+    assert found(source, 7) == []
+
+
+def test_no_comment_switches_an_error_off() -> None:
+    assert found(main("  Speed 120 ' check off: range")) == [('range', 3)]

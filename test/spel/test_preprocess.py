@@ -135,9 +135,11 @@ def test_user_errors_have_names_and_texts() -> None:
     Fend
     """
     given = files(source)
-    given['UserErrors.dat'] = 'nError1=8000\nsLabel1="CORRUPT_MSG"\nsMessage1="a bad message"\n'
+    given['UserErrors.dat'] = (
+        'Label1 {\nnError=8000\nsLabel="CORRUPT_MSG"\nsMessage="a bad message"\n}\n'
+    )
     program = build(given)
-    assert program.texts == {8000: 'a bad message'}
+    assert program.data.texts == {8000: 'a bad message'}
     with pytest.raises(ProgramError, match='unknown variable, constant or function CORRUPT_MSG'):
         run(source)
 

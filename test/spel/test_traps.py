@@ -20,8 +20,8 @@ def test_event_traps_start_their_functions() -> None:
     Function stopped
       Print "stopped", TaskInfo(MyTask, 2)
     Fend
-    Function failed(n As Integer, robot As Integer, joint As Integer)
-      Print "failed", n, robot, joint
+    Function failed(n As Integer, robot_number As Integer, axis As Integer)
+      Print "failed", n, robot_number, axis
     Fend
     Function door
       Print "door"

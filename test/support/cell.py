@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from epson_driver.cli import processes
 from epson_driver.driver.stopping.motors import Action, RestartingMotors
+from epson_driver.processes import processes
 from support import patient
-from support.controller_hands import do
+from support.controller_harness import do
 from support.ros_peer import PATIENCE, RosPeer
 
 processes.END_TIMEOUT_S = PATIENCE  # a process that is not scheduled does not hang

@@ -1,23 +1,58 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A controller on a manual clock with a motion client whose bytes are made with struct alone.
+"""The simulated controller as tests drive it, its remote port included."""
 
-Run by hand, it measures what a motion cycle costs: `python test/support/controller_harness.py`.
-"""
-
+import asyncio
 import statistics
 import struct
 import time
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from epson_driver.motion.smoother import plan
+from epson_driver.pendant.commands import request
 from epson_driver.profiles.profile import load_controller_profile
+from epson_driver.remote_ethernet.client import execute
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.condition.states import Event
+from support.ros_peer import PATIENCE
+
+
+class Remote:
+    """Lines in, answers out; `harness` has the controller."""
+
+    def __init__(self, harness=None, login='Login'):
+        self.harness = harness or Harness(motors=False)
+        self.peer = Peer()
+        self.connection = self.harness.controller.connect('remote', self.peer)
+        if login:
+            assert self(login) == '#Login,0'
+
+    @property
+    def controller(self):
+        return self.harness.controller
+
+    def __call__(self, command):
+        """Return the one answer to a command, which is written without its `$`."""
+        (answer,) = self.answers(f'${command}\r\n'.encode())
+        return answer
+
+    def answers(self, data):
+        """Return the answers to bytes."""
+        self.connection.receive(data)
+        text = self.peer.take().decode()
+        assert not text or text.endswith('\r\n')
+        return text.split('\r\n')[:-1]
+
+
+def do(port: int, *words: str) -> None:
+    """Do it over the remote port. Raises RemoteError if the controller refuses."""
+    command = request(words).commands[0]
+    asyncio.run(execute('127.0.0.1', port, [command], PATIENCE))
+
 
 MODEL = load_robot_model('c3_a601s')
 RC620 = load_controller_profile('rc620')
@@ -136,7 +171,7 @@ class Harness:
         self.planner = planner
         self.controller = new_controller(model, profile, start, planner=planner)
         self.peer = Peer()
-        self.connection = None
+        self.connection: Any = None
         if connect:
             self.connect()
         if motors:

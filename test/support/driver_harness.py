@@ -5,18 +5,18 @@
 import asyncio
 import contextlib
 import struct
+from typing import Any
 
 import numpy as np
 
 from epson_driver.driver.arm_commands import ArmCommands
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.driver import Driver
-from epson_driver.driver.goal.goal import Goal
+from epson_driver.driver.goal.goal import Goal, GoalSettings
 from epson_driver.driver.goal.goal_queue import GoalHandle
-from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.smoothing import smoothing_process
 from epson_driver.driver.smoothing.smoothing_process import SmoothingProcess
-from epson_driver.motion import Trajectory
+from epson_driver.motion import Array, Trajectory
 from epson_driver.motion.smoother import plan
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.robots import load_robot_model
@@ -24,7 +24,7 @@ from epson_driver.sim_controller.assembly import SpelSource, new_controller, pro
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 from epson_driver.sim_controller.spel_host.profile_project import profile_project
 from epson_driver.spel import build
-from support.event_loop import accepted, now, real_time, until
+from support.event_loop import accepted, now, own_process, real_time, until
 
 MODEL = load_robot_model('c3_a601s')
 LIMITS = MODEL.limits
@@ -93,7 +93,8 @@ class Submitted:
 class Harness:
     """A driver that runs, its services, its events, and goals for it."""
 
-    def __init__(self, ports, **options):
+    def __init__(self, ports: Any, **options: Any) -> None:
+        self.process = own_process()
         settings = options.pop('settings', GoalSettings())
         defaults = {
             'host': '127.0.0.1',
@@ -109,7 +110,7 @@ class Harness:
         self.commands = ArmCommands(self.driver)
 
     async def __aenter__(self):
-        self._task = asyncio.create_task(self.driver.run())
+        self._task = asyncio.create_task(self.driver.run(), context=self.process)
         return self
 
     async def __aexit__(self, *_):
@@ -130,7 +131,9 @@ class Harness:
 
     @property
     def at(self):
-        return self.driver.robot.sample.positions
+        sample = self.driver.robot.sample
+        assert sample is not None
+        return sample.positions
 
     async def ready(self):
         """Wait for both links, joints and a status."""
@@ -151,7 +154,7 @@ class Harness:
             Trajectory(LIMITS.names, times, positions), np.full(JOINTS, tolerance), goal_time=0.0
         )
         submitted = Submitted(goal)
-        self.driver.goal_queue.submit(submitted.handle)
+        self.process.copy().run(self.driver.goal_queue.submit, submitted.handle)
         return submitted
 
     async def until_moving(self):
@@ -184,17 +187,17 @@ def open_gate(gate):
         gate.open(enabling)
 
 
-def pose(*values):
+def pose(*values: float) -> Array:
     """Return joint angles, the rest 0."""
     return np.array([*values, *[0.0] * (JOINTS - len(values))])
 
 
 @contextlib.asynccontextmanager
-async def simulated(dialect=None, profile='rc620', model=None, *, smooth=False):
+async def simulated(dialect=None, profile='rc620', model=None, *, smooth=False, start=None):
     """Run the simulated controller in this process; yield it and its ports.
 
     `profile` is the name of one, or one, with its SPEL+ program if it has any; `model` the name of
-    a robot. `smooth`: it moves smoothly; plans take no time.
+    a robot. `smooth`: it moves smoothly; plans take no time. `start`: its first joints.
     """
     if isinstance(profile, str):
         profile = load_controller_profile(profile)
@@ -204,7 +207,7 @@ async def simulated(dialect=None, profile='rc620', model=None, *, smooth=False):
         program = build(profile_project(profile.spel, arm))
         spel = SpelSource(program, program_network(profile))
     planner = PlannerOnTheSpot() if smooth else None
-    controller = new_controller(arm, profile, dialect=dialect, planner=planner, spel=spel)
+    controller = new_controller(arm, profile, start, dialect=dialect, planner=planner, spel=spel)
     servers = ControllerServers(controller, spel=spel and spel.network)
     ports = await servers.open('127.0.0.1', Ports(0, 0, 0, 0))
     task = asyncio.create_task(servers.run())
@@ -218,10 +221,10 @@ async def simulated(dialect=None, profile='rc620', model=None, *, smooth=False):
 
 
 @contextlib.asynccontextmanager
-async def cell(*, enabled=True, smooth=False, **options):
+async def cell(*, enabled=True, smooth=False, profile='rc620', **options):
     """Run a driver with the simulated controller; yield both."""
     async with (
-        simulated(smooth=smooth) as (controller, ports),
+        simulated(smooth=smooth, profile=profile) as (controller, ports),
         Harness(ports, **options) as harness,
     ):
         await harness.ready()
@@ -233,13 +236,14 @@ async def cell(*, enabled=True, smooth=False, **options):
 class ScriptedController:
     """A controller that does what a test says: `reply(sequence)` gives the bytes for a point.
 
-    Its state port sends joints and a status each 5 ms; `shows_joints` and `shows_status` stop one
-    of them. It never moves.
+    Its state port sends joints and a status each `period` s; `shows_joints` and `shows_status`
+    stop one of them. It never moves.
     """
 
     STATUS = (1, 0, 0, 0, 0, 2, 1)
 
-    def __init__(self, reply=None):
+    def __init__(self, reply=None, period=0.005):
+        self._period = period
         self.shows_joints = True
         self.shows_status = True
         self.status = self.STATUS
@@ -299,7 +303,7 @@ class ScriptedController:
                 data += frame(13, 1, 0, struct.pack('<7i', *self.status))
             writer.write(data)
             await writer.drain()
-            await asyncio.sleep(0.005)
+            await asyncio.sleep(self._period)
 
 
 def frame(msg_type, comm_type, reply_code, body):

@@ -13,11 +13,14 @@ real_time=True)`, or `with real_time():` where they wait for it. While a thread 
 
 import asyncio
 import contextlib
+import heapq
 import select
 import selectors
 import socket
 import time
+from collections import deque
 from collections.abc import Awaitable, Callable, Coroutine, Iterator
+from contextvars import Context, ContextVar, copy_context
 from functools import partial
 from typing import Any
 
@@ -47,6 +50,10 @@ START = 1000.0
 """The loop's time in the beginning, s: 0 must not happen to mean 'never'."""
 
 
+_MAY_HANG: ContextVar[bool] = ContextVar('may_hang', default=False)
+"""Set in what belongs to a process that a test lets hang; what it starts inherits it."""
+
+
 class EventLoop(asyncio.SelectorEventLoop):
     """The loop of a test, in virtual or in real time."""
 
@@ -54,6 +61,8 @@ class EventLoop(asyncio.SelectorEventLoop):
         self.virtual = not real_time
         self.now = START
         self.threads = 0
+        self.hangs = False
+        self._held: list[asyncio.Handle] = []
         self._waiting: list[tuple[Callable[[], object], asyncio.Future[None]]] = []
         super().__init__(_Selector(self))
 
@@ -61,7 +70,9 @@ class EventLoop(asyncio.SelectorEventLoop):
         """Return the loop's time, s."""
         return self.now if self.virtual else time.monotonic()
 
-    def run_in_executor(self, executor: Any, func: Any, *args: Any) -> Any:
+    def run_in_executor(  # type: ignore[override]
+        self, executor: Any, func: Any, *args: Any
+    ) -> Any:
         """Call a function in a thread; until it is done, time is real."""
         future = super().run_in_executor(executor, func, *args)
         self.threads += 1
@@ -91,10 +102,37 @@ class EventLoop(asyncio.SelectorEventLoop):
     def _thread_done(self, _future: object) -> None:
         self.threads -= 1
 
+    def go_on(self) -> None:
+        """Let what hangs have its turn again: what is overdue, in the order in which it was."""
+        self.hangs = False
+        for handle in self._held:
+            if isinstance(handle, asyncio.TimerHandle):
+                heapq.heappush(self._scheduled, handle)
+            else:
+                self._ready.append(handle)
+        self._held = []
+
+    def _hold(self) -> None:
+        """Take away the turns of what hangs."""
+        ready: deque[asyncio.Handle] = self._ready  # type: ignore[has-type]
+        scheduled: list[asyncio.TimerHandle] = self._scheduled  # type: ignore[has-type]
+        self._held += [each for each in (*ready, *scheduled) if may_hang(each)]
+        self._ready = deque(each for each in ready if not may_hang(each))
+        self._scheduled = [each for each in scheduled if not may_hang(each)]
+        heapq.heapify(self._scheduled)
+
     def _run_once(self) -> None:
         self.now += TURN
+        if self.hangs:
+            self._hold()
         super()._run_once()  # type: ignore[misc]
         self._waiting = [entry for entry in self._waiting if not _settled(*entry)]
+
+
+def may_hang(handle: asyncio.Handle | None) -> bool:
+    """Return whether a callback belongs to what a test may let hang."""
+    context = getattr(handle, '_context', None)  # asyncio has no other way to it
+    return context is not None and bool(context.get(_MAY_HANG))
 
 
 def _settled(condition: Callable[[], object], future: asyncio.Future[None]) -> bool:
@@ -116,7 +154,7 @@ class _Selector(selectors.DefaultSelector):
 
     def select(self, timeout: float | None = None) -> list[Any]:
         """Return what is ready."""
-        ready = super().select(0)
+        ready = self._readable()
         if ready or timeout == 0:
             return ready
         loop = self._loop
@@ -128,9 +166,16 @@ class _Selector(selectors.DefaultSelector):
             loop.now += time.monotonic() - began
             return ready
         select.select([self.fileno()], [], [], CONNECT_GRACE if self._connects() else GRACE)
-        ready = super().select(0)
+        ready = self._readable()
         if not ready:
             loop.now += timeout
+        return ready
+
+    def _readable(self) -> list[Any]:
+        """Return what can be read and written now by somebody who does not hang."""
+        ready = super().select(0)
+        if self._loop.hangs:
+            ready = [each for each in ready if not any(map(may_hang, each[0].data))]
         return ready
 
     def _connects(self) -> bool:
@@ -201,6 +246,28 @@ def real_time() -> Iterator[None]:
 def now() -> float:
     """Return the running loop's time, s."""
     return asyncio.get_running_loop().time()
+
+
+def own_process() -> Context:
+    """Return a context for what is to hang as one: a task in it, and all that it starts."""
+    context = copy_context()
+    context.run(_MAY_HANG.set, True)
+    return context
+
+
+@contextlib.contextmanager
+def hanging() -> Iterator[None]:
+    """Let what runs in an `own_process` hang, as a stopped process does; all else goes on.
+
+    What comes for it waits in its sockets; afterwards it reads that, and its timers are late.
+    """
+    loop = asyncio.get_running_loop()
+    assert isinstance(loop, EventLoop)
+    loop.hangs = True
+    try:
+        yield
+    finally:
+        loop.go_on()
 
 
 def stand_still(seconds: float) -> None:

@@ -45,6 +45,7 @@ def load_profile(name: str) -> None:
 
 def examples(count: int) -> int:
     """Return how many of so many examples are tried in this run."""
+    assert settings.default is not None
     return max(count * settings.default.max_examples // FULL, min(count, LEAST))
 
 

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from patient import be_patient  # beside this script
+from patient import be_patient  # type: ignore[import-not-found]  # beside this script
 from rclpy.action import ActionServer
 from rclpy.executors import SingleThreadedExecutor
 
@@ -122,7 +122,7 @@ HOOKS: tuple[tuple[Any, ...], ...] = (
     ('publish joints', messages.JointStateWriter, 'write', lambda: fail(AssertionError)),
     ('publish status', messages.RobotStatusWriter, 'write', lambda: fail(AssertionError)),
     ('publish feedback', messages, 'feedback'),
-    ('publish io', node.IoInterface, '_publish'),
+    ('publish io', node.IoInterface, '_publish'),  # type: ignore[attr-defined]
     ('cancelled task', node.ClientNode, 'on_joints', cancel_this_task),
     # what else runs in the loop
     ('callback', node.ClientNode, 'on_joints', in_loop(lambda loop: loop.call_soon(fail))),
@@ -180,7 +180,7 @@ def main() -> int:
     signal.signal(signal.SIGUSR1, arm)
     for arguments in HOOKS:
         hook(*arguments)
-    Driver._watch_status = watch_status  # type: ignore[method-assign]
+    Driver._watch_status = watch_status  # type: ignore[method-assign]  # noqa: SLF001 - that is the failure
     return client.main()
 
 

@@ -130,6 +130,13 @@ EXCEPTIONS: dict[tuple[str, str], dict[str, Any]] = {
     ('lost_reply', 'spel'): STOP_UNANSWERED,
     # A refused point is no error of the controller; STATUS shows its number.
     ('failure_reply', 'spel'): {'gate': 'refused point 3 of 4', 'reset': False},
+    # It may read a message of the driver first, such as a heartbeat, and close the connection.
+    **{
+        ('wrong_byte_order', name): {
+            'text': 'the (state|motion) link was lost: .*(length|closed by the controller)'
+        }
+        for name in ('spel', 'spel:download')
+    },
     # A topic has no reply: STATUS alone tells.
     ('failure_reply', 'abb'): {'text': IN_ERROR_4001},
     # Its reply says why; STATUS shows no error.

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
-from epson_driver.driver.goal.goal_settings import GoalSettings
+from epson_driver.driver.goal.goal import GoalSettings
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
@@ -141,6 +141,7 @@ async def cell_of(profile, interface=USUAL):
             'state_timeout': STATE_TIMEOUT,
             'settings': settings,
             'limits': WIDER,
+            'client_timeout': profile.server.client_timeout,
         }
         if profile.program.motors == 'restart':
             options['motors'] = 'restart'
@@ -184,7 +185,7 @@ class Tapped:
 
 def watch(controller):
     """Return a list that fills with the points which the controller takes, STOP left out."""
-    points = []
+    points: list[Any] = []
     if controller.profile.spel.project:
         controller.clients = Tapped(controller.clients, points)
         return points

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from epson_driver.cli import processes
+from epson_driver.processes import processes
 from support import patient
 from support.cell import TIMEOUTS
-from support.controller_hands import do
+from support.controller_harness import do
 from support.ros_peer import RosPeer
 
 NAMES = ('left', 'middle', 'right')

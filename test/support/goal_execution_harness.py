@@ -2,14 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """An execution on a manual clock, with a controller that does what the test says."""
 
+import math
+
 import numpy as np
 
 from epson_driver.driver.delivery.trajectory_points import STOP
-from epson_driver.driver.goal.goal import Goal
+from epson_driver.driver.goal.goal import Goal, GoalSettings
 from epson_driver.driver.goal.goal_execution import GoalExecution
-from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.goal.goal_states import FINAL_STATES
-from epson_driver.driver.goal.speed_scaling import SpeedScaling
+from epson_driver.driver.goal.reference import SpeedScaling
 from epson_driver.driver.state.robot_state import RobotState
 from epson_driver.motion import Trajectory
 from epson_driver.simple_message import (
@@ -38,7 +39,14 @@ class Harness:
     """One goal. `sent` are the messages posted so far; `break_link` makes posting fail."""
 
     def __init__(
-        self, points=LINE, *, settings=None, start=True, in_motion=TriState.FALSE, **options
+        self,
+        points=LINE,
+        *,
+        settings=None,
+        start=True,
+        in_motion=TriState.FALSE,
+        look_ahead=math.inf,
+        **options,
     ):
         self.now = 100.0
         self.goal = goal_along(points, **options)
@@ -55,7 +63,13 @@ class Harness:
         ]
         self.scaling = SpeedScaling()
         self.execution = GoalExecution(
-            self.goal, settings or GoalSettings(), self._send, self._on_end, self.now, self.scaling
+            self.goal,
+            settings or GoalSettings(),
+            self._send,
+            self._on_end,
+            self.now,
+            self.scaling,
+            look_ahead,
         )
         self.wire = wire
         self.handled_after = 0.0

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import socket
 import struct
+from typing import Any
 
 from epson_driver.link import Link
 from support.event_loop import accepted, now, run, until  # noqa: F401 - for the tests
@@ -115,7 +116,7 @@ class Harness:
 
     def __init__(self, port, **options):
         self.packets = []
-        self.changes = []
+        self.changes: list[Any] = []
         self.on_packet = lambda packet: None
         self.link = Link(
             'test',

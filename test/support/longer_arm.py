@@ -13,17 +13,12 @@ from epson_driver.share import share_file
 
 def arm_file(folder: Path, joints: int) -> Path:
     """Write the model with so many joints, six or more, to a file in `folder`; return its path."""
-    data = yaml.safe_load(share_file('config', 'robots', 'c3_a601s.yaml').read_text('utf-8'))
+    data = yaml.safe_load(share_file('config', 'robots', 'c3.yaml').read_text('utf-8'))
+    del data['models'], data['sources']
     data['name'] = f'c3_with_{joints}_joints'
-    lists = [
-        values
-        for block in [*data['limits'].values(), data['pulses_per_degree'], data['chain']]
-        for values in block.values()
-        if isinstance(values, list)
-    ]
-    for joint in range(7, joints + 1):
-        data['joint_names'].append(f'joint_{joint}')
-        for values in lists:
+    lists = [data[key] for key in data if key.startswith(('range', 'speed', 'accel', 'pulses'))]
+    for values in (*lists, data['origins_mm'], data['axes']):
+        for _ in range(6, joints):
             values.append(deepcopy(values[-1]))  # robot files have no aliases
     path = folder / f'{data["name"]}.yaml'
     path.write_text(yaml.safe_dump(data), encoding='utf-8')

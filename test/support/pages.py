@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reads the pages of docs/, whose lines end at 120 columns wherever that is in a sentence."""
+"""Pages of the docs as tests read them."""
 
 import re
 

@@ -1,17 +1,29 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A browser without pictures: viser's websocket, what it shows, and what can be clicked."""
+"""The panel as tests use it: its process, its pages, its clients."""
 
+import contextlib
+import http.client
+import re
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
-import msgspec
-import zstandard
-from websockets.sync.client import connect
+import numpy as np
+import pytest
 
-from support.ros_peer import PATIENCE
+from epson_driver.motion import Trajectory
+from epson_driver.processes import processes
+from epson_driver.trajectory_file import write_trajectory
+from support import patient
+from support.cell import LASTS, START
+from support.ros_peer import JOINTS, PATIENCE
+
+msgspec = pytest.importorskip('msgspec')
+zstandard = pytest.importorskip('zstandard')
+connect = pytest.importorskip('websockets.sync.client').connect
 
 PROTOCOL = 'viser-v1.1.1'
 
@@ -47,16 +59,24 @@ class PanelClient:
         own = f'http://127.0.0.1:{port}' if origin == '' else origin
         self._socket = connect(
             f'ws://127.0.0.1:{port}',
-            subprotocols=[PROTOCOL],  # type: ignore[list-item]
-            origin=own,  # type: ignore[arg-type]
+            subprotocols=[PROTOCOL],
+            origin=own,
             additional_headers=dict(headers or {}),
             max_size=None,
             open_timeout=PATIENCE,
             compression=None,
         )
         self._news = threading.Condition()
-        self._thread = threading.Thread(target=self._read, daemon=True)
-        self._thread.start()
+        self._port = port
+        self._headers = dict(headers or {})
+        self._closed = threading.Event()
+        self.lives = threading.Event()
+        """Set when it has given a sign of life."""
+        self._threads = [
+            threading.Thread(target=each, daemon=True) for each in (self._read, self._live)
+        ]
+        for thread in self._threads:
+            thread.start()
         self.send(CAMERA)
 
     def __enter__(self) -> 'PanelClient':
@@ -66,8 +86,14 @@ class PanelClient:
         self.close()
 
     def close(self) -> None:
+        self.freeze()
         self._socket.close()
-        self._thread.join(PATIENCE)
+        self._threads[0].join(PATIENCE)
+
+    def freeze(self) -> None:
+        """Give no sign of life any more, as a page that hangs; the websocket stays."""
+        self._closed.set()
+        self._threads[1].join(PATIENCE)
 
     def send(self, message: Mapping[str, Any]) -> None:
         self._socket.send(msgspec.msgpack.encode(message))
@@ -114,7 +140,9 @@ class PanelClient:
                 left = until - time.monotonic()
                 said = f'{self.notifications}, {self.html("log")}'
                 assert left > 0, f'not: {what}; said: {said}'
-                assert self._thread.is_alive(), f'the panel has closed; not: {what}; said: {said}'
+                assert self._threads[0].is_alive(), (
+                    f'the panel has closed; not: {what}; said: {said}'
+                )
                 self._news.wait(min(left, 0.5))
 
     def wait_for_lamp(self, name: str, colour: str) -> None:
@@ -158,7 +186,20 @@ class PanelClient:
         self.wait(found, f'an input {label}')
         self.send({'type': 'GuiUpdateMessage', 'uuid': found()[0], 'updates': {'value': value}})
 
-    # --- reading ----------------------------------------------------------------------------
+    # --- what the page does by itself -------------------------------------------------------
+
+    def _live(self) -> None:
+        """Give signs of life, as the script of the page does."""
+        while not self._closed.wait(0.1):
+            texts = [each.get('content', '') for each in list(self.elements.values())]
+            found = re.search(r"fetch\('([^']+)'\)", ''.join(map(str, texts)))
+            if found is not None:
+                connection = http.client.HTTPConnection('127.0.0.1', self._port, timeout=PATIENCE)
+                with contextlib.suppress(OSError):
+                    connection.request('GET', found[1], headers=self._headers)
+                    connection.getresponse().read()
+                    self.lives.set()
+                connection.close()
 
     def _read(self) -> None:
         for frame in self._socket:
@@ -178,7 +219,7 @@ class PanelClient:
         elif kind == 'GuiUpdateMessage' and uuid in self.elements:
             self.elements[uuid] |= message['updates']
         elif kind == 'GuiRemoveMessage':
-            self.elements.pop(uuid, None)
+            self.elements.pop(str(uuid), None)
         elif kind.startswith('Gui') and uuid is not None:
             self.elements[uuid] = {'type': kind} | message.get('props', {})
             self.first.append(dict(self.elements[uuid]))
@@ -187,3 +228,61 @@ class PanelClient:
 def _texts(props: Any) -> Iterator[str]:
     if isinstance(props, dict):
         yield f'{props.get("title")}: {props.get("body")}'
+
+
+SWING = 'swing'
+
+
+class PanelProcess:
+    """It offers one trajectory, SWING: from START, slowly.
+
+    It is patient with a machine that is busy, unless `patience` is False.
+    """
+
+    def __init__(self, folder: Path, domain: int, *arguments: str, patience: bool = True) -> None:
+        file = folder / f'{SWING}.yaml'
+        there = np.array([START, [0.8, *START[1:]]])
+        write_trajectory(file, Trajectory(tuple(JOINTS), np.array([0.0, LASTS]), there), 'a swing')
+        self.process = processes.Process(
+            'panel',
+            ['--port=0', f'--trajectory={file}', *arguments],
+            folder / 'panel.log',
+            processes.ros_environment(domain),
+            run=patient.COMMAND if patience else processes.EXECUTABLE,
+        )
+        self.address = self.process.address()
+        self._windows: list[PanelClient] = []
+        self.port = int(self.address.split(':')[2].partition('/')[0])
+
+    def window(self) -> PanelClient:
+        """Open a window and wait until it shows a robot that is connected."""
+        client = PanelClient(self.port)
+        self._windows.append(client)
+        client.wait_for_lamp('Link', 'good')
+        client.wait(lambda: client.buttons('Arm'), 'its controls')
+        assert client.lives.wait(PATIENCE)
+        return client
+
+    def armed(self) -> PanelClient:
+        """Open a window and arm it."""
+        client = self.window()
+        client.wait_for_lamp('Door', 'good')  # the simulated controller has said what it is
+        self.arm(client)
+        return client
+
+    def arm(self, client: PanelClient) -> None:
+        """Arm a window; a controller that has just come, or come back, is not known at once."""
+        until = time.monotonic() + PATIENCE
+        while client.disabled('Enable'):
+            assert time.monotonic() < until, f'not armed: {client.notifications}'
+            client.notifications.clear()
+            client.click('Arm')
+            client.wait(lambda: client.notifications or not client.disabled('Enable'), 'an answer')
+
+    def close_windows(self) -> None:
+        """Close what a test has opened; one that failed may have left an armed window."""
+        while self._windows:
+            self._windows.pop().close()
+
+    def end(self) -> int:
+        return self.process.end()

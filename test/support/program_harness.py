@@ -4,6 +4,7 @@
 
 import struct
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -54,7 +55,7 @@ class ProgramHarness:
         self.clock = Clock()
         self.errors = ErrorRegister()
         self.blocked = None
-        self.events = []
+        self.events: list[Any] = []
         self.sent = bytearray()
         self._framer = Framer()
         self.program = MotionProgram(
@@ -74,7 +75,7 @@ class ProgramHarness:
             take(taken)
             self.events.append(taken.sequence)
 
-        self.arm.take = record
+        self.arm.take = record  # type: ignore[method-assign]
 
     def make_arm(self, arm):
         """Return the arm that the program gets; a test may put something before it."""

@@ -4,6 +4,7 @@
 
 import io
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -100,7 +101,7 @@ def usual_run(seconds: float = 4.0, *, estop: float | None = None) -> Recorder:
     recorder = Recorder()
     recorder.connect(0.0, 11002)
     recorder.connect(0.001, 11000)
-    entries = []
+    entries: list[tuple[float, Any]] = []
     for slot in range(round(seconds / PERIOD)):
         time = 0.01 + slot * PERIOD
         if slot % 11 == 10:

@@ -8,6 +8,7 @@ What the arm commanded is recorded as it was executed, so its extrema are exact.
 import asyncio
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -97,7 +98,7 @@ def _at(plan, times):
 
 async def _run(patch, old, new_kind, moment, rng, on_the_way):
     executors = []
-    placed = streaming.Smoother
+    placed = streaming.Smoother  # type: ignore[attr-defined]
 
     def recorded(*args, **named):
         executors.append(Recorded(*args, **named))
@@ -111,11 +112,13 @@ async def _run(patch, old, new_kind, moment, rng, on_the_way):
         queue.submit(first.handle)
         await until(lambda: first.handle.execution is not None)
         await asyncio.sleep(moment)
-        time = first.handle.execution.desired[0]
+        execution: Any = first.handle.execution
+        time = execution.desired[0]
         second = Submitted(new_goal(new_kind, rng, old.trajectory, time))
         since, begun = executors[-1].now, now()
         queue.submit(second.handle)
         outcome = await second.end()
+        assert second.ended_at is not None
         took = second.ended_at - begun
         end = second.handle.goal.trajectory.positions[-1]
         off = float(np.abs(harness.at - end).max())

@@ -5,6 +5,7 @@
 import asyncio
 from contextvars import copy_context
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from rclpy.action.server import GoalStatus
@@ -61,7 +62,7 @@ class Made:
     def __init__(self):
         self.node = Node()
         self.loop = asyncio.new_event_loop()
-        self.faults = []
+        self.faults: list[Any] = []
 
         async def make():
             return LoopBridge(self.node, copy_context(), self.faults.append)

@@ -9,6 +9,7 @@ clock. The same calls give the same bytes.
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from epson_driver.simple_message import (
     LITTLE_ENDIAN,
@@ -71,6 +72,11 @@ class Move:
         """Return whether the statement is over."""
         return self.over
 
+    @property
+    def share(self) -> float:
+        """Return 1 once it is over."""
+        return float(self.over)
+
     def at(self, now: float) -> tuple[float, ...]:
         """Return the joints at a time, degrees."""
         share = min((now - self.begins) / self.duration, 1.0) if self.duration > 0.0 else 1.0
@@ -89,6 +95,11 @@ class Rest:
     def done(self) -> bool:
         """Return whether the arm stands."""
         return self._robot.move_now is None
+
+    @property
+    def share(self) -> float:
+        """Return 1 once it is over."""
+        return float(self.done)
 
 
 class Socket:
@@ -109,7 +120,7 @@ class SimpleRobot(BareHost):
         super().__init__()
         self.sockets: dict[int, Socket] = {}
         self.machine: Machine | None = None
-        self.joints = (0.0, -10.0, 20.0, 0.0, 30.0, 0.0)
+        self.joints: tuple[float, ...] = (0.0, -10.0, 20.0, 0.0, 30.0, 0.0)
         self.move_now: Move | None = None
         self.gone_to: list[tuple[tuple[float, ...], float, float, bool]] = []
         """Targets of Go with Speed, Accel and whether it had CP."""
@@ -181,7 +192,7 @@ class SimpleRobot(BareHost):
 
     # The program's side
 
-    def value(self, name: str, arguments: Sequence[int | float | Point]) -> float | Point:
+    def value(self, name: str, arguments: Sequence[int | float | Point]) -> float | Point | str:
         first = arguments[0] if arguments else 0
         if name in ('agl', 'realpls', 'pls'):
             index = int(first) - 1  # type: ignore[arg-type]
@@ -302,7 +313,8 @@ class Client:
 
     def replies(self) -> list[tuple[int, int]]:
         """Return sequence and reply code of the replies since the last look."""
-        return [(each.message.sequence, int(each.reply_code)) for each in self.packets()]
+        found: list[Any] = self.packets()
+        return [(each.message.sequence, int(each.reply_code)) for each in found]
 
     def leave(self) -> None:
         """Be gone."""
@@ -319,7 +331,7 @@ class RobotHarness:
     def __init__(self, ready: bool = True, sign: int = 1, **changes: str) -> None:
         self.robot = SimpleRobot()
         self.robot.sign = sign
-        program = build(changed(**{'FULL_POWER': '1', **changes})) if changes else _PROGRAM
+        program = build(changed(**{**SET_UP, **changes})) if changes else _PROGRAM
         self.machine = Machine(program, self.robot, Timing())
         self.robot.machine = self.machine
         if _machines is not None:
@@ -438,7 +450,10 @@ def changed(**values: str) -> dict[str, str]:
     return {**FILES, 'config.inc': '\n'.join(lines)}
 
 
-_PROGRAM = build(changed(FULL_POWER='1'))
+SET_UP = {'FULL_POWER': '1', 'IO_FIRST_OUTPUT_BYTE': '0'}
+"""As after the first run, without remote outputs."""
+
+_PROGRAM = build(changed(**SET_UP))
 
 
 def point(

@@ -4,6 +4,7 @@
 
 from collections.abc import Sequence
 from textwrap import dedent
+from typing import Any
 
 from epson_driver.spel import (
     ErrorNumber,
@@ -25,6 +26,7 @@ class Motion:
     def __init__(self, request: MotionRequest | None = None) -> None:
         self.request = request
         self.done = False
+        self.share = 0.0
         self.error: SpelError | None = None
 
 
@@ -119,7 +121,7 @@ def files(source: str, **others: str) -> dict[str, str]:
     return {'main.prg': dedent(source).lstrip('\n'), **named}
 
 
-def machine(source: str, host: BareHost | None = None, **timing: float) -> Machine:
+def machine(source: str, host: BareHost | None = None, **timing: Any) -> Machine:
     """Return a machine for a program, without any task yet."""
     made = Timing(**timing)
     return Machine(build(files(source)), host or ScriptedHost(), made)

@@ -5,6 +5,7 @@
 import re
 import struct
 from textwrap import dedent
+from typing import Any
 
 import numpy as np
 
@@ -88,15 +89,15 @@ class SpelProgramHarness:
 class OurProgramHarness(SpelProgramHarness):
     """The same with controller_program/, as the profile `spel` has it; `defines` change it."""
 
-    def __init__(self, start=None, caplog=None, profile=SPEL_PROFILE, **defines):
-        files = with_defines(profile_project(profile.spel, MODEL), defines)
-        key = tuple(sorted(defines.items()))
+    def __init__(self, start=None, caplog=None, profile=SPEL_PROFILE, model=MODEL, **defines):
+        files = with_defines(profile_project(profile.spel, model), defines)
+        key = (model.name, *sorted(defines.items()))
         if key not in _built:
             _built[key] = build(files)
         network = program_network(profile)
         start = None if start is None else np.array(start)
         source = SpelSource(_built[key], network)
-        self.controller = new_controller(MODEL, profile, start, spel=source)
+        self.controller = new_controller(model, profile, start, spel=source)
         self.caplog = caplog
         self.positions = [self.position]
 
@@ -130,4 +131,4 @@ class OurProgramHarness(SpelProgramHarness):
         self.step(0.1)
 
 
-_built = {}
+_built: dict[Any, Any] = {}

@@ -3,6 +3,7 @@
 """A smoothly moving arm alone, sampled at 1 kHz, with a planner on the same clock."""
 
 from collections import deque
+from typing import Any
 
 import numpy as np
 
@@ -71,7 +72,7 @@ class StreamingHarness:
     ):
         self.planner = SlowPlanner(delay)
         self.timing = Timing()
-        self.failures = []
+        self.failures: list[Any] = []
         self.arm = Streaming(
             LIMITS,
             start,
@@ -82,7 +83,7 @@ class StreamingHarness:
             look_ahead_points,
             **settings,
         )
-        self.waiting = deque()
+        self.waiting: deque[Any] = deque()
         self.taken = 0
         self.positions = [self.arm.position]
         self.velocities = [self.arm.velocity]

@@ -4,17 +4,19 @@
 
 import asyncio
 import contextlib
+from typing import Any
 
 import numpy as np
 
 from epson_driver.driver.servo.setpoint import Setpoint, Window
+from epson_driver.motion import Array
 
 PERIOD = 0.02
 SERVO = '~/servo'
 JOG = '~/joint_jog'
 
 
-def positions(values, velocities=None, source=SERVO):
+def positions(values: Array, velocities: Array | None = None, source: Any = SERVO) -> Setpoint:
     return Setpoint(source, np.array(values, dtype=float), velocities)
 
 

@@ -13,6 +13,7 @@ import struct
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 SEED = Path(os.environ.get('EPSON_DRIVER_SEED', Path(__file__).parents[3] / 'shared' / 'seed'))
 HEADING = re.compile(r'^Bijlage ([A-G]): ')
@@ -23,7 +24,7 @@ NAMES = {
     'D': 'simple_message.inc',
     'E': 'robotinfo.inc',
 }
-USER_ERRORS = 'nError1=8000\nsLabel1="CORRUPT_MSG"\n'
+USER_ERRORS = 'Label1 {\nnError=8000\nsLabel="CORRUPT_MSG"\n}\n'
 """The text names the label and the number; it does not print the file."""
 
 FENCE = '```'
@@ -113,7 +114,7 @@ def call_library(_host: object, _library: str, name: str, arguments: Sequence[ob
 
     ConvertToFloatingpoint has velocity and duration by value in C, so they stay as they are.
     """
-    given = [getattr(each, 'd', each) for each in arguments]
+    given: list[Any] = [getattr(each, 'd', each) for each in arguments]
     if name.lower() == 'jointpositionsmtoints':
         *numbers, out = given
         data = struct.pack('<5i10f', *numbers)

@@ -21,9 +21,9 @@ ROUNDING = 0.02
 PROFILE = """
 like: {kind}
 name: measured
-description: the same, but it tells two clients its velocities and its own time
+description: the same, but it tells two clients its velocities and its own time, and waits for them
 state: {{message: joint_feedback, feedback_time: true, period: 0.01}}
-server: {{state_clients: 2}}
+server: {{state_clients: 2, client_timeout: 0}}
 """
 
 

@@ -6,11 +6,13 @@ Invariants 5 and 9. The user's queues are deep here, too: answers that push each
 are not the driver's (docs/ros_interface.md).
 """
 
+import random
 from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+from action_msgs.msg import GoalStatus, GoalStatusArray
 from control_msgs.action import FollowJointTrajectory
 from epson_msgs.srv import ReadIo
 from rclpy.action import ActionClient
@@ -19,6 +21,7 @@ from std_srvs.srv import Trigger
 from support.cell import START, Cell
 from support.examples import one_in
 from support.ros_peer import PATIENCE, STATUS_NAMES, RosPeer, trajectory
+from unique_identifier_msgs.msg import UUID
 
 pytestmark = pytest.mark.invariant(5, 9)
 
@@ -43,7 +46,7 @@ def action(shared_cell: Cell) -> Iterator[Any]:
     )
     assert client.wait_for_server(PATIENCE)
     yield client
-    client.destroy()
+    shared_cell.peer.in_executor(client.destroy)
 
 
 @pytest.mark.parametrize('count', [40, pytest.param(200, marks=pytest.mark.slow)])
@@ -76,3 +79,49 @@ def test_each_of_many_calls_that_come_at_once_is_answered(
     with peer.client(kind, f'epson_driver/{name}', qos_profile=DEEP) as client:
         answers = at_once(peer, lambda: client.call_async(kind.Request()), count)
     assert len(answers) == count
+
+
+ENDED = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_ABORTED)
+
+
+@pytest.mark.parametrize('count', [40, pytest.param(200, marks=pytest.mark.slow)])
+def test_answers_that_a_client_lacks_were_lost_in_its_own_queue(
+    shared_cell: Cell, action: Any, count: int
+) -> None:
+    """Both take no answer until each of their goals has ended, as a third node sees it.
+
+    They differ in nothing but their queues, ten answers deep by default: the driver sent all.
+    """
+    peer, observer = shared_cell.peer, RosPeer(shared_cell.domain)
+    name = 'epson_driver/follow_joint_trajectory'
+    usual = ActionClient(peer.node, FollowJointTrajectory, name)
+    goal = FollowJointTrajectory.Goal(trajectory=trajectory((0.1, peer.position().tolist())))
+    ended: set[bytes] = set()
+    observer.node.create_subscription(
+        GoalStatusArray,
+        f'{name}/_action/status',
+        lambda message: ended.update(
+            bytes(each.goal_info.goal_id.uuid)
+            for each in message.status_list
+            if each.status in ENDED
+        ),
+        1,
+    )
+    try:
+        assert usual.wait_for_server(PATIENCE)
+        for client, kept in ((action, count), (usual, 10)):
+
+            def burst(client: Any = client) -> list[Any]:
+                sent = {random.randbytes(16) for _ in range(count)}
+                ids = [UUID(uuid=list(each)) for each in sent]
+                futures = [client.send_goal_async(goal, goal_uuid=each) for each in ids]
+                observer.wait_for(lambda: sent <= ended, 'the end of each goal')
+                return futures
+
+            futures = peer.in_executor(burst)
+            peer.wait_for(lambda f=futures, k=kept: sum(each.done() for each in f) >= k, 'answers')
+            peer.call('stop')  # another turn, which would take one more
+            assert sum(each.done() for each in futures) == kept
+    finally:
+        peer.in_executor(usual.destroy)
+        observer.close()

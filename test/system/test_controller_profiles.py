@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The node and a controller of each kind, as real processes."""
+"""The driver beside controllers of other profiles, Motoman's among them."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,10 +10,10 @@ import pytest
 from support.cell import START
 from support.ros_peer import trajectory
 
-from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.motion import Trajectory
 from epson_driver.profiles import load_controller_profile
 from epson_driver.share import share_file
+from epson_driver.trajectory_file import read_trajectory
 
 PLANS = ('around_pillar_11_points', 'around_pillar_fast_100ms', 'around_pillar_positions_only')
 
@@ -72,3 +72,34 @@ def test_a_download_that_is_too_long_says_so(make_cell: Any) -> None:
     ended, code, text = cell.peer.goal(trajectory(*points)).result()
     assert (ended, code) == ('aborted', -1)
     assert f'has {buffer + 1} points, but the controller keeps {buffer} ' in text
+
+
+def test_a_motoman_is_enabled_reset_and_disabled_by_its_own_commands(make_cell: Any) -> None:
+    cell = make_cell('--controller=motoman', controller='motoman', remote_port=0).ready()
+    peer = cell.peer
+    assert peer.robot_status[-1].drives_powered.val == 0
+    peer.enable()
+    peer.wait_for(lambda: peer.robot_status[-1].drives_powered.val == 1, 'servos on')
+    there = [START[0] + 0.1, *START[1:]]
+    ended, _, text = peer.goal(trajectory((0.0, START), (0.5, there))).result()
+    assert ended == 'succeeded', text
+
+    cell.pendant('estop', 'press')
+    peer.wait_for(lambda: peer.robot_status[-1].e_stopped.val == 1, 'E-stop')
+    success, text = peer.call('reset_error')
+    assert not success
+    assert 'the E-stop is not reset (RESET_ALARM: FAILURE: reset the error at the' in text
+    cell.pendant('estop', 'release')
+    success, message = peer.call('reset_error')
+    assert success, message
+    peer.wait_for(lambda: peer.robot_status[-1].e_stopped.val == 0, 'E-stop reset')
+    assert peer.robot_status[-1].drives_powered.val == 0
+    peer.enable()
+    here = peer.position().tolist()
+    np.testing.assert_allclose(here, there, atol=1e-3)
+    ended, _, text = peer.goal(trajectory((0.0, here), (0.5, START))).result()
+    assert ended == 'succeeded', text
+
+    success, message = peer.call('disable')
+    assert (success, message) == (True, 'the arm is disabled and the motors are off')
+    peer.wait_for(lambda: peer.robot_status[-1].drives_powered.val == 0, 'servos off')

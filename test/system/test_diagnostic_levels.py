@@ -43,11 +43,11 @@ def test_levels_and_sentences_through_an_estop_and_a_restart(tmp_path: Path) -> 
         cell.pendant('estop', 'press')
         shown = wait(cell, 'arm', ERROR, 'the motion task does not exist')
         assert shown['error code'] == '2261'
-        assert shown['remedy'] == 'release the E-stop, reset, motors on; after a stop, start'
+        assert (shown['cause'], shown['remedy']) == ('ESTOP', 'RELEASE_ESTOP')
         assert 'E-stop' in shown['arm gate reason']
 
         cell.controller.end()
-        wait(cell, 'arm', STALE, 'no joint state')
+        assert wait(cell, 'arm', STALE, 'no link')['cause'] == 'NO_STATE_LINK'
         for link in ('state link', 'motion link'):
             shown = wait(cell, link, ERROR)
             assert 'uptime [s]' not in shown

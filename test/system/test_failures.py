@@ -28,7 +28,7 @@ from support.cell import START, TIMEOUTS
 from support.ros_peer import PATIENCE, RosPeer, trajectory
 from support.watcher import PROFILE, Watcher
 
-from epson_driver.cli import processes
+from epson_driver.processes import processes
 
 pytestmark = pytest.mark.invariant(9)
 
@@ -381,7 +381,7 @@ def test_what_anybody_may_send_disturbs_nothing(serving: Robot) -> None:
     assert '77' in results[0].reason
     assert 'without a folder' in results[1].reason
     assert serving.peer.call('stop')[0]
-    assert 'stopped by ~/stop' in goal.result()[2]
+    assert 'stopped on request' in goal.result()[2]
     serving.assert_stopped()
 
 
@@ -394,5 +394,5 @@ def test_a_trace_that_fails_ends_alone(serving: Robot) -> None:
     serving.fail('trace')
     serving.peer.wait_for(lambda: 'InjectedError' in serving.log_text(), 'the end of the trace')
     assert serving.peer.call('stop')[0]
-    assert 'stopped by ~/stop' in goal.result()[2]
+    assert 'stopped on request' in goal.result()[2]
     serving.assert_stopped()

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from epson_driver.cli import processes
-from epson_driver.cli.trajectory_file import read_trajectory
+from epson_driver.processes import processes
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_file
+from epson_driver.trajectory_file import read_trajectory
 
 ONE_BY_ONE = r"""
 import socket, struct, sys

@@ -221,6 +221,6 @@ def test_io_port_0_is_not_used(make_cell: Any, make_io_peer: Any) -> None:
     peer = make_io_peer(cell.domain)
     answer = peer.write((DO, 0, 1))
     assert not answer.success
-    assert answer.message == 'I/O is not used: the parameter io_port is 0'
+    assert answer.message == 'I/O is not used: its port is 0'
     peer.wait_for(lambda: peer.states, 'the reason')
     assert peer.states[-1].message == answer.message

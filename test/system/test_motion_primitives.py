@@ -1,24 +1,27 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`~/execute_motion_primitive_sequence` from a ROS client: joint moves, lines and arcs."""
+"""Motion primitives and the gripper's action, end to end."""
 
+import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
-from control_msgs.action import ExecuteMotionPrimitiveSequence
-from control_msgs.msg import MotionPrimitive
+from action_msgs.msg import GoalStatus
+from control_msgs.action import ExecuteMotionPrimitiveSequence, GripperCommand
+from control_msgs.msg import MotionArgument, MotionPrimitive
+from rclpy.action import ActionClient
 from support.cell import LASTS, START, Cell
 from support.primitives import ARM, READY, Sequence, joint_move, tool_move
 from support.ros_peer import trajectory
 
-from epson_driver.motion.cartesian import distance_from
-
-pytest.importorskip('py_opw_kinematics')
+from epson_driver.tool_motion.pose_path import distance_from
 
 FAR = [2.5, 0.2, 0.2, 0.0, -1.9, 0.0]
 SLOW = 2.5 / LASTS  # rad/s
 ACCURACY_M = 3e-4
+FASTEST = math.radians(450.0)
 INVALID_GOAL = ExecuteMotionPrimitiveSequence.Result.INVALID_GOAL
 
 
@@ -120,7 +123,7 @@ def test_a_sequence_that_is_ended_while_it_is_planned_is_answered_and_never_move
         assert cell.peer.call(how)[0]
         ended, code, text = sequence.result()
         assert (ended, code) == ('aborted', INVALID_GOAL)
-        assert {'stop': 'stopped by ~/stop', 'disable': 'disabled by ~/disable'}[how] in text
+        assert {'stop': 'stopped on request', 'disable': 'disabled on request'}[how] in text
         if how == 'disable':
             cell.peer.enable()
     assert np.abs(cell.peer.assert_still() - READY).max() < 1e-3
@@ -144,6 +147,46 @@ def test_what_cannot_be_is_refused_as_a_whole_and_nothing_moves(cell: Cell) -> N
         assert (ended, code) == ('aborted', INVALID_GOAL)
         assert words in text
     assert np.abs(cell.peer.assert_still() - READY).max() < 1e-3
+
+
+ODD_VALUES = (math.nan, math.inf, -math.inf, 0.0, -0.0, -1.0, -1e-300, 1e300)
+ODD_NAMES = (
+    '',
+    'Velocity',
+    'velocity ',
+    'speed',
+    'v' * 100_000,
+    '\x1b[2J',
+    'geschwindigkeit \u20ac',
+)
+
+
+@pytest.mark.slow
+@pytest.mark.invariant(1, 5)
+def test_odd_arguments_are_refused_by_name_and_the_fastest_ones_stay_within_the_limits(
+    cell: Cell,
+) -> None:
+    to_ready(cell)
+    odd = [(name, value) for name in ('velocity', 'acceleration') for value in ODD_VALUES[:-1]]
+    odd += [('move_time', value) for value in ODD_VALUES if value != 0.0]
+    odd += [(name, 0.5) for name in ODD_NAMES]
+    for move in (joint_move(FAR), tool_move((0.0, 0.05, 0.0))):
+        for name, value in odd:
+            argument = MotionArgument(argument_name=name, argument_value=value)
+            move.additional_arguments = [argument]
+            ended, code, text = Sequence(cell.peer, [move]).result()
+            assert (ended, code) == ('aborted', INVALID_GOAL), (name[:20], value)
+            assert name[:20].strip() in text or not name.isascii() or not name.isprintable()
+            assert len(text) < 400
+            assert text.isprintable()
+    assert np.abs(cell.peer.assert_still() - READY).max() < 1e-3
+    first = len(cell.peer.joint_states)
+    there = [0.8, *READY[1:]]
+    quick = joint_move(there, velocity=1000.0, acceleration=1e4)
+    ended, code, text = Sequence(cell.peer, [quick, joint_move(READY)]).result()
+    assert (ended, code) == ('succeeded', 0), text
+    speeds = [abs(state.velocity[0]) for state in cell.peer.joint_states[first:]]
+    assert max(speeds) <= 1.02 * FASTEST
 
 
 @pytest.mark.slow
@@ -194,3 +237,84 @@ def test_inv4_an_estop_ends_a_sequence_and_the_gate_stays_closed(cell: Cell) -> 
     assert 'not enabled' in text
     assert np.allclose(cell.peer.assert_still(), stood, atol=1e-6)
     cell.peer.enable()
+
+
+OPEN, CLOSED = 0.04, 0.0
+
+GRIPPER = {
+    'gripper.outputs': [2, 3],
+    'gripper.inputs': [4, 5],
+    'gripper.stroke': OPEN,
+    'gripper.time': 30.0,
+}
+
+
+class Gripper:
+    """Its action client, and its jaws: what the inputs show is set by hand."""
+
+    def __init__(self, cell: Cell) -> None:
+        self._cell = cell
+        self._peer = cell.peer
+        self._client = ActionClient(cell.peer.node, GripperCommand, '/epson_driver/gripper_cmd')
+        self._peer.wait_for(self._client.server_is_ready, 'the action server')
+
+    def send(self, position: float) -> Any:
+        """Send a goal; return its handle."""
+        goal = GripperCommand.Goal()
+        goal.command.position = position
+        return self._peer.complete(
+            self._peer.in_executor(lambda: self._client.send_goal_async(goal))
+        )
+
+    def result(self, handle: Any) -> tuple[int, GripperCommand.Result]:
+        answer = self._peer.complete(self._peer.in_executor(handle.get_result_async))
+        return answer.status, answer.result
+
+    def show(self, opened: bool, closed: bool) -> None:
+        for index, value in ((4, opened), (5, closed)):
+            self._cell.pendant('io', 'in', str(index), 'on' if value else 'off')
+
+
+def test_it_opens_closes_and_its_goals_end_as_moveit_expects(make_cell: Any) -> None:
+    cell: Cell = make_cell(**GRIPPER).ready()
+    gripper = Gripper(cell)
+    gripper.show(False, True)
+    opening = gripper.send(OPEN)
+    assert opening.accepted
+    gripper.show(True, False)
+    status, result = gripper.result(opening)
+    assert status == GoalStatus.STATUS_SUCCEEDED
+    assert (result.position, result.reached_goal, result.stalled) == (OPEN, True, False)
+
+    closing = gripper.send(CLOSED)
+    gripper.show(False, True)
+    status, result = gripper.result(closing)
+    assert (status, result.position) == (GoalStatus.STATUS_SUCCEEDED, CLOSED)
+
+    assert not gripper.send(math.nan).accepted
+
+    canceled = gripper.send(OPEN)
+    cell.peer.complete(cell.peer.in_executor(canceled.cancel_goal_async))
+    status, result = gripper.result(canceled)
+    assert status == GoalStatus.STATUS_CANCELED
+    assert math.isnan(result.position)
+
+    replaced, newer = gripper.send(OPEN), gripper.send(CLOSED)
+    assert gripper.result(newer)[0] == GoalStatus.STATUS_SUCCEEDED
+    assert gripper.result(replaced)[0] == GoalStatus.STATUS_ABORTED
+
+
+@pytest.mark.slow
+def test_what_stays_between_the_ends_is_held_when_closing_and_an_error_when_opening(
+    make_cell: Any,
+) -> None:
+    cell: Cell = make_cell(**GRIPPER | {'gripper.time': 0.5}).ready()
+    gripper = Gripper(cell)
+    gripper.show(True, False)  # before an input was on, nobody knows that they are wired
+    assert gripper.result(gripper.send(OPEN))[0] == GoalStatus.STATUS_SUCCEEDED
+    gripper.show(False, False)
+    status, result = gripper.result(gripper.send(CLOSED))
+    assert (status, result.stalled) == (GoalStatus.STATUS_SUCCEEDED, True)
+    assert result.position == pytest.approx(OPEN / 2)
+    status, result = gripper.result(gripper.send(OPEN))
+    assert status == GoalStatus.STATUS_ABORTED

@@ -14,21 +14,19 @@ from xml.etree import ElementTree
 
 import pytest
 
-from epson_driver.cli import processes
-from epson_driver.cli.executables import EXECUTABLES
+from epson_driver.processes import processes
+from epson_driver.processes.executables import EXECUTABLES
 
 ROOT = Path(__file__).parents[2]
 UNDECLARED = (
     'PIL',
     'embreex',
-    'manifold3d',
     'mcap',
     'mcap_ros2',
     'msgspec',
     'ompl',
     'pinocchio',
     'playwright',
-    'py_opw_kinematics',
     'rosbags',
     'rosdep2',
     'toppra',
@@ -117,7 +115,7 @@ def test_colcon_build_makes_a_ros_package(colcon_install: Path) -> None:
     share = colcon_install / 'share'
     assert (share / 'ament_index' / 'resource_index' / 'packages' / 'epson_driver').is_file()
     assert (share / 'epson_driver' / 'package.xml').is_file()
-    assert (share / 'epson_driver' / 'config' / 'robots' / 'c3_a601s.yaml').is_file()
+    assert (share / 'epson_driver' / 'config' / 'robots' / 'c3.yaml').is_file()
     assert (share / 'epson_driver' / 'config' / 'errors' / 'epson.yaml').is_file()
     lib = colcon_install / 'lib' / 'epson_driver'
     for name in EXECUTABLES:
@@ -150,7 +148,13 @@ def test_launch_files_work_where_colcon_installs_them(colcon_install: Path) -> N
 
 def listed(*folders: Path) -> list[str]:
     """Return the packages that colcon finds in folders, each after those that it needs."""
-    command = [BIN / 'colcon', 'list', '--names-only', '--topological-order', '--base-paths']
+    command: list[str | Path] = [
+        BIN / 'colcon',
+        'list',
+        '--names-only',
+        '--topological-order',
+        '--base-paths',
+    ]
     run = subprocess.run([*command, *folders], capture_output=True, text=True, check=True)
     return run.stdout.split()
 
@@ -226,7 +230,7 @@ def rosdep_keys(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., set[s
         'ROSDISTRO_INDEX_URL': f'file://{home}/index.yaml',
     }
 
-    def rosdep(*words: object) -> str:
+    def rosdep(*words: str | Path) -> str:
         run = subprocess.run(
             [BIN / 'rosdep', *words], env=environment, capture_output=True, text=True, check=False
         )

@@ -1,13 +1,17 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""E-stop, motors off, lost links, killed processes: the arm stays still until it is enabled."""
+"""What stops the arm, and what lets it move again, end to end."""
 
+import random
 import signal
+import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from control_msgs.action import FollowJointTrajectory
 from support.cell import LASTS, PROGRAMS, START, Cell, cell_with
 from support.ros_peer import RosPeer, trajectory
 
@@ -117,7 +121,7 @@ def test_disable_stops_and_switches_the_motors_off(cell: Cell) -> None:
     assert success, message
     assert goal.result()[0] == 'aborted'
     peer.wait_for(lambda: peer.robot_status[-1].drives_powered.val == 0, 'drives off')
-    assert_disabled(cell, '~/disable')
+    assert_disabled(cell, 'disabled on request')
 
 
 @pytest.mark.invariant(6)
@@ -191,12 +195,9 @@ def test_silent_controller_is_noticed(make_cell: Any, program: str) -> None:
 
 def test_refused_point_ends_the_goal(make_cell: Any, tmp_path: Any) -> None:
     """The controller has narrower limits than the driver knows: its FAILURE is the goal's end."""
-    from epson_driver.share import share_file
-
-    text = share_file('config', 'robots', 'c3_a601s.yaml').read_text(encoding='utf-8')
+    ranges = [[-170, 28.6], [-160, 65], [-51, 225], [-200, 200], [-135, 135], [-360, 360]]
     narrow = tmp_path / 'narrow.yaml'
-    narrow.write_text(text.replace('max: [2.9670597283903604', 'max: [0.5'), encoding='utf-8')
-    assert narrow.read_text(encoding='utf-8') != text
+    narrow.write_text(f'name: narrow\nlike: C3-A601S\nrange_deg: {ranges}\n', encoding='utf-8')
     cell = make_cell(f'--robot={narrow}').ready()
     peer = cell.peer
     peer.enable()
@@ -230,3 +231,104 @@ def test_client_interrupted_in_mid_motion_stops_the_arm_and_ends_cleanly(
     assert 'shut down' in text
     cell.restart_client()
     assert cell.peer.assert_still()[0] < 1.4
+
+
+HANGS, WAITING = 6, 4
+"""So often the driver hangs, while so many goals come by the action and by the topic."""
+
+
+@pytest.mark.invariant(4)
+def test_inv4_goals_that_waited_in_a_driver_that_hung_do_not_begin_after_the_stop(
+    cell: Cell,
+) -> None:
+    """rclpy takes them after the stop, which was sent after them."""
+    peer = enabled_at_start(cell)
+    message = trajectory((LASTS, FAR))
+    goal = FollowJointTrajectory.Goal(trajectory=message)
+    for _ in range(HANGS):
+        cell.client.send(signal.SIGSTOP)
+        try:
+            for _ in range(WAITING):
+                peer.in_executor(lambda: peer.action.send_goal_async(goal))
+                peer.trajectory_topic.publish(message)
+            time.sleep(0.1)  # they are sent before
+            stop = peer.begin_call('stop')
+        finally:
+            cell.client.send(signal.SIGCONT)
+        assert peer.complete(stop).success
+        peer.assert_still()
+
+
+RACES = 20
+
+
+@pytest.mark.invariant(4)
+@pytest.mark.parametrize(
+    ('program', 'remote'),
+    [
+        ('built-in', True),
+        pytest.param('built-in', False, marks=pytest.mark.slow),
+        pytest.param('spel', True, marks=pytest.mark.slow),
+    ],
+)
+def test_invariant_4_no_enable_on_its_way_arms_after_disable(
+    make_cell: Any, program: str, remote: bool
+) -> None:
+    cell: Cell = make_cell(program=program, **({} if remote else {'remote_port': 0})).ready()
+    peer = cell.peer
+    if not remote:
+        cell.pendant('motors', 'on')
+        peer.wait_for(lambda: peer.robot_status[-1].drives_powered.val == 1, 'drives on')
+    chance = random.Random(4)
+    here = peer.position().tolist()
+    there = [here[0] + 0.1, *here[1:]]
+    for _ in range(RACES):
+        enabling = peer.begin_call('enable')
+        time.sleep(chance.uniform(0.0, 0.08))  # the races' moment, not a wait for anything
+        success, message = peer.call('disable')
+        assert success, message
+        if remote:
+            assert 'the motors are off' in message
+        peer.complete(enabling)
+        ended, _, text = peer.goal(trajectory((0.0, here), (1.0, there))).result()
+        assert ended == 'aborted', text
+        assert 'disabled on request' in text or 'not enabled' in text
+    assert peer.assert_still().tolist() == here
+    peer.enable()
+    ended, _, text = peer.goal(trajectory((0.0, here), (1.0, there))).result()
+    assert ended == 'succeeded', text
+
+
+@pytest.mark.invariant(3)
+def test_invariant_3_a_controller_that_does_not_stop_is_said_and_its_motors_go_off(
+    make_cell: Any, tmp_path: Path
+) -> None:
+    profile = tmp_path / 'deaf.yaml'
+    profile.write_text(
+        'like: rc620\nname: deaf\ndescription: does not stop\nprogram:\n  stop_works: false\n',
+        encoding='utf-8',
+    )
+    from epson_driver.share import share_file
+
+    text = share_file('config', 'controllers', 'rc620.yaml').read_text(encoding='utf-8')
+    (tmp_path / 'rc620.yaml').write_text(text, encoding='utf-8')
+    cell: Cell = make_cell(f'--controller={profile}', patience=False).ready()
+    peer = cell.peer
+    peer.enable()
+    goal = peer.goal(trajectory((0.0, START), (LASTS, [1.5, *START[1:]])))
+    peer.wait_for_motion()
+    success, message = peer.call('stop')
+    assert not success, message
+    assert 'STOP' in message
+    peer.wait_for(lambda: peer.robot_status[-1].drives_powered.val == 0, 'drives off')
+    assert peer.wait_until_still()[0] < 1.4
+    assert goal.result()[0] == 'aborted'
+
+    def alarm() -> bool:
+        arms = [each for each in peer.diagnostics[-1].status if each.name.endswith(': arm')]
+        return any(each.level == b'\x02' and 'STOP did not work' in each.message for each in arms)
+
+    peer.wait_for(alarm, 'diagnostics')
+    ended, _, text = peer.goal(trajectory((0.0, START), (1.0, START))).result()
+    assert ended == 'aborted'
+    assert 'not enabled' in text

@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Streams through ROS and real processes: MoveIt Servo's, ros2_control's, single points, keys."""
 
+import math
 import os
 import pty
 import subprocess
+import threading
 import time
 from collections import deque
 from typing import Any
@@ -19,7 +21,8 @@ from support.cell import START, Cell
 from support.ros_peer import JOINTS, PATIENCE, trajectory
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from epson_driver.cli import processes
+from epson_driver.driver.servo.restart_interlock import RELEASE_S
+from epson_driver.processes import processes
 
 LENIENT = {'servo__timeout': 1.0, 'servo__start_tolerance': 0.5}
 """A process that is not scheduled for a while is not silent."""
@@ -27,6 +30,12 @@ LENIENT = {'servo__timeout': 1.0, 'servo__start_tolerance': 0.5}
 WAY = 0.4
 SPEED = 0.5
 """rad of joint 1, and rad/s on the way."""
+
+FASTEST = math.radians(450.0)
+"""What joint 1 may do, rad/s."""
+
+RACES = 10
+"""Of a stream against `~/stop` or `~/disable`, with each seed: 150 in all."""
 
 ARRIVING = 0.01
 """The stream falls silent when the arm is so near to its end, rad: however late the machine made
@@ -134,6 +143,36 @@ def test_windows_of_moveit_servo_are_followed(servo_cell: Cell, rate: float) -> 
 
 
 @pytest.mark.slow
+@pytest.mark.invariant(1, 4)
+def test_inv1_steps_of_the_sender_s_clock_never_make_the_arm_faster(servo_cell: Cell) -> None:
+    """Windows whose stamps jump by milliseconds, seconds and hours, to and fro."""
+    peer = servo_cell.peer
+    publisher = peer.node.create_publisher(JointTrajectory, 'epson_driver/servo', 10)
+    peer.wait_for(publisher.get_subscription_count, '~/servo')
+    servo, steps = MoveItServo(), (0.0, 0.05, -0.05, 0.5, -0.5, 3600.0, -3600.0, 1e8, -1e8)
+    begin, first = peer.position(), len(peer.joint_states)
+    way = WAY if begin[0] < 0.2 else -WAY
+    started = time.time()
+    while (elapsed := time.time() - started) < 6.0:
+        at, velocity = reference(begin, elapsed % 3.0, way)
+        message = servo.cycle(time.time(), at, [velocity] + [0.0] * 5)
+        if message is not None:
+            message.header.stamp.sec += int(steps[int(elapsed / 0.3) % len(steps)])
+            step = steps[int(elapsed / 0.3) % len(steps)] % 1.0
+            nanoseconds = message.header.stamp.nanosec + int(step * 1e9)
+            message.header.stamp.sec += nanoseconds // 10**9
+            message.header.stamp.nanosec = nanoseconds % 10**9
+            publisher.publish(message)
+        time.sleep(0.02)
+    there = rest(servo_cell)
+    assert values(servo_cell)['arm gate'] == 'open'
+    assert min(begin[0], begin[0] + way) - 0.05 < there[0] < max(begin[0], begin[0] + way) + 0.05
+    fastest = max(abs(state.velocity[0]) for state in peer.joint_states[first:])
+    assert fastest < 0.27 * FASTEST  # servo.scale is 0.25
+    go_home(servo_cell)
+
+
+@pytest.mark.slow
 def test_ros2_control_sends_while_the_arm_is_away_from_its_command(servo_cell: Cell) -> None:
     """Its first command is an initial value, 0: far away, and not followed."""
     peer = servo_cell.peer
@@ -195,6 +234,90 @@ MESSAGES: dict[str, tuple[Any, Any]] = {
     ),
     'servo': (JointTrajectory, _point),
 }
+
+
+class Publishers:
+    """A held key, 50 Hz, and an idle stick, 10 Hz: two publishers on one topic, until closed."""
+
+    def __init__(self, cell: Cell) -> None:
+        self._node, self._held = cell.peer.node, threading.Event()
+        self._ended = threading.Event()
+        self.speed = SPEED
+        self._threads = [
+            threading.Thread(target=self._send, args=(index,), daemon=True) for index in range(2)
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def _send(self, index: int) -> None:
+        publisher = self._node.create_publisher(
+            Float64MultiArray, 'epson_driver/velocity_commands', 10
+        )
+        while not self._ended.wait(0.1 if index else 0.02):
+            if self._held.is_set():
+                velocity = 0.0 if index else self.speed
+                publisher.publish(Float64MultiArray(data=[velocity] + [0.0] * 5))
+
+    def hold(self, speed: float) -> None:
+        self.speed = speed
+        self._held.set()
+
+    def release(self) -> None:
+        self._held.clear()
+
+    def close(self) -> None:
+        self._ended.set()
+        for thread in self._threads:
+            thread.join()
+
+
+def press(publishers: Publishers, peer: Any) -> int:
+    """Hold the key until the arm moves; return how often it had to be let go of and held again.
+
+    A driver that was held up cannot tell whether the key was let go of for a second before.
+    """
+    begin = peer.position()[0]
+    for again in range(20):
+        publishers.hold(SPEED if begin < 0.5 else -SPEED)
+        until = time.monotonic() + 5.0
+        while time.monotonic() < until:
+            if abs(peer.joint_states[-1].position[0] - begin) > 0.02:
+                return again
+            time.sleep(0.005)
+        publishers.release()
+        time.sleep(1.5 * RELEASE_S)
+    pytest.fail('the arm does not move')
+
+
+@pytest.mark.slow
+@pytest.mark.invariant(4)
+@pytest.mark.parametrize(
+    'seed', [0, *(pytest.param(seed, marks=pytest.mark.soak) for seed in range(1, 15))]
+)
+def test_inv4_stop_holds_while_a_key_is_held_and_a_stick_sends_zeros(
+    servo_cell: Cell, seed: int
+) -> None:
+    """What moved the arm 0.086 rad after `~/stop`, and 0.123 rad after `~/enable`."""
+    peer, random = servo_cell.peer, np.random.default_rng(seed)
+    publishers, again = Publishers(servo_cell), 0
+    try:
+        for race in range(RACES):
+            again += press(publishers, peer)
+            time.sleep(random.uniform(0.0, 0.3))
+            if race % 3:
+                assert peer.call('stop')[0]
+            else:
+                assert peer.call('disable')[0]
+                peer.enable()
+            there = peer.position()
+            time.sleep(1.5)
+            np.testing.assert_allclose(peer.position(), there, atol=1e-4)
+            publishers.release()
+            time.sleep(1.5 * RELEASE_S)
+    finally:
+        publishers.close()
+    print(f'{again} of {RACES} times the key had to be let go of twice')
+    go_home(servo_cell)
 
 
 @pytest.mark.slow

@@ -14,12 +14,10 @@ from support.cell import LASTS, Cell
 from support.primitives import READY, Sequence, joint_move, tool_move
 from tf2_msgs.msg import TFMessage
 
-from epson_driver.motion.cartesian import distance_from
 from epson_driver.robots import load_robot_model
 from epson_driver.robots.kinematics import Kinematics
-from epson_driver.robots.tool_pose import pose_of_quaternion
-
-pytest.importorskip('py_opw_kinematics')
+from epson_driver.tool_motion.pose_path import distance_from
+from epson_driver.tool_motion.tool_pose import pose_of_quaternion
 
 MODEL = load_robot_model('c3_a601s')
 AT_START = [0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0]

@@ -25,7 +25,7 @@ from support.cell import LASTS
 from support.fleet import NAMES, Fleet
 from support.ros_peer import RosPeer, trajectory
 
-from epson_driver.cli import processes
+from epson_driver.processes import processes
 from epson_driver.simple_message import Dialect, Opaque, encode, topic
 
 SHAPES = {'a process each': False, 'one process': True}

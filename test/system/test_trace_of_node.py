@@ -15,8 +15,8 @@ from support import patient
 from support.cell import START, Cell
 from support.ros_peer import RosPeer, trajectory
 
-from epson_driver.cli import processes
 from epson_driver.link.wire_events import WireEvent
+from epson_driver.processes import processes
 from epson_driver.trace.recording import read_recording
 
 TARGET = [0.2, 0.0, 0.3, 0.1, -0.6, 0.1]

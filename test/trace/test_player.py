@@ -160,6 +160,24 @@ def test_what_was_not_recorded_has_no_answer(data, name):
         assert motion(show.turn(0.1)), 'the recorded one is still awaited'
 
 
+@pytest.mark.parametrize(('recorded_ones', 'sent'), [(3, 0), (0, 3), (2, 5)])
+def test_heartbeats_are_the_clients_own_affair(recorded_ones, sent):
+    heartbeat = frame(1, 1)
+    steps = usual_run()
+    beats = recorded(*((0.9, MOTION, SENT, heartbeat) for _ in range(recorded_ones)))
+    show = Show(sorted([*steps, *beats], key=lambda step: step.time))
+    show.turn(1.0)
+    for _ in range(sent):
+        show.say(heartbeat)
+    show.say(point(0))
+    assert motion(show.turn(1.0)) == [(pytest.approx(101.05), YES)]
+    show.say(point(1))
+    show.turn(1.0)
+    score = show.player.finish()
+    assert (score.same, score.unknown, score.missing) == (2, 0, 0)
+    assert not show.told
+
+
 def test_the_same_complaint_is_not_made_for_ever():
     show = Show(usual_run())
     for _ in range(50):

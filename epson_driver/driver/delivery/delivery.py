@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from epson_driver.motion import Array, Trajectory
-from epson_driver.profiles.point_fields import FieldsUsed, VelocityUnit
+from epson_driver.profiles.point_fields import FieldsUsed
 from epson_driver.simple_message import Message, Packet
 
 OnReply = Callable[[Packet, float], None]
@@ -26,28 +26,25 @@ OnReply = Callable[[Packet, float], None]
 class DeliveryRules:
     """What the controller takes: parameters and its profile.
 
-    motoman: its points need Motoman's commands. velocity_unit: of a JOINT_TRAJ_PT; uses: which of
-    its fields count; speed: a fraction, of a controller that uses none of them. buffer, dead_time
-    (s per point): of a download. setpoints: it follows JOINT_SETPOINT. All as in the profile
-    (docs/controllers.md).
+    motoman: its points need Motoman's commands. uses: which fields of a JOINT_TRAJ_PT count;
+    speed: a fraction, of a controller that uses none of them. buffer, dead_time (s per point): of
+    a download. All as in the profile (docs/controllers.md).
     """
 
     interface: Literal['streaming', 'download'] = 'streaming'
     point_message: Literal['joint_traj_pt', 'joint_traj_pt_full'] = 'joint_traj_pt'
     motoman: bool = False
-    velocity_unit: VelocityUnit = VelocityUnit.FRACTION
     uses: FieldsUsed = FieldsUsed.BOTH
     speed: float = 1.0
     buffer: int = 1000
     dead_time: float = 0.0
-    setpoints: bool = False
 
 
 @dataclass(frozen=True)
 class PreparedTrajectory:
     """A trajectory as it is executed, and its messages, in the order in which they are posted.
 
-    They may be made only when they are asked for (lazy_points.py).
+    They may be made only when they are asked for (trajectory_points.py).
 
     delay: how long after the first of them the controller lets the arm stand before it moves, s.
     """
@@ -63,12 +60,10 @@ class Delivery(Protocol):
     `resumes`: its first point makes a controller go on that is paused, or says why not.
     `keeps_points`: a controller of this kind keeps its points when the client is lost, and goes
     on with them as soon as one connects.
-    `replaces`: setpoints of a stream replace each other; otherwise they are points, in a row.
     """
 
     resumes: bool
     keeps_points: bool
-    replaces: bool
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return the messages for a checked trajectory from `start` (shape (n,), rad).
@@ -76,13 +71,11 @@ class Delivery(Protocol):
         Raises GoalRejectedError if the controller cannot take it.
         """
 
-    def setpoint(self, way: Trajectory, sequence: int, scale: float) -> Message:
+    def setpoint(self, way: Trajectory, sequence: int) -> Message:
         """Return the message for one setpoint of a stream, with the number `sequence`.
 
         `way` has two points: the setpoint before, and this one; with the same time they are the
-        first, where the arm stands. `scale`: the share (0, 1] of the limits that a controller
-        which goes there by itself may use. Raises GoalRejectedError if the controller takes no
-        streams.
+        first, where the arm stands. Raises GoalRejectedError if the controller takes no streams.
         """
 
     def post(self, message: Message, on_reply: OnReply) -> None:

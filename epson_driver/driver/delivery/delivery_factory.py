@@ -35,12 +35,10 @@ def delivery_rules(profile: ControllerProfile, interface: str, message: str) -> 
         interface='download' if interface == 'download' else 'streaming',
         point_message='joint_traj_pt_full' if full else 'joint_traj_pt',
         motoman=motoman,
-        velocity_unit=profile.program.velocity_unit,
         uses=FieldsUsed(profile.program.uses),
         speed=profile.motion.speed,
         buffer=download.buffer,
         dead_time=download.dead_time,
-        setpoints=profile.program.setpoints,
     )
 
 

@@ -48,7 +48,6 @@ class Download:
 
     resumes = False
     keeps_points = False
-    replaces = False
 
     def __init__(
         self,
@@ -69,7 +68,6 @@ class Download:
             start,
             self._limits,
             self._mapping,
-            self._rules.velocity_unit,
             self._rules.uses,
         )
         numbered = download_sequences(points)
@@ -85,7 +83,7 @@ class Download:
             trajectory, list(numbered), len(numbered) * self._rules.dead_time + MAX_START_DELAY_S
         )
 
-    def setpoint(self, way: Trajectory, sequence: int, scale: float) -> Message:
+    def setpoint(self, way: Trajectory, sequence: int) -> Message:
         """Raise GoalRejectedError: the controller moves when it has all of a download."""
         raise GoalRejectedError(
             ErrorCode.INVALID_GOAL,
@@ -94,7 +92,7 @@ class Download:
         )
 
     def post(self, message: Message, on_reply: OnReply) -> None:
-        """Send a point, which counts as answered soon; or STOP, which the controller answers."""
+        """Send a point, which counts as answered soon, or STOP, which the controller answers."""
         if message == STOP:
             self._link.post(message, on_reply)
             return

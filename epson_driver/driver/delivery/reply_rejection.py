@@ -49,7 +49,7 @@ SUBCODES: dict[int, str] = {
 
 
 def reply_rejection(packet: Packet) -> str | None:
-    """Return why a reply rejects its request, as a clause; None if it accepts it.
+    """Return why a reply rejects its request, as a clause, or None if it accepts it.
 
     The header of Motoman's replies always says SUCCESS; the result in the body counts.
     """

@@ -5,11 +5,10 @@
 from dataclasses import replace
 
 from epson_driver.driver.delivery.delivery import DeliveryRules, OnReply, PreparedTrajectory
-from epson_driver.driver.delivery.lazy_points import LazyPoints
 from epson_driver.driver.delivery.trajectory_points import (
+    LazyPoints,
     from_standing,
     full_points,
-    setpoint_of,
     trajectory_points,
     with_velocities,
 )
@@ -37,7 +36,6 @@ class Streaming:
         self._limits = limits
         self._mapping = mapping
         self._rules = rules
-        self.replaces = rules.setpoints
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return one message for each point of the trajectory."""
@@ -48,7 +46,6 @@ class Streaming:
                 start,
                 self._limits,
                 self._mapping,
-                self._rules.velocity_unit,
                 self._rules.uses,
                 first=first,
                 end=end,
@@ -56,10 +53,8 @@ class Streaming:
 
         return PreparedTrajectory(trajectory, LazyPoints(len(trajectory.times), make))
 
-    def setpoint(self, way: Trajectory, sequence: int, scale: float) -> Message:
-        """Return it as JOINT_SETPOINT, or as a point of one long trajectory."""
-        if self._rules.setpoints:
-            return setpoint_of(way, sequence, scale, self._limits, self._mapping)
+    def setpoint(self, way: Trajectory, sequence: int) -> Message:
+        """Return it as a point of one long trajectory."""
         velocities = None if way.velocities is None else way.velocities[1:]
         one = Trajectory(
             way.joint_names, way.times[1:] - way.times[0], way.positions[1:], velocities
@@ -69,7 +64,6 @@ class Streaming:
             way.positions[0],
             self._limits,
             self._mapping,
-            self._rules.velocity_unit,
             self._rules.uses,
         )
         return replace(point, sequence=sequence)
@@ -91,7 +85,7 @@ class FullStreaming(Streaming):
 
         return PreparedTrajectory(executed, LazyPoints(len(executed.times), make))
 
-    def setpoint(self, way: Trajectory, sequence: int, scale: float) -> Message:
+    def setpoint(self, way: Trajectory, sequence: int) -> Message:
         """Raise GoalRejectedError: what interpolates by times stops dead if one comes late."""
         raise GoalRejectedError(
             ErrorCode.INVALID_GOAL,

@@ -1,19 +1,24 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the messages of a trajectory: one point each."""
+"""Make the messages of a trajectory, one for each point, when they are about to be sent.
 
+However many there are, the first one is there at once, and only some are in memory.
+"""
+
+from collections.abc import Callable, Sequence
 from functools import lru_cache
+from typing import TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
 
-from epson_driver.driver.state.joint_mapping import JointMapping, unmapped
+from epson_driver.driver.state.joint_mapping import JointMapping
 from epson_driver.motion import Array, JointLimits, Trajectory
-from epson_driver.profiles.point_fields import FieldsUsed, VelocityUnit
+from epson_driver.profiles.point_fields import FieldsUsed
 from epson_driver.simple_message import (
-    JointSetpoint,
     JointTrajPt,
     JointTrajPtFull,
+    Message,
     SpecialSequence,
     ValidFields,
     joint_data,
@@ -37,6 +42,10 @@ FULL_POINT_FIELDS = ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCI
 """What a JOINT_TRAJ_PT_FULL says: Motoman wants these three. Its interpolation makes its own
 accelerations."""
 
+BLOCK_POINTS = 256
+"""So many are made at a time, in half a millisecond: numpy takes as long for a few. But the first
+one is made alone, as the arm waits for it."""
+
 STOP = JointTrajPt(SpecialSequence.STOP_TRAJECTORY)
 
 
@@ -48,8 +57,7 @@ def trajectory_points(
     trajectory: Trajectory,
     start: Array,
     limits: JointLimits,
-    mapping: JointMapping | None = None,
-    velocity_unit: VelocityUnit = VelocityUnit.FRACTION,
+    mapping: JointMapping,
     uses: FieldsUsed = FieldsUsed.BOTH,
     *,
     first: int = 0,
@@ -61,15 +69,14 @@ def trajectory_points(
 
     `velocity` is the largest that the plan uses in the segment, from its mean speed and the
     velocities at both ends: the arm is never asked to be faster than planned. It is a fraction of
-    a joint's limit or the speed of the fastest joint, as `velocity_unit` says. `duration` is the
-    segment's own time. A first point that has no time is where the arm is, or nearly so: it goes
-    there at FIRST_POINT_VELOCITY_FRACTION, in the time which that takes.
+    a joint's limit. `duration` is the segment's own time. A first point that has no time is where
+    the arm is, or nearly so: it goes there at FIRST_POINT_VELOCITY_FRACTION, in the time which
+    that takes.
 
     For a controller that goes by the velocity alone (`uses`) it is the segment's mean speed, with
     which the segment takes its own time. Both fields are always filled: a controller that uses one
     which its profile calls unused is not asked to be faster than planned either.
     """
-    mapping = mapping or unmapped(len(start))
     rows, times = trajectory.positions[first:end], trajectory.times[first:end]
     if first:
         before = slice(first - 1, first - 1 + len(rows))
@@ -90,15 +97,10 @@ def trajectory_points(
     if untimed:
         way = float(np.max(np.abs(steps[0]) / limits.velocity))
         timed[0] = max(way / FIRST_POINT_VELOCITY_FRACTION, MIN_DURATION_S)
-    if velocity_unit is VelocityUnit.FRACTION:
-        velocities, largest = np.max(speeds / limits.velocity, axis=1), 1.0
-        if untimed:
-            velocities[0] = FIRST_POINT_VELOCITY_FRACTION
-    else:
-        velocities, largest = np.max(speeds, axis=1), float(limits.velocity.max())
-        if untimed:
-            velocities[0] = float(np.max(np.abs(steps[0]))) / timed[0]
-    velocities = np.clip(velocities, MIN_VELOCITY, largest)
+    velocities = np.max(speeds / limits.velocity, axis=1)
+    if untimed:
+        velocities[0] = FIRST_POINT_VELOCITY_FRACTION
+    velocities = np.clip(velocities, MIN_VELOCITY, 1.0)
     values = zip(
         _to_wire(rows, limits, mapping).tolist(),
         velocities.tolist(),
@@ -114,7 +116,7 @@ def trajectory_points(
 def full_points(
     trajectory: Trajectory,
     limits: JointLimits,
-    mapping: JointMapping | None = None,
+    mapping: JointMapping,
     *,
     first: int = 0,
     end: int | None = None,
@@ -126,7 +128,6 @@ def full_points(
     """
     if trajectory.velocities is None:
         raise ValueError('the trajectory has no velocities')
-    mapping = mapping or unmapped(trajectory.positions.shape[1])
     some = slice(first, end)
     velocities = np.clip(trajectory.velocities[some], -limits.velocity, limits.velocity)
     rows = zip(
@@ -146,20 +147,6 @@ def full_points(
         )
         for sequence, (time, positions, point_velocities) in enumerate(rows, first)
     ]
-
-
-def setpoint_of(
-    way: Trajectory, sequence: int, scale: float, limits: JointLimits, mapping: JointMapping
-) -> JointSetpoint:
-    """Return the last point of a trajectory with velocities as a JOINT_SETPOINT.
-
-    `scale`: the share (0, 1] of the limits that the controller may use.
-    """
-    if way.velocities is None:
-        raise ValueError('the setpoint has no velocities')
-    (position,) = _to_wire(way.positions[-1:], limits, mapping).tolist()
-    (velocity,) = mapping.velocities_to_controller(way.velocities[-1:]).tolist()
-    return JointSetpoint(sequence, joint_data(position), joint_data(velocity), scale)
 
 
 def from_standing(trajectory: Trajectory, start: Array, limits: JointLimits) -> Trajectory:
@@ -197,7 +184,7 @@ def from_standing(trajectory: Trajectory, start: Array, limits: JointLimits) -> 
 
 
 def with_velocities(trajectory: Trajectory) -> Trajectory:
-    """Return the trajectory with velocities; the plan's own if it has some.
+    """Return the trajectory with velocities: the plan's own if it has some.
 
     They are 0 at both ends and where a joint turns; elsewhere the harmonic mean of the mean
     speeds on both sides, with which a cubic interpolation never overshoots a point.
@@ -239,3 +226,42 @@ def _float32_range(limits: JointLimits) -> tuple[Float32Array, Float32Array]:
     high = limits.position_max.astype(np.float32)
     high = np.where(high > limits.position_max, np.nextafter(high, np.float32(-np.inf)), high)
     return low, high
+
+
+M = TypeVar('M', bound=Message)
+
+
+class LazyPoints(Sequence[M]):
+    """`count` messages, of which `make(first, end)` returns those from `first` to `end` - 1."""
+
+    def __init__(self, count: int, make: Callable[[int, int], Sequence[M]]) -> None:
+        self._count = count
+        self._make = make
+        self._first = 0
+        self._made: Sequence[M] = ()
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return self._count
+
+    @overload
+    def __getitem__(self, index: int) -> M: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[M]: ...
+
+    def __getitem__(self, index: int | slice) -> M | Sequence[M]:
+        """Return one of them, or some, which are then all made."""
+        if isinstance(index, slice):
+            return [self[each] for each in range(*index.indices(self._count))]
+        at = index - self._first
+        if not 0 <= at < len(self._made):
+            at = self._make_block(range(self._count)[index])
+        return self._made[at]
+
+    def _make_block(self, index: int) -> int:
+        """Make the block of messages with this one, and return its place in the block."""
+        self._first = index - index % BLOCK_POINTS
+        end = self._first + (BLOCK_POINTS if index else 1)
+        self._made = self._make(self._first, min(end, self._count))
+        return index - self._first

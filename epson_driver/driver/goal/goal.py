@@ -1,11 +1,59 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A goal: what was asked, in the controller's joint order."""
+"""A goal in the controller's joint order, its checks, and whether the arm has arrived."""
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import islice
 
-from epson_driver.driver.goal.tolerances import Tolerances
-from epson_driver.motion import Array, Trajectory
+import numpy as np
+
+from epson_driver.driver.inhibit import Remedy
+from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
+from epson_driver.motion import Array, JointLimits, Trajectory, problems
+from epson_driver.profiles.profile import StateProfile
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tolerances:
+    """How far each joint may be from where it should be: shape (n,), inf where not checked.
+
+    position: rad. velocity: rad/s.
+    """
+
+    position: Array
+    velocity: Array
+
+    @property
+    def checked(self) -> bool:
+        """Whether any joint has a limit."""
+        return bool(np.isfinite(self.position).any() or np.isfinite(self.velocity).any())
+
+    def violation(
+        self,
+        names: Sequence[str],
+        position_error: Array,
+        velocity_error: Array,
+        unit: Callable[[int], str] = lambda _: 'rad',
+    ) -> str | None:
+        """Return a clause with joint, error and limit for the worst violation, or None if none.
+
+        `unit` tells that of a joint, by its index.
+        """
+        for quantity, errors, limits, per in (
+            ('position', position_error, self.position, ''),
+            ('velocity', velocity_error, self.velocity, '/s'),
+        ):
+            excess = np.abs(errors) - limits
+            worst = int(np.argmax(excess))
+            if excess[worst] > 0.0:
+                return (
+                    f'{names[worst]}: the {quantity} error is '
+                    f'{abs(errors[worst]):.6g} {unit(worst)}{per}, '
+                    f'the tolerance is {limits[worst]:.6g} {unit(worst)}{per}'
+                )
+        return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,3 +81,176 @@ class Goal:
     def unit(self, joint: int) -> str:
         """Return the unit of a joint's position, by its index."""
         return self.units[joint] if self.units else 'rad'
+
+
+MAX_MENTIONED_PROBLEMS = 5
+"""So many violations are spelled out in a goal's error text; the rest is counted."""
+
+
+def checked_goal(goal: Goal, limits: JointLimits) -> Goal:
+    """Return a goal that is complete, finite and within the limits, its points settled on them.
+
+    Raises GoalRejectedError:
+    INVALID_JOINTS for other joints than those of the limits, in another order, or an array of
+    another shape; INVALID_GOAL for anything that `check_limits` finds.
+    """
+    trajectory, names = goal.trajectory, limits.names
+    if trajectory.joint_names != names:
+        raise GoalRejectedError(
+            ErrorCode.INVALID_JOINTS,
+            f'the joints are {", ".join(trajectory.joint_names)}; '
+            f'those of the controller, in its order, are {", ".join(names)}',
+        )
+    points = (len(trajectory.times), len(names))
+    for name, values, shape in (
+        ('times', trajectory.times, points[:1]),
+        ('positions', trajectory.positions, points),
+        ('velocities', trajectory.velocities, points),
+        ('accelerations', trajectory.accelerations, points),
+        ('goal_tolerance', goal.goal_tolerance, points[1:]),
+        ('goal_velocity', goal.goal_velocity, points[1:]),
+    ):
+        if values is not None and values.shape != shape:
+            raise GoalRejectedError(
+                ErrorCode.INVALID_JOINTS, f'{name} has the shape {values.shape}, not {shape}'
+            )
+    trajectory = replace(trajectory, positions=limits.settled(trajectory.positions))
+    check_limits(trajectory, limits, may_end_moving=goal.may_end_moving)
+    return replace(goal, trajectory=trajectory)
+
+
+def check_limits(
+    trajectory: Trajectory, limits: JointLimits, *, may_end_moving: bool = False
+) -> None:
+    """Raise GoalRejectedError INVALID_GOAL that names point, joint, value and limit."""
+    if found := list(problems(trajectory, limits)):
+        raise GoalRejectedError(ErrorCode.INVALID_GOAL, listed(found))
+    if not may_end_moving and (found := list(_end_velocities(trajectory, limits))):
+        remedy = Remedy.ALLOW_END_VELOCITY
+        raise GoalRejectedError(ErrorCode.INVALID_GOAL, listed(found), remedy)
+
+
+def untimed(trajectory: Trajectory, limits: JointLimits) -> Trajectory:
+    """Return only the positions of a trajectory whose times do not count.
+
+    Its provisional times are slow enough for the velocity limits (shapes as in Trajectory); the
+    first one stays, since a point at 0 s is where the arm is, and a later one where it goes to.
+    """
+    steps = np.abs(np.diff(trajectory.positions, axis=0)) / limits.velocity
+    durations = np.nan_to_num(steps.max(axis=1)) * 1.01 + 1e-3
+    times = np.concatenate([trajectory.times[:1], trajectory.times[0] + np.cumsum(durations)])
+    return Trajectory(trajectory.joint_names, times, trajectory.positions)
+
+
+def _end_velocities(trajectory: Trajectory, limits: JointLimits) -> Iterable[str]:
+    if trajectory.velocities is None:
+        return
+    last = len(trajectory.times) - 1
+    for name, unit, velocity in zip(
+        trajectory.joint_names, limits.units, trajectory.velocities[-1], strict=True
+    ):
+        if abs(velocity) > 1e-4:
+            yield (f'point {last}, {name}: the last velocity, {velocity:.6g} {unit}/s, must be 0')
+
+
+def listed(found: Sequence[str]) -> str:
+    """Return what was found as one text: the first few, and how many more there are."""
+    text = '; '.join(islice(found, MAX_MENTIONED_PROBLEMS))
+    rest = len(found) - MAX_MENTIONED_PROBLEMS
+    return f'{text}; and {rest} more' if rest > 0 else text
+
+
+CAUSE_TIMEOUT_S = 0.095
+"""How long a rejected goal waits for the STATUS that says why, s. EPSON's comes every 55 ms."""
+
+CAUSE_TIMEOUT_MARGIN_S = 0.04
+"""What it waits beyond the time between two STATUS messages, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class GoalSettings:
+    """Tolerances and patience of a goal execution.
+
+    stopped_velocity: rad/s, below which a joint counts as standing. reply_timeout: s without a
+    reply and without the arm moving, beyond the time that the plan takes to the point.
+    cause_timeout: how long a rejected goal waits for the STATUS that says why, s.
+    require_planned_speed: reject plans whose times the controller is known not to keep.
+    """
+
+    stopped_velocity: float = 0.01
+    reply_timeout: float = 5.0
+    cause_timeout: float = CAUSE_TIMEOUT_S
+    require_planned_speed: bool = False
+
+
+def cause_timeout(state: StateProfile) -> float:
+    """Return how long to wait for a STATUS of a controller with this profile, s."""
+    return state.period * (state.joint_positions_per_status + 1) + CAUSE_TIMEOUT_MARGIN_S
+
+
+MIN_DISPLACEMENT = 1e-3
+"""A goal that is so far from where the arm was, rad or m, is not reached by standing there."""
+
+
+class Arrival:
+    """Compares where the arm is with the end of one goal. Distances have shape (n,), rad."""
+
+    def __init__(self, goal: Goal) -> None:
+        self._goal = goal
+        self._left = False
+        self._start: Array | None = None
+        self._distance = np.full(len(goal.trajectory.joint_names), np.inf)
+
+    @cached_property
+    def _min_excursion(self) -> float:
+        """See `_min_excursion`. It looks at every point: not before the first one is sent."""
+        return _min_excursion(self._goal)
+
+    def see(self, positions: Array) -> None:
+        """Take measured positions, shape (n,), rad."""
+        self._distance = np.abs(positions - self._goal.trajectory.positions[-1])
+        if self._start is None:
+            self._start = self._distance
+        self._left = self._left or float(self._distance.max()) >= self._min_excursion
+
+    def reached(self, *, said: bool) -> bool:
+        """Return whether the arm is at the goal, and has been on its way to it.
+
+        `said`: the controller says that it stands; else it must have come nearer, too.
+        """
+        if not (self._left and (said or self._came_nearer())):
+            return False
+        return bool(np.all(self._distance <= self._goal.goal_tolerance))
+
+    def _came_nearer(self) -> bool:
+        """Return whether the joint with the longest way has gone more than half of it."""
+        distance = self._distance
+        start = distance if self._start is None else self._start
+        joint = int(np.argmax(start))
+        return bool(start[joint] < MIN_DISPLACEMENT or distance[joint] < start[joint] / 2)
+
+    def shortfall(self) -> str:
+        """Return what an arm that stands where it does has not done, as a clause."""
+        if not self._left:
+            return 'the controller acknowledged all points, but the arm did not move'
+        distance, tolerance = self._distance, self._goal.goal_tolerance
+        if np.all(distance <= tolerance):
+            return 'the arm stands nearer to where it was than to the goal'
+        joint = int(np.argmax(distance - tolerance))
+        name, unit = self._goal.trajectory.joint_names[joint], self._goal.unit(joint)
+        return (
+            f'the arm stands, and {name} is {distance[joint]:.6g} {unit} from the goal: '
+            f'the tolerance is {tolerance[joint]:.6g} {unit}'
+        )
+
+
+def _min_excursion(goal: Goal) -> float:
+    """Return how far from the goal the arm must have been seen, rad.
+
+    On a path that ends where it began, an arm that has not moved yet is at the goal, too.
+    """
+    positions = goal.trajectory.positions
+    last = positions[-1]
+    excursion = float(np.maximum(positions.max(axis=0) - last, last - positions.min(axis=0)).max())
+    finite = goal.goal_tolerance[np.isfinite(goal.goal_tolerance)]
+    return excursion / 2 if excursion > 2 * float(finite.max(initial=0.0)) else 0.0

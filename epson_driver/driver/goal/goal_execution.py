@@ -9,17 +9,17 @@ callable it was given.
 """
 
 import contextlib
+import logging
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
 from epson_driver.driver.delivery.reply_rejection import reply_rejection
 from epson_driver.driver.delivery.trajectory_points import STOP
-from epson_driver.driver.goal.arrival import Arrival
-from epson_driver.driver.goal.goal import Goal
-from epson_driver.driver.goal.goal_settings import GoalSettings
+from epson_driver.driver.goal.goal import Arrival, Goal, GoalSettings
 from epson_driver.driver.goal.goal_states import (
     AFTERMATH,
     BRAKING_STATES,
@@ -32,14 +32,17 @@ from epson_driver.driver.goal.goal_states import (
     GoalEvent,
     GoalState,
 )
-from epson_driver.driver.goal.handover import Handover, JoinedWay
-from epson_driver.driver.goal.pace import Timing
-from epson_driver.driver.goal.point_schedule import PointSchedule
-from epson_driver.driver.goal.speed_scaling import SpeedScaling
+from epson_driver.driver.goal.planned_speed import PlannedSpeed, Timing
+from epson_driver.driver.goal.reference import PointSchedule, SpeedScaling
+from epson_driver.driver.goal.splice import LATEST_SHARE, SplicedTrajectory, SplicePoint
 from epson_driver.driver.outcome import End, ErrorCode, Outcome
 from epson_driver.driver.state.controller_pause import PauseDetector
 from epson_driver.driver.state.robot_state import JointSample, RobotState
-from epson_driver.driver.state.standstill import UNCONFIRMED_REST_TIME_S, Standstill
+from epson_driver.driver.state.standstill import (
+    UNCONFIRMED_REST_TIME_S,
+    UNSAID_REST_TIME_S,
+    Standstill,
+)
 from epson_driver.link.replies import sequence_of
 from epson_driver.motion import Array, Trajectory
 from epson_driver.simple_message import Message, MotionReply, Packet, TriState
@@ -49,20 +52,25 @@ SETTLE_TIME_S = 1.0
 
 MAX_COUNTED_GAP_S = 0.5
 """Time from one state to the next that counts as waiting, s: what is longer is this process not
-scheduled, or a controller that is silent, which the driver sees by itself (link/silence.py)."""
+scheduled, or a silent controller, which the link sees by itself (receive_timeout.py)."""
+
+REPLACED = 'replaced by a new goal'
+
+_log = logging.getLogger(__name__)
 
 Send = Callable[[Message, Callable[[Packet, float], None]], object]
 """send(message, on_reply) posts a request; on_reply(packet, now) is called when its reply comes.
 Raises ConnectionError if there is no link."""
 
-Successor = Callable[[Handover, float], bool]
-"""successor(handover, now) has another goal go on, or stops this one; False: it does neither."""
+Successor = Callable[[SplicePoint, float], bool]
+"""successor(point, now) has another goal go on, or stops this one; False: it does neither."""
 
 
 class GoalExecution:
-    """Streams a goal's points and decides its outcome; `on_end` is called with it exactly once.
+    """Streams a goal's points, decides its outcome and calls `on_end` with it exactly once.
 
-    Times (`now`) are monotonic, s.
+    Times (`now`) are monotonic, s. `look_ahead`: how far ahead of the plan's clock points are
+    sent, s; inf: without a limit, and the goal is not left on its way.
     """
 
     def __init__(
@@ -73,6 +81,8 @@ class GoalExecution:
         on_end: Callable[[Outcome], None],
         now: float,
         scaling: SpeedScaling | None = None,
+        look_ahead: float = math.inf,
+        planned_speed: PlannedSpeed | None = None,
     ) -> None:
         self.goal = goal
         self.settings = settings
@@ -88,18 +98,20 @@ class GoalExecution:
         self._on_end = on_end
         self._scaling = scaling or SpeedScaling()
         self._schedule: PointSchedule | None = None
-        self._arrival = Arrival(goal)
         self._standstill = Standstill(now)
         self._pause = PauseDetector()
         self._rest_at: float | None = None
         self._checked: JointSample | None = None
-        self._begins_by = 0.0
+        self._due = 0.0  # when the plan was to be where the next answer or the standstill comes
         self._looked = now
         self._when_at_rest = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, 'stopped')
         self._rejection = ''
         self._rejected_at = 0.0
         self._cause_waited = 0.0
+        self._look_ahead = look_ahead
+        self._planned_speed = planned_speed
         self._successor: Successor | None = None
+        self._leave_by = math.inf  # when it should have been left for the successor
         self._sequence = 0  # of the point that was sent last
         self._goes_on = False
 
@@ -163,82 +175,113 @@ class GoalExecution:
         now: float,
         at: Array | None = None,
         begin_within: float = 0.0,
-        lead: float = float('inf'),
     ) -> None:
-        """Send the first point of a prepared trajectory; nothing if the goal was stopped before.
+        """Send the first point of a prepared trajectory unless the goal was stopped before.
 
         `trajectory` is what is executed: the goal's own, or what was made of it. `at`: shape
         (n,), rad, where the arm stands, if that is not the first point. `begin_within`: how long
         from now on the controller lets the arm stand before it moves, s; the plan begins then.
-        `lead`: how far ahead of the plan's clock points are sent, s.
         """
         if self.state is not GoalState.PREPARING:
             return
+        self.goal = replace(self.goal, trajectory=trajectory)
         start = trajectory.positions[0] if at is None else at
-        begins_by = now + begin_within
-        schedule = PointSchedule(trajectory, points, start, self._scaling, begins_by, lead=lead)
-        self._begin(trajectory, schedule, begins_by, now)
+        self._due = now + begin_within
+        schedule = PointSchedule(
+            trajectory, points, start, self._scaling, self._due, look_ahead=self._look_ahead
+        )
+        self._begin(schedule, now)
 
     def go_on(
-        self, way: JoinedWay, points: list[Message], left: Handover, now: float, lead: float
+        self,
+        spliced: SplicedTrajectory,
+        points: list[Message],
+        left: SplicePoint,
+        now: float,
     ) -> None:
-        """Send the first point of a way that the controller does not have yet.
+        """Send the first point that the controller does not have yet.
 
-        It has those before from the goal that was `left`; `lead` as in `start`.
+        It has those before from the goal that was `left`.
         """
+        self.goal = replace(self.goal, trajectory=spliced.trajectory)
         self._goes_on = True
+        self._due = now
         self._sequence = left.sequence
-        self.point = way.first
+        self.point = spliced.first
         schedule = PointSchedule(
-            way.trajectory,
+            spliced.trajectory,
             points,
-            way.trajectory.positions[0],
+            spliced.trajectory.positions[0],
             self._scaling,
             left.seen,
-            lead=lead,
-            sent=way.factors,
+            look_ahead=self._look_ahead,
+            sent=spliced.factors,
             sent_until=left.sent_until,
         )
-        self._begin(way.trajectory, schedule, now, now)
+        self._begin(schedule, now)
 
-    def _begin(
-        self, trajectory: Trajectory, schedule: PointSchedule, begins_by: float, now: float
-    ) -> None:
-        self.goal = replace(self.goal, trajectory=trajectory)
-        self._arrival = Arrival(self.goal)
-        self._begins_by = begins_by
+    @cached_property
+    def _arrival(self) -> Arrival:
+        """What compares the arm with the end of the goal, once that is prepared."""
+        return Arrival(self.goal)
+
+    def _begin(self, schedule: PointSchedule, now: float) -> None:
         self.started = self._standstill.alive = now
         self._schedule = schedule
         self._step(GoalEvent.PREPARED)
         self._send_point(now)
 
-    def hand_over(self, successor: Successor, now: float) -> None:
-        """Have `successor` called as soon as no point is on its way; now, if none is.
+    def replace(self, successor: Successor, now: float) -> None:
+        """Have `successor` called as soon as no point is on its way, or stop for the next goal.
 
-        Until then the goal is as ever: what ends it before ends it, and nobody is called.
+        It is stopped at once unless it may be left on its way (`look_ahead`, splice.py), and when
+        that does not come soon. Until then what ends it ends it, and nobody is called.
         """
-        self._successor = successor
-        if not self._in_flight:
-            self._hand_over(now)
+        if math.isinf(self._look_ahead):
+            self.stop(REPLACED, now)
+            return
+        reach, latest = self.reach, LATEST_SHARE * self._look_ahead
+        if reach is None:
+            self.stop_for_next('it could not be left on the way', now)
+        elif reach > latest:
+            text = f'the controller has points of it for {reach:.2g} s, more than {latest:.2g} s'
+            self.stop_for_next(text, now)
+        else:
+            self._successor = successor
+            self._leave_by = min(self._leave_by, now + latest)
+            if not self._in_flight:
+                self._splice(now)
+
+    @property
+    def replacing(self) -> bool:
+        """True while a replacement waits for the controller's reply to a point."""
+        return self._successor is not None
 
     def keep(self) -> None:
-        """Go on: nobody is waiting to be handed the arm any more."""
-        self._successor = None
+        """Go on: no goal waits for this one to be left any more."""
+        self._successor, self._leave_by = None, math.inf
 
-    def handed_over(self) -> None:
+    def stop_for_next(self, why: str, now: float) -> None:
+        """Stop for the next goal, as this one cannot be left on its way."""
+        self.keep()
+        _log.info('the running goal is stopped for the new one: %s', why)
+        self.stop(REPLACED, now)
+
+    def end_spliced(self) -> None:
         """End as aborted, as another goal goes on from where this one is."""
         where = self.where
-        self._step(GoalEvent.HANDED_OVER)
+        self._step(GoalEvent.SPLICED)
         text = f'replaced by a new goal {where}; the arm goes on to that one without a stop'
         self._on_end(Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, text))
 
-    def _hand_over(self, now: float) -> bool:
-        """Have the goal replaced if somebody waits for that; return whether it was."""
-        successor, self._successor = self._successor, None
+    def _splice(self, now: float) -> bool:
+        """Replace the goal if a replacement waits, and return whether it was replaced."""
+        successor = self._successor
+        self.keep()
         if successor is None or self._schedule is None or self.state not in RUNNING_STATES:
             return False
         clock = self._schedule.clock
-        handover = Handover(
+        point = SplicePoint(
             self.goal.trajectory,
             self.point - 1,
             self._sequence,
@@ -248,25 +291,25 @@ class GoalExecution:
             *clock.planned(),
             clock.factors,
         )
-        return successor(handover, now)
+        return successor(point, now)
 
     def on_reply(self, index: int, packet: Packet, now: float) -> None:
         """Take the controller's reply to point `index`."""
         if self.state is not GoalState.STREAMING or index != self.point:
             if self.state in UNCONFIRMED_STATES:
-                self._doubt_reply(packet, now)
+                self._take_late_reply(packet, now)
             return
         self._standstill.alive = now
         if (no := reply_rejection(packet)) is not None:
             self._reject(f'the controller refused {self._name(index)} ({no})', now)
             return
         self.point += 1
-        if self._successor is not None and self._hand_over(now):
+        if self._successor is not None and self._splice(now):
             return
         if self._schedule is not None and self.point < len(self._schedule):
             self._send_point(now)
         else:
-            self._standstill.expect(max(now, self._begins_by))
+            self._standstill.expect(max(now, self._due))
             self._step(GoalEvent.LAST_REPLY)
 
     def on_unsolicited_failure(self, now: float) -> None:
@@ -280,10 +323,13 @@ class GoalExecution:
         sample = robot.sample
         if self.ended or sample is None:
             return
+        if now > self._leave_by:
+            self.stop_for_next('the point that is on its way was not answered in time', now)
         looked, self._looked = self._looked, now
-        self._forgive(now, now - looked)
+        self._exclude_unscheduled_time(now, now - looked)
         self._keep_time(robot, sample, now)
-        distance = self._arrival.see(sample.positions)
+        if self._schedule is not None:
+            self._arrival.see(sample.positions)
         self._standstill.see(sample, robot, self._stopped(), now)
         if not self._standstill.stands:
             self._rest_at = None
@@ -292,9 +338,12 @@ class GoalExecution:
         if self.state in REJECTED_STATES:
             self._look_for_cause(robot, now - max(looked, self._rejected_at))
             return
+        said = robot.in_motion != TriState.UNKNOWN
+        if self.state is GoalState.SETTLING and not said:
+            self._standstill.expect_rest(UNSAID_REST_TIME_S)
         if self._standstill.reached(sample.measured):
             if self.state is GoalState.SETTLING:
-                self._judge(distance, now)
+                self._judge(now, said=said)
             elif self.state in BRAKING_STATES:
                 self._rest()
         self._check_path(sample, now)
@@ -311,7 +360,7 @@ class GoalExecution:
         self._stop(GoalEvent.STOP, outcome, now)
 
     def fault(self, why: str, code: ErrorCode = ErrorCode.PATH_TOLERANCE_VIOLATED) -> None:
-        """End now, as something forbids motion; send STOP if anything was sent."""
+        """End now, as something forbids motion, with STOP if anything was sent."""
         if not self.ended:
             self._end_at_once(GoalEvent.FAULT, why, code)
 
@@ -378,7 +427,7 @@ class GoalExecution:
         except ConnectionError as error:
             self.fault(f'STOP could not be sent: {error}')
 
-    def _doubt_reply(self, packet: Packet, now: float) -> None:
+    def _take_late_reply(self, packet: Packet, now: float) -> None:
         """Take an answer to a point that may be the one to STOP, after which it came.
 
         If the point's own never comes, STOP's takes its place; then the state decides.
@@ -410,20 +459,32 @@ class GoalExecution:
             stopped = np.minimum(stopped, self.goal.goal_velocity)
         return stopped
 
-    def _judge(self, distance: Array, now: float) -> None:
-        """Decide whether an arm that stands, with all points acknowledged, is at the goal."""
+    def _judge(self, now: float, *, said: bool) -> None:
+        """Decide whether an arm that stands, with all points acknowledged, is at the goal.
+
+        `said`: the controller says so.
+        """
         if self.paused:  # it may have a rest of the way to go
             return
         if self._plan_time < self.goal.trajectory.duration:
             return  # what is planned may be yet to come, however short a way
-        if self._arrival.reached(distance):
+        if self._arrival.reached(said=said):
             text = f'at the goal after {now - self.started:.2f} s'
             if self._rest_at is not None:
                 self.timing = Timing(self.goal.trajectory.duration, self._rest_at)
+                text += self._other_speed(self.timing)
             self._step(GoalEvent.AT_GOAL)
             self._on_end(Outcome(End.SUCCEEDED, ErrorCode.SUCCESSFUL, text))
-        elif now - max(self._standstill.alive, self._begins_by) > SETTLE_TIME_S:
-            self.fault(self._arrival.shortfall(distance), ErrorCode.GOAL_TOLERANCE_VIOLATED)
+        elif now - max(self._standstill.alive, self._due) > SETTLE_TIME_S:
+            self.fault(self._arrival.shortfall(), ErrorCode.GOAL_TOLERANCE_VIOLATED)
+
+    def _other_speed(self, timing: Timing) -> str:
+        """Return what to add to the outcome of a goal that ran at another speed than planned."""
+        why = '' if self._planned_speed is None else self._planned_speed.deviation(timing)
+        if not why:
+            return ''
+        _log.warning('a goal ran at another speed than planned: %s', why)
+        return f'; {why}'
 
     def _check_patience(self, now: float) -> None:
         if self.ended:
@@ -439,15 +500,13 @@ class GoalExecution:
                 ErrorCode.GOAL_TOLERANCE_VIOLATED,
             )
         elif self._schedule is not None and self.state is GoalState.STREAMING:
-            if waited > timeout + self._schedule.duration:
+            if min(waited - self._schedule.duration, now - self._due) > timeout:
                 self._end_at_once(
                     GoalEvent.NO_REPLY,
                     f'no reply to {self._name(self.point)}: the arm has not moved for '
                     f'{waited:.3g} s',
                 )
-        elif (
-            self.state is not GoalState.PREPARING and min(waited, now - self._begins_by) > timeout
-        ):
+        elif self.state is not GoalState.PREPARING and min(waited, now - self._due) > timeout:
             self._end_at_once(
                 GoalEvent.NO_REPLY,
                 f'the controller did not confirm the standstill within {waited:.3g} s',
@@ -455,19 +514,19 @@ class GoalExecution:
 
     @property
     def _plan_time(self) -> float:
-        """Where the plan is, s; 0 before it is prepared."""
+        """Where the plan is, s, or 0 before it is prepared."""
         return 0.0 if self._schedule is None else self._schedule.clock.time
 
-    def _forgive(self, now: float, gap: float) -> None:
-        """Leave the time in which nobody looked out of the patience: a reply may be there.
+    def _exclude_unscheduled_time(self, now: float, gap: float) -> None:
+        """Exclude time in which this process was not scheduled from the reply timeout.
 
         `gap`: s since somebody looked.
         """
         unseen = gap - MAX_COUNTED_GAP_S
         if unseen > 0.0:
             self._standstill.alive += unseen
-            if self._begins_by < now:
-                self._begins_by = min(self._begins_by + unseen, now)
+            if self._due < now:
+                self._due = min(self._due + unseen, now)
 
     def _keep_time(self, robot: RobotState, sample: JointSample, now: float) -> None:
         """Let the clock go on, see whether the controller is paused, and send what was held.
@@ -487,6 +546,8 @@ class GoalExecution:
             self._send_point(now)
         if moves and (self.paused or clock.held):
             self._standstill.alive = now
+        if moves and self._schedule.ahead(self.target):
+            self._due = max(self._due, now)
 
     def _check_path(self, sample: JointSample, now: float) -> None:
         """Hold new joints against where the plan was when they were measured."""

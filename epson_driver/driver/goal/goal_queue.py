@@ -3,32 +3,39 @@
 """The running goal and the one that waits for it: from submission to outcome.
 
 A new goal replaces the running one, which is stopped; it starts when the arm stands. Or, where
-that is wanted, it goes on from where the running one is left on its way (handover.py). One that
+that is wanted, it goes on from where the running one is left on its way (splice.py). One that
 comes after a goal that ended at once starts when the stop of that one is over. Everything here
 runs in the driver's loop.
 """
 
 import asyncio
+import contextlib
 import logging
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
-from epson_driver.driver.goal.goal import Goal
-from epson_driver.driver.goal.goal_checks import check_goal, check_start
+from epson_driver.driver.goal.goal import Goal, GoalSettings, checked_goal
 from epson_driver.driver.goal.goal_execution import GoalExecution
-from epson_driver.driver.goal.goal_plan import GoalPlans
-from epson_driver.driver.goal.goal_settings import GoalSettings
 from epson_driver.driver.goal.goal_states import AT_REST, GoalState
-from epson_driver.driver.goal.handover import Handover, from_rest, joined, numbered
-from epson_driver.driver.goal.pace import Pace, Timing
-from epson_driver.driver.goal.replacing import Replacing
-from epson_driver.driver.goal.speed_scaling import SpeedScaling
+from epson_driver.driver.goal.planned_speed import PlannedSpeed, Timing
+from epson_driver.driver.goal.planning_scope import PlanningScopes
+from epson_driver.driver.goal.reference import SpeedScaling
+from epson_driver.driver.goal.splice import (
+    SplicePoint,
+    begun,
+    check_start,
+    look_ahead,
+    numbered,
+    spliced,
+)
+from epson_driver.driver.inhibit import PAUSED, Inhibit, Remedy, not_enabled
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.smoothing.smoothing_process import SmoothingError, SmoothingProcess
 from epson_driver.driver.state.robot_state import JointSample, RobotState
 from epson_driver.driver.stopping.arm_gate import ArmGate
 from epson_driver.driver.stopping.stopper import Stopper
-from epson_driver.driver.tasks.fresh_moment import MAX_READING_TURNS, fresh_moment
+from epson_driver.driver.tasks.fresh_state import MAX_READING_TURNS, wait_for_fresh_state
 from epson_driver.driver.tasks.notification import Notification
 from epson_driver.driver.tasks.task_group import report_task_error
 from epson_driver.motion import JointLimits, Trajectory
@@ -55,7 +62,7 @@ class GoalHandle:
 
 
 class GoalQueue:
-    """Executes one goal after the other. `run` until cancelled; the rest is called meanwhile.
+    """Executes one goal after the other.
 
     `on_broken_off` is called with the outcome of a goal after which the arm must be enabled again,
     and whether an answer is missing. `start_tolerance` (rad) and `settings` may be changed at any
@@ -73,12 +80,12 @@ class GoalQueue:
         changed: Notification,
         on_broken_off: Callable[[Outcome, bool], None],
         smoother: SmoothingProcess | None,
-        pace: Pace,
+        planned_speed: PlannedSpeed,
         *,
         on_the_way: bool = False,
     ) -> None:
         self.start_tolerance = 0.05
-        self.scaling = SpeedScaling()
+        self.scaling = SpeedScaling(by_velocity=planned_speed.by_velocity)
         self.unsmoothed = 0
         """Goals for which no smooth motion inside every limit was found."""
         self.last_timing: Timing | None = None
@@ -88,7 +95,7 @@ class GoalQueue:
         self.occupied: Callable[[], str | None] = lambda: None
         """Returns why no goal may begin, as something else moves the arm; None: nothing does."""
         self._limits = limits
-        self._pace = pace
+        self._planned_speed = planned_speed
         self._robot = robot
         self._gate = gate
         self._stopper = stopper
@@ -101,9 +108,10 @@ class GoalQueue:
         self._next: GoalHandle | None = None
         self._unread: GoalHandle | None = None
         self._preparations: set[asyncio.Task[None]] = set()
-        self.plans = GoalPlans()
+        self._stops: list[str] = []
+        self.plans = PlanningScopes()
         """Goals of which there is no trajectory yet. One that is submitted ends them."""
-        self._replacing = Replacing(limits, on_the_way=on_the_way)
+        self._look_ahead = look_ahead(limits) if on_the_way else math.inf
         self.joined = 0
         """Goals that have begun on the way of another."""
 
@@ -132,8 +140,18 @@ class GoalQueue:
 
     @property
     def execution(self) -> GoalExecution | None:
-        """The execution of the running goal; None if no goal runs."""
+        """The execution of the running goal, or None if no goal runs."""
         return None if self._running is None else self._running.execution
+
+    @contextlib.contextmanager
+    def stopping(self, why: str) -> Iterator[None]:
+        """End what waits, and whatever comes in this block: it may have been sent before."""
+        self._stops.append(why)
+        self.end_waiting(why)
+        try:
+            yield
+        finally:
+            self._stops.remove(why)
 
     def make_ready(self) -> None:
         """Start the process that smooths, so that the first goal need not wait for it."""
@@ -141,13 +159,13 @@ class GoalQueue:
             self.smoother.make_ready()
 
     async def close(self) -> None:
-        """End the tasks and the process that prepare goals; no goal may run any more."""
+        """End the tasks and the process that prepare goals once no goal runs any more."""
         await asyncio.gather(*self._preparations, return_exceptions=True)
         if self.smoother is not None:
             await self.smoother.close()
 
     def submit(self, handle: GoalHandle) -> None:
-        """Execute a goal; a running one is stopped first and ends as aborted.
+        """Execute a goal after stopping the running one, which ends as aborted.
 
         It is checked here, whoever submits it: one that breaks a limit ends at once, and what runs
         goes on.
@@ -156,7 +174,8 @@ class GoalQueue:
         scheduled for a while, and what came meanwhile is still to be read.
         """
         try:
-            check_goal(handle.goal, self._limits)
+            self._check_not_stopping()
+            handle.goal = checked_goal(handle.goal, self._limits)
         except GoalRejectedError as rejection:
             handle.on_end(rejection.outcome)
             return
@@ -205,28 +224,28 @@ class GoalQueue:
             self._end_unstarted(self._next, REPLACED)
         self._next = handle
         if self.execution is not None:
-            self._replacing.replace(self.execution, self._join, _now())
+            self.execution.replace(self._join, _now())
 
     def cancel(self, handle: GoalHandle) -> None:
-        """Stop the goal's motion; it ends as canceled when the arm stands.
+        """Stop the goal's motion, so that it ends as canceled when the arm stands.
 
         A goal that was to be left for this one is stopped, too.
         """
         if handle in (self._next, self._unread):
-            if handle is self._next and self._replacing.pending and self.execution is not None:
-                self._replacing.stop(self.execution, 'that was canceled', _now())
+            execution = self.execution
+            if handle is self._next and execution is not None and execution.replacing:
+                execution.stop_for_next('that was canceled', _now())
             self._end_unstarted(handle, 'canceled before it could start', End.CANCELED)
         elif handle is self._running and handle.execution is not None:
             handle.execution.cancel(_now())
 
-    def _join(self, left: Handover, now: float) -> bool:
+    def _join(self, left: SplicePoint, now: float) -> bool:
         """Have the next goal go on where the running one is left, or stop that one for it.
 
         Nothing of the running goal is on its way. What forbids motion is looked at in the same
         turn of the loop in which the first point is sent.
         """
         old, new = self._running, self._next
-        self._replacing.done()
         if old is None or old.execution is None or new is None:
             return False
         why = self._gate.reason or self.occupied()
@@ -235,26 +254,27 @@ class GoalQueue:
         try:
             if why is not None:
                 raise GoalRejectedError(ErrorCode.INVALID_GOAL, why)
-            way = joined(left, new.goal.trajectory, self._limits, self.start_tolerance)
+            way = spliced(left, new.goal.trajectory, self._limits, self.start_tolerance)
             start = way.trajectory.positions[0]
             if self._settings.require_planned_speed:
-                self._pace.check(way.trajectory, start)
+                self._planned_speed.check(way.trajectory, start)
             prepared = self._stopper.prepare(way.trajectory, start)
         except GoalRejectedError as rejection:
-            self._replacing.stop(old.execution, str(rejection), now)
+            old.execution.stop_for_next(str(rejection), now)
             return True
         points = numbered(prepared.messages, way.first, left.sequence)
         self._running, self._next = new, None
         self.joined += 1
         execution = self._new_execution(new)
-        execution.go_on(way, points, left, now, self._replacing.lead)
-        old.execution.handed_over()
+        execution.go_on(way, points, left, now)
+        old.execution.end_spliced()
         return True
 
     def end_waiting(self, why: str) -> None:
         """End the goals that wait to be started, or for their plan."""
         self.plans.end(why)
-        self._replacing.done()
+        if self.execution is not None:
+            self.execution.keep()
         for handle in (self._unread, self._next):
             if handle is not None:
                 self._end_unstarted(handle, why)
@@ -285,7 +305,7 @@ class GoalQueue:
             self.execution.on_unsolicited_failure(_now())
 
     async def stop(self, why: str, timeout: float) -> Outcome | None:
-        """Stop the running goal, if any. Returns its outcome; None if there is none in time."""
+        """Stop the running goal, if any. Returns its outcome, or None if there is none in time."""
         handle = self._running
         if handle is None or handle.execution is None:
             return None
@@ -305,7 +325,6 @@ class GoalQueue:
             self._submit(fresh, now)
         handle = self._running
         if handle is not None and handle.execution is not None:
-            self._replacing.check(handle.execution, now)
             handle.execution.on_state(self._robot, now)
             if not handle.execution.ended:
                 handle.on_feedback(handle.execution, sample)
@@ -325,22 +344,21 @@ class GoalQueue:
     def check_ready(self, now: float) -> JointSample:
         """Return where the arm is. Raises GoalRejectedError unless it may move at `now`, s."""
         if self._gate.reason is not None:
-            raise GoalRejectedError(
-                ErrorCode.INVALID_GOAL,
-                f'the arm is not enabled ({self._gate.reason}): call ~/enable',
-            )
+            raise _inhibited(not_enabled(self._gate.reason))
+        self._check_not_stopping()
         if (why := self.occupied()) is not None:
-            raise GoalRejectedError(ErrorCode.INVALID_GOAL, why)
+            raise GoalRejectedError(ErrorCode.INVALID_GOAL, why, Remedy.END_STREAM)
         if (why := self._robot.why_not_ready(now)) is not None:
             raise GoalRejectedError(ErrorCode.INVALID_GOAL, why)
         if self._robot.paused and not self._stopper.resumes:
-            raise GoalRejectedError(
-                ErrorCode.INVALID_GOAL,
-                'the controller is paused (it says that motion is not possible): continue there',
-            )
+            raise _inhibited(PAUSED)
         sample = self._robot.sample
         assert sample is not None  # noqa: S101 - for the type checker: why_not_ready says so
         return sample
+
+    def _check_not_stopping(self) -> None:
+        if self._stops:
+            raise GoalRejectedError(ErrorCode.INVALID_GOAL, self._stops[0])
 
     def standing_sample(self, now: float) -> JointSample:
         """Return where the arm stands. Raises GoalRejectedError if it may not move or moves now.
@@ -358,15 +376,17 @@ class GoalQueue:
     def _start(self, handle: GoalHandle, now: float) -> None:
         trajectory = handle.goal.trajectory
         try:
-            sample = self._sample_at_start(trajectory, now)
+            sample = self.standing_sample(now)
+            leavable = self.smoother is None and self._look_ahead < math.inf
+            trajectory = begun(
+                trajectory, sample.positions, self._limits, self.start_tolerance, leavable=leavable
+            )
         except GoalRejectedError as rejection:
             handle.on_end(rejection.outcome)
             return
         self._running = handle
         execution = self._new_execution(handle)
         if self.smoother is None:
-            if self._replacing.on_the_way:
-                trajectory = from_rest(trajectory, sample.positions, self._limits)
             self._execute(execution, trajectory, sample)
             return
         handle.preparation = asyncio.create_task(self._prepare(self.smoother, execution, sample))
@@ -382,14 +402,10 @@ class GoalQueue:
             lambda outcome: self._on_end(handle, outcome),
             _now(),
             self.scaling,
+            self._look_ahead,
+            self._planned_speed,
         )
         return handle.execution
-
-    def _sample_at_start(self, trajectory: Trajectory, now: float) -> JointSample:
-        """Return where the arm stands. Raises GoalRejectedError unless it can begin there now."""
-        sample = self.standing_sample(now)
-        check_start(trajectory, sample.positions, self._limits, self.start_tolerance)
-        return sample
 
     async def _prepare(
         self, smoother: SmoothingProcess, execution: GoalExecution, sample: JointSample
@@ -405,9 +421,12 @@ class GoalQueue:
                 planned = await smoother.prepared(execution.goal.trajectory, sample.positions)
             finally:
                 smoother.make_ready()
-            now = await fresh_moment(self._robot.stale, self._changed, FRESH_POSE_TIMEOUT_S)
+            now = await wait_for_fresh_state(
+                self._robot.stale, self._changed, FRESH_POSE_TIMEOUT_S
+            )
             if execution.state is GoalState.PREPARING:
-                sample = self._sample_at_start(planned, now)
+                sample = self.standing_sample(now)
+                check_start(planned, sample.positions, self._limits, self.start_tolerance)
         except SmoothingError as error:
             self.unsmoothed += 1
             rejection = GoalRejectedError(ErrorCode.INVALID_GOAL, str(error))
@@ -425,7 +444,7 @@ class GoalQueue:
     ) -> None:
         try:
             if self._settings.require_planned_speed:
-                self._pace.check(trajectory, sample.positions)
+                self._planned_speed.check(trajectory, sample.positions)
             prepared = self._stopper.prepare(trajectory, sample.positions)
         except GoalRejectedError as rejection:
             execution.fault(str(rejection), rejection.code)
@@ -436,24 +455,24 @@ class GoalQueue:
             _now(),
             sample.positions,
             prepared.delay,
-            self._replacing.lead,
         )
 
     def _on_end(self, handle: GoalHandle, outcome: Outcome) -> None:
         if handle is self._running:
             self._running = None
-        outcome = self._timed(handle, outcome)
         handle.outcome = outcome
         aftermath = AT_REST if handle.execution is None else handle.execution.aftermath
+        if handle.execution is not None and handle.execution.timing is not None:
+            self.last_timing = handle.execution.timing
+            self.other_speed += self.last_timing.deviates
         if aftermath.broken_off:
             self._on_broken_off(outcome, aftermath.unanswered)
         if handle.preparation is not None:
             handle.preparation.cancel()
         self._changed.notify_all()
         handle.on_end(outcome)
-        if aftermath.handed_over:
+        if aftermath.spliced:
             return
-        self._replacing.done()
         if not aftermath.at_rest:
             self.end_waiting(f'the goal before it did not bring the arm to rest: {outcome.text}')
         elif outcome.end is End.SUCCEEDED:
@@ -461,18 +480,9 @@ class GoalQueue:
         if self._stopper.over:
             self.on_rest()
 
-    def _timed(self, handle: GoalHandle, outcome: Outcome) -> Outcome:
-        """Return the outcome; if it ran at another speed than planned, say so and log it."""
-        timing = None if handle.execution is None else handle.execution.timing
-        if timing is None:
-            return outcome
-        self.last_timing = timing
-        said = self._pace.said(timing)
-        if not said:
-            return outcome
-        self.other_speed += 1
-        _log.warning('a goal ran at another speed than planned: %s', said)
-        return replace(outcome, text=f'{outcome.text}; {said}')
+
+def _inhibited(found: Inhibit) -> GoalRejectedError:
+    return GoalRejectedError(ErrorCode.INVALID_GOAL, found.text, found.remedy)
 
 
 def _now() -> float:

@@ -8,8 +8,9 @@ Rules:
    planned first.
 2. One point is on its way at a time; its reply lets the next one go (streaming, REP-I0006).
 3. Success needs all replies positive, the arm at the goal within tolerance, and standing, as
-   measured after the last reply, and not before the time of the plan has passed (goal_clock.py):
-   a way that is shorter than the tolerance may not have begun yet.
+   measured after the last reply, and not before the time of the plan has passed (reference.py):
+   a way that is shorter than the tolerance may not have begun yet. Where the controller does not
+   say whether the arm moves, it must have stood for longer, nearer to the goal than to its start.
 4. Cancel, stop and replacement (but for rule 11) send STOP at once, never behind a pending reply,
    and end the goal when the arm stands. If STOP's answer was taken for that of a point which never
    came, the state decides: an arm that has stood for longer. A fault sends STOP and ends the goal
@@ -17,15 +18,17 @@ Rules:
 5. After a FAILURE reply STOP is sent, and the next STATUS is awaited for CAUSE_TIMEOUT_S at most:
    it has the reason. While the arm still brakes, the reason may be yet to come, and is awaited.
 6. A joint that leaves its path tolerance stops the arm; the goal ends when it stands. It is held
-   against the plan at that moment (goal_clock.py), until the plan's end.
+   against the plan at that moment (reference.py), until the plan's end.
 7. A controller that is paused (controller_pause.py) is waited for, however long: the clock stands
    and no patience runs out.
 8. While the speed scaling is 0 no point is sent; what was acknowledged runs on.
 9. A goal breaks off when the controller does not answer in time, or rejects what follows points
    that it had taken. Nobody knows then what it will do with them: the arm must be enabled again.
+   That time begins when the plan is where the answer is due, at the speed with which points were
+   sent: until then the plan may have the arm rest.
 10. What is known of the arm when a goal has ended follows from the change that ended it
     (AFTERMATH).
-11. A goal that is replaced on the way ends between two points (handover.py): none is on its way,
+11. A goal that is replaced on the way ends between two points (splice.py): none is on its way,
     no STOP is sent, and the new goal's points go on from the one that was taken last.
 """
 
@@ -68,7 +71,7 @@ class GoalEvent(Enum):
     AT_REST = 'at rest'
     NO_REPLY = 'no reply'
     FAULT = 'fault'
-    HANDED_OVER = 'handed over'
+    SPLICED = 'spliced'
 
 
 TRANSITIONS: dict[tuple[GoalState, GoalEvent], GoalState] = {
@@ -83,14 +86,14 @@ TRANSITIONS: dict[tuple[GoalState, GoalEvent], GoalState] = {
     (GoalState.STREAMING, GoalEvent.STOP): GoalState.STOPPING,
     (GoalState.STREAMING, GoalEvent.NO_REPLY): GoalState.ABORTED,
     (GoalState.STREAMING, GoalEvent.FAULT): GoalState.ABORTED,
-    (GoalState.STREAMING, GoalEvent.HANDED_OVER): GoalState.ABORTED,
+    (GoalState.STREAMING, GoalEvent.SPLICED): GoalState.ABORTED,
     (GoalState.SETTLING, GoalEvent.AT_GOAL): GoalState.SUCCEEDED,
     (GoalState.SETTLING, GoalEvent.REJECTION_MIDWAY): GoalState.REJECTED_MIDWAY,
     (GoalState.SETTLING, GoalEvent.CANCEL): GoalState.CANCELING,
     (GoalState.SETTLING, GoalEvent.STOP): GoalState.STOPPING,
     (GoalState.SETTLING, GoalEvent.NO_REPLY): GoalState.ABORTED,
     (GoalState.SETTLING, GoalEvent.FAULT): GoalState.ABORTED,
-    (GoalState.SETTLING, GoalEvent.HANDED_OVER): GoalState.ABORTED,
+    (GoalState.SETTLING, GoalEvent.SPLICED): GoalState.ABORTED,
     (GoalState.REJECTED, GoalEvent.FAULT): GoalState.ABORTED,
     (GoalState.REJECTED_MIDWAY, GoalEvent.FAULT): GoalState.ABORTED,
     (GoalState.CANCELING, GoalEvent.STOP_CONFIRMED): GoalState.CANCELING_CONFIRMED,
@@ -124,28 +127,28 @@ class Aftermath:
     """What is known of arm and controller when a goal has ended.
 
     at_rest: the arm stands. broken_off: nobody knows what the controller will do with the points
-    that it has taken. unanswered: because an answer is missing, which may come later. handed_over:
+    that it has taken. unanswered: because an answer is missing, which may come later. spliced:
     another goal has the arm.
     """
 
     at_rest: bool = False
     broken_off: bool = False
     unanswered: bool = False
-    handed_over: bool = False
+    spliced: bool = False
 
 
 AT_REST = Aftermath(at_rest=True)
 AT_REST_UNCONFIRMED = Aftermath(at_rest=True, broken_off=True, unanswered=True)
 REJECTED_MIDWAY = Aftermath(broken_off=True)
 NO_REPLY = Aftermath(broken_off=True, unanswered=True)
-HANDED_OVER = Aftermath(handed_over=True)
+SPLICED = Aftermath(spliced=True)
 UNKNOWN = Aftermath()
 """Of a goal that has not ended, and where a fault ended it."""
 
 AFTERMATH: dict[tuple[GoalState, GoalEvent], Aftermath] = {
     (GoalState.SETTLING, GoalEvent.AT_GOAL): AT_REST,
     (GoalState.REJECTED_MIDWAY, GoalEvent.FAULT): REJECTED_MIDWAY,
-    **{(state, GoalEvent.HANDED_OVER): HANDED_OVER for state in RUNNING_STATES},
+    **{(state, GoalEvent.SPLICED): SPLICED for state in RUNNING_STATES},
     **{(state, GoalEvent.AT_REST): AT_REST for state in CONFIRMED_STATES},
     **{(state, GoalEvent.AT_REST): AT_REST_UNCONFIRMED for state in UNCONFIRMED_STATES},
     **{(state, GoalEvent.NO_REPLY): NO_REPLY for state in RUNNING_STATES | BRAKING_STATES},

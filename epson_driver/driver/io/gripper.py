@@ -24,7 +24,7 @@ _TIME_S = number(0.05, 60.0, 's')
 
 
 class GripperError(RuntimeError):
-    """The gripper did not do what was asked; the text says why, and what is known of it."""
+    """The gripper did not do what was asked, as its text explains."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,6 +71,7 @@ class Gripper:
         self.wiring = wiring
         self._io = io
         self._commands = 0
+        self._seen = False
 
     async def state(self) -> GripperState:
         """Return what the inputs show now. Raises GripperError."""
@@ -91,6 +92,7 @@ class Gripper:
             if answer.text:
                 raise GripperError(f'the inputs of the gripper are not known: {answer.text}')
         opened, closed = (bool(answer.value) for answer in answers)
+        self._seen |= opened or closed
         return opened, closed
 
     def _believed(self, opened: bool, closed: bool) -> GripperState:
@@ -102,7 +104,7 @@ class Gripper:
         return GripperState(opened, closed)
 
     async def move(self, *, opened: bool) -> GripperState:
-        """Open or close it; return its state when it is there, or holds something.
+        """Open or close it and return its state when it is there, or holds something.
 
         Raises GripperError if it did not move, if its inputs are not known, or if a newer command
         took its place. Who is cancelled leaves the outputs as they are.
@@ -141,6 +143,11 @@ class Gripper:
     def _late(self, state: GripperState, opened: bool) -> GripperState:
         """Return the state of a gripper that has closed on something. Raises GripperError."""
         wiring = self.wiring
+        if not self._seen:
+            raise GripperError(
+                f'neither DI {wiring.opened_input} (opened) nor DI {wiring.closed_input} (closed) '
+                'has ever been on: check the wiring, or open it first'
+            )
         if not opened and not state.opened:
             return state
         shown = 'DI {} (opened)' if opened else 'DI {} (closed)'

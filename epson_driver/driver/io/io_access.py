@@ -24,7 +24,7 @@ from epson_driver.simple_message import (
 
 
 class Io(Protocol):
-    """Reads, writes and watches points; IoDriver says what each member is."""
+    """Reads, writes and watches points, with the members of IoDriver."""
 
     timeout: float
     states: tuple[IoValues, ...]
@@ -55,7 +55,7 @@ class Io(Protocol):
         """Return an answer per address, in their order. Raises IoUnavailableError."""
 
     async def write(self, settings: Sequence[IoSetting]) -> list[IoAnswer]:
-        """Set points one after the other; return an answer each. Raises IoUnavailableError."""
+        """Set points in order and return one answer each. Raises IoUnavailableError."""
 
 
 def make_io(

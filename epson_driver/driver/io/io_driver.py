@@ -51,7 +51,7 @@ RETRIES = (0.2, 0.5, 1.0, 2.0, 5.0)
 
 MAX_MESSAGE_ID = 2**31 - 1
 
-NOT_USED = 'I/O is not used: the parameter io_port is 0'
+NOT_USED = 'I/O is not used: its port is 0'
 REFUSED = (
     'the controller refused the I/O request: its I/O server does not run now (E-stop, stop or '
     'pause), or it does not know I/O requests'
@@ -66,7 +66,7 @@ _log = logging.getLogger(__name__)
 
 
 class IoUnavailableError(RuntimeError):
-    """A request as a whole has no answer; the text says why."""
+    """A request as a whole has no answer, with the reason as its text."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +156,7 @@ class IoDriver:
         ]
 
     async def write(self, settings: Sequence[IoSetting]) -> list[IoAnswer]:
-        """Set outputs, groups and flags one after the other; return an answer per setting.
+        """Set outputs, groups and flags in order, and return one answer per setting.
 
         Raises IoUnavailableError, which also says if the points may have been written.
         """

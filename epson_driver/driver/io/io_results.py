@@ -25,7 +25,7 @@ Ranges = Sequence[IoRange]
 
 
 def sentence(result: int, io_type: int, index: int, value: int | None, ranges: Ranges) -> str:
-    """Return why a point was not read, or not written with `value`; '' for SUCCESS.
+    """Return why a point was not read, or not written with `value`, or '' for SUCCESS.
 
     `ranges` are those that the controller says it has; empty while that is not known.
     """

@@ -40,7 +40,7 @@ _log = logging.getLogger(__name__)
 
 
 class RefusedPointError(Exception):
-    """The controller did not do what was asked for one point; the text says why."""
+    """The controller did not do what was asked for one point, with the reason as its text."""
 
 
 T = TypeVar('T', IoAddress, IoSetting)
@@ -50,7 +50,7 @@ Told = int | RefusedPointError
 
 
 class Points(Protocol):
-    """Reads and writes points within the ranges that are there; all else is PolledIo's.
+    """Reads and writes points within the ranges that are there, for PolledIo.
 
     `words`, `flags`: whether it knows groups of 16, and flags. `outputs_shown`: whether outputs
     can be read at any time.
@@ -63,7 +63,7 @@ class Points(Protocol):
 
     @property
     def missing(self) -> str:
-        """Why it cannot be used at all; '' if it can."""
+        """Why it cannot be used at all, or '' if it can."""
 
     @property
     def place(self) -> str:
@@ -77,7 +77,7 @@ class Points(Protocol):
         """Write as the state server does."""
 
     async def run(self, came: Callable[[], None], lost: Callable[[str], None]) -> None:
-        """Serve until cancelled; say when the controller can be asked, and when no more."""
+        """Serve until cancelled, and tell when the controller can be asked and when no more."""
 
     async def read(self, addresses: Sequence[IoAddress]) -> list[Told]:
         """Return a value per address, or why there is none. Raises IoUnavailableError."""
@@ -158,7 +158,7 @@ class PolledIo:
         return await self._answers(addresses, [None] * len(addresses), self._points.read)
 
     async def write(self, settings: Sequence[IoSetting]) -> list[IoAnswer]:
-        """Set outputs, groups and flags one after the other; return an answer per setting.
+        """Set outputs, groups and flags in order, and return one answer per setting.
 
         Raises IoUnavailableError, which also says if the points may have been written.
         """

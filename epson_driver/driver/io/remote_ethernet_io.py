@@ -19,7 +19,7 @@ from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 from epson_driver.remote_ethernet.turns import RemoteTurns
 from epson_driver.simple_message import Dialect, IoAddress, IoSetting, IoType
 
-NOT_USED = 'I/O is not used: the parameter remote_port is 0'
+NOT_USED = 'I/O is not used: the port of Remote Ethernet is 0'
 
 NOT_READY = (
     'not ready (error 20): the controller takes this only in AUTO, while no task runs, the arm '

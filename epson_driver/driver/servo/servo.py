@@ -12,13 +12,14 @@ Rules:
    time, `period` apart or more, in the time that has passed, never as fast as they come.
 3. Whatever closes the arm gate, and every STOP, ends the stream at once, with STOP. Before each
    point all that forbids it is looked at in the same turn of the loop in which it is sent.
-4. After that nothing is followed by surprise. A stream that ~/stop has ended must have been silent
-   first. So must one of velocities that was refused, or let go (all zero): a key that was held
-   while the arm was enabled does not move it. Positions must be near the arm.
+4. After that, and after each closing of the gate, a stream must be let go of first, whoever sends
+   it (restart_interlock.py); so must one that was refused. Positions must begin near the arm.
 5. A stream that is silent for `timeout` brakes, unless the arm is about to rest at the setpoint.
-   One that was silent for SILENCE_S is over when the arm stands; so it is when a goal comes and
+   One that was silent for RELEASE_S is over when the arm stands; so it is when a goal comes and
    all is still.
-6. The controller never knows more than MAX_LAG_S ahead of the arm: no point is sent before the arm
+6. Behind positions the arm catches up at `catch_up` times their own speed at most, whatever the
+   limits would allow.
+7. The controller never knows more than MAX_LAG_S ahead of the arm: no point is sent before the arm
    has come closer.
 """
 
@@ -30,14 +31,19 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from epson_driver.driver.delivery.reply_rejection import reply_rejection
-from epson_driver.driver.goal.goal_checks import check_limits
+from epson_driver.driver.goal.goal import check_limits
 from epson_driver.driver.goal.goal_execution import MAX_COUNTED_GAP_S
 from epson_driver.driver.goal.goal_queue import GoalQueue
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
-from epson_driver.driver.servo.course import Course
-from epson_driver.driver.servo.lead import Lead
+from epson_driver.driver.servo.restart_interlock import RELEASE_S, RestartInterlock
 from epson_driver.driver.servo.setpoint import Mode, ServoSettings, Setpoint
-from epson_driver.driver.servo.velocity_estimate import VelocityEstimate
+from epson_driver.driver.servo.stream import (
+    StreamLag,
+    StreamPace,
+    StreamReference,
+    VelocityCheck,
+    VelocityEstimate,
+)
 from epson_driver.driver.state.robot_state import JointSample, RobotState
 from epson_driver.driver.state.standstill import Standstill
 from epson_driver.driver.stopping.arm_gate import ArmGate
@@ -56,16 +62,14 @@ MAX_STEP_S = 0.2
 DURATION_SHARE = 0.8
 """What of the time that a point covers is sent as its duration: a controller that waited before it
 began may catch up. The tracker is as much slower, so that the arm keeps to the servo's speed. So
-it is where setpoints replace each other: they have no duration, but their share of the limits."""
+it is where setpoints replace each other: they have no duration, but their share of the limits.
+Points that need not wait get more of it where the tracker is as fast as a stream's pace allows."""
 
 STOP_WITHIN_S = 0.3
 """The arm is never so fast that a stop with its whole limits would take longer, s."""
 
 MAX_LAG_S = 0.5
 """While the arm is farther behind what was sent, nothing more is, s."""
-
-SILENCE_S = 1.0
-"""A stream that was silent for so long is over; what comes then is a new one, s."""
 
 MIN_STEP = 1e-6
 """A smaller change of all joints, rad or m, is not sent before the tracker rests."""
@@ -79,6 +83,12 @@ ESTIMATE_LEAD_S = 0.04
 ESTIMATE_FRESH_S = 0.07
 """So long after a setpoint they count, s; then the arm goes to that setpoint, and rests there."""
 
+SLOWEST_SHARE = 1e-3
+"""Of a joint's velocity limit: so fast it may always go where a stream of positions is."""
+
+LEFT_BEHIND_S = 0.25
+"""An arm that is sent so far behind a stream was left behind, s; less is the tracker's own lag."""
+
 NEAR = 0.01
 """An arm that stands so near to the last point, rad or m, has done all that was sent."""
 
@@ -90,12 +100,17 @@ _log = logging.getLogger(__name__)
 
 @dataclass(slots=True)
 class ServoCounts:
-    """Setpoints since the start. late: those before which the arm had braked on its way."""
+    """Setpoints since the start.
+
+    late: those before which the arm had braked on its way. left_behind: those that came while the
+    arm was sent more than LEFT_BEHIND_S behind them.
+    """
 
     received: int = 0
     refused: int = 0
     clipped: int = 0
     late: int = 0
+    left_behind: int = 0
 
 
 @dataclass(slots=True, eq=False)
@@ -103,9 +118,10 @@ class _Session:
     """A stream that is followed. Times are the loop's, s.
 
     sent, sent_velocity: of the last point; sequence: of the next. waiting: its reply is awaited,
-    since `posted`. span: tracker's time since the last point. time: of the last point. braked:
-    the stream was silent, and the arm brakes. course: where positions lead from `heard` on.
-    scale: the share of the limits.
+    since `posted`; waited: the last one took its time. span: tracker's time since the last point.
+    time: of the last point. braked: the stream was silent, and the arm brakes. reference: where
+    positions lead from `heard` on. fastest: what their pace allows, shape (n,). behind: how far
+    the tracker is behind them, s; said_behind: the log has said that.
     """
 
     setpoint: Setpoint
@@ -115,17 +131,22 @@ class _Session:
     sent_velocity: Array
     stepped: float
     standstill: Standstill
-    scale: float
-    course: Course | None = None
+    check: VelocityCheck
+    pace: StreamPace
+    reference: StreamReference | None = None
     estimate: VelocityEstimate = field(default_factory=VelocityEstimate)
-    lead: Lead = field(default_factory=Lead)
+    lag: StreamLag = field(default_factory=StreamLag)
     sequence: int = 0
     waiting: bool = False
     posted: float = 0.0
     answered: float = 0.0
     span: float = 0.0
     time: float = 0.0
+    waited: bool = False
     braked: bool = False
+    fastest: Array | None = None
+    behind: float = 0.0
+    said_behind: bool = False
 
     @property
     def source(self) -> str:
@@ -139,17 +160,8 @@ class _Session:
         return float(np.abs(self.sent - self.tracker.state[0]).max()) < MIN_STEP
 
 
-@dataclass(slots=True)
-class _Refused:
-    """A stream that was refused: when it was last, whether it must be silent, what was said."""
-
-    at: float
-    until_silent: bool = False
-    said: str = ''
-
-
 class Servo:
-    """Follows streams. `run` until cancelled; the rest is called meanwhile, in the same loop.
+    """Follows streams of setpoints while `run` runs, in the same loop.
 
     `on_broken_off` is called with an outcome after which the arm must be enabled again, and
     whether an answer is missing. `settings` may be changed at any time.
@@ -175,11 +187,14 @@ class Servo:
         self._goals = goals
         self._on_broken_off = on_broken_off
         self._session: _Session | None = None
-        self._refused: dict[str, _Refused] = {}
+        self._interlock = RestartInterlock()
+        self._said: dict[tuple[str, str], float] = {}
         self._begun = asyncio.Event()
         self._looked = 0.0
         self._clipped_throttle = LogThrottle()
         self._invalid_throttle = LogThrottle()
+        self._valid: set[str] = set()
+        self._first_problem: dict[str, str] = {}
 
     # --- what others want to know -----------------------------------------------------------
 
@@ -190,16 +205,25 @@ class Servo:
 
     @property
     def source(self) -> str:
-        """The topic that is followed; '' if none is."""
+        """The topic that is followed, or '' if none is."""
         return '' if self._session is None else self._session.source
 
     @property
     def mode(self) -> Mode | None:
-        """What is followed; None if nothing is."""
+        """What is followed, or None if nothing is."""
         return None if self._session is None else self._session.setpoint.mode
 
+    @property
+    def commanded(self) -> Array | None:
+        """Where the stream that is followed has the joints be now, shape (n,), or None."""
+        return None if self._session is None else self._session.tracker.state[0]
+
+    def blocked(self, now: float) -> dict[str, float]:
+        """Return the topics that must be let go of, and how long until they are released, s."""
+        return dict(self._interlock.waiting(now))
+
     def occupation(self) -> str | None:
-        """Return why no goal may begin now; None: no stream has the arm any more."""
+        """Return why no goal may begin now, or None if no stream has the arm."""
         session = self._session
         if session is None:
             return None
@@ -207,47 +231,48 @@ class Servo:
         if now - session.heard > self.settings.timeout and self._done(session, now):
             self._end(session)
             return None
-        return (
-            f'the arm follows a stream of setpoints on {session.source}: end that, or call ~/stop'
-        )
+        return f'the arm follows a stream of setpoints on {session.source}'
 
     # --- what comes in ----------------------------------------------------------------------
 
-    def take(self, setpoint: Setpoint) -> None:
-        """Follow a setpoint, if that may be; it replaces the one before."""
+    def take(
+        self, setpoint: Setpoint, came: float | None = None, *, missed: bool = False
+    ) -> str | None:
+        """Follow a setpoint, if that may be, instead of the one before, or return why not.
+
+        `came`: the loop's time when it came, s; None: now. `missed`: messages before it were lost.
+        """
         now = _now()
         self.counts.received += 1
+        came = now if came is None else came
         if (problem := setpoint.problem(self._limits)) is not None:
-            self._refuse_invalid(setpoint.source, problem, now)
-        elif self._session is not None:
-            self._go_on(self._session, setpoint, now)
-        elif setpoint.at_rest:  # let go of
-            self._refused.pop(setpoint.source, None)
-        else:
-            self._try_to_begin(setpoint, now)
+            return self._refuse_invalid(setpoint.source, problem, came)
+        self._valid.add(setpoint.source)
+        asks = self._interlock.hear(setpoint.source, setpoint, came, missed=missed)
+        if self._session is not None:
+            return self._go_on(self._session, setpoint, now, came)
+        if asks:
+            return self._try_to_begin(setpoint, now, came)
+        if setpoint.positions is not None and not self._at(setpoint.positions):
+            return self._refuse(setpoint, *self._why_held())
+        return None
 
-    def refuse(self, source: str, why: str) -> None:
+    def refuse(self, source: str, why: str, came: float | None = None) -> None:
         """Take note of a message on a topic that is no setpoint at all."""
         self.counts.received += 1
-        self._refuse_invalid(source, why, _now())
+        self._refuse_invalid(source, why, _now() if came is None else came)
 
     def stop(self, why: str) -> bool:
-        """Stop, and follow no stream that goes on; return whether there was one to stop."""
-        for refused in self._refused.values():
-            refused.until_silent = True
+        """Stop following any stream, and return whether there was one."""
+        self._interlock.trip(_now())
+        self._said.clear()
         session = self._session
         if session is None:
             return False
         self._session = None
-        self._refused[session.source] = _Refused(_now(), until_silent=True)
         _log.warning('the stream on %s is not followed any more: %s', session.source, why)
         self._stopper.stop()
         return True
-
-    def enabled(self) -> None:
-        """Somebody enabled the arm: streams of positions may begin, if they are near it."""
-        for refused in self._refused.values():
-            refused.until_silent, refused.said = False, ''
 
     def withdraw(self) -> None:
         """Take a negative reply to something that the controller had acknowledged before."""
@@ -261,8 +286,8 @@ class Servo:
             return
         stopped = np.full(len(sample.positions), self._goals.settings.stopped_velocity)
         session.standstill.see(sample, self._robot, stopped, now)
-        session.lead.see(sample)
-        self.lag = session.lead.lag
+        session.lag.see(sample)
+        self.lag = session.lag.now
 
     async def run(self) -> None:
         """Send points while there is a stream, until cancelled."""
@@ -277,30 +302,46 @@ class Servo:
 
     # --- the beginning ----------------------------------------------------------------------
 
-    def _try_to_begin(self, setpoint: Setpoint, now: float) -> None:
-        why = self._why_not_yet(setpoint, now)
-        if why is None:
-            try:
+    def _try_to_begin(self, setpoint: Setpoint, now: float, came: float) -> str | None:
+        try:
+            why = self._why_not_yet(now - came)
+            if why is None:
                 sample = self._goals.standing_sample(now)
-                why = self._why_too_far(setpoint, sample)
+                why = self._why_blocked(setpoint) or self._why_too_far(setpoint, sample)
                 if why is None:
-                    self._begin(setpoint, sample, now)
-                    return
-            except GoalRejectedError as rejection:
-                why = 'not ready', str(rejection)
-        self._refuse(setpoint, *why, now)
+                    self._begin(setpoint, sample, now, came)
+                    return None
+        except GoalRejectedError as rejection:
+            why = 'not ready', str(rejection)
+        return self._refuse(setpoint, *why)
 
-    def _why_not_yet(self, setpoint: Setpoint, now: float) -> tuple[str, str] | None:
-        """Return what is in the way, a word for its kind first, or None."""
-        before = self._refused.get(setpoint.source)
-        must = before is not None and (before.until_silent or setpoint.mode is Mode.VELOCITY)
-        if must and before is not None and now - before.at < SILENCE_S:
-            return 'silent', f'it must be silent for {SILENCE_S:g} s first, or be let go of'
+    def _why_not_yet(self, waited: float) -> tuple[str, str] | None:
+        """Return what is in the way of a setpoint that waited so long, s, or None.
+
+        The first word is for its kind.
+        """
+        if waited > self.settings.timeout:
+            return 'old', f'this driver was held up for {waited:.3g} s after it came'
         if not self._goals.idle:
             return 'goal', 'a goal runs: cancel it, or wait until it has ended'
         if not self._stopper.over:
             return 'stop', 'the arm is being stopped'
         return None
+
+    def _why_blocked(self, setpoint: Setpoint) -> tuple[str, str] | None:
+        """Return that a stream must be let go of first, or None."""
+        if self._interlock.permits(setpoint.source):
+            return None
+        return 'blocked', (
+            f'it must be let go of first: {RELEASE_S:g} s without a message, or with none that '
+            'asks for motion'
+        )
+
+    def _why_held(self) -> tuple[str, str]:
+        """Return why the arm does not go where a stream holds still."""
+        if self._gate.reason is not None:
+            return 'not ready', self._gate.reason
+        return 'far', f'it holds still: it must move on, or be silent for {RELEASE_S:g} s first'
 
     def _why_too_far(self, setpoint: Setpoint, sample: JointSample) -> tuple[str, str] | None:
         """Return which joint is too far from the first position, or from its range, or None."""
@@ -319,7 +360,7 @@ class Servo:
                 )
         return None
 
-    def _begin(self, setpoint: Setpoint, sample: JointSample, now: float) -> None:
+    def _begin(self, setpoint: Setpoint, sample: JointSample, now: float, came: float) -> None:
         """Begin a session where the arm stands. Raises GoalRejectedError."""
         limits = self._limits
         start = np.clip(sample.positions, limits.position_min, limits.position_max)
@@ -331,46 +372,58 @@ class Servo:
         session = _Session(
             setpoint,
             tracker,
-            now,
+            came,
             start,
             np.zeros_like(start),
             now,
             standstill,
-            self.settings.share,
+            VelocityCheck(limits),
+            StreamPace(start, came),
             answered=now,
         )
         first = self._message(session, start, session.sent_velocity, 0.0)
         self._session = session
         self._goals.plans.end('setpoints moved the arm, while the motion was planned')
-        self._refused.pop(setpoint.source, None)
-        self._plot(session, setpoint, now)
+        self._said.clear()
+        self._plot(session, setpoint, came)
         self._note_beyond(setpoint, session, now)
         _log.info('following the stream of %ss on %s', setpoint.mode, setpoint.source)
         self._begun.set()
         self._post(session, first, now)
 
-    def _go_on(self, session: _Session, setpoint: Setpoint, now: float) -> None:
+    def _go_on(self, session: _Session, setpoint: Setpoint, now: float, came: float) -> str | None:
         """Take a setpoint while a stream is followed."""
         if setpoint.source != session.source or setpoint.mode is not session.setpoint.mode:
-            if not setpoint.at_rest:
-                text = f'the arm follows the {session.setpoint.mode} stream on {session.source}'
-                self._refuse(setpoint, 'two', text, now)
-            return
+            if setpoint.at_rest:
+                return None
+            text = f'the arm follows the {session.setpoint.mode} stream on {session.source}'
+            return self._refuse(setpoint, 'two', text)
+        if (why := self._contradiction(session, setpoint, came)) is not None:
+            return self._refuse_invalid(setpoint.source, why, now)
         session.setpoint = setpoint
         if setpoint.at_rest and session.tracker.at_rest:
-            return  # a stick at rest: the stream is as good as silent
-        session.heard = now
-        self._plot(session, setpoint, now)
+            return None  # a stick at rest: the stream is as good as silent
+        session.heard = came
+        self._plot(session, setpoint, came)
         self.counts.late += session.braked
+        self.counts.left_behind += session.behind > LEFT_BEHIND_S
         session.braked = False
         self._note_beyond(setpoint, session, now)
+        return None
 
-    def _plot(self, session: _Session, setpoint: Setpoint, now: float) -> None:
-        """Work out once where the positions of a setpoint lead."""
+    def _contradiction(self, session: _Session, setpoint: Setpoint, came: float) -> str | None:
+        """Return how the positions of a stream contradict its velocities, or None."""
+        if setpoint.positions is None or setpoint.velocities is None:
+            return None
+        return session.check.add(came, setpoint.positions, setpoint.velocities)
+
+    def _plot(self, session: _Session, setpoint: Setpoint, came: float) -> None:
+        """Interpolate the setpoint's window, once."""
         if setpoint.positions is None:
             return
-        estimate = session.estimate.add(now, setpoint.positions)
-        session.course = Course(setpoint, self._limits, estimate)
+        estimate = session.estimate.add(came, setpoint.positions)
+        session.reference = StreamReference(setpoint, self._limits, estimate)
+        session.pace.add(came, session.reference)
 
     def _note_beyond(self, setpoint: Setpoint, session: _Session, now: float) -> None:
         beyond = setpoint.beyond(self._limits, session.tracker.limits.velocity)
@@ -380,21 +433,50 @@ class Servo:
         if (line := self._clipped_throttle.line(beyond, now)) is not None:
             _log.warning('a setpoint on %s goes as far as it may: %s', setpoint.source, line)
 
-    def _refuse(self, setpoint: Setpoint, kind: str, text: str, now: float) -> None:
-        """Count it, and say why once for each kind of reason and stream."""
-        self.counts.refused += 1
-        refused = self._refused.get(setpoint.source)
-        if refused is None or now - refused.at >= SILENCE_S:
-            refused = self._refused[setpoint.source] = _Refused(now)
-        refused.at = now
-        if refused.said != kind:
-            refused.said = kind
-            _log.warning('the stream on %s is not followed: %s', setpoint.source, text)
+    def _note_behind(self, session: _Session, behind: float) -> None:
+        session.behind = behind
+        if behind <= LEFT_BEHIND_S or session.said_behind:
+            return
+        session.said_behind = True
+        _log.warning(
+            'the stream on %s has left the arm %.2g s behind, by a gap or by speed: it is '
+            'followed at most %g times as fast as it goes itself (servo.catch_up), with %g of the '
+            'limits (servo.scale)',
+            session.source,
+            behind,
+            self.settings.catch_up,
+            self.settings.share,
+        )
 
-    def _refuse_invalid(self, source: str, why: str, now: float) -> None:
+    def _refuse(self, setpoint: Setpoint, kind: str, text: str) -> str:
+        """Count it, say why once for each kind of reason and stream, and return why."""
         self.counts.refused += 1
-        if (line := self._invalid_throttle.line(why, now)) is not None:
+        if kind != 'far':
+            self._interlock.block(setpoint.source)
+        key, now = (setpoint.source, kind), _now()
+        before = self._said.get(key, -np.inf)
+        self._said[key] = now
+        if now - before >= RELEASE_S:
+            _log.warning('the stream on %s is not followed: %s', setpoint.source, text)
+        return text
+
+    def _refuse_invalid(self, source: str, why: str, came: float) -> str:
+        self.counts.refused += 1
+        self._interlock.hear(source, None, came, missed=False)
+        if source != self.source:
+            self._interlock.block(source)
+        if source not in self._valid:  # as of a controller that has no state to begin with
+            if self._first_problem.get(source) == why:
+                return why
+            self._first_problem[source] = why
+        if (line := self._invalid_throttle.line(why, _now())) is not None:
             _log.warning('a setpoint on %s was dropped: %s', source, line)
+        return why
+
+    def _at(self, positions: Array) -> bool:
+        """Return whether the arm is at positions, shape (n,)."""
+        sample = self._robot.sample
+        return sample is not None and float(np.abs(sample.positions - positions).max()) <= NEAR
 
     # --- the way ----------------------------------------------------------------------------
 
@@ -411,14 +493,14 @@ class Servo:
                 self._break_off(
                     session, f'{text}: the arm has not moved for {waited:.3g} s', unanswered=True
                 )
-        elif session.lead.lag > MAX_LAG_S or self._robot.stale(now):
+        elif session.lag.now > MAX_LAG_S or self._robot.stale(now):
             session.stepped = now
             waited = now - max(session.answered, session.standstill.alive)
             if waited > self.settings.reply_timeout:
                 self._break_off(session, f'the arm has not followed setpoints for {waited:.3g} s')
         else:
             self._step(session, now)
-        silent = now - session.heard > SILENCE_S
+        silent = now - session.heard > RELEASE_S
         if silent and session is self._session and self._done(session, now):
             self._end(session)
 
@@ -433,17 +515,18 @@ class Servo:
         return None
 
     def _step(self, session: _Session, now: float) -> None:
-        # a setpoint that replaces the one before is gone at once, and its absence is silence
-        period = CYCLE_S if self._stopper.replaces else self.settings.period
-        if now - session.stepped < period - CYCLE_S / 2.0:
+        if now - session.stepped < self.settings.period - CYCLE_S / 2.0:
             return
         dt = min(now - session.stepped, MAX_STEP_S)
         session.stepped = now
+        session.waited = dt >= 2.0 * self.settings.period
         tracker = session.tracker
         if not self._aim(session, now):
             self.stop('no stop inside every limit was found for the setpoints')
             return
         position, velocity, _ = tracker.step(dt)
+        if session.reference is not None:
+            self._note_behind(session, session.pace.see(now, position))
         session.span += dt
         moved = float(np.abs(position - session.sent).max())
         if moved < (REST_STEP if tracker.at_rest else MIN_STEP):
@@ -455,33 +538,46 @@ class Servo:
         except GoalRejectedError as rejection:  # a defect: it is the tracker's business
             self._break_off(session, f'setpoints break a limit: {rejection}')
             return
-        session.lead.sent(now, position)
+        session.lag.sent(now, position)
         self._post(session, message, now)
 
     def _aim(self, session: _Session, now: float) -> bool:
-        """Tell the tracker where to go; return False if it cannot even brake."""
+        """Tell the tracker where to go and return False if it cannot even brake."""
         tracker, setpoint = session.tracker, session.setpoint
         factor = self._goals.scaling.factor(now)
         silent = now - session.heard > self.settings.timeout
         if silent or factor == 0.0:
             session.braked |= silent and not tracker.at_rest
             return tracker.brake()
-        if session.course is not None:
-            found = self._follow(session, session.course, now - session.heard, factor)
+        if session.reference is not None:
+            found = self._follow(session, session.reference, now - session.heard, factor)
         else:
             assert setpoint.velocities is not None  # noqa: S101 - one of the two is there
             found = tracker.move(setpoint.velocities * factor)
         return found or tracker.brake()
 
-    def _follow(self, session: _Session, course: Course, age: float, factor: float) -> bool:
-        """Follow positions, as far ahead in their window as the arm is behind."""
-        setpoint = session.setpoint
-        if setpoint.window is None and setpoint.velocities is None:
+    def _follow(
+        self, session: _Session, reference: StreamReference, age: float, factor: float
+    ) -> bool:
+        """Follow positions, as far ahead in their window as the arm is behind.
+
+        An arm that is behind catches up at `catch_up` times their speed: each joint by itself, so
+        that it stays about on their line.
+        """
+        setpoint, limits = session.setpoint, session.tracker.limits
+        own = np.maximum(session.pace.fastest(), SLOWEST_SHARE * limits.velocity)
+        session.fastest = self.settings.catch_up * own
+        slack = DURATION_SHARE if session.waited else 1.0
+        speed = np.minimum(session.fastest / slack / limits.velocity, factor)
+        if setpoint.window is None and setpoint.velocities is not None:
+            if not session.check.trusted:
+                return session.tracker.follow(*reference.at(0.0), speed, ESTIMATE_LEAD_S)
+        elif setpoint.window is None:
             if age > ESTIMATE_FRESH_S:
-                return session.tracker.follow(course.at(0.0)[0], None, factor)
-            return session.tracker.follow(*course.at(age), factor, ESTIMATE_LEAD_S)
-        ahead = max(min(age + session.lead.behind, course.reach), age)
-        return session.tracker.follow(*course.at(ahead), factor)
+                return session.tracker.follow(reference.at(0.0)[0], None, speed)
+            return session.tracker.follow(*reference.at(age), speed, ESTIMATE_LEAD_S)
+        ahead = max(min(age + session.lag.behind, reference.reach), age)
+        return session.tracker.follow(*reference.at(ahead), speed)
 
     def _message(
         self, session: _Session, position: Array, velocity: Array, span: float
@@ -490,7 +586,10 @@ class Servo:
 
         Raises GoalRejectedError if it breaks a limit, or the controller takes no streams.
         """
-        share = 1.0 if self._stopper.replaces else DURATION_SHARE
+        share = DURATION_SHARE
+        if session.fastest is not None and span > 0.0 and not session.waited:
+            speeds = np.abs([session.sent_velocity, velocity, (position - session.sent) / span])
+            share = min(max(share, float((speeds / session.fastest).max())), 1.0)
         duration = span * share
         way = Trajectory(
             self._limits.names,
@@ -500,7 +599,7 @@ class Servo:
         )
         if span > 0.0:
             check_limits(way, self._limits, may_end_moving=True)
-        message = self._stopper.setpoint(way, session.sequence, session.scale)
+        message = self._stopper.setpoint(way, session.sequence)
         session.sent, session.sent_velocity = position, velocity
         session.span = 0.0
         session.time += duration
@@ -545,16 +644,12 @@ class Servo:
             return False
         if not session.standstill.reached(sample.measured):
             return False
-        return self._near(session, sample) or now - session.answered > LATE_REST_S
-
-    def _near(self, session: _Session, sample: JointSample) -> bool:
-        return float(np.abs(sample.positions - session.sent).max()) <= NEAR
+        return self._at(session.sent) or now - session.answered > LATE_REST_S
 
     def _end(self, session: _Session) -> None:
-        """End a stream that is over; the arm stands."""
-        sample = self._robot.sample
+        """End a stream that is over once the arm stands."""
         self._session = None
-        if sample is not None and self._near(session, sample):
+        if self._at(session.sent):
             self._stopper.goal_reached()
         _log.info('the stream on %s has ended, and the arm stands', session.source)
 
@@ -568,7 +663,6 @@ class Servo:
     ) -> None:
         """Stop, and have the arm disabled: nobody knows what the controller will do."""
         self._session = None
-        self._refused[session.source] = _Refused(_now(), until_silent=True)
         self._stopper.stop()
         outcome = Outcome(End.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, why, unexplained)
         self._on_broken_off(outcome, unanswered)

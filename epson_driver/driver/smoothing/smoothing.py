@@ -23,13 +23,15 @@ class Smoothing:
     resample_period: time between two points of the smooth motion, s; None for the plan's own
     points. time_optimal: as fast as the limits allow, whatever the plan's times. thin: few points,
     resample_period apart or more, of the plan's own where they are; straight ways between them are
-    at most deviation rad (or m) off the smooth motion, in any joint.
+    at most deviation rad (or m) off the smooth motion, in any joint. longest: time between two
+    points of a time-optimal plan at most, s.
     """
 
     resample_period: float | None = None
     time_optimal: bool = False
     thin: bool = False
     deviation: float = np.inf
+    longest: float = np.inf
 
     @property
     def wanted(self) -> bool:
@@ -62,7 +64,9 @@ def smoothed_trajectory(
             np.vstack([start, trajectory.positions]),
         )
     if smoothing.resample_period is None:
-        return retimed(trajectory, limits) if smoothing.time_optimal else trajectory
+        if smoothing.time_optimal:
+            return retimed(trajectory, limits, smoothing.longest)
+        return trajectory
     mode = Mode.TIME_OPTIMAL if smoothing.time_optimal else Mode.TIME_PRESERVING
     if smoothing.thin:
         motion = thinned(

@@ -2,14 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The process that prepares one trajectory: what `prepared` takes on stdin, its result on stdout.
 
-Both are pickles. The result is a Trajectory, or the text of what forbids it.
+The result is a Trajectory, or the text of what forbids it.
 """
 
 import os
-import pickle
 import sys
 
-from epson_driver.driver.smoothing.smoothing import smoothed_trajectory
+from epson_driver.driver.smoothing.smoothing import Smoothing, smoothed_trajectory
+from epson_driver.motion import JointLimits, Trajectory
+from epson_driver.processes.values import packed, unpacked
+from epson_driver.processes.worker import answer_file
 
 NICENESS = 5
 """Added to the niceness: processes that keep links alive go first."""
@@ -17,18 +19,17 @@ NICENESS = 5
 
 def main() -> None:
     """Prepare one trajectory, and end."""
-    answers = os.fdopen(os.dup(1), 'wb')
-    os.dup2(2, 1)  # whatever prints does not disturb the answer
+    answers = answer_file()
     os.nice(NICENESS)
-    arguments = sys.stdin.buffer.read()
-    if not arguments:
+    data = sys.stdin.buffer.read()
+    if not data:
         return  # it was not needed
+    arguments = unpacked(data, (Trajectory, JointLimits, Smoothing))
     try:
-        answer = smoothed_trajectory(*pickle.loads(arguments))  # noqa: S301 - our own parent's
+        answer: Trajectory | str = smoothed_trajectory(*arguments)
     except ValueError as error:
-        pickle.dump(str(error), answers)
-    else:
-        pickle.dump(answer, answers, pickle.HIGHEST_PROTOCOL)
+        answer = str(error)
+    answers.write(packed(answer))
     answers.close()
 
 

@@ -28,7 +28,7 @@ class JointVelocity:
         self._velocities = velocities
 
     def shift(self, since: float, shift: float) -> bool:
-        """What came since that time was sent later. Returns False if nothing did."""
+        """Shift the time stamps of later samples. Returns False if there are none."""
         moved = []
         while self._history and self._history[-1][0] >= since:
             time, positions = self._history.pop()
@@ -39,7 +39,7 @@ class JointVelocity:
     def fitted(
         self, time: float, positions: Values, gap: float | None, elapsed: float
     ) -> Values | None:
-        """Take joints of the sender's `time` and return how fast they move; None if none came yet.
+        """Take joints of the sender's `time`, and return how fast they move, or None at first.
 
         `gap`: see SenderClock. `elapsed`: the longest time since the joints before.
         """
@@ -51,11 +51,11 @@ class JointVelocity:
         if gap is None:
             self._velocities = whole
         elif (since := self._first_since(gap)) is not history[-1]:
-            self._velocities = self._likelier(_slope(since, history[-1]), whole)
+            self._velocities = self._closer_to_last(_slope(since, history[-1]), whole)
         else:
             before = history[-2][1]
             least = [(new - old) / elapsed for new, old in zip(positions, before, strict=True)]
-            self._velocities = self._likelier(least, whole)
+            self._velocities = self._closer_to_last(least, whole)
         return self._velocities
 
     def in_window(self) -> list[Values]:
@@ -72,8 +72,8 @@ class JointVelocity:
     def _first_since(self, gap: float) -> tuple[float, Values]:
         return next(entry for entry in self._history if entry[0] >= gap)
 
-    def _likelier(self, after_a_pause: Values, held_up: Values) -> Values:
-        """Return of two the one that is nearer to the velocities before."""
+    def _closer_to_last(self, after_a_pause: Values, held_up: Values) -> Values:
+        """Return the estimate closer to the previous velocities."""
         known = self._velocities
         if known is None:
             return after_a_pause

@@ -56,7 +56,7 @@ class JointBounds:
         return [min(max(value, -fastest), fastest) for value, fastest in pairs]
 
     def why_not_there(self, positions: Sequence[float]) -> str | None:
-        """Return why the joints cannot be there (rad or m); None if they can."""
+        """Return why the joints cannot be there (rad or m), or None if they can."""
         if all(map(le, self._low, positions)) and all(map(ge, self._high, positions)):
             return None
         joint, low, value, high = next(
@@ -74,7 +74,7 @@ class JointBounds:
     def why_not_from(
         self, before: Sequence[float], positions: Sequence[float], elapsed: float
     ) -> str | None:
-        """Return why the joints cannot have got there in at most `elapsed` s; None if they can."""
+        """Return why the joints cannot have got there in `elapsed` s, or None if they can."""
         if max(map(abs, map(sub, positions, before))) <= MIN_JUMP:
             return None
         for joint, value in enumerate(positions):
@@ -89,7 +89,7 @@ class JointBounds:
         return None
 
     def why_not_so_fast(self, velocities: Sequence[float]) -> str | None:
-        """Return why the joints cannot be that fast (rad/s or m/s); None if they can."""
+        """Return why the joints cannot be that fast (rad/s or m/s), or None if they can."""
         if all(map(ge, self.fastest, map(abs, velocities))):
             return None
         for joint, value in enumerate(velocities):

@@ -56,12 +56,14 @@ class StateRules:
     """What to expect of the state: a message each `period` s, and joints within limits.
 
     Every message takes a slot of the controller's clock, those with a STATUS, too. The period is
-    what to begin with; it follows what comes. Without `limits` joints may be anything.
+    what to begin with; it follows what comes. Without `limits` joints may be anything. A pose that
+    is older than `timeout` s says nothing, however seldom one comes.
     """
 
     period: float = 0.005
     limits: JointLimits | None = None
     margins: Margins = DEFAULT_MARGINS
+    timeout: float = math.inf
 
 
 NO_RULES = StateRules()
@@ -168,7 +170,7 @@ class RobotState:
 
     @property
     def paused(self) -> bool:
-        """The controller denies motion, which it allowed since the arm was enabled; no error."""
+        """The controller, without an error, denies motion that it allowed since enabling."""
         return self._pause.interrupted
 
     @property
@@ -177,7 +179,7 @@ class RobotState:
         return TriState.UNKNOWN if self.status is None else self.status.in_motion
 
     def why_not_ready(self, now: float) -> str | None:
-        """Return why nobody knows where the arm is now; None if it is known."""
+        """Return why nobody knows where the arm is now, or None if it is known."""
         if self._impossible is not None and now - self._impossible[0] < DISTRUST_TIME_S:
             return self._impossible[1]
         if self.sample is None:
@@ -188,11 +190,12 @@ class RobotState:
 
     def stale(self, now: float) -> bool:
         """Return whether there are joints, but too old ones to say where the arm is."""
-        allowed = max(MAX_POSE_AGE_S, MAX_POSE_AGE_SLOTS * self._clock.period)
+        usual = max(MAX_POSE_AGE_S, MAX_POSE_AGE_SLOTS * self._clock.period)
+        allowed = min(usual, self._rules.timeout)
         return self.sample is not None and now - self.sample.measured > allowed
 
     def why_not_standing(self, stopped_velocity: float) -> str | None:
-        """Return what shows that the arm moves; None if it stands, by all that is known.
+        """Return what shows that the arm moves, or None if it stands, by all that is known.
 
         `stopped_velocity`: rad/s or m/s, below which a joint counts as standing.
         """

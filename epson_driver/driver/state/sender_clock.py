@@ -113,7 +113,7 @@ class SenderClock:
         return shift
 
     def _after_gap(self, arrival: float, tolerance: float, again: bool) -> float:
-        """See what the late message was; return how long the sender paused before it.
+        """Judge a late message, and return how long the sender paused before it.
 
         `again`: this one is as late, too: then it was not held up with the other.
         """
@@ -138,7 +138,7 @@ class SenderClock:
         return 0.0
 
     def _count_pause(self, arrival: float) -> None:
-        """Count a pause; after too many in a row, take another period."""
+        """Count a pause, and take another period after too many in a row."""
         if self._proven or len(self._envelope) >= MIN_LINE_POINTS:
             self._pauses = 0
         if not self._pauses:
@@ -183,14 +183,14 @@ class SenderClock:
                 envelope.clear()
                 envelope.append(newest)
             elif length >= MIN_ENVELOPE_S:
-                self._believe(slope)
+                self._set_period(slope)
             elif not self._proven:
                 slack = slope / (envelope[-1][0] - envelope[0][0])
                 self.period = min(max(self.period, slope - slack), slope + slack)
         now = self._slots * self.period - self.time
         self._offset = now + min(point[1] - point[0] * self.period for point in envelope)
 
-    def _believe(self, period: float) -> None:
+    def _set_period(self, period: float) -> None:
         """Follow the period that a whole envelope shows."""
         change = period - self.period
         if not self._proven:

@@ -4,6 +4,7 @@
 
 import numpy as np
 
+from epson_driver.driver.state.joint_velocity import VELOCITY_WINDOW_S
 from epson_driver.driver.state.robot_state import JointSample, RobotState
 from epson_driver.motion import Array
 from epson_driver.simple_message import TriState
@@ -14,6 +15,9 @@ REST_TIME_S = 0.05
 UNCONFIRMED_REST_TIME_S = 1.0
 """How long it must stand where the controller has not confirmed STOP, s: it may be slow to do what
 it was sent before."""
+
+UNSAID_REST_TIME_S = 0.2
+"""How long it must stand at a goal where the controller does not say whether it moves, s."""
 
 MIN_MOVEMENT_RAD = 1e-4
 """A change of position that shows that the arm moves, rad: well above an encoder's step."""
@@ -34,6 +38,7 @@ class Standstill:
         self._after: float | None = None
         self._rest = REST_TIME_S
         self._since: float | None = None
+        self._stands_at: Array = np.zeros(0)
 
     def expect(self, after: float | None, rest: float = REST_TIME_S) -> None:
         """Only what comes after this time counts: before it, the motion may not have begun.
@@ -57,6 +62,9 @@ class Standstill:
             self._alive_at = sample.positions
             self.alive = now
         moving = bool(np.any(np.abs(sample.velocities) >= stopped))
+        if self._since is not None and robot.in_motion == TriState.UNKNOWN:  # it may creep
+            moved = np.abs(sample.positions - self._stands_at)
+            moving |= bool(np.any(moved >= stopped * VELOCITY_WINDOW_S))
         if moving or robot.in_motion == TriState.TRUE or self._after is None:
             self._since = None
         elif (
@@ -64,7 +72,7 @@ class Standstill:
             and sample.measured > self._after
             and (robot.in_motion == TriState.UNKNOWN or robot.status_measured > self._after)
         ):
-            self._since = sample.measured
+            self._since, self._stands_at = sample.measured, sample.positions
 
     @property
     def stands(self) -> bool:
@@ -72,5 +80,5 @@ class Standstill:
         return self._since is not None
 
     def reached(self, now: float) -> bool:
-        """Return whether the arm has stood for long enough; `now` is the sample's `measured`."""
+        """Return whether the arm has stood for long enough at `now`, the sample's `measured`."""
         return self._since is not None and now - self._since >= self._rest

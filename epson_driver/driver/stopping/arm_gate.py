@@ -5,9 +5,6 @@
 import contextlib
 from collections.abc import Callable, Iterator
 
-from epson_driver.error_texts import NO_ERROR, ErrorTexts
-from epson_driver.simple_message import Status, TriState
-
 
 class GateError(RuntimeError):
     """The gate stays closed: something closed it after somebody asked to open it."""
@@ -34,7 +31,7 @@ class Enabling:
 
 
 class ArmGate:
-    """Open or closed, and why. Closed from the start; only `open` opens it.
+    """Open or closed, and why: closed from the start until `open` opens it.
 
     docs/invariants.md, 4: a link that comes back, a released E-stop or motors that are switched
     on again do not open it. Nor does a request that was under way when something closed it, or
@@ -48,7 +45,7 @@ class ArmGate:
 
     @property
     def reason(self) -> str | None:
-        """Why it is closed; None while it is open."""
+        """Why it is closed, or None while it is open."""
         return self._reason
 
     @contextlib.contextmanager
@@ -75,7 +72,7 @@ class ArmGate:
         self._unexplained = False
 
     def close(self, reason: str, *, motors_off: bool = False, unexplained: bool = False) -> bool:
-        """Close it. Returns True if it was open; otherwise the first reason is kept.
+        """Close it, or keep the first reason if it is closed. Returns True if it was open.
 
         Either way it cancels the requests to open it that are under way. `motors_off`: only that
         the motors are off closes it. `unexplained`: the controller has not said why so far; the
@@ -97,28 +94,3 @@ class ArmGate:
         """Take note that the motors are on: who wants to open it may rely on that."""
         for enabling in self._under_way:
             enabling.motors_on = True
-
-
-def only_motors_off(status: Status) -> bool:
-    """Return whether that the motors are off is all that a status says against motion."""
-    return status.drives_powered == TriState.FALSE and TriState.TRUE not in (
-        status.e_stopped,
-        status.in_error,
-    )
-
-
-def what_forbids_motion(status: Status, errors: ErrorTexts) -> str | None:
-    """Return why the controller's status forbids motion, as a clause; None if it does not.
-
-    Fields that the controller reports as unknown forbid nothing. `errors` has the texts of its
-    error numbers.
-    """
-    number = status.error_code
-    error = '' if number == NO_ERROR else f', error {errors.phrase(number)}'
-    if status.e_stopped == TriState.TRUE:
-        return f'the E-stop is pressed or not reset{error}'
-    if status.in_error == TriState.TRUE:
-        return f'the controller is in error {errors.phrase(number)}'
-    if status.drives_powered == TriState.FALSE:
-        return f'the motors are off{error}'
-    return None

@@ -60,7 +60,7 @@ class Action(Enum):
 
 
 class MotorsError(RuntimeError):
-    """It could not be done; the text says why, and what a person can do.
+    """It could not be done, with the reason and what a person can do as its text.
 
     `unanswered`: the controller may have got the command, and may obey it yet.
     """
@@ -71,7 +71,7 @@ class MotorsError(RuntimeError):
 
 
 class Motors(Protocol):
-    """A way to the motors. `missing`: why there is none; '' if there is one.
+    """A way to the motors. `missing`: why there is none, or '' if there is one.
 
     `restarts`: switching the motors on starts the controller's program too.
     """
@@ -97,7 +97,7 @@ class MotorsByHand:
 
 
 class RemoteEthernetMotors:
-    """Switches the motors by EPSON's Remote Ethernet; whoever else uses the port gives way."""
+    """Switches the motors by EPSON's Remote Ethernet, before whoever else uses the port."""
 
     missing = ''
     restarts = False
@@ -253,13 +253,13 @@ def make_motors(
     motion_link: Link,
     turns: RemoteTurns | None = None,
 ) -> Motors:
-    """Return the way that a controller's profile and the parameter `remote_port` leave."""
+    """Return the way that a controller's profile and its port of Remote Ethernet leave."""
     if kind == 'motoman':
         return MotomanMotors(motion_link)
     if kind == 'none':
         return MotorsByHand('the controller takes no such command')
     if not remote_port:
-        return MotorsByHand('remote_port is 0')
+        return MotorsByHand('the port of Remote Ethernet is 0')
     if kind == 'restart':
         return RestartingMotors(host, remote_port, turns)
     return RemoteEthernetMotors(host, remote_port, turns)

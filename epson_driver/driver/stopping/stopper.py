@@ -67,7 +67,8 @@ _log = logging.getLogger(__name__)
 class Stopper:
     """Sends what the driver has for the motion port. Sees each STOP through.
 
-    `joints` is their number. `on_alarm(why, unanswered)` is called once for each stop that does
+    `joints` is their number. `before_point` is called before each point, and may raise
+    ConnectionError. `on_alarm(why, unanswered)` is called once for each stop that does
     not work, `on_rest` when a stop is over. Runs in one event loop; times are its own, s.
     """
 
@@ -80,6 +81,7 @@ class Stopper:
         motors: Motors,
         on_alarm: Callable[[str, bool], None],
         on_rest: Callable[[], None],
+        before_point: Callable[[], None] = lambda: None,
     ) -> None:
         self.stopped_velocity = 0.01
         """rad/s, below which a joint counts as standing."""
@@ -92,6 +94,7 @@ class Stopper:
         self._motors = motors
         self._on_alarm = on_alarm
         self._on_rest = on_rest
+        self._before_point = before_point
         self._ours = False
         self._since: float | None = None
         self._sent = 0.0
@@ -100,6 +103,7 @@ class Stopper:
         self._rejected_look = 0
         self._unsent: str | None = None
         self._alarm_since: float | None = None
+        self._said = ''
         self._standstill = Standstill(0.0)
         self._timer: asyncio.TimerHandle | None = None
         self._looks = 0
@@ -116,20 +120,16 @@ class Stopper:
         """See Delivery."""
         return self._delivery.prepare(trajectory, start)
 
-    @property
-    def replaces(self) -> bool:
+    def setpoint(self, way: Trajectory, sequence: int) -> Message:
         """See Delivery."""
-        return self._delivery.replaces
-
-    def setpoint(self, way: Trajectory, sequence: int, scale: float) -> Message:
-        """See Delivery."""
-        return self._delivery.setpoint(way, sequence, scale)
+        return self._delivery.setpoint(way, sequence)
 
     def post(self, message: Message, on_reply: OnReply) -> None:
-        """As in Delivery; a STOP is seen through. Raises ConnectionError."""
+        """Post a message as Delivery does, and see a STOP through. Raises ConnectionError."""
         if message == STOP:
             self._post_stop(on_reply)
         else:
+            self._before_point()
             self._ours = True
             self._delivery.post(message, on_reply)
 
@@ -177,7 +177,7 @@ class Stopper:
 
     @property
     def doubt(self) -> str | None:
-        """What the last stop lacks, as a clause; None if it was acknowledged and the arm stood.
+        """What the last stop lacks, as a clause, or None if it was acknowledged and the arm stood.
 
         One that was refused first lacks that.
         """
@@ -201,12 +201,12 @@ class Stopper:
         return 'the arm still moves' if self._moves() else 'the arm stands'
 
     def stop(self) -> None:
-        """Send STOP and see it through; that it could not be sent is in `doubt`."""
+        """Send STOP and see it through, or put into `doubt` that it could not be sent."""
         with contextlib.suppress(ConnectionError):
             self._post_stop(lambda _packet, _now: None)
 
     async def wait(self, timeout: float) -> bool:
-        """Wait until no stop is under way, `timeout` s at most; return whether that is so."""
+        """Wait at most `timeout` s until no stop is under way, and return whether that is so."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(timeout):
                 while not self.over:
@@ -248,7 +248,7 @@ class Stopper:
             self._end(now)
 
     async def close(self) -> None:
-        """End the supervision of a stop; the links are gone."""
+        """End the supervision of a stop, as the links are gone."""
         self._since = None
         self._look_no_more()
         if self._switching is not None:
@@ -256,7 +256,7 @@ class Stopper:
             await asyncio.gather(self._switching, return_exceptions=True)
 
     async def motors_off(self, timeout: float) -> None:
-        """Switch the motors off if the arm moves in spite of STOP; what fails is logged."""
+        """Switch the motors off if the arm moves in spite of STOP, and log what fails."""
         if not self.over and self._ours and self._moves():
             await self._switch_off(timeout)
 
@@ -264,7 +264,7 @@ class Stopper:
         now = _now()
         self._sent = now
         if self._since is None:
-            self._since, self._alarm_since = now, None
+            self._since, self._alarm_since, self._said = now, None, ''
             self._acknowledged = False
             self._rejection = None
             self._standstill = Standstill(now)
@@ -360,7 +360,10 @@ class Stopper:
         try:
             await self._motors.act(Action.MOTORS_OFF, timeout)
         except MotorsError as error:
-            _log.error('the arm moves in spite of STOP, and the motors stay on: %s', error)
+            text = f'{self.stands} after STOP, and the motors stay on: {error}'
+            if text != self._said:
+                _log.error(text)
+            self._said = text
         else:
             _log.error('the arm moved in spite of STOP: the motors were switched off')
 
@@ -370,7 +373,7 @@ class Stopper:
         return status is None or status.drives_powered != TriState.FALSE
 
     def _moves(self) -> bool:
-        """Return whether the arm moves; unseen, it may, unless the controller took STOP."""
+        """Return whether the arm moves, which unseen it may unless the controller took STOP."""
         sample = self._robot.sample
         if sample is None:
             return not self._acknowledged

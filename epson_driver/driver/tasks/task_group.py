@@ -3,7 +3,7 @@
 """The parts of a driver that run side by side in its event loop: the end of one is not kept quiet.
 
 A failure is reported to the loop's exception handler (`loop.set_exception_handler`) at once. The
-client's process has one that stops all its arms and ends it (cli/client.py).
+client's process has one that stops all its arms and ends it (node/client_process.py).
 """
 
 import asyncio
@@ -12,7 +12,7 @@ from typing import Any
 
 
 class TaskEndedError(RuntimeError):
-    """A task ended that should run on; the text says which."""
+    """A task ended that should run on, as its text says."""
 
 
 def report_error(what: str, error: BaseException) -> None:
@@ -30,22 +30,6 @@ def report_task_error(task: 'asyncio.Task[Any]') -> None:
         report_error(f'{task.get_coro().__qualname__} failed', error)  # type: ignore[union-attr]
 
 
-async def until_done(task: 'asyncio.Task[None] | asyncio.Task[int]') -> None:
-    """Wait until a task has ended, also when that is cancelled meanwhile; raise what it raised.
-
-    For tidying up that must not be left half done, by a task that ends soon.
-    """
-    canceled: asyncio.CancelledError | None = None
-    while not task.done():
-        try:
-            await asyncio.wait({task})
-        except asyncio.CancelledError as error:
-            canceled = error
-    if canceled is not None:
-        raise canceled
-    task.result()
-
-
 TaskFunction = Callable[[], Coroutine[Any, Any, None]]
 
 
@@ -58,12 +42,13 @@ async def run_task_group(
     the others still run, and the error is raised. No part outlives this.
     """
     ending = False
+    group = asyncio.current_task()
 
     async def run(name: str, part: TaskFunction) -> None:
         try:
             await part()
         except asyncio.CancelledError as error:
-            if ending:
+            if ending or (group is not None and group.cancelling()):  # the loop ends all of them
                 raise
             raise TaskEndedError(f'{name} was cancelled') from error
 

@@ -42,7 +42,7 @@ class Effort:
         self.left -= effort
 
     def part(self, share: float) -> 'Effort':
-        """Return a share of what is left, which is taken; what it leaves can be given `back`."""
+        """Reserve a share of the rest and return the unused part with `back`."""
         part = Effort(share * max(self.left, 0.0))
         self.left -= part.left
         return part

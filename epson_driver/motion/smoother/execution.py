@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the arm does now: it follows a plan, moves off the path, or rests; and what comes next."""
+"""What the arm does now (it follows a plan, moves off the path, or rests), and what comes next."""
 
 import dataclasses
 from collections.abc import Callable
@@ -63,7 +63,7 @@ class Execution:
 
     @property
     def in_motion(self) -> bool:
-        """Whether it is not at rest at the waypoints' origin; a pause on the path counts, too."""
+        """Whether it moves, or rests on the path instead of at the waypoints' origin."""
         return self.plan is not None or self.joint_motion is not None
 
     @property
@@ -107,7 +107,7 @@ class Execution:
             self._arrive(plan.path.knots.position[-1], None if self.stopping else plan.route[-1])
 
     def pass_time(self, until: float) -> None:
-        """Let time pass without a change; points that the arm has gone through are taken off."""
+        """Let time pass without a change, and take off points that the arm has gone through."""
         self.now = until
         plan = self.plan
         if plan is None:
@@ -184,7 +184,7 @@ class Execution:
         self._waypoints.go_on_from(motion.end)
 
     def pause(self) -> None:
-        """Stay at rest, or brake at once if that can be verified; else it goes on as planned."""
+        """Stay at rest, or brake at once if that can be verified, or else go on as planned."""
         plan = self.plan
         if plan is None or plan.scale == 0.0 or self.stopping:
             return

@@ -112,7 +112,7 @@ def _after(t: Array, p: Array, v: Array, a: Array, j: Array) -> State:
 
 
 def _between(times: Array, durations: Array) -> Array:
-    """Return times within 0 … duration; 0 for what is no number."""
+    """Return times within 0 … duration, or 0 for what is no number."""
     between: Array = np.clip(np.nan_to_num(times, nan=0.0), 0.0, durations)
     return between
 
@@ -133,7 +133,7 @@ def fastest_stop(limits: JointLimits, state: State) -> JointMotion:
 
 
 def _stops(limits: JointLimits, state: State) -> Iterator[JointMotion]:
-    """Yield stops, what is wanted most first; the last one brakes as hard as can be."""
+    """Yield stops, the most wanted first, the hardest last."""
     inp = _from(limits, state)
     inp.control_interface = ControlInterface.Velocity
     inp.target_velocity = [0.0] * len(limits.names)

@@ -116,7 +116,7 @@ class _Spans:
         )
 
     def halves(self) -> '_Spans':
-        """Return each of them as two."""
+        """Split every span in half."""
         t = self.duration / 2.0
         v, a, j = self.speed, self.acceleration, self.jerk
         return _Spans(

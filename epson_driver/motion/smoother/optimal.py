@@ -279,7 +279,7 @@ def _slow_enough(problem: Problem, spline: SpeedSpline) -> SpeedSpline:
 
 
 def _on_ramp(ramp: Ramp, way: Array, most: Array) -> Array:
-    """Return u̇² at ways from rest if a ramp went on for as long as it is looked at; 0 beyond.
+    """Return u̇² at distances from rest along a ramp, 0 beyond its end.
 
     No more than `most` where that ends.
     """

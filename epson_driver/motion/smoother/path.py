@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from epson_driver.motion.interpolation import hermite
 from epson_driver.motion.limits import Array, JointLimits
-from epson_driver.motion.smoother.tridiagonal import solve_tridiagonal
+from epson_driver.motion.smoother.banded import solve_tridiagonal
 
 DEGREE = 5
 """Of a segment."""

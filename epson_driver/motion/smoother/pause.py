@@ -24,7 +24,7 @@ MIN_SEGMENT_SHARE = 0.1
 
 
 def propose(problem: Problem) -> TimeParametrisation | None:
-    """Return a verified timing that rests before the path's end, soon; None if none was found."""
+    """Return a verified timing that soon rests before the path's end, or None."""
     timing = ruckig_move.stop(problem)
     if timing is not None:
         return timing

@@ -14,7 +14,7 @@ import numpy as np
 
 from epson_driver.motion.limits import JointLimits
 from epson_driver.motion.point_to_point import go
-from epson_driver.motion.smoother import filtered, optimal, pause, ruckig_move, sparse
+from epson_driver.motion.smoother import filtered, optimal, pause, refinement_policy, ruckig_move
 from epson_driver.motion.smoother.commanded_times import problem_of, within_horizon
 from epson_driver.motion.smoother.effort import MAX_EFFORT_BESIDE_US, OUTSET_US, Effort
 from epson_driver.motion.smoother.path import Knots, Path, line, through
@@ -155,11 +155,11 @@ def _fresh(
     """Return a plan as if there were none so far, by a share of the effort that is left."""
     fresh = effort.part(share)
     onward, older = first, request.older
-    if sparse.improves(request) and older is not None and len(older.u) > LEAST_OLDER:
+    if refinement_policy.improves(request) and older is not None and len(older.u) > LEAST_OLDER:
         # what was improved before is a better path to begin with than a new spline
         onward = _path(request, older[:-1], limits)
     path, problem, bounds = within_horizon(request, onward, limits, fresh)
-    near = sparse.nearer(request, path, limits)
+    near = refinement_policy.nearer(request, path, limits)
     if near is not request:
         path, problem, bounds = within_horizon(near, onward, limits, fresh)
     timing = None
@@ -168,7 +168,7 @@ def _fresh(
     effort.back(fresh)
     if timing is None:
         return None
-    path, timing = sparse.faster(request, problem, bounds, timing, effort)
+    path, timing = refinement_policy.faster(request, problem, bounds, timing, effort)
     return Plan(request.start, path.knots, timing, OPTIMAL)
 
 

@@ -220,7 +220,7 @@ class _Search:
         return result
 
     def step(self) -> bool:
-        """Make a Newton step; return whether that was possible."""
+        """Make a Newton step and return whether that was possible."""
         tangents = self._tangents()
         joints, size, free = len(self._velocity), len(self._coefficients), len(self._free)
         main = tangents[..., 0].size

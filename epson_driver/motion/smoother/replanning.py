@@ -90,7 +90,7 @@ class Replanning:
         self.news = False
 
     def start_over(self) -> None:
-        """Forget what was asked for and what was planned; the points are to be planned anew."""
+        """Forget what was asked for and planned, so that the points are planned anew."""
         self.forget()
         self.news = True
         self._reserve = RESERVE_IN_STOPPING_TIMES * stopping_time(self._waypoints.limits)
@@ -113,7 +113,7 @@ class Replanning:
         return self._pending.request
 
     def take(self, answer: Plan | None) -> bool:
-        """Take the plan for the last request; return whether it is used.
+        """Take the plan for the last request and return whether it is used.
 
         One that comes too late, or None, changes nothing.
         """
@@ -146,7 +146,7 @@ class Replanning:
         return True
 
     def _planned(self, planner: Planner, request: Request) -> Plan | None:
-        """Return what the planner found; None too if it fails: the plan so far ends at rest."""
+        """Return what the planner found, or None, after which the plan so far ends at rest."""
         try:
             return planner(request, self._waypoints.limits)
         except Exception as error:
@@ -259,7 +259,7 @@ class Replanning:
         return PendingRequest(request, route, more)
 
     def _extend(self, route: list[Waypoint], end: float) -> bool:
-        """Add the waypoints to plan for, up to the next rest; return whether more are known.
+        """Add the waypoints to plan for, up to the next rest and return whether more are known.
 
         end: how far at least, by their clock, s.
         """

@@ -1,13 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the planner is asked, and what it answers. Both can be pickled."""
+"""What the planner is asked, and what it answers: data only, so that a process can plan."""
 
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from epson_driver.motion.limits import Array
+from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother.path import Knots
 from epson_driver.motion.smoother.time_parametrisation import State, TimeParametrisation
 
@@ -64,3 +64,7 @@ class Plan:
     knots: Knots
     timing: TimeParametrisation
     proposer: str
+
+
+PASSED_TYPES = (Request, Plan, Knots, TimeParametrisation, JointLimits)
+"""What passes between a planner in a process of its own and who asks it."""

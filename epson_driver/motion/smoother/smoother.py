@@ -3,6 +3,7 @@
 """The smoother: points in as they come, one smooth motion out."""
 
 import logging
+import math
 from collections.abc import Sequence
 
 from epson_driver.motion.limits import Array, JointLimits
@@ -114,7 +115,7 @@ class Smoother:
             self.append(point, duration)
 
     def change_limits(self, limits: JointLimits) -> None:
-        """Keep to other limits from now on; those of position must be the same.
+        """Keep to other limits from now on, with the same ones of position.
 
         The points are kept. Raises RuntimeError unless the arm is `at_rest`.
         """
@@ -128,7 +129,10 @@ class Smoother:
 
     @property
     def scale(self) -> float:
-        """The share 0 … 1 of all speeds. At 0 the arm rests on its path until it is raised."""
+        """The share 0 … 1 of all speeds. At 0 the arm rests on its path until it is raised.
+
+        Set it between 0 and 1 at rest only: lowered in motion it can make the motion faster.
+        """
         return self._execution.scale
 
     @scale.setter
@@ -150,7 +154,12 @@ class Smoother:
     # What comes out.
 
     def step(self, dt: float) -> Motion:
-        """Let `dt` ≥ 0 s pass, and return the motion then."""
+        """Let `dt` s pass, and return the motion then.
+
+        Raises ValueError for a time that is negative or no finite number.
+        """
+        if not 0.0 <= dt < math.inf:  # NaN too
+            raise ValueError(f'dt = {dt} s: must be 0 or more')
         execution = self._execution
         end = execution.now + dt
         self._replanning.plan_now()
@@ -222,7 +231,7 @@ class Smoother:
 
     @property
     def limits(self) -> JointLimits:
-        """The limits of the joints; see `change_limits`."""
+        """The limits of the joints, as `change_limits` set them."""
         return self._waypoints.limits
 
     @property
@@ -244,7 +253,7 @@ class Smoother:
         return self._replanning.request()
 
     def take(self, answer: Plan | None) -> bool:
-        """Take the plan for the last request; return whether it is used.
+        """Take the plan for the last request and return whether it is used.
 
         One that comes too late, or None, changes nothing.
         """

@@ -22,7 +22,7 @@ MIN_SAMPLES = 160
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpeedProfile:
-    """u̇ at samples of u, and the time from the first to each of them; shapes (m,)."""
+    """u̇ at samples of u, and the time from the first to each of them, in shapes (m,)."""
 
     positions: Array
     speeds: Array
@@ -30,7 +30,7 @@ class SpeedProfile:
 
 
 class SpeedBounds:
-    """The samples of one problem's path, and the speed bounds there; shapes (m,)."""
+    """The samples of one problem's path, and the speed bounds there, in shapes (m,)."""
 
     __slots__ = ('_left', 'positions', 'speeds')
 

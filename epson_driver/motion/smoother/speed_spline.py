@@ -26,7 +26,7 @@ _THIRDS = np.array([[1.0, -9.0, 27.0], [-3.5, 27.0, -54.0], [5.5, -18.0, 27.0]])
 
 @dataclass(frozen=True, slots=True)
 class Ramp:
-    """Constant jerk from rest or to rest for some time; none where the arm moves already."""
+    """Constant jerk from rest or to rest for some time, or none where the arm moves already."""
 
     jerk: float
     time: float

@@ -22,7 +22,7 @@ MIN_PIECE_S = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeParametrisation:
-    """k pieces of constant jerk; it rests at its end.
+    """k pieces of constant jerk, with rest at the end.
 
     times, positions, velocities, accelerations: shape (k + 1,), at the breakpoints, time from 0.
     jerks: shape (k,).
@@ -45,7 +45,7 @@ class TimeParametrisation:
         return float(self.positions[-1])
 
     def at(self, time: float) -> State:
-        """Return the state at one time; the start's before the start, rest after the end."""
+        """Return the state at one time (the start's before the start, rest after the end)."""
         if time >= self.times[-1]:
             return self.end, 0.0, 0.0
         piece = max(int(self.times.searchsorted(time, side='right')) - 1, 0)
@@ -72,7 +72,7 @@ class TimeParametrisation:
         )
 
     def part(self, begin: float, end: float = np.inf) -> 'TimeParametrisation | None':
-        """Return what it does between two times, its time from 0; None if that is nothing.
+        """Return what it does between two times, from 0, or None if that is nothing.
 
         It need not be at rest at the end of a part.
         """
@@ -92,7 +92,7 @@ class TimeParametrisation:
         )
 
     def then(self, next_: 'TimeParametrisation') -> 'TimeParametrisation':
-        """Return this, a part, with what follows on it."""
+        """Concatenate with what follows."""
         return TimeParametrisation(
             np.concatenate((self.times, self.duration + next_.times[1:])),
             np.concatenate((self.positions, next_.positions[1:])),
@@ -102,7 +102,7 @@ class TimeParametrisation:
         )
 
     def speeds(self, us: Array) -> Array:
-        """Return u̇ at each u of a timing that never turns back, shape (m,); 0 beyond its end."""
+        """Return u̇ at each u of a timing that never turns back, shape (m,), 0 beyond its end."""
         u, v, _, _ = self.sample(np.linspace(0.0, self.duration, 100))
         speeds: Array = np.interp(us, np.maximum.accumulate(u), v, right=0.0)
         return speeds
@@ -144,7 +144,7 @@ def from_pieces(
 def from_accelerations(
     start: State, end: float, times: Array, accelerations: Array
 ) -> TimeParametrisation:
-    """Return a timing whose acceleration is linear between samples; times from 0, shapes (k + 1,).
+    """Return a timing whose acceleration is linear between samples, shapes (k + 1,), times from 0.
 
     The first sample is the start's acceleration, the last must be 0. What is missing to rest
     exactly at `end` is spread over the whole timing as smoothly as can be.

@@ -90,7 +90,7 @@ class Waypoints:
     def append(
         self, position: Array, duration: float | None, now: float, *, in_motion: bool
     ) -> None:
-        """Take another point, shape (n,), as `Smoother.append`; it comes at `now` s."""
+        """Take another point, shape (n,), at `now` s, as `Smoother.append` does."""
         what = f'point {self._number}'
         position = self.checked(position, duration, what)
         if self.mode is Mode.TIME_OPTIMAL:
@@ -140,7 +140,7 @@ class Waypoints:
         self.origin = self.last = Waypoint(self._next_index(), position, position)
 
     def arrived(self, now: float, point: Waypoint | None = None) -> None:
-        """Rest at a point from `now` s on; None: at the origin, where it was expected."""
+        """Record a stop from `now` s on at a waypoint, or for None at the origin."""
         if point is not None:
             self.origin = point
         self.passed(self.origin)

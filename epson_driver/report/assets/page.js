@@ -253,14 +253,6 @@
       return mesh;
     };
     arm.meshes.forEach((mesh, i) => add(mesh.link, geometries[i], mesh.colour));
-    if (!arm.meshes.length) [...arm.origins, arm.tool0].forEach((origin, i) => {
-      const way = vector(origin), length = way.length();
-      add(i, new lib.SphereGeometry(0.035, 24, 16), [0.4, 0.45, 0.5]);
-      if (length < 0.01) return;
-      const rod = add(i, new lib.CylinderGeometry(0.028, 0.028, length, 24), [0.88, 0.88, 0.87]);
-      rod.position.copy(way).multiplyScalar(0.5);
-      rod.quaternion.setFromUnitVectors(new lib.Vector3(0, 1, 0), way.normalize());
-    });
     const axes = arm.axes.map(vector);
     return {
       base,

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from epson_driver.motion import Array, JointLimits, LineMotion
-from epson_driver.motion.path_motion import PathMotion
+from epson_driver.tool_motion.curve_motion import CurveMotion
 
-Way = Callable[[Array, bool], LineMotion | PathMotion]
+Way = Callable[[Array, bool], LineMotion | CurveMotion]
 """Returns the motion from where the arm rests, shape (n,), rad, to a target; at low power or not.
 
 It keeps to the arm's limits, and must not raise.
@@ -83,7 +83,7 @@ class Executor(Protocol):
         """Whether the point taken last may be answered."""
 
     def take(self, point: Point) -> None:
-        """Go to a point, after those taken before; only while there is room."""
+        """Go to a point after those taken before, while there is room."""
 
     def stop(self) -> bool:
         """Forget all points and brake. Return whether points that were answered are forgotten.
@@ -92,7 +92,7 @@ class Executor(Protocol):
         """
 
     def hold(self) -> None:
-        """Brake on the path and stay there; the points are kept. Twice is no error."""
+        """Brake on the path and stay there, keeping the points. Twice is no error."""
 
     def resume(self) -> None:
         """Go on after `hold`, to the same points."""

@@ -14,6 +14,12 @@ import numpy as np
 
 from epson_driver.motion import Array, JointLimits
 
+LOW_POWER = 0.05
+"""The share of Speed and Accel that Power Low allows."""
+
+LOW_POWER_TOOL_SPEED = 0.25
+"""The tool's speed that Power Low allows, m/s."""
+
 
 @dataclass(frozen=True, eq=False)
 class LowPower:

@@ -8,17 +8,14 @@ If it dies or hangs, whoever asked gets no plan, the controller is told, and it 
 import asyncio
 import contextlib
 import logging
-import os
-import pickle
-import signal
-import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 from epson_driver.motion import JointLimits
-from epson_driver.motion.smoother import Request
-from epson_driver.sim_controller.arm.planner_worker import LENGTH_PREFIX, framed
+from epson_driver.motion.smoother import PASSED_TYPES, Request
+from epson_driver.processes.values import PREFIX, body_length, packed, unpacked
+from epson_driver.processes.worker import end_worker, ending, start_worker
 from epson_driver.sim_controller.arm.streaming import Answer
 
 START_TIMEOUT_S = 60.0
@@ -33,8 +30,7 @@ RESTART_DELAY_S = 1.0
 EXIT_TIMEOUT_S = 0.5
 """How long a process whose pipe has closed may take to end, s, so that its exit code is known."""
 
-_THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
-"""One each: the matrices are small, and threads that spin would take the cycle's time."""
+WORKER = 'epson_driver.sim_controller.arm.planner_worker'
 
 _log = logging.getLogger(__name__)
 
@@ -100,7 +96,7 @@ class PlannerProcess:
         failed: Callable[[str], None],
         present: Callable[[], AbstractContextManager[object]] = nullcontext,
     ) -> None:
-        """Pass plans on for ever; tell `failed` why when the process ends, and start it again.
+        """Pass plans on, and when the process ends, tell `failed` why and start it again.
 
         Either happens within `present()`: whoever gets a plan knows what time it is.
         """
@@ -156,21 +152,8 @@ class _Child:
 
     @classmethod
     async def started(cls) -> '_Child':
-        # the child finds the package where this process found it, sourced workspace or not
-        path = os.pathsep.join(filter(None, sys.path))
-        environment = os.environ | dict.fromkeys(_THREADS, '1') | {'PYTHONPATH': path}
-        pipe = asyncio.subprocess.PIPE
         try:
-            process = await asyncio.create_subprocess_exec(
-                sys.executable,
-                '-m',
-                'epson_driver.sim_controller.arm.planner_worker',
-                stdin=pipe,
-                stdout=pipe,
-                stderr=pipe,
-                env=environment,
-                start_new_session=True,  # Ctrl-C is the controller's to handle
-            )
+            process = await start_worker(WORKER, asyncio.subprocess.PIPE)
         except OSError as error:
             raise PlannerError(f'the motion planner cannot be started: {error}') from error
         return cls(process)
@@ -180,24 +163,28 @@ class _Child:
         return self._process.pid
 
     def send(self, value: object) -> None:
-        self._requests.write(framed(value))
+        self._requests.write(packed(value))
 
     async def receive(self) -> Any:
-        """Return the next answer. Raises PlannerError that says how the process has ended."""
+        """Return the next answer.
+
+        Raises PlannerError that says how the process has ended, or what is wrong with its bytes.
+        """
         try:
-            (length,) = LENGTH_PREFIX.unpack(await self._answers.readexactly(LENGTH_PREFIX.size))
-            data = await self._answers.readexactly(length)
+            prefix = await self._answers.readexactly(PREFIX.size)
+            body = await self._answers.readexactly(body_length(prefix))
+            return unpacked(prefix + body, PASSED_TYPES)
         except (OSError, EOFError):
             raise PlannerError(await self._fate()) from None
-        return pickle.loads(data)  # noqa: S301 - our own child's
+        except ValueError as error:
+            raise PlannerError(f'sent {error}') from error
 
     def kill_hung(self) -> None:
         self._hung = True
         self._kill()
 
     async def end(self) -> None:
-        self._kill()
-        await self._process.wait()
+        await end_worker(self._process)
         await self._words
 
     async def _fate(self) -> str:
@@ -209,9 +196,7 @@ class _Child:
             return f'did not answer for {PLAN_TIMEOUT_S:g} s'
         if code is None:
             return 'closed its pipe'
-        if code < 0:
-            return f'was ended by {signal.Signals(-code).name}'
-        return f'ended with exit code {code}'
+        return ending(code)
 
     def _kill(self) -> None:
         with contextlib.suppress(ProcessLookupError):

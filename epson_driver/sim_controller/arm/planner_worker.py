@@ -2,37 +2,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """The process that plans: requests on stdin, plans on stdout, until stdin closes.
 
-What goes through the pipes are pickles, each after its length: both ends are ours. First come the
-joint limits, which are answered with None once everything is ready. Then each request comes with
-the limits to keep to from now on, or None for those so far.
+First come the joint limits, which are answered with None once everything is ready. Then each
+request comes with the limits to keep to from now on, or None for those so far.
 """
 
 import gc
 import os
-import pickle
 import signal
-import struct
 import sys
 from typing import Any, BinaryIO
 
 from epson_driver.motion import JointLimits
-from epson_driver.motion.smoother import Smoother, plan
-
-LENGTH_PREFIX = struct.Struct('=I')
-"""The length of a pickle, which is sent before it."""
-
-
-def framed(value: object) -> bytes:
-    """Return a value as it goes through a pipe."""
-    data = pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
-    return LENGTH_PREFIX.pack(len(data)) + data
+from epson_driver.motion.smoother import PASSED_TYPES, Smoother, plan
+from epson_driver.processes.values import PREFIX, body_length, packed, unpacked
+from epson_driver.processes.worker import answer_file
 
 
 def main() -> None:
     """Plan until stdin closes: no orphan is left, however the controller ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the controller's to handle
-    answers = os.fdopen(os.dup(1), 'wb')
-    os.dup2(2, 1)  # whatever prints does not disturb the answers
+    answers = answer_file()
     requests = sys.stdin.buffer
     limits = _read(requests)
     if limits is None:
@@ -59,16 +48,15 @@ def _warm_up(limits: JointLimits) -> None:
 
 def _read(stream: BinaryIO) -> Any:
     """Return the next value, None at the end."""
-    prefix = stream.read(LENGTH_PREFIX.size)
-    if len(prefix) < LENGTH_PREFIX.size:
+    prefix = stream.read(PREFIX.size)
+    if len(prefix) < PREFIX.size:
         return None
-    (length,) = LENGTH_PREFIX.unpack(prefix)
-    data = stream.read(length)
-    return pickle.loads(data) if len(data) == length else None  # noqa: S301 - our own parent's
+    body = stream.read(length := body_length(prefix))
+    return unpacked(prefix + body, PASSED_TYPES) if len(body) == length else None
 
 
 def _write(stream: BinaryIO, value: object) -> None:
-    stream.write(framed(value))
+    stream.write(packed(value))
     stream.flush()
 
 

@@ -16,18 +16,80 @@ A point taken is a `Go` statement. The rules:
 """
 
 from collections import deque
+from dataclasses import dataclass
 from math import inf
 from typing import Literal
 
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits, LineMotion, go
-from epson_driver.motion.blend import blend_start
-from epson_driver.motion.joint_stop import stop_joints
+from epson_driver.motion.joint_stop import JointStop, stop_joints
+from epson_driver.motion.overlap import blend_start
 from epson_driver.motion.point_to_point import check_fractions, check_target, go_in
-from epson_driver.sim_controller.arm.executor import Point
-from epson_driver.sim_controller.arm.legs import Brake, Leg, Statement, Stop
+from epson_driver.sim_controller.arm.executor import Point, Way
 from epson_driver.sim_controller.arm.low_power import LowPower
+from epson_driver.tool_motion.curve_motion import CurveMotion
+
+Stop = LineMotion | CurveMotion | JointStop
+
+
+@dataclass(slots=True, eq=False)
+class Statement:
+    """A `Go`: its target, fractions of the limits, when its motion may begin, s.
+
+    duration: how long it takes at least, s; 0: no matter. executed: whether the program goes on
+    after it, though the arm may still decelerate. begun: whether the arm has begun it. cp: whether
+    it is executed as soon as the arm decelerates. way: how it goes there, if not straight.
+    """
+
+    target: Array
+    speed: float
+    accel: float
+    ready: float
+    duration: float = 0.0
+    executed: bool = False
+    begun: bool = False
+    cp: bool = False
+    way: Way | None = None
+
+
+@dataclass(slots=True, eq=False)
+class Leg:
+    """The motion of a statement since `begin`, s, at a speed, at low power or not.
+
+    decelerates: whether its deceleration has begun, and the next statement with it.
+    """
+
+    statement: Statement
+    motion: LineMotion | CurveMotion
+    begin: float
+    speed: float
+    low_power: bool
+    decelerates: bool = False
+
+    @property
+    def braking(self) -> float:
+        """When its deceleration begins, s."""
+        return self.begin + self.motion.braking
+
+    @property
+    def end(self) -> float:
+        """When it ends, s."""
+        return self.begin + self.motion.duration
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Brake:
+    """A stop since `begin`, s."""
+
+    motion: Stop
+    begin: float
+
+    @property
+    def end(self) -> float:
+        """When the arm stands, s."""
+        return self.begin + self.motion.duration
+
 
 OVERLAP_SHARE = 0.5
 """With CP each move has this share of the acceleration, so that two of them may overlap."""
@@ -115,7 +177,7 @@ class PointToPoint:
 
     @property
     def has_room(self) -> bool:
-        """Whether it takes another point now; not while it brakes after `stop`."""
+        """Whether it takes another point now, which it does not while it brakes after `stop`."""
         return not self._stopping and self._unexecuted() < self._most
 
     @property
@@ -125,7 +187,7 @@ class PointToPoint:
 
     @property
     def due_in(self) -> float:
-        """In how many s a motion begins, is executed or ends; infinite if none does by itself."""
+        """Time until a motion begins, is executed or ends by itself, s, or inf."""
         return self._due() - self._now
 
     @property
@@ -152,7 +214,7 @@ class PointToPoint:
         return self._state()[1]
 
     def take(self, point: Point) -> None:
-        """Go to a point, after those taken before; there is no motion if the arm is there.
+        """Go to a point after those taken before, without a motion if the arm is there.
 
         Raises ValueError as `motion.go` does, and RuntimeError if there is no room.
         """
@@ -178,7 +240,7 @@ class PointToPoint:
                 self._blend()
 
     def stop(self) -> bool:
-        """Forget all points and brake, as fast as the limits allow; it ends a hold too.
+        """Forget all points, brake as fast as the limits allow, and end a hold.
 
         Return whether points that were answered are forgotten.
         """
@@ -190,7 +252,7 @@ class PointToPoint:
         return any(lost)
 
     def hold(self) -> None:
-        """Brake on the path and stay there; the points are kept. Twice is no error.
+        """Brake on the path and stay there, keeping the points. Twice is no error.
 
         Between two lines there is no path: the joints brake each by itself.
         """
@@ -340,7 +402,7 @@ class PointToPoint:
             overlap = last.end - begin
 
     def _overlap_begin(self, last: Leg, leg: Leg, earliest: float) -> float:
-        """Return when a leg may begin, `earliest` or later, s; the end of the last: no overlap."""
+        """Return when a leg may begin, `earliest` or later, s: no two overlap."""
         caps = self._caps if self.low_power else None
         # What has a way of its own does not come here.
         assert isinstance(last.motion, LineMotion)  # noqa: S101

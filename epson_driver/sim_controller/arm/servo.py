@@ -27,7 +27,8 @@ class Servo:
     """The servos of n joints, which stand at `start`, shape (n,), rad, at first.
 
     `lag` ≥ 0: how many s the joints are behind the command; 0 is not at all. `encoder`: whether
-    reported positions are whole pulses, by `pulses`, shape (n,), per rad (or m). Raises
+    reported positions are whole pulses, by `pulses`, shape (n,), per rad (or m), NaN
+    where that is not known. Raises
     ValueError for other numbers.
     """
 
@@ -51,7 +52,8 @@ class Servo:
         """What the encoders report now, shape (n,), rad."""
         position = self._actual.copy()
         if self._pulses is not None:
-            position = np.rint(position * self._pulses) / self._pulses
+            counted = np.rint(position * self._pulses) / self._pulses
+            position = np.where(np.isnan(counted), position, counted)
         for joint, value in self._frozen.items():
             position[joint] = value
         return position
@@ -103,7 +105,7 @@ class Servo:
         self._settled = settled
 
     def freeze(self, joint: int | None) -> None:
-        """Let a joint's encoder (index from 0) report its last value; None: let all work again."""
+        """Freeze the encoder of a joint (index from 0), or with None let all work again."""
         if joint is None:
             self._frozen.clear()
         else:
@@ -120,7 +122,7 @@ class Servo:
         self._pushed = True
 
     def place(self, position: Array) -> None:
-        """Put the joints, which have no power, elsewhere, shape (n,), rad; they stay there."""
+        """Put the joints, which have no power, elsewhere, shape (n,), rad."""
         self._command = position.copy()
         self._arrive(settled=True)
         self._velocity = self._rest

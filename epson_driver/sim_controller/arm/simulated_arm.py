@@ -6,11 +6,44 @@ from collections.abc import Callable
 
 import numpy as np
 
-from epson_driver.motion import Array
+from epson_driver.motion import Array, JointLimits, go
 from epson_driver.sim_controller.arm.executor import Executor
 from epson_driver.sim_controller.arm.low_power import LowPower
-from epson_driver.sim_controller.arm.recovery import Recovery
 from epson_driver.sim_controller.arm.servo import Servo
+
+
+class Recovery:
+    """A slow move in joint space from where the arm stands to where its motion goes on.
+
+    `start` and `target` have shape (n,), rad; `caps` are those of low power.
+    """
+
+    def __init__(self, limits: JointLimits, start: Array, target: Array, caps: LowPower) -> None:
+        speed = caps.speed(limits, target - start)
+        self._motion = go(limits, start, target, speed, caps.fraction)
+        self._time = 0.0
+        self._stopping = False
+
+    @property
+    def position(self) -> Array:
+        """The commanded joint angles now, shape (n,), rad."""
+        return self._motion.at(self._time)[0]
+
+    @property
+    def still(self) -> bool:
+        """Whether it is over: the arm is there, or was stopped on the way."""
+        return self._time >= self._motion.duration
+
+    def stop(self) -> None:
+        """Brake on the way."""
+        if not self._stopping:
+            self._stopping = True
+            self._motion = self._motion.stop(self._time)
+            self._time = 0.0
+
+    def step(self, dt: float) -> None:
+        """Let `dt` ≥ 0 s pass."""
+        self._time += dt
 
 
 class SimulatedArm:
@@ -18,10 +51,11 @@ class SimulatedArm:
 
     `executor` says where the joints are to be; the servos follow. After the door has interrupted
     a motion, the arm goes back within `caps` to where that happened; the executor waits meanwhile.
+    While it is lent, another executor says where the joints are to be.
     """
 
     def __init__(self, executor: Executor, servo: Servo, caps: LowPower) -> None:
-        self.executor = executor
+        self.executor = self.own = executor
         self.servo = servo
         self._caps = caps
         self._recovery: Recovery | None = None
@@ -61,8 +95,19 @@ class SimulatedArm:
             execute(dt)
         self.servo.step(self.commanded, dt)
 
+    def lend(self, executor: Executor) -> None:
+        """Let another executor move the arm, which must stand, until that rests."""
+        if self.executor is not executor:
+            executor.settle(self.commanded)
+            self._hand_over(executor)
+
+    def _hand_over(self, to: Executor) -> None:
+        now = self.executor
+        to.low_power, to.speed, to.accel = now.low_power, now.speed, now.accel
+        self.executor = to
+
     def hold(self) -> None:
-        """Brake on the path and stay there; the points are kept."""
+        """Brake on the path and stay there, keeping the points."""
         self.executor.hold()
         self.brake_recovery()
 
@@ -72,7 +117,7 @@ class SimulatedArm:
             self._recovery.stop()
 
     def go_back(self) -> None:
-        """Go slowly back to where the motion goes on; at once, if the arm is there."""
+        """Go slowly back to where the motion goes on, or go on at once if the arm is there."""
         way = (self.commanded, self.executor.position)
         self._recovery = Recovery(self.executor.limits, *way, self._caps)
 
@@ -99,3 +144,6 @@ class SimulatedArm:
         """Let the executor begin where the arm stands, if there are no points to go to."""
         if not self.in_motion and not self.executor.moving:
             self.went_back()
+            if self.executor is not self.own:
+                self.own.settle(self.executor.position)
+                self._hand_over(self.own)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Smooth motion: the arm goes through points that are known ahead, without a stop."""
 
+from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
@@ -11,7 +12,6 @@ from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.smoother import Plan, Request, Smoother
 from epson_driver.profiles.point_fields import FieldsUsed
 from epson_driver.sim_controller.arm.executor import Point
-from epson_driver.sim_controller.arm.planning_latency import PlanningLatency
 from epson_driver.sim_controller.arm.timing import Timing
 
 MAX_ATTEMPTS = 10
@@ -22,9 +22,38 @@ ACKNOWLEDGE = ('taken', 'done')
 
 Answer = Callable[[Plan | None], None]
 
+INITIAL_LATENCY_S = 0.04
+MIN_LATENCY_S = 0.01
+MAX_LATENCY_S = 0.15
+PERCENTILE, MARGIN_FACTOR = 90.0, 1.3
+"""The latency is this percentile of the times of recent plans, times this. A plan that takes
+longer than others is late, and costs nothing but itself: the plan so far goes on."""
+
+LATE_FACTOR = 1.5
+"""After a plan that came too late, it is at least the latency before times this."""
+
+MAX_RECENT_PLANS = 32
+"""How many plans are remembered; in motion there is one about every 30 ms."""
+
+
+class PlanningLatency:
+    """The latency to plan with, s, from how long the recent plans took."""
+
+    def __init__(self) -> None:
+        self.value = INITIAL_LATENCY_S
+        self._recent = deque([INITIAL_LATENCY_S / MARGIN_FACTOR], MAX_RECENT_PLANS)
+
+    def took(self, seconds: float, late: bool = False) -> None:
+        """Adapt to how long a plan took, s, and whether it came too `late` to be used."""
+        self._recent.append(seconds)
+        wanted = MARGIN_FACTOR * float(np.percentile(self._recent, PERCENTILE))
+        if late:
+            wanted = max(wanted, LATE_FACTOR * self.value)
+        self.value = min(max(wanted, MIN_LATENCY_S), MAX_LATENCY_S)
+
 
 class Planner(Protocol):
-    """Who plans; one request at a time."""
+    """Who plans, one request at a time."""
 
     @property
     def ready(self) -> bool:
@@ -74,7 +103,6 @@ class Streaming:
         uses: str = FieldsUsed.BOTH,
         speed: float = 1.0,
         accel: float = 1.0,
-        path_tolerance: float = 0.0,
     ) -> None:
         if acknowledge not in ACKNOWLEDGE:
             raise ValueError(f'acknowledge = {acknowledge!r}: must be one of {ACKNOWLEDGE}')
@@ -93,7 +121,6 @@ class Streaming:
         self._failed = failed
         self._look_ahead = look_ahead
         self._look_ahead_points = look_ahead_points
-        self._path_tolerance = path_tolerance
         self.begun = 0
         self._taken = 0
         self._now = 0.0
@@ -113,7 +140,6 @@ class Streaming:
             position,
             latency=self._latency.value,
             planner=None,
-            path_tolerance=self._path_tolerance,
         )
         self._forget_request()
         self._goal: Array | None = None
@@ -148,7 +174,7 @@ class Streaming:
 
     @property
     def has_room(self) -> bool:
-        """Whether little enough is known ahead; not while the arm is held or brakes."""
+        """Whether little enough is known ahead and the arm neither is held nor brakes."""
         if self._held or self._braking:
             return False
         if self._one_by_one:
@@ -164,7 +190,7 @@ class Streaming:
         return not (self._one_by_one and self.moving)
 
     def take(self, point: Point) -> None:
-        """Go on to a point. A sequence of 0 begins a new trajectory; the one before ends at rest.
+        """Go on to a point, which with a sequence of 0 begins a new trajectory from rest.
 
         Raises ValueError as `Smoother.append` does.
         """
@@ -193,7 +219,7 @@ class Streaming:
         return lost
 
     def hold(self) -> None:
-        """Brake on the path and stay there; the points are kept, none is taken. Twice is no error.
+        """Brake on the path and stay there, keeping the points and taking none.
 
         An arm that brakes already goes on with that.
         """

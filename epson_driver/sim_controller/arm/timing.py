@@ -21,7 +21,7 @@ class Timing:
     violations: int = 0
 
     def since(self, before: 'Timing') -> str:
-        """Return a sentence about what was counted since then; nothing if there is nothing."""
+        """Return a sentence about what was counted since then, or nothing if there is nothing."""
         counts = (
             (self.deadline_misses - before.deadline_misses, 'motion cycle(s) came late'),
             (self.late_plans - before.late_plans, 'plan(s) came too late and were not used'),

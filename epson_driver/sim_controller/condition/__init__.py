@@ -1,3 +1,3 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The condition of the controller as tables; its tasks, the error it shows, SPEL+ settings."""
+"""The condition of the controller as tables: its tasks, error, and SPEL+ settings."""

@@ -12,9 +12,9 @@ _log = logging.getLogger(__name__)
 
 
 class ErrorNumber(IntEnum):
-    """SPEL+ error numbers; 8000 is the first user error, as the thesis' program uses it.
+    """SPEL+ error numbers, among them 8000, the thesis' first user error.
 
-    8001 is ours, for what only the simulation can have.
+    8001 is ours, for what only the simulation can have; 8004 too, as controller_program has it.
     """
 
     NONE = 0
@@ -26,7 +26,7 @@ class ErrorNumber(IntEnum):
     SERVO_ERROR = 5042
     CORRUPT_MESSAGE = 8000
     PLANNER_FAILED = 8001
-    SAFETY_BOARD_POSITION = 9801
+    CLIENT_SILENT = 8004
 
 
 ERRORS = load_error_texts('epson')
@@ -40,7 +40,7 @@ TEXTS: dict[int, str] = {number: text.meaning for number, text in ERRORS.items()
 class Rejection:
     """Why a message is not obeyed: the error number, and a sentence for people."""
 
-    number: ErrorNumber
+    number: int
     sentence: str
 
     def about(self, what: str) -> 'Rejection':
@@ -57,14 +57,14 @@ class ErrorRegister:
     """The error that the controller shows, until something clears it."""
 
     def __init__(self) -> None:
-        self.number = ErrorNumber.NONE
+        self.number: int = ErrorNumber.NONE
 
     def enter(self, rejection: Rejection) -> None:
         """Show the rejection's error, and log its sentence."""
         self.number = rejection.number
         _log.warning('refused (%d): %s', rejection.number, rejection.sentence)
 
-    def clear(self, only: ErrorNumber | None = None) -> None:
-        """Show no error any more; with `only`, if it is that one."""
+    def clear(self, only: int | None = None) -> None:
+        """Clear the error shown, or with `only`, that one alone."""
         if only in (None, self.number):
             self.number = ErrorNumber.NONE

@@ -13,7 +13,7 @@ from epson_driver.sim_controller.condition.states import Event
 
 
 class Setting(NamedTuple):
-    """How many numbers, from where to where; `default` where the manual gives one."""
+    """How many numbers, from where to where, and the manual's `default`."""
 
     least: int
     most: int
@@ -53,7 +53,7 @@ class SpelSettings:
         """Where HomeSet has put the home position, encoder pulses, one per joint."""
 
     def values(self, name: str) -> tuple[float, ...]:
-        """Return the numbers of a statement; none if it was not used and has no default."""
+        """Return the numbers of a statement, or none if it was not used and has no default."""
         return self._set.get(name) or self._program.get(name) or SETTINGS[name].default
 
     def change(self, name: str, numbers: tuple[float, ...]) -> None:
@@ -61,7 +61,7 @@ class SpelSettings:
         self._set[name] = numbers
 
     def forget(self) -> None:
-        """Forget all numbers; the home position stays."""
+        """Forget all numbers but the home position."""
         self._set.clear()
 
     @property

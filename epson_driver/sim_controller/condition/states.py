@@ -91,7 +91,7 @@ class Power(Enum):
 
 
 class Event(Enum):
-    """What happens to the controller; the value is how it is called in sentences."""
+    """What happens to the controller, valued by its name in sentences."""
 
     MOTORS_ON = 'motors on'
     MOTORS_OFF = 'motors off'

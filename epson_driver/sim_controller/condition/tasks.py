@@ -14,7 +14,7 @@ from epson_driver.sim_controller.condition.states import Condition, Tasks
 
 
 class TaskType(Enum):
-    """SPEL+ task types; the value is TaskInfo(task, 2)."""
+    """SPEL+ task types, valued as in TaskInfo(task, 2)."""
 
     NORMAL = 0
     NO_PAUSE = 1
@@ -22,7 +22,7 @@ class TaskType(Enum):
 
 
 class TaskState(Enum):
-    """SPEL+ TaskState; the value is its number."""
+    """SPEL+ TaskState, valued by its number."""
 
     NOT_RUNNING = 0
     RUNNING = 1

@@ -69,7 +69,7 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """What one fault is. `ports` are those that it can act on; the controller's own have none.
+    """What one fault is. `ports` are those that it can act on, if any.
 
     `replies` limits it to replies to requests. `boots`: every connection ends, that of the person
     who asked for it too, and nothing ends it early.
@@ -97,7 +97,7 @@ class Fault:
         return FAULTS[self.name]
 
     def number(self, name: str) -> float:
-        """Return a value; 0 for what this fault has not, or what is not given."""
+        """Return a value, or 0 for one that this fault lacks or that is not given."""
         return self.values.get(name) or 0.0
 
 

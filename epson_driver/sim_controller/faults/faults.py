@@ -35,7 +35,7 @@ class Actions(Protocol):
     """
 
     def freeze(self, joint: int | None) -> None:
-        """Let the reported position of this joint too stand still from now; None: of none."""
+        """Freeze the reported position of this joint too, or with None of none."""
 
     def servo_error(self, joint: int, critical: bool = False) -> None:
         """Let a joint's servo fail, which takes the power from the motors."""
@@ -53,7 +53,7 @@ class Transport(Protocol):
     port: str
 
     def changed(self, release: bool) -> None:
-        """Called when other faults are active; with `release`, send what none holds back now."""
+        """Apply a change of the active faults, sending with `release` what none holds back."""
 
     def cut(self) -> None:
         """Close the connection at once."""
@@ -92,7 +92,7 @@ class ActiveFault:
         return True
 
     def point_reached(self) -> bool:
-        """Count a point that the arm begins; return whether it is the one asked for."""
+        """Count a point that the arm begins and return whether it is the one asked for."""
         self._points -= 1
         return self._points == 0
 
@@ -115,7 +115,7 @@ class ActiveFault:
 
 
 class Faults:
-    """The faults of one controller; several may be active, each acts on what the ones before left.
+    """The faults of one controller, each acting on what the active ones before it left.
 
     `joints` is how many the robot has.
     """
@@ -160,7 +160,7 @@ class Faults:
             self._begin(active)
 
     def clear(self, name: str | None = None) -> int:
-        """End the faults of a name, or all; what they held is sent. Return how many they were.
+        """End the faults of a name, or all, send what they held, and return how many they were.
 
         A reboot goes on. Raises FaultError for a name that is no fault, that is not active, or
         that cannot be cleared.
@@ -206,7 +206,7 @@ class Faults:
         return len(self._transports)
 
     def attach(self, transport: Transport) -> int:
-        """Let faults act on a connection; return its number among those of its port."""
+        """Let faults act on a connection and return its number among those of its port."""
         self._transports[transport] = None
         self._serials[transport.port] += 1
         return self._serials[transport.port]

@@ -21,7 +21,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class _Held:
-    """Bytes that are sent at `due`; `gathered`: in one piece with others that are then sent."""
+    """Bytes that are sent at `due`, if `gathered` in one piece with others."""
 
     due: float
     data: bytes
@@ -66,7 +66,7 @@ class FaultyTransport:
         self.changed()
 
     def send(self, message: bytes) -> None:
-        """Send one whole message or line; to a closed connection, drop it."""
+        """Send one whole message or line, or drop it if the connection is closed."""
         if self._plain:
             self._transmit(message)
         elif not self._closed:
@@ -93,7 +93,7 @@ class FaultyTransport:
             self._hang_up()
 
     def changed(self, release: bool = False) -> None:
-        """Called when other faults are active; with `release`, send what none holds back now."""
+        """Apply a change of the active faults, sending with `release` what none holds back."""
         if self._closed:
             return
         known = dict(self._disturbing)
@@ -158,7 +158,7 @@ class FaultyTransport:
         self._update_plain()
 
     def _release(self, until: float) -> None:
-        """Transmit what is due by then; what was gathered for the same moment in one piece."""
+        """Transmit what is due by then, what was gathered for the same moment in one piece."""
         while self._held and self._held[0].due <= until:
             first = self._held.popleft()
             data = [first.data]

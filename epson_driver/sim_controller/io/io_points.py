@@ -85,7 +85,7 @@ class IoPoints:
         return self._values[known][index]
 
     def write(self, io_type: int, index: int, value: int) -> None:
-        """Set an output, a group of outputs or a flag. Raises IoError; nothing is changed then."""
+        """Set an output, a group of outputs or a flag, or raise IoError and change nothing."""
         kind, known = self._checked(io_type, index)
         if not kind.writable:
             raise IoError(
@@ -127,7 +127,7 @@ class IoPoints:
         return sum(values[bit] << shift for shift, bit in enumerate(bits))
 
     def write_port(self, io_type: IoType, port: int, width: int, value: int) -> None:
-        """Set the bits of a port of DO or FLAG. Raises IoError; nothing is changed then."""
+        """Set the bits of a port of DO or FLAG, or raise IoError and change nothing."""
         if not _KINDS[io_type].writable:
             text = f'{_KINDS[io_type].short} port {port}: an input cannot be written'
             raise IoError(IoResult.TYPE_FEATURE_UNSUPPORTED, text)
@@ -181,7 +181,7 @@ class IoPoints:
         self._make_safe(self.profile.outputs - self.profile.keep_on_reset)
 
     def boot(self) -> None:
-        """Give every output its safe value, and every flag 0; inputs stay."""
+        """Give every output its safe value, and every flag 0."""
         flags = ((IoType.FLAG, index) for index in range(self.profile.flags))
         self._make_safe([*self.profile.outputs, *flags])
 

@@ -20,7 +20,7 @@ TIMESTAMP_MASK = 2**31 - 1
 
 
 def timestamp(clock: Clock) -> int:
-    """Return the controller's time in ms; after 24.8 days it begins again at 0."""
+    """Return the controller's time in ms, modulo 24.8 days."""
     return int(clock.now * 1000.0) & TIMESTAMP_MASK
 
 
@@ -50,7 +50,7 @@ class IoStream:
         self._stop_listening = points.listen(self._changed)
 
     def subscribe(self, span: IoSpan) -> None:
-        """Add a range; one that begins where another does replaces it. Raises IoError."""
+        """Add a range, or replace the one that begins at the same place. Raises IoError."""
         self._points.check_range(span.io_type, span.start, span.count)
         key = (span.io_type, span.start)
         ranges = {**self._ranges, key: span.count}

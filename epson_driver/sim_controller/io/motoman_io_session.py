@@ -48,7 +48,7 @@ _log = logging.getLogger(__name__)
 
 
 class _AddressError(Exception):
-    """There is no such address, or it cannot be written; the text says which."""
+    """There is no such address, or it cannot be written, as its text says."""
 
 
 class MotomanIoSession:
@@ -78,7 +78,7 @@ class MotomanIoSession:
             self._send(encode(reply(message, code), self._dialect))
 
     def closed(self) -> None:
-        """Take note that the client is gone; outputs stay as they are."""
+        """Forget the client and leave the outputs as they are."""
         self._open = False
 
     def _answer(self, frame: Frame) -> Message:

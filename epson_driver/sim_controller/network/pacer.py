@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from epson_driver.sim_controller.core import Controller
+from epson_driver.sim_controller.core import CYCLE_PERIOD_S, Controller
 
 
 class Pacer:
@@ -28,7 +28,7 @@ class Pacer:
 
     @contextmanager
     def present(self) -> Iterator[Controller]:
-        """Bring the controller up to this moment for use; then see when its next step is due."""
+        """Bring the controller up to this moment for use, then see when its next step is due."""
         self._catch_up()
         try:
             yield self._controller
@@ -38,15 +38,14 @@ class Pacer:
 
     async def run(self) -> None:
         """Step the controller when its next timer is due, and every cycle while the arm moves."""
-        period = self._controller.profile.cycle_period
         while True:
             await self._sleep(self._due())
             self._catch_up()
             if self._now >= self._cycle:
-                self._cycle += period
+                self._cycle += CYCLE_PERIOD_S
                 if self._now >= self._cycle:
                     self._controller.timing.deadline_misses += 1
-                    self._cycle = self._now + period
+                    self._cycle = self._now + CYCLE_PERIOD_S
 
     def _due(self) -> float:
         """Return when the controller must be stepped next, on the real clock."""
@@ -54,7 +53,7 @@ class Pacer:
         if not controller.in_motion:
             self._cycle = math.inf
         elif self._cycle == math.inf:
-            self._cycle = self._now + controller.profile.cycle_period
+            self._cycle = self._now + CYCLE_PERIOD_S
         due = controller.clock.next_due
         if due is None:
             return self._cycle

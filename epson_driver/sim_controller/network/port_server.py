@@ -5,9 +5,11 @@
 import asyncio
 import errno
 import logging
+import os
 import socket
 import time
 from collections import deque
+from contextlib import suppress
 from typing import NamedTuple
 
 from epson_driver.profiles.profile import ServerProfile
@@ -16,9 +18,7 @@ from epson_driver.sim_controller.client_connections import (
     MAX_NEWCOMERS,
     MAX_REMOTE_CLIENTS,
 )
-from epson_driver.sim_controller.network.cpu_budget import CpuBudget
 from epson_driver.sim_controller.network.pacer import Pacer
-from epson_driver.sim_controller.network.spare_descriptor import SpareDescriptor
 from epson_driver.sim_controller.network.tcp_connection import TcpConnection
 from epson_driver.simple_message import FrameError
 from epson_driver.socket_errors import reason
@@ -43,18 +43,63 @@ _GONE = (errno.EAGAIN, errno.EINTR, errno.ECONNABORTED)
 
 _log = logging.getLogger(__name__)
 
+MAX_SAVED_S = 0.1
+"""The most processor time that a quiet client saves up, s."""
+
+INITIAL_S = 0.002
+"""What a new client may use at once, s: little, so that to reconnect does not pay."""
+
+
+class CpuBudget:
+    """What a client has used of the processor lately. With more than its share, it must wait."""
+
+    def __init__(self, now: float) -> None:
+        self._saved = INITIAL_S
+        self._at = now
+
+    def used(self, seconds: float, share: float, now: float) -> float:
+        """Record time used, of which `share` (0, 1] is its own, and return the wait, s.
+
+        The wait begins `now`. All times are s, `now` of a clock that never goes back.
+        """
+        self._saved = min(self._saved + (now - self._at) * share, MAX_SAVED_S) - seconds
+        self._at = now
+        return max(-self._saved / share, 0.0)
+
+
+class SpareDescriptor:
+    """One file descriptor in reserve, or none: there is none at first."""
+
+    def __init__(self) -> None:
+        self._descriptor: int | None = None
+
+    def keep(self) -> None:
+        """Reserve one, unless that is done already or none is left."""
+        if self._descriptor is None:
+            try:
+                self._descriptor = os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
+            except OSError:  # none is left: the next client that goes frees one
+                return
+
+    def give(self) -> bool:
+        """Free the reserved one for use and return whether there was one."""
+        descriptor, self._descriptor = self._descriptor, None
+        if descriptor is not None:
+            os.close(descriptor)
+        return descriptor is not None
+
 
 class PortRules(NamedTuple):
     """What differs from port to port.
 
     One client more than `max_clients` waits for a place, and is refused if there is none soon;
     None: each gets in, if need be in another one's place, also without a file descriptor left. A
-    client that leaves more than `max_unsent` bytes
-    unread is disconnected; `send_buffer` is what the system may hold beside that, None for its
-    default. Where `half_closed`, a client that has shut its own side is still sent to. `chunk`
-    bytes are taken at once; all clients together use at most the part `share` of the processor's
-    time, after what each has saved up; None: as much as they like. Where `replace`, the oldest
-    client makes room for one more.
+    client that leaves more than `max_unsent` bytes unread is disconnected; `send_buffer` is what
+    the system may hold beside that, None for its default. Where `half_closed`, a client that has
+    shut its own side is still sent to, until another wants its place. `chunk` bytes are taken at
+    once; all clients together use at most the part `share` of the processor's time, after what
+    each has saved up; None: as much as they like. Where `replace`, the oldest client makes room
+    for one more.
     """
 
     name: str
@@ -104,6 +149,8 @@ class PortServer:
         self._spare = SpareDescriptor()
         """Lets a client in when no descriptor is left, of a port where each gets in."""
         self._places = None if clients is None else asyncio.Semaphore(clients)
+        self._half_closed: deque[TcpConnection] = deque()
+        """Clients that have shut their own side, and may be gone: the first one to do so first."""
 
     @property
     def name(self) -> str:
@@ -116,7 +163,7 @@ class PortServer:
         return len(self._tasks)
 
     def open(self, host: str, port: int) -> int:
-        """Listen, and return the port; 0 asks for any free one. Raises OSError that says where."""
+        """Listen on the port, or any free one for 0, and return it, or raise OSError."""
         try:
             family = socket.AF_INET6 if ':' in host else socket.AF_INET
             sock = socket.create_server((host, port), family=family, backlog=BACKLOG)
@@ -150,7 +197,7 @@ class PortServer:
             asyncio.get_running_loop().add_reader(self._sock, self._accept, self._sock)
 
     def _accept(self, listening: socket.socket) -> None:
-        """Accept one connection; the others stay queued in the system."""
+        """Accept one connection and leave the others queued in the system."""
         limit = self._rules.max_clients
         if limit is None and len(self._tasks) >= MAX_REMOTE_CLIENTS:
             wait = self._admitted[0] + GRACE_S - asyncio.get_running_loop().time()
@@ -211,12 +258,10 @@ class PortServer:
         await self._attend(connection)
 
     async def _attend(self, connection: TcpConnection) -> None:
-        rules = self._rules
         try:
             if self._places is not None:
-                if rules.replace and self._places.locked():
-                    with self._pacer.present() as controller:
-                        controller.clients.make_room(rules.name)
+                if self._places.locked():
+                    self._make_room()
                 async with asyncio.timeout(HANDOVER_S):
                     await self._places.acquire()
             try:
@@ -236,6 +281,16 @@ class PortServer:
         finally:
             connection.close()
 
+    def _make_room(self) -> None:
+        """Have a client leave that has no need of its place, or that the rules let be replaced."""
+        if self._half_closed:
+            leaving = self._half_closed.popleft()
+            _log.warning('%s, which has shut its own side, makes room', leaving.name)
+            leaving.abort()
+        elif self._rules.replace:
+            with self._pacer.present() as controller:
+                controller.clients.make_room(self._rules.name)
+
     async def _serve(self, connection: TcpConnection) -> None:
         with self._pacer.present() as controller:
             session = controller.connect(self._rules.name, connection)
@@ -250,8 +305,11 @@ class PortServer:
                         used = time.thread_time() - began
                 await self._pay(budget, used)
             if self._rules.half_closed:
+                self._half_closed.append(connection)
                 await connection.lost()
         finally:
+            with suppress(ValueError):
+                self._half_closed.remove(connection)
             with self._pacer.present():
                 session.closed()
 

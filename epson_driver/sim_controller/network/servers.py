@@ -11,13 +11,14 @@ from epson_driver.sim_controller.arm.planner_process import PlannerError, Planne
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.network.pacer import Pacer
 from epson_driver.sim_controller.network.port_server import PortRules, PortServer, port_rules
-from epson_driver.sim_controller.ports.program_ports import ProgramPorts
+from epson_driver.sim_controller.network.program_client import connect
+from epson_driver.sim_controller.ports.session import ClientSession, ProgramPorts
 
 _log = logging.getLogger(__name__)
 
 
 class Ports(NamedTuple):
-    """TCP ports; 0 asks for any free one."""
+    """TCP ports, where 0 asks for any free one."""
 
     motion: int = 11000
     state: int = 11002
@@ -49,6 +50,8 @@ class ControllerServers:
         self._program_ports = program_ports or {}
         if spel is not None:
             spel.listen = self._listen
+            spel.connect = self._connect
+        self._clients: set[asyncio.Task[None]] = set()
 
     async def open(self, host: str, ports: Ports) -> Ports:
         """Start the planner, listen on all ports, and return them.
@@ -86,6 +89,13 @@ class ControllerServers:
         self._servers.append(server)
         _log.info('port %d of the program is %s:%d', tcp_port, self._host, bound)
 
+    def _connect(self, session: ClientSession) -> None:
+        """Look for the peer of a port that a SPEL+ program opens as a client."""
+        port = self._program_ports.get(session.tcp_port) or session.tcp_port
+        task = asyncio.get_running_loop().create_task(connect(session, port, self.pacer))
+        self._clients.add(task)
+        task.add_done_callback(self._clients.discard)
+
     def clients(self, port: str) -> int:
         """Return how many clients of a port are connected, or wait for a place."""
         return sum(server.clients for server in self._servers if server.name == port)
@@ -114,6 +124,8 @@ class ControllerServers:
 
     async def close(self) -> None:
         """Stop listening, disconnect everybody and end the planner."""
+        for task in self._clients:
+            task.cancel()
         for server in self._servers:
             await server.close()
         if self._planner is not None:

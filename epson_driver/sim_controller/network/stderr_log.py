@@ -25,7 +25,7 @@ _FLUSH_TIMEOUT_S = 0.5  # s
 
 
 class StderrLog(logging.Handler):
-    """Writes records from a thread of its own; drops them while 1000 wait.
+    """Writes records from a thread of its own, and drops them while 1000 wait.
 
     What one line of code logs has a pace of its own, on `clock`, s, which never goes back.
     """

@@ -54,7 +54,7 @@ class TcpConnection:
         return self._writer.transport.is_closing()
 
     def send(self, data: bytes) -> None:
-        """Send bytes; to a closed connection, drop them."""
+        """Send bytes, or drop them if the connection is closed."""
         if self.closed:
             return
         self._writer.write(data)

@@ -21,11 +21,14 @@ from epson_driver.simple_message import (
     reply,
 )
 
-VERSION = (0, 1, 0)
+VERSION = (0, 2, 0)
 """Of the controller's program, in GET_VERSION replies: major, minor, patch."""
 
+WITHOUT_WATCHDOG = (0, 1, 0)
+"""Of one that lets a motion client hang."""
+
 Answers = Mapping[int, Callable[[], Message]]
-"""What a port answers to requests besides PING and GET_VERSION: message type to body."""
+"""What a port answers to requests besides PING, or instead of VERSION: message type to body."""
 
 UNANSWERED = (CommType.TOPIC, CommType.SERVICE_REPLY)
 """Kinds of messages that want no answer."""
@@ -39,15 +42,15 @@ def failure(msg_type: int) -> Packet:
 
 
 def answer(packet: Packet, own: Answers) -> Packet | None:
-    """Return the reply to a request; None for topics and replies, which want none."""
+    """Return the reply to a request, or None for topics and replies, which want none."""
     if packet.comm_type is not CommType.SERVICE_REQUEST:
         return None
     if isinstance(packet.message, Ping):
         return reply(Ping((0,) * len(packet.message.padding)), ReplyCode.SUCCESS)
-    if packet.msg_type == MessageType.GET_VERSION:
-        return reply(GetVersion(VERSION), ReplyCode.SUCCESS)
     if packet.msg_type in own:
         return reply(own[packet.msg_type](), ReplyCode.SUCCESS)
+    if packet.msg_type == MessageType.GET_VERSION:
+        return reply(GetVersion(VERSION), ReplyCode.SUCCESS)
     return failure(packet.msg_type)
 
 

@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a port does with one client, without a socket: bytes in, bytes out.
 
-Every port of the controller is a way to open sessions; `port_server.py` gives them sockets, a test
-calls them directly.
+Every port of the controller, those of a SPEL+ program too, is a way to open sessions;
+`port_server.py` gives them sockets, a test calls them directly.
 """
 
 from collections.abc import Callable
 from typing import Protocol
+
+from epson_driver.spel import SpelError
 
 Send = Callable[[bytes], None]
 """Takes the bytes of one message or line."""
@@ -34,10 +36,64 @@ class Client(Protocol):
         """Whether the client runs on the machine that the controller runs on."""
 
     def send(self, data: bytes) -> None:
-        """Send bytes; to a closed connection, drop them."""
+        """Send bytes, or drop them if the connection is closed."""
 
     def close(self) -> None:
         """Close once everything is sent."""
 
     def abort(self) -> None:
         """Close at once and drop what is not sent."""
+
+
+class ClientSession(Session, Protocol):
+    """A port that a SPEL+ program has opened as a client.
+
+    `wanted`: it has not closed it; `tcp_port`: of the peer that it names.
+    """
+
+    name: str
+    wanted: bool
+
+    @property
+    def tcp_port(self) -> int:
+        """The TCP port of the peer."""
+
+    def begin(self, send: Send, close: Callable[[], None]) -> None:
+        """Be connected."""
+
+
+class ProgramPorts(Protocol):
+    """Which ports the program has open, and what it does with a client of one."""
+
+    listen: Callable[[int], None]
+    """Called when the program opens a TCP port that has no name here. May raise OSError."""
+
+    connect: Callable[[ClientSession], None]
+    """Called with a port that the program opens as a client."""
+
+    def rejection(self, port: str) -> str | None:
+        """Return why a client of a port cannot be served now, or None."""
+
+    def session(self, port: str, send: Send, close: Callable[[], None]) -> Session:
+        """Serve a client that is not rejected, until `close` ends its connection."""
+
+
+Answer = Callable[[str | SpelError], None]
+"""Takes what a command has printed, '' for nothing, or the error that ended it."""
+
+
+class CommandWindow(Protocol):
+    """Executes one command at a time."""
+
+    @property
+    def executes(self) -> bool:
+        """Whether a command is under way."""
+
+    def execute(self, text: str, answer: Answer) -> None:
+        """Begin a command, and call `answer` when it is over, perhaps at once.
+
+        Raises ProgramError for what cannot be executed, RuntimeError if there is one under way.
+        """
+
+    def abort_command(self, why: str) -> None:
+        """Brake, and end the command that is under way, if there is one."""

@@ -64,14 +64,14 @@ class Download:
         return self._phase is _Phase.REJECTED
 
     def begin(self, comm_type: CommType) -> None:
-        """Begin a new download; one that has not ended is forgotten."""
+        """Begin a new download and forget one that has not ended."""
         self.forget()
         self._phase = _Phase.COLLECTING
         self._dropped = 0
         self._comm_type = comm_type
 
     def add(self, point: JointTrajPt, now: float) -> Rejection | None:
-        """Keep one more point; return why the whole download cannot be kept, or None."""
+        """Keep one more point and return why the whole download cannot be kept, or None."""
         self.busy_until = max(self.busy_until, now) + self.profile.dead_time
         if len(self._points) < self.profile.buffer:
             self._points.append(point)
@@ -82,14 +82,14 @@ class Download:
         return None
 
     def reject(self) -> None:
-        """Forget the points; those that still come of this download are dropped."""
+        """Forget the points, and drop those that still come of this download."""
         if self._phase is _Phase.COLLECTING:
             self._phase = _Phase.REJECTED
         self._points = []
         self.busy_until = 0.0
 
     def end(self) -> list[JointTrajPt]:
-        """End the download; return all points that are to be executed."""
+        """End the download and return all points that are to be executed."""
         if self._points and self._dropped:
             _log.warning('%d points of a download are lost: the buffer is full', self._dropped)
         self._phase = _Phase.NONE

@@ -20,8 +20,8 @@ The rules (REP-I0006 where it says something, the thesis' program otherwise):
   answered. A streamed point in between ends it; points that still move go on first.
 * A reply is not looked at, and a topic that belongs to no download is never answered: two peers
   that answered each other would do so for ever.
-* A JOINT_SETPOINT is a request of a profile with `setpoints` (setpoints.py), else unknown. It is
-  answered at once; one that is refused ends the motion, as a point does.
+* A client that hangs (client_watchdog.py) has its points dropped, as by a STOP. A PING reply with
+  FAILURE tells it, before their own, and each point after that gets FAILURE until a STOP.
 * In a pause the arm gets no point and none is answered; what is wrong is refused all the same, and
   STOP works.
 
@@ -31,13 +31,16 @@ What a profile's `ProgramProfile` changes in these rules stands there.
 import logging
 from collections.abc import Callable
 
-from epson_driver.motion import Array
 from epson_driver.profiles.point_fields import FieldsUsed
 from epson_driver.profiles.profile import ProgramProfile
 from epson_driver.sim_controller.arm.executor import Executor, Point
-from epson_driver.sim_controller.arm.following import Following
 from epson_driver.sim_controller.clock import Clock
-from epson_driver.sim_controller.condition.errors import ErrorRegister, Rejection, corrupt
+from epson_driver.sim_controller.condition.errors import (
+    ErrorNumber,
+    ErrorRegister,
+    Rejection,
+    corrupt,
+)
 from epson_driver.sim_controller.ports.requests import UNANSWERED, answer, failure
 from epson_driver.sim_controller.programs.download import FIRST, LAST, Download
 from epson_driver.sim_controller.programs.point_queue import Entry, PointQueue
@@ -48,18 +51,16 @@ from epson_driver.sim_controller.programs.points import (
     sequence_of,
     taken_for_point,
     target_of,
-    velocity_fraction,
 )
 from epson_driver.sim_controller.programs.program import ProgramQuit, SendPacket
-from epson_driver.sim_controller.programs.replies import REPLIES
-from epson_driver.sim_controller.programs.setpoints import Setpoints
 from epson_driver.simple_message import (
     BodyError,
     CommType,
     Frame,
     HeaderError,
-    JointSetpoint,
+    JointPosition,
     JointTrajPt,
+    Message,
     MessageType,
     Opaque,
     Packet,
@@ -69,6 +70,14 @@ from epson_driver.simple_message import (
     decode,
     reply,
 )
+
+REPLIES: dict[str, Callable[[int], Message]] = {
+    'sequence': JointPosition,
+    'zero': lambda sequence: JointPosition(),
+    'header': lambda sequence: Opaque(MessageType.JOINT_TRAJ_PT),
+}
+"""The reply to the point with a sequence, by the profile's word for its form."""
+
 
 STOP = SpecialSequence.STOP_TRAJECTORY
 STREAMING = SpecialSequence.START_TRAJECTORY_STREAMING
@@ -122,11 +131,11 @@ class MotionProgram:
         self._clock = clock
         self._used = FieldsUsed(profile.uses)
         self._arm = arm
-        self._last_target: Array | None = None  # of the points that are not done
         self._reply = REPLIES[profile.reply]
         self._download = Download(profile.download)
         self._accepted: int | None = None
         self._topics = False  # whether the client downloads by topics, which are not answered
+        self._silent: Rejection | None = None  # why each point is refused: the client hung
         self._queue = PointQueue(
             arm,
             clock,
@@ -137,11 +146,10 @@ class MotionProgram:
             profile.skip_first,
         )
         self._hang_up = hang_up
-        self._setpoints = Setpoints(arm, blocked, began) if isinstance(arm, Following) else None
 
     @property
     def runs(self) -> bool:
-        """Never: what runs all the time is left out, Ready depends on the arm."""
+        """Always False: only SPEL+ tasks count."""
         return False
 
     @property
@@ -176,8 +184,6 @@ class MotionProgram:
             return
         if packet.msg_type == MessageType.JOINT_TRAJ_PT:
             self._receive_point(packet)
-        elif isinstance(packet.message, JointSetpoint) and self._setpoints is not None:
-            self._receive_setpoint(packet, packet.message, self._setpoints)
         elif (response := answer(packet, {})) is not None:
             self._send(response)
 
@@ -187,8 +193,6 @@ class MotionProgram:
 
     def abort(self) -> None:
         """Brake, and answer all points that are not answered yet with FAILURE."""
-        self._last_target = None
-        self._forget_setpoints()
         entries, lost = self._queue.flush()
         self._download.reject()
         sequences = [  # None: of a download
@@ -208,11 +212,23 @@ class MotionProgram:
         self.abort()
         self._download.forget()
         self._accepted = None
+        if self._silent is not None:
+            self._errors.clear(self._silent.number)
+            self._silent = None
+
+    def client_silent(self, seconds: float) -> None:
+        """Stop, as the client has hung for so long with points on their way or executed."""
+        if not (self._arm.moving or len(self._queue) or len(self._download)):
+            return
+        self._send(failure(MessageType.PING))
+        self.restart()
+        sentence = f'the motion client was silent for {seconds:g} s: the arm was stopped'
+        self._silent = Rejection(ErrorNumber.CLIENT_SILENT, sentence)
+        self._errors.enter(self._silent)
 
     def detach(self) -> None:
-        """Forget the client and what it was not told to be taken; the arm goes on."""
+        """Forget the client and what it was not told to be taken, but let the arm go on."""
         self._queue.detach()
-        self._forget_setpoints()
         self._download.forget()
         self._topics = False
         self._accepted = None
@@ -220,7 +236,6 @@ class MotionProgram:
     def pause(self) -> None:
         """Give the arm no more points and answer none, until `resume`."""
         self._queue.paused = True
-        self._forget_setpoints()
 
     def resume(self) -> None:
         """Go on after `pause`."""
@@ -243,6 +258,9 @@ class MotionProgram:
             self._reject(sequence, corrupt(f'JOINT_TRAJ_PT: the body must be {size} bytes'))
         elif self._is_ignored(point.sequence):
             _log.warning('%s is not supported: ignored', _name(point))
+        elif self._silent is not None and not self._is_stop(point.sequence):
+            asked = packet.comm_type is CommType.SERVICE_REQUEST
+            self._reject(point.sequence if asked else None, self._silent.about(_name(point)))
         elif self._concerns_download(point.sequence, packet.comm_type):
             self._receive_download(point, packet.comm_type)
         elif packet.comm_type is CommType.TOPIC and self._topics:
@@ -283,7 +301,7 @@ class MotionProgram:
         rejection = (
             self._blocked()
             or self._sequence_rejection(point)
-            or numbers_rejection(point, self._used, self._profile.velocity_unit)
+            or numbers_rejection(point, self._used)
             or (None if late else outside)
             or self._queue_rejection()
         )
@@ -316,43 +334,9 @@ class MotionProgram:
         return corrupt(f'{len(self._queue)} points wait already, the most that can')
 
     def _point(self, point: JointTrajPt, sequence: int) -> Point:
-        origin = self._last_target
-        if origin is None or not (self._arm.moving or len(self._queue)):
-            origin = self._arm.position
-        velocity = (
-            velocity_fraction(point, origin, self._limits, self._profile.velocity_unit)
-            if self._used.velocity
-            else 0.0
-        )
+        velocity = point.velocity if self._used.velocity else 0.0
         duration = point.duration if self._used.duration else 0.0
-        self._last_target = target_of(point, self._limits)
-        return Point(sequence, self._last_target, velocity, duration)
-
-    # Setpoints.
-
-    def _receive_setpoint(
-        self, packet: Packet, setpoint: JointSetpoint, setpoints: Setpoints
-    ) -> None:
-        if packet.comm_type is not CommType.SERVICE_REQUEST:
-            self._errors.enter(corrupt('JOINT_SETPOINT must be a request'))
-            return
-        wrong = packet.dialect.real is not self._real
-        rejection = corrupt('JOINT_SETPOINT: its reals are wrong') if wrong else None
-        if rejection is None and len(self._queue):
-            rejection = corrupt('JOINT_SETPOINT: points wait to be executed')
-        rejection = rejection or setpoints.take(setpoint)
-        if rejection is None:
-            self._errors.clear()
-        else:
-            self._errors.enter(rejection)
-            self.abort()
-            self._accepted = None
-        code = ReplyCode.SUCCESS if rejection is None else ReplyCode.FAILURE
-        self._send(reply(Opaque(MessageType.JOINT_SETPOINT), code))
-
-    def _forget_setpoints(self) -> None:
-        if self._setpoints is not None:
-            self._setpoints.forget()
+        return Point(sequence, target_of(point, self._limits), velocity, duration)
 
     # Downloads.
 
@@ -381,7 +365,7 @@ class MotionProgram:
         check = self._profile.check_limits
         return (
             self._blocked()
-            or numbers_rejection(point, self._used, self._profile.velocity_unit)
+            or numbers_rejection(point, self._used)
             or (limits_rejection(point, self._limits) if check else None)
             or (self._queue_rejection() if reply_to is not None else None)
             or self._download.add(point, self._clock.now)

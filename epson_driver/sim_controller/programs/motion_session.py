@@ -6,6 +6,7 @@ from typing import Protocol
 
 from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection
 from epson_driver.sim_controller.ports.session import Send
+from epson_driver.sim_controller.programs.client_watchdog import ClientWatchdog
 from epson_driver.sim_controller.programs.program import Program
 from epson_driver.simple_message import ByteOrder, FrameError, Framer
 
@@ -31,20 +32,32 @@ class MotionServer(Protocol):
 
 
 class MotionSession:
-    """The session of the one motion client, until that is gone, for whatever reason."""
+    """The session of the one motion client, until that is gone, for whatever reason.
 
-    def __init__(self, controller: MotionServer, byte_order: ByteOrder, send: Send) -> None:
+    `watchdog` hears every message; None: the client may be silent.
+    """
+
+    def __init__(
+        self,
+        controller: MotionServer,
+        byte_order: ByteOrder,
+        send: Send,
+        watchdog: ClientWatchdog | None = None,
+    ) -> None:
         self._controller = controller
+        self._watchdog = watchdog
         self._framer = Framer(byte_order)
         self._open = True
         controller.reply = send
         controller.client_came()
 
     def receive(self, data: bytes) -> None:
-        """Obey the client. Raises FrameError; the client counts as lost then."""
+        """Obey the client, or raise FrameError, after which it counts as lost."""
         self._framer.receive_data(data)
         try:
             while self._open and (frame := self._framer.next_frame()) is not None:
+                if self._watchdog is not None:
+                    self._watchdog.hear(frame)
                 self._controller.program.receive(frame)
         except FrameError as error:
             self._controller.show(Rejection(ErrorNumber.CORRUPT_MESSAGE, str(error)))
@@ -55,6 +68,8 @@ class MotionSession:
         """The client is gone: the controller does what its kind does then."""
         if self._open:
             self._open = False
+            if self._watchdog is not None:
+                self._watchdog.end()
             try:
                 self._controller.client_lost()
             finally:

@@ -37,6 +37,7 @@ What is approximate:
 import logging
 from collections import deque
 from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 
@@ -51,16 +52,10 @@ from epson_driver.sim_controller.programs.motoman_points import (
     invalid_next,
     invalid_start,
 )
-from epson_driver.sim_controller.programs.motoman_replies import (
-    invalid,
-    outcome,
-    success,
-    too_short,
-    unreadable,
-)
 from epson_driver.sim_controller.programs.points import clipped
 from epson_driver.simple_message import (
     BodyError,
+    ByteOrder,
     CommType,
     Frame,
     HeaderError,
@@ -75,6 +70,51 @@ from epson_driver.simple_message import (
     reply,
 )
 from epson_driver.simple_message.motoman import Command, Invalid, Result
+
+
+def success(packet: Packet) -> MotionReply:
+    """Return SUCCESS with what a reply repeats of a message: group, sequence, command.
+
+    The command of a message that is none is its type; group and sequence are -1 where it has none.
+    """
+    message = packet.message
+    if isinstance(message, MotionCtrl):
+        return MotionReply(message.robot_id, message.sequence, message.command, Result.SUCCESS)
+    if isinstance(message, JointTrajPtFull):
+        return MotionReply(message.robot_id, message.sequence, packet.msg_type, Result.SUCCESS)
+    return unreadable(packet.msg_type)
+
+
+def unreadable(msg_type: int) -> MotionReply:
+    """Return SUCCESS for a message of which nothing but the type is known."""
+    return MotionReply(-1, -1, msg_type, Result.SUCCESS)
+
+
+def too_short(frame: Frame) -> MotionReply:
+    """Return SUCCESS with what a reply repeats of a frame, 0 for what the body lacks."""
+    if frame.msg_type not in (MessageType.MOTION_CTRL, MessageType.JOINT_TRAJ_PT_FULL):
+        return unreadable(frame.msg_type)
+    order: Literal['big', 'little'] = 'big' if frame.byte_order is ByteOrder.BIG else 'little'
+    words = frame.body[:12].ljust(12, b'\0')
+    group, sequence, command = (
+        int.from_bytes(words[at : at + 4], order, signed=True) for at in (0, 4, 8)
+    )
+    if frame.msg_type == MessageType.JOINT_TRAJ_PT_FULL:
+        command = frame.msg_type
+    return MotionReply(group, sequence, command, Result.SUCCESS)
+
+
+def outcome(reply: MotionReply, result: Result, subcode: int = 0) -> MotionReply:
+    """Return the reply with another result."""
+    return MotionReply(reply.robot_id, reply.sequence, reply.command, result, subcode)
+
+
+def invalid(reply: MotionReply, reason: InvalidReason) -> MotionReply:
+    """Return the reply with the result INVALID, and log why."""
+    name = reason.subcode.name
+    _log.warning('refused (%d, INVALID %s): %s', reason.subcode, name, reason.sentence)
+    return outcome(reply, Result.INVALID, reason.subcode)
+
 
 _log = logging.getLogger(__name__)
 
@@ -135,7 +175,7 @@ class MotomanProgram:
 
     @property
     def runs(self) -> bool:
-        """Never: what runs all the time is left out, Ready depends on the arm."""
+        """Always False: only SPEL+ tasks count."""
         return False
 
     @property
@@ -172,7 +212,7 @@ class MotomanProgram:
                 return
 
     def abort(self) -> None:
-        """Brake, forget all points, and end the trajectory mode; all are answered already."""
+        """Brake, forget all points, which are answered already, and end the trajectory mode."""
         self._stop()
         self._mode.end()
 
@@ -185,7 +225,7 @@ class MotomanProgram:
         self._waiting.clear()
 
     def pause(self) -> None:
-        """Give the arm no more points until `resume`; new ones are NOT_READY, HOLD."""
+        """Give the arm no more points until `resume`, and answer new ones NOT_READY, HOLD."""
         self._paused = True
 
     def resume(self) -> None:

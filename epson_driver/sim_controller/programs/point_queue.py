@@ -15,7 +15,7 @@ from epson_driver.sim_controller.condition.errors import Rejection
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entry:
-    """A point for the arm, or only a reply to send; each is done in its turn.
+    """A point for the arm, or only a reply to send, each in its turn.
 
     The arm goes to `point`; None: there is only something to answer. `reply_to` is the sequence of
     the request to answer; None: it was no request. `begins`: a trajectory begins with the point.
@@ -72,7 +72,7 @@ class PointQueue:
         return len(self._waiting)
 
     def append(self, entry: Entry) -> None:
-        """Queue an entry; `advance` begins it in its turn."""
+        """Queue an entry for `advance` to begin in its turn."""
         self._waiting.append(entry)
 
     def flush(self) -> tuple[list[Entry], bool]:
@@ -85,7 +85,7 @@ class PointQueue:
         return entries, lost
 
     def drop(self) -> None:
-        """Forget what waits; the arm goes on to the points that it has."""
+        """Forget what waits, but let the arm go on to the points that it has."""
         self._waiting.clear()
 
     def detach(self) -> None:
@@ -126,7 +126,7 @@ class PointQueue:
         return room and self._is_ready(entry.ready_at)
 
     def _is_ready(self, ready_at: float) -> bool:
-        """Return whether it is that time; if not, have `advance` called then."""
+        """Return whether it is that time, or have `advance` called then."""
         if ready_at <= self._clock.now + ROUNDING_S:
             return True
         timer = self._timer

@@ -5,7 +5,7 @@
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits
-from epson_driver.profiles.point_fields import FieldsUsed, VelocityUnit
+from epson_driver.profiles.point_fields import FieldsUsed
 from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection, corrupt
 from epson_driver.simple_message import (
     BodyError,
@@ -64,43 +64,21 @@ def taken_for_point(frame: Frame, accepts: str, size: int) -> Frame | None:
     return frame
 
 
-def numbers_rejection(
-    point: JointTrajPt,
-    used: FieldsUsed = FieldsUsed.BOTH,
-    unit: VelocityUnit = VelocityUnit.FRACTION,
-) -> Rejection | None:
+def numbers_rejection(point: JointTrajPt, used: FieldsUsed = FieldsUsed.BOTH) -> Rejection | None:
     """Return why the point's numbers make no sense, or None. Unused joints count too.
 
-    `used`: which of velocity and duration are looked at. `unit`: of the velocity.
+    `used`: which of velocity and duration are looked at.
     """
     for index, angle in enumerate(point.joints):
         if not np.isfinite(angle):
             return corrupt(f'joints[{index}] = {angle} is not finite')
-    if used.velocity:
-        largest = 1.0 if unit is VelocityUnit.FRACTION else np.inf
-        if (rejection := _number_rejection('velocity', point.velocity, largest)) is not None:
-            return rejection
+    velocity = _number_rejection('velocity', point.velocity) if used.velocity else None
+    if velocity is not None:
+        return velocity
     return _number_rejection('duration', point.duration) if used.duration else None
 
 
-def velocity_fraction(
-    point: JointTrajPt, origin: Array, limits: JointLimits, unit: VelocityUnit
-) -> float:
-    """Return the velocity of a point that was not rejected as a fraction of the joints' speed.
-
-    In [0, 1]; 0: none is given. `origin`: shape (n,), rad, where the motion to it begins.
-    """
-    if unit is VelocityUnit.FRACTION or point.velocity == 0.0:
-        return point.velocity
-    way = np.abs(target_of(point, limits) - origin)
-    farthest = float(way.max())
-    if farthest == 0.0:
-        return 1.0
-    share = point.velocity * float((way / limits.velocity).max()) / farthest
-    return min(max(share, MIN_VELOCITY), 1.0)
-
-
-def _number_rejection(name: str, value: float, largest: float = 1.0) -> Rejection | None:
+def _number_rejection(name: str, value: float) -> Rejection | None:
     if not np.isfinite(value):
         return corrupt(f'{name} = {value} is not finite')
     if value < 0.0:
@@ -108,7 +86,7 @@ def _number_rejection(name: str, value: float, largest: float = 1.0) -> Rejectio
     if name == 'duration':
         if value > MAX_DURATION_S:
             return corrupt(f'duration = {value:g} s is above {MAX_DURATION_S:g} s')
-    elif value > largest:
+    elif value > 1.0:
         return corrupt(f'velocity = {value:g} is above 1, the fraction of the maximum joint speed')
     elif 0.0 < value < MIN_VELOCITY:
         return corrupt(f'velocity = {value:g} is below {MIN_VELOCITY:g}')

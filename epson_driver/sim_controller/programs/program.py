@@ -31,7 +31,7 @@ class Program(Protocol):
         """
 
     def receive(self, frame: Frame) -> None:
-        """Obey, queue or refuse one frame. May raise ProgramQuit; the arm brakes then."""
+        """Obey, queue or refuse one frame, or raise ProgramQuit, after which the arm brakes."""
 
     def step(self, dt: float) -> None:
         """Let `dt` ≥ 0 s pass for the executor, which the program feeds.
@@ -63,4 +63,4 @@ class Program(Protocol):
         """Begin anew: the controller was switched off and on again."""
 
     def tasks(self) -> Iterable[TaskRow] | None:
-        """Return its tasks as people see them; None if they are those of condition/tasks.py."""
+        """Return its tasks as people see them, or None if they are those of condition/tasks.py."""

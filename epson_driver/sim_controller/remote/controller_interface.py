@@ -8,16 +8,17 @@ from typing import Protocol
 from epson_driver.profiles.profile import ControllerProfile
 from epson_driver.robots import RobotModel
 from epson_driver.sim_controller.arm.timing import Timing
+from epson_driver.sim_controller.condition.errors import Rejection
 from epson_driver.sim_controller.condition.spel_settings import SpelSettings
 from epson_driver.sim_controller.condition.states import Condition, Event
 from epson_driver.sim_controller.condition.tasks import Task, TaskRow, TaskState
 from epson_driver.sim_controller.faults.faults import Faults
 from epson_driver.sim_controller.io.io_points import IoPoints
-from epson_driver.simple_message import JointPosition
+from epson_driver.sim_controller.ports.session import CommandWindow
 
 
 class ControllerInterface(Protocol):
-    """The controller, as far as remote commands reach it: none of them moves the arm."""
+    """The controller, as far as remote commands reach it."""
 
     @property
     def model(self) -> RobotModel:
@@ -40,7 +41,7 @@ class ControllerInterface(Protocol):
         """The error that it shows."""
 
     def error_text(self, number: int) -> str:
-        """Return what an error number means; of the one shown now, with file and line."""
+        """Return what an error number means, with file and line if it is shown now."""
 
     @property
     def moving(self) -> bool:
@@ -69,17 +70,18 @@ class ControllerInterface(Protocol):
     def apply(self, event: Event) -> None:
         """Apply an event. Raises RejectedError: why not, and what to do."""
 
+    @property
+    def window(self) -> CommandWindow:
+        """What executes $Execute."""
+
+    def show(self, rejection: Rejection) -> None:
+        """Show an error number, and log why."""
+
     def tasks(self) -> Iterable[TaskRow]:
         """Yield the tasks there are, as people see them."""
 
     def task_state(self, task: Task) -> TaskState:
         """Return what a task is doing."""
-
-    def joint_position(self) -> JointPosition:
-        """Return where the encoders say that the joints are."""
-
-    def change_setting(self, name: str, numbers: tuple[float, ...]) -> None:
-        """Set the numbers of a SPEL+ statement, which must be in its range."""
 
     def disturb(self, joint: int, push: float) -> None:
         """Push one joint (index from 0) by some rad or m. Raises RejectedError."""

@@ -15,7 +15,7 @@ from epson_driver.sim_controller.remote.status_words import FLAGS, Predicate
 
 
 class CommandError(Exception):
-    """A command that is answered with an error number; the text says why."""
+    """A command that is answered with an error number, with the reason as its text."""
 
     def __init__(self, number: RemoteErrorNumber, sentence: str) -> None:
         super().__init__(sentence)
@@ -23,7 +23,7 @@ class CommandError(Exception):
 
 
 class Requirement(NamedTuple):
-    """A condition for a command; `sentence` says what is in the way if it does not hold."""
+    """A condition for a command, with a sentence for when it does not hold."""
 
     text: str
     holds: Predicate

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """EPSON's Remote Ethernet commands: one line in, one line out, by one table.
 
-`$Cmd,parameters` is answered with `#Cmd,value` (0 where there is no value) or `!Cmd,error`.
+`$Cmd,parameters` is answered with `#Cmd,value` (0 where there is no value) or `!Cmd,error`, with
+the name as the client spells it. `$Execute` is answered when what it executes is over.
 Names, acceptance and answers are those of the RC+ user's guides, Remote Ethernet, and of EPSON's
 own client for Node-RED; `$Sim,…` (sim_commands.py) exists in the simulation only.
 """
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.sim_controller.condition.errors import Rejection
 from epson_driver.sim_controller.condition.states import Event, Power, RejectedError
 from epson_driver.sim_controller.io.io_points import BYTE_BITS, WORD_BITS, IoError
 from epson_driver.sim_controller.remote import remote_acceptance as requirements
@@ -27,13 +29,17 @@ from epson_driver.sim_controller.remote.remote_parameters import (
     wrong,
 )
 from epson_driver.sim_controller.remote.sim_commands import simulate
-from epson_driver.sim_controller.remote.spel_statements import NO_MOTION, execute
 from epson_driver.sim_controller.remote.status_words import flags
 from epson_driver.simple_message import IoType
+from epson_driver.spel import ErrorNumber, ProgramError, SpelError
+from epson_driver.spel.errors import OWN_NUMBERS
 
 _log = logging.getLogger(__name__)
 
 _MAX_ADDRESS = 65_535
+MOST_CHARACTERS = 4060
+"""Of what $Execute is given, and of what it answers (RC+ 7.0 user's guide)."""
+
 _SIX_AXIS, _JOINT_ROBOT = 5, 1
 """Robot types of GetRobotInfo."""
 
@@ -43,11 +49,17 @@ _SIMULATED = 'simulated'
 
 @dataclass(slots=True)
 class Dialogue:
-    """The state of one client's session. `why` explains the last command that was rejected."""
+    """The state of one client's session. `why` explains the last command that was rejected.
+
+    `send` takes the answer of a command that takes time, without terminator.
+    """
 
     controller: ControllerInterface
+    send: Callable[[str], None]
     logged_in: bool = False
     why: str = ''
+    spelt: str = ''
+    """The name of the last command as the client spells it."""
 
 
 Run = Callable[[Dialogue, list[str]], str | None]
@@ -55,10 +67,11 @@ Run = Callable[[Dialogue, list[str]], str | None]
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A remote command; `run` returns its value, None where it has none.
+    """A remote command, whose `run` returns its value or None.
 
     With an `event`, that is what it does, after `run` has checked the parameters. With `whole`
-    everything after the first comma is one parameter.
+    everything after the first comma is one parameter. `beside`: it is accepted while a statement
+    is executed.
     """
 
     usage: str
@@ -67,20 +80,36 @@ class Command:
     run: Run
     event: Event | None = None
     whole: bool = False
+    beside: bool = False
 
 
-def answer(dialogue: Dialogue, line: str) -> str:
-    """Obey one line without its terminator; return the answer without terminator."""
-    name, comma, rest = line.removeprefix('$').partition(',')
-    name = _CANONICAL.get(name.strip().lower(), name)
+class _LaterError(Exception):
+    """The answer comes later."""
+
+
+def answer(dialogue: Dialogue, line: str) -> str | None:
+    """Obey one line and return the answer, both without their terminator.
+
+    None: it takes time, `dialogue.send` gets the answer.
+    """
+    spelt, comma, rest = line.removeprefix('$').partition(',')
+    dialogue.spelt = spelt = spelt.strip()
+    name = _CANONICAL.get(spelt.lower(), spelt)
     try:
-        return f'#{name},{_obey(dialogue, line, name, rest if comma else None)}'
+        return f'#{spelt},{_obey(dialogue, line, name, rest if comma else None)}'
+    except _LaterError:
+        return None
     except CommandError as error:
-        number, dialogue.why = error.number, str(error)
+        return _refused(dialogue, spelt, error)
     except RejectedError as rejection:
-        number, dialogue.why = RemoteErrorNumber.NOT_READY, str(rejection)
-    _log.warning('remote command %s refused (%d): %s', name, number, dialogue.why)
-    return f'!{name},{number:d}'
+        refusal = CommandError(RemoteErrorNumber.NOT_READY, str(rejection))
+        return _refused(dialogue, spelt, refusal)
+
+
+def _refused(dialogue: Dialogue, spelt: str, error: CommandError) -> str:
+    dialogue.why = str(error)
+    _log.warning('remote command %s refused (%d): %s', spelt, error.number, error)
+    return f'!{spelt},{error.number:d}'
 
 
 def _obey(dialogue: Dialogue, line: str, name: str, rest: str | None) -> str:
@@ -91,13 +120,19 @@ def _obey(dialogue: Dialogue, line: str, name: str, rest: str | None) -> str:
         raise CommandError(RemoteErrorNumber.BAD_COMMAND, f'there is no command {name}')
     if not dialogue.logged_in and name != 'Login':
         raise CommandError(RemoteErrorNumber.BAD_COMMAND, 'nobody is logged in')
+    needed = command.requirements
+    if dialogue.controller.window.executes:
+        if not command.beside:
+            text = 'a statement is being executed: wait for its end, or Abort'
+            raise CommandError(RemoteErrorNumber.EXECUTING, text)
+        needed = tuple(each for each in needed if each is not requirements.READY)
     parameters = [] if rest is None else [rest] if command.whole else rest.split(',')
     if not command.whole:
         parameters = [part.strip() for part in parameters]
     value = None
     if command.event is not None:
         command.run(dialogue, parameters)
-    check(dialogue.controller, command.requirements, command.event)
+    check(dialogue.controller, needed, command.event)
     if command.event is not None:
         dialogue.controller.apply(command.event)
     else:
@@ -142,9 +177,7 @@ def _get_cur_robot(_dialogue: Dialogue, parameters: list[str]) -> str:
 
 def _home(dialogue: Dialogue, parameters: list[str]) -> None:
     robot(parameters)
-    if dialogue.controller.spel.home is None:
-        raise RejectedError('no home position is defined: HomeSet')
-    raise RejectedError(f'Home: {NO_MOTION}')
+    _begin(dialogue, 'Home')
 
 
 def _get_io(io_type: IoType, width: int, dialogue: Dialogue, parameters: list[str]) -> str:
@@ -179,11 +212,55 @@ def _get_status(dialogue: Dialogue, parameters: list[str]) -> str:
 
 
 def _execute(dialogue: Dialogue, parameters: list[str]) -> str | None:
-    statement = parameters[0].strip() if parameters else ''
-    if len(statement) < 2 or not statement.startswith('"') or not statement.endswith('"'):
-        raise CommandError(RemoteErrorNumber.FORMAT, 'a statement stands in double quotes')
-    value = execute(dialogue.controller, statement[1:-1])
-    return None if value is None else f'"{value}"'
+    """Execute what stands between the first and the last quote: it may hold others."""
+    given = parameters[0] if parameters else ''
+    if len(given) < 2 or not given.startswith('"') or not given.rstrip().endswith('"'):
+        raise CommandError(RemoteErrorNumber.FORMAT, 'statements stand in double quotes')
+    if len(given) > MOST_CHARACTERS:
+        text = f'statements and what they print may have {MOST_CHARACTERS} characters'
+        raise CommandError(RemoteErrorNumber.FORMAT, text)
+    return _begin(dialogue, given.rstrip()[1:-1])
+
+
+def _begin(dialogue: Dialogue, text: str) -> str | None:
+    """Begin statements, and return what they printed if they are over at once."""
+    over: list[str | SpelError] = []
+    late, spelt = False, dialogue.spelt
+
+    def ended(value: str | SpelError) -> None:
+        over.append(value)
+        if late:
+            try:
+                dialogue.send(f'#{spelt},{_printed(dialogue, value) or 0}')
+            except CommandError as error:
+                dialogue.send(_refused(dialogue, spelt, error))
+
+    try:
+        dialogue.controller.window.execute(text, ended)
+    except ProgramError as error:
+        problem = error.problems[0]
+        numbers = {'syntax': RemoteErrorNumber.FORMAT}
+        number = numbers.get(problem.rule, RemoteErrorNumber.PARAMETER)
+        raise CommandError(number, problem.text) from error
+    if over:
+        return _printed(dialogue, over[0])
+    late = True
+    raise _LaterError
+
+
+def _printed(dialogue: Dialogue, value: str | SpelError) -> str | None:
+    if isinstance(value, SpelError):
+        if value.number == ErrorNumber.TASK_TYPE:
+            raise CommandError(RemoteErrorNumber.NOT_READY, value.text)
+        if value.number not in OWN_NUMBERS:
+            dialogue.controller.show(Rejection(value.number, value.text))
+        raise CommandError(RemoteErrorNumber.SYSTEM, f'error {value.number}: {value.text}')
+    return f'"{value[:MOST_CHARACTERS]}"' if value else None
+
+
+def _abort(dialogue: Dialogue, parameters: list[str]) -> None:
+    expect(parameters, 0)
+    dialogue.controller.window.abort_command('the command was aborted by Abort')
 
 
 def _get_motor(dialogue: Dialogue, parameters: list[str]) -> str:
@@ -239,6 +316,11 @@ def _get_cont_type(dialogue: Dialogue, parameters: list[str]) -> str:
 def _sim(dialogue: Dialogue, parameters: list[str]) -> str | None:
     if [part.lower() for part in parameters] == ['why']:
         return dialogue.why
+    if parameters and parameters[0].lower() == 'print':
+        if dialogue.controller.window.executes:
+            raise CommandError(RemoteErrorNumber.EXECUTING, 'a statement is being executed')
+        printed = _begin(dialogue, f'Print {",".join(parameters[1:])}')
+        return printed and printed[1:-1]
     return simulate(dialogue.controller, parameters)
 
 
@@ -280,6 +362,7 @@ def _io_commands() -> dict[str, Command]:
                 f'set {target} {address}',
                 (requirements.READY,) if name in _SET_WHEN_READY else _IDLE,
                 partial(_set_io, writable, width),
+                beside=True,
             )
     return rows
 
@@ -296,13 +379,13 @@ COMMANDS: dict[str, Command] = {
     'SetMotorsOff': Command('robot', 'motors off', _OFF, _robot, Event.MOTORS_OFF),
     'SetCurRobot': Command('robot', 'choose the robot', _IDLE, _set_cur_robot),
     'GetCurRobot': Command('', 'the chosen robot', _FREE, _get_cur_robot),
-    'Home': Command('robot', 'always refused', _SOUND, _home),
+    'Home': Command('robot', 'go to the home position', _SOUND, _home),
     **_io_commands(),
     'GetVariable': Command('name,…', 'no variables here', _FREE, partial(_variable, 1, 3)),
     'SetVariable': Command('name,value,…', 'no variables here', _IDLE, partial(_variable, 2, 3)),
-    'GetStatus': Command('', 'flags, error number', _FREE, _get_status),
-    'Execute': Command('"statement"', 'execute a statement', _SOUND, _execute, whole=True),
-    'Abort': Command('', 'nothing is left to abort', _AUTO, _plain),
+    'GetStatus': Command('', 'flags, error number', _FREE, _get_status, beside=True),
+    'Execute': Command('"statement"', 'execute statements', _SOUND, _execute, whole=True),
+    'Abort': Command('', 'end what is executed', _AUTO, _abort, beside=True),
     'GetMotor': Command('robot', 'robots, motors on, power high', _FREE, _get_motor),
     'GetRobotInfo': Command('', 'robots, type, model', _FREE, _get_robot_info),
     'GetRobotName': Command('robot', 'robots, name', _FREE, _get_robot_name),
@@ -314,7 +397,7 @@ COMMANDS: dict[str, Command] = {
     'GetContVer': Command('', 'firmware', _FREE, _fixed(_SIMULATED)),
     'GetContType': Command('', 'controller', _FREE, _get_cont_type),
     'GetPrjName': Command('', 'project', _FREE, _fixed('epson_driver')),
-    'Sim': Command('…', 'only in the simulation', _FREE, _sim),
+    'Sim': Command('…', 'only in the simulation', _FREE, _sim, beside=True),
 }
 """Name → command."""
 

@@ -64,7 +64,7 @@ def switch(name: str, text: str) -> bool:
 
 
 def robot(parameters: Sequence[str], all_robots: bool = True) -> None:
-    """Check how the one robot is named: 1; where that is allowed also 0, all, or not at all."""
+    """Check that the one robot is named 1, or where allowed 0, all, or not at all."""
     expect(parameters, 0 if all_robots else 1, 1)
     if parameters and parameters[0] not in (('', '0', '1') if all_robots else ('1',)):
         raise wrong('robot', parameters[0], 'there is only robot 1')

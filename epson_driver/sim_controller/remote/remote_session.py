@@ -13,9 +13,9 @@ from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 from epson_driver.sim_controller.clock import Clock, Timer
 from epson_driver.sim_controller.ports.session import Send
 from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
-from epson_driver.sim_controller.remote.remote_commands import Dialogue, answer
+from epson_driver.sim_controller.remote.remote_commands import MOST_CHARACTERS, Dialogue, answer
 
-MAX_LINE_CHARACTERS = 256
+MAX_LINE_CHARACTERS = MOST_CHARACTERS + len('$Execute,""')
 """Characters of a line without its end; one more, and the client is hung up on."""
 
 LOGIN_TIMEOUT_S = 300.0
@@ -37,7 +37,7 @@ class RemoteSession:
         send: Send,
         hang_up: Callable[[], None],
     ) -> None:
-        self._dialogue = Dialogue(controller)
+        self._dialogue = Dialogue(controller, self._reply)
         self._clock = clock
         self._timeout = controller.profile.remote.session_timeout
         self._send = send
@@ -88,14 +88,18 @@ class RemoteSession:
         if not text:  # some clients end a line with CR CR LF
             return
         reply = answer(self._dialogue, text)
-        if self._open:  # a command may end the connection
-            printable = ''.join(sign if sign.isprintable() else '?' for sign in reply)
-            self._send(printable.encode() + b'\r\n')
+        if reply is not None:
+            self._reply(reply)
+
+    def _reply(self, reply: str) -> None:
+        if self._open:  # a command may end the connection, or take longer than that lasts
+            shown = (sign if sign.isprintable() or sign in '\r\n' else '?' for sign in reply)
+            self._send(''.join(shown).encode() + b'\r\n')
             self._watch()
 
     @property
     def _patience(self) -> float:
-        """How long the client may be silent, s; 0: for ever."""
+        """How long the client may be silent, s, or 0 for ever."""
         return self._timeout if self._dialogue.logged_in else LOGIN_TIMEOUT_S
 
     def _watch(self) -> None:
@@ -112,6 +116,8 @@ class RemoteSession:
 
     def _look(self) -> None:
         self._timer = None
+        if self._dialogue.controller.window.executes:  # the client waits for its end
+            self._heard = self._clock.now
         if self._patience and self._clock.now >= self._heard + self._patience - _ROUNDING_S:
             self._end(f'nothing was said for {self._patience:g} s')
         else:

@@ -16,7 +16,6 @@ from epson_driver.sim_controller.io.io_points import IoError
 from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
 from epson_driver.sim_controller.remote.remote_acceptance import CommandError
 from epson_driver.sim_controller.remote.remote_parameters import expect, real, whole, wrong
-from epson_driver.sim_controller.remote.spel_functions import print_list
 from epson_driver.simple_message import IoType
 
 IO_KINDS = {
@@ -37,7 +36,7 @@ _MAX_PUSH = 360.0  # degrees, or mm
 
 
 class SimCommand(NamedTuple):
-    """How it is written after `$Sim`, what it does; `run` gets what follows its name."""
+    """How it is written after `$Sim`, and what runs on what follows its name."""
 
     usage: str
     text: str
@@ -45,13 +44,13 @@ class SimCommand(NamedTuple):
 
 
 def simulate(controller: ControllerInterface, parameters: list[str]) -> str | None:
-    """Obey `$Sim,parameters`; return its value, None where it has none.
+    """Obey `$Sim,parameters` and return its value, None where it has none.
 
     Raises CommandError or RejectedError.
     """
     name = parameters[0].lower() if parameters else ''
     if name not in SIM_COMMANDS:
-        raise wrong('$Sim', name, f'must be one of {", ".join(SIM_COMMANDS)}, why')
+        raise wrong('$Sim', name, f'must be one of {", ".join(SIM_COMMANDS)}, print, why')
     return SIM_COMMANDS[name].run(controller, parameters[1:])
 
 
@@ -97,7 +96,7 @@ def _io(controller: ControllerInterface, parameters: list[str]) -> str | None:
 
 
 def _points(controller: ControllerInterface, name: str) -> str:
-    """Return how many points, and which of them are on; of analogue ones the values."""
+    """Return how many points there are, and which are on or their analogue values."""
     io_type = IO_KINDS[name]
     values: list[int] = []
     for found in controller.io.ranges():
@@ -151,10 +150,6 @@ def _timing(controller: ControllerInterface, parameters: list[str]) -> str:
     )
 
 
-def _print(controller: ControllerInterface, parameters: list[str]) -> str:
-    return print_list(controller, ','.join(parameters))
-
-
 SIM_COMMANDS: dict[str, SimCommand] = {
     'estop': SimCommand(
         'estop,press|release',
@@ -197,6 +192,5 @@ SIM_COMMANDS: dict[str, SimCommand] = {
         'late motion cycles, late plans, failures of the planner, limit violations averted',
         _timing,
     ),
-    'print': SimCommand('print,function,…', 'as the statement Print, in any condition', _print),
 }
-"""Name → what it does. `$Sim,why` explains the last command that was refused to this client."""
+"""Name → what it does. `$Sim,why` and `$Sim,print` are of the client: remote_commands.py."""

@@ -5,16 +5,13 @@
 import re
 from collections.abc import Mapping
 
-import numpy as np
-
 from epson_driver.inputs import InputError
 from epson_driver.profiles.profile import SpelProfile
 from epson_driver.robots import RobotModel
 from epson_driver.share import share_folder
 from epson_driver.spel import read_project, with_defines
 
-_JOINTS = re.compile(r'^#define\s+JOINT_COUNT\s+([0-9]+)', re.MULTILINE)
-_NAMES = re.compile(r'^#define\s+(\w+)\s', re.MULTILINE)
+_NAMES = re.compile(r"^'?#define\s+(\w+)\s", re.MULTILINE)
 _MS = 1000.0
 
 
@@ -22,25 +19,24 @@ def profile_project(profile: SpelProfile, model: RobotModel) -> dict[str, str]:
     """Return the files of a profile's project, with what it says that is changed in them.
 
     What a person takes from the robot's manual, or measures, is the robot model's, where they have
-    lines for it: `#define J1_SPEED` and so on, degrees/s, and how long an acceleration takes:
-    T100_MS, RAMP_MS. Raises InputError, OSError.
+    lines for it: `#define J1_SPEED` and so on, degrees/s (mm/s), how many joints, and how long an
+    acceleration takes: T100_MS, RAMP_MS. Raises InputError, OSError.
     """
     files = read_project(share_folder(profile.project))
-    return with_defines(files, {**_robot_defines(files, model), **profile.config})
+    return with_defines(files, {**robot_defines(files, model), **profile.config})
 
 
-def _robot_defines(files: Mapping[str, str], model: RobotModel) -> dict[str, str]:
+def robot_defines(files: Mapping[str, str], model: RobotModel) -> dict[str, str]:
+    """Return what a project's #define lines have for a robot. Raises InputError for others."""
     text = '\n'.join(files.values())
-    wanted = _JOINTS.search(text)
-    joints = len(model.joint_names)
-    if wanted is not None and (int(wanted[1]) != joints or 'm' in model.limits.units):
-        raise InputError(
-            f'{model.name} has {joints} joints: the project is for arms with {wanted[1]} that turn'
-        )
-    limits = model.limits
-    speeds = np.degrees(limits.velocity)
+    limits, joints, scara = model.limits, len(model.joint_names), 'm' in model.limits.units
+    if f'{joints} {scara}' not in ('6 False', '4 True') and 'JOINT_COUNT' in text:
+        text = f'{model.name} has {joints} joints: the project is for six axes, or a SCARA'
+        raise InputError(text)
+    speeds = abs(limits.velocity * model.shown_per_unit)
     found = {f'J{number + 1}_SPEED': f'{speed:.6g}' for number, speed in enumerate(speeds)}
     found['T100_MS'] = f'{max(limits.velocity / limits.acceleration) * _MS:.0f}'
     found['RAMP_MS'] = f'{max(limits.acceleration / limits.jerk) * _MS:.0f}'
+    found |= {'JOINT_COUNT': str(joints), 'SCARA': '1' if scara else ''}
     there = set(_NAMES.findall(text))
     return {name: value for name, value in found.items() if name in there}

@@ -11,7 +11,7 @@ refused, as nobody would ever answer it.
 import logging
 from collections.abc import Callable, Mapping
 
-from epson_driver.sim_controller.ports.session import Send, Session
+from epson_driver.sim_controller.ports.session import ClientSession, Send, Session
 from epson_driver.spel import NetSettings, SpelError
 
 MAX_UNREAD_BYTES = 65_536
@@ -34,10 +34,17 @@ class PortObject(Session):
         """Whether it has, or had, a client."""
         self.orphaned = False
         """Whether the task that opened it has ended."""
+        self.wanted = True
+        """Whether the program has not closed it."""
         self.unread = bytearray()
         self._news = news
         self._send: Send | None = None
         self._close: Callable[[], None] | None = None
+
+    @property
+    def tcp_port(self) -> int:
+        """The TCP port of SetNet."""
+        return self.settings.tcp_port
 
     def begin(self, send: Send, close: Callable[[], None]) -> None:
         """Serve a client."""
@@ -64,13 +71,14 @@ class PortObject(Session):
         self._send(data)
 
     def closed(self) -> None:
-        """The client is gone; what it sent can be read still."""
+        """Note that the client is gone, while what it sent can still be read."""
         self.connected = False
         self._send = self._close = None
         self._news()
 
     def end(self) -> None:
         """Close the client's connection, if there is one."""
+        self.wanted = False
         close = self._close
         self.closed()
         if close is not None:
@@ -82,7 +90,7 @@ class ProgramNetwork:
 
     `names`: TCP port as the program names it → the controller's port. Others are named by their
     number; `listen` is called with it when the program opens one for the first time, and may raise
-    OSError. Connecting to others as a client is not simulated.
+    OSError. `connect` is called with a port that is opened as a client.
     """
 
     def __init__(self, names: Mapping[int, str]) -> None:
@@ -90,6 +98,7 @@ class ProgramNetwork:
         self._objects: dict[int, PortObject] = {}
         self._listened: set[int] = set()
         self.listen: Callable[[int], None] = _nobody
+        self.connect: Callable[[ClientSession], None] = _nobody
         self.news: Callable[[], None] = _nothing
 
     def name(self, tcp_port: int) -> str:
@@ -127,11 +136,15 @@ class ProgramNetwork:
     def open_net(self, port: int, settings: NetSettings, server: bool) -> None:
         """Serve clients of a TCP port. Raises SpelError."""
         tcp_port = settings.tcp_port
-        if not server:
-            text = f'OpenNet #{port} As Client: only servers are simulated'
-            raise SpelError(OPEN_FAILED, text)
         if tcp_port == 0:
-            raise SpelError(OPEN_FAILED, f'port {port} has no SetNet with its TCP port')
+            text = f'port {port} has no TCP port: SetNet gives it one, or --net'
+            raise SpelError(OPEN_FAILED, text)
+        self.close_net(port)
+        if not server:
+            client = PortObject(settings, f'{tcp_port} (client)', lambda: self.news())
+            self._objects[port] = client
+            self.connect(client)
+            return
         name = self.name(tcp_port)
         if self._open(name) is not None:
             text = f'OpenNet #{port}: another port object serves TCP port {tcp_port}'
@@ -145,7 +158,7 @@ class ProgramNetwork:
         self._objects[port] = PortObject(settings, name, lambda: self.news())
 
     def close_net(self, port: int) -> None:
-        """Close a port object; nothing happens if it is not open."""
+        """Close a port object if it is open."""
         found = self._objects.pop(port, None)
         if found is not None:
             found.end()
@@ -189,8 +202,8 @@ class ProgramNetwork:
         found.send(data)
 
 
-def _nobody(_tcp_port: int) -> None:
-    """Listen to nobody: without sockets, clients connect by themselves."""
+def _nobody(_port: object) -> None:
+    """Listen to nobody, connect to nobody: without sockets, clients connect by themselves."""
 
 
 def _nothing() -> None:

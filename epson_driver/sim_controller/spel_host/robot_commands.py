@@ -11,16 +11,18 @@ from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.spel_host.robot_values import Robot
 from epson_driver.spel import Completion, Point, SpelError, Value
 from epson_driver.spel import ErrorNumber as SpelNumber
+from epson_driver.spel.commands import WITHOUT_EFFECT
 
 Arguments = Sequence[Value | Point | None]
 Words = tuple[str, ...]
 Run = Callable[[Robot, Arguments, Words], Completion | None]
 
-WITHOUT_EFFECT = ('fine', 'arch', 'ptpboost', 'qp')
+_IGNORED = {'fine', 'ptpboost', 'qp', 'inertia', *map(str.lower, WITHOUT_EFFECT)}
 """Taken, and nothing follows: there is nothing here that they would change."""
 
 
 MM = 1000.0
+_LAST_TOOL = 15
 
 
 class Until:
@@ -36,16 +38,18 @@ class Until:
         """Return whether it is over."""
         return self._holds()
 
+    @property
+    def share(self) -> float:
+        """Return 1 once it is over."""
+        return float(self.done)
+
 
 def command(robot: Robot, name: str, arguments: Arguments, words: Words) -> Completion | None:
-    """Execute a statement by its name in lower case. Raises SpelError.
-
-    What is in none of the tables, unsimulated.py has refused before the program began.
-    """
+    """Execute a statement by its name in lower case. Raises SpelError."""
     if name in SETTING_WORDS:
         _set(robot.controller, SETTING_WORDS[name], arguments)
         return None
-    if name in WITHOUT_EFFECT:
+    if name in _IGNORED and name not in SETTING_WORDS:
         return None
     return COMMANDS[name](robot, arguments, words)
 
@@ -101,7 +105,7 @@ def _quit_all(robot: Robot, _: Arguments, _words: Words) -> None:
 
 
 def _start_main(robot: Robot, _: Arguments, _words: Words) -> None:
-    """Look whether main may be started now; what starts it is the interpreter."""
+    """Check whether main may be started now, by the interpreter."""
     condition = robot.controller.condition
     if condition.estopped or robot.controller.error_number:
         text = 'StartMain: there is an E-stop or an error: reset first'
@@ -127,12 +131,39 @@ def _lim_z(robot: Robot, arguments: Arguments, _words: Words) -> None:
     robot.motion.lim_z = height / MM
 
 
-def _zero_only(name: str) -> Run:
+def _home_set(robot: Robot, arguments: Arguments, _words: Words) -> None:
+    numbers = tuple(round(float(each)) for each in arguments if isinstance(each, int | float))
+    try:
+        robot.points.joints(Point('pulses', tuple(map(float, numbers))), robot.here)
+    except SpelError as error:
+        raise SpelError(error.number, f'HomeSet: {error.text}') from error
+    robot.controller.spel.home = numbers
+
+
+def _only(name: str, number: int) -> Run:
     def run(_robot: Robot, arguments: Arguments, _words: Words) -> None:
-        if arguments and arguments[0] != 0:
-            raise SpelError(SpelNumber.ARGUMENT, f'{name} {arguments[0]}: only 0 is simulated')
+        if arguments and arguments[0] != number:
+            text = f'{name} {arguments[0]}: only {number} is simulated'
+            raise SpelError(SpelNumber.ARGUMENT, text)
 
     return run
+
+
+def _tool_number(name: str, argument: Value | Point | None, least: int) -> int:
+    if not isinstance(argument, int | float) or not least <= argument <= _LAST_TOOL:
+        text = f'{name} {argument} is not in {least}..{_LAST_TOOL}'
+        raise SpelError(SpelNumber.ARGUMENT, text)
+    return round(argument)
+
+
+def _tool(robot: Robot, arguments: Arguments, _words: Words) -> None:
+    robot.points.use(_tool_number('Tool', arguments[0], 0))
+
+
+def _define_tool(robot: Robot, arguments: Arguments, _words: Words) -> None:
+    number = _tool_number('TLSet', arguments[0], 1)
+    point = arguments[1] if len(arguments) > 1 else None
+    robot.points.define(number, point if isinstance(point, Point) else None)
 
 
 SETTING_WORDS = {name.lower(): name for name in SETTINGS}
@@ -146,6 +177,11 @@ COMMANDS: dict[str, Run] = {
     'waitpos': _wait_position,
     'cp': _cp,
     'limz': _lim_z,
-    'tool': _zero_only('Tool'),
+    'homeset': _home_set,
+    'tool': _tool,
+    'tlset': _define_tool,
+    'tlclr': _define_tool,
+    'arm': _only('Arm', 0),
+    'robot': _only('Robot', 1),
 }
 """By name in lower case, besides the settings and those without effect."""

@@ -6,6 +6,9 @@ import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
 
 from epson_driver.motion import Array
 from epson_driver.sim_controller.arm.executor import Point
@@ -19,23 +22,36 @@ SHORTEST_S = 1e-6
 
 
 class Motion:
-    """A motion statement that has begun; over when the arm stands, with CP when it decelerates."""
+    """A motion statement that has begun, until the arm stands, or with CP decelerates."""
 
-    def __init__(self, request: MotionRequest) -> None:
+    def __init__(self, request: MotionRequest, share: Callable[[], float]) -> None:
         self.request = request
+        self._share = share
         self.done = False
         self.error: SpelError | None = None
 
+    @property
+    def share(self) -> float:
+        """How much of the way is done, 0 to 1."""
+        return 1.0 if self.done else self._share()
+
 
 class RobotMotion:
-    """Gives motion statements to the arm, and ends them; `news` is called when one is over.
+    """Gives motion statements to the arm, ends them, and calls `news` when one is over.
 
-    The condition of Till is looked at every `scan` s.
+    The condition of Till is looked at every `scan` s. `claim` is to be called before a motion: it
+    makes the arm obey, or raises SpelError.
     """
 
     def __init__(
-        self, arm: PointToPoint, clock: Clock, news: Callable[[], None], scan: float
+        self,
+        arm: PointToPoint,
+        clock: Clock,
+        news: Callable[[], None],
+        scan: float,
+        claim: Callable[[], None],
     ) -> None:
+        self.claim = claim
         self._arm = arm
         self._period = scan
         self._clock = clock
@@ -46,6 +62,12 @@ class RobotMotion:
         self._due: Timer | None = None
         self.till_on = False
         """Whether Till ended the last motion."""
+        self.sensed = False
+        """Whether Sense ended the last Jump above its target."""
+        self.found: Array | None = None
+        """Where the arm was when the condition of Find held, shape (n,), rad."""
+        self._down: Point | None = None  # of Jump … Sense: what is done if it does not hold
+        self._stops: list[Array] = []  # where the motion begins, and what it goes to
         self.cp = False
         """CP On: every motion may blend into the next one."""
         self.lim_z = 0.0
@@ -70,21 +92,27 @@ class RobotMotion:
         if self._motion is not None:
             text = 'a motion of another task is under way'
             raise SpelError(ErrorNumber.MOTION_ABORTED, f'{request.name}: {text}')
-        self._motion = motion = Motion(request)
+        self._motion = motion = Motion(request, self._share)
+        self._stops = [self.start, *(point.target for point in points)]
         *before, last = points
         self._points = deque([*before, replace(last, cp=self.cp or request.cp)])
-        self.till_on = False
-        if request.till is not None:
+        self._down = self._points.pop() if request.sense is not None and before else None
+        self.till_on = self.sensed = False
+        if request.find is not None:
+            self.found = None
+        if request.till is not None or request.find is not None:
             self._scan = self._clock.every(self._period, self._look, first=self._period)
         self._look()
         self.settle()
         return motion
 
     def settle(self) -> None:
-        """See what has become of the statement; keep a timer for when that changes next."""
+        """Update the statement, and keep a timer for when it changes next."""
         while self._points and self._arm.has_room:
             self._arm.take(self._points.popleft())
         if self._motion is not None and not self._points and self._arm.done:
+            if self._goes_down():
+                return
             self._end(None)
         if self._due is not None:
             self._due.cancel()
@@ -94,15 +122,41 @@ class RobotMotion:
             self._due = self._clock.after(max(due, SHORTEST_S), self.settle)
 
     def abort(self, error: SpelError) -> bool:
-        """Brake; the statement under way ends with an error. Return whether there was one."""
+        """Brake, end the statement under way with an error, and return whether there was one."""
         self._arm.stop()
         ended = self._end(error)
         self.settle()
         return ended
 
+    def _goes_down(self) -> bool:
+        """Look at Sense above the target of a Jump: where it does not hold, the arm goes on."""
+        motion, down = self._motion, self._down
+        self._down = None
+        if motion is None or down is None or motion.request.sense is None or self.till_on:
+            return False
+        try:
+            self.sensed = bool(motion.request.sense())
+        except SpelError as error:
+            self.abort(error)
+            return True
+        if not self.sensed:
+            self._points.append(down)
+            self.settle()
+        return not self.sensed
+
+    def _share(self) -> float:
+        """Return how much of the way is done: of the sum of its parts in joint space."""
+        parts = [float(np.linalg.norm(b - a)) for a, b in pairwise(self._stops)]
+        target = len(parts) - len(self._points) - (self._down is not None)
+        left = sum(parts[target:])
+        left += float(np.linalg.norm(self._stops[target] - self._arm.position))
+        whole = sum(parts)
+        return min(max(1.0 - left / whole, 0.0), 1.0) if whole else 1.0
+
     def _end(self, error: SpelError | None) -> bool:
         motion, self._motion = self._motion, None
         self._points.clear()
+        self._down = None
         if self._scan is not None:
             self._scan.cancel()
             self._scan = None
@@ -113,17 +167,21 @@ class RobotMotion:
         return True
 
     def _look(self) -> None:
-        """Look at the condition of Till: where it holds, the arm brakes."""
+        """Look at the conditions of Till, where the arm brakes, and of Find."""
         motion = self._motion
-        if motion is None or motion.request.till is None or self.till_on:
+        if motion is None or self.till_on:
             return
+        request = motion.request
         try:
-            holds = motion.request.till()
+            finds = request.find is not None and self.found is None and request.find()
+            self.till_on = request.till is not None and bool(request.till())
         except SpelError as error:
             self.abort(error)
             return
-        if holds:
-            self.till_on = True
+        if finds:
+            self.found = self._arm.position
+        if self.till_on:
             self._points.clear()
+            self._down = None
             self._arm.stop()
             self.settle()

@@ -8,27 +8,43 @@ from typing import Any
 import numpy as np
 
 from epson_driver.motion import Array
-from epson_driver.motion.cartesian import PosePath, line
 from epson_driver.robots import RobotModel
 from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw
+from epson_driver.robots.model import SCARA
 from epson_driver.robots.opw import KinematicsError
 from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.sim_controller.programs.points import angles_rejection, clipped
 from epson_driver.spel import ErrorNumber as SpelNumber
 from epson_driver.spel import Point, SpelError
+from epson_driver.tool_motion.pose_path import PosePath, arc, line
 
 UNREACHABLE = 4007
 STEP_M = 0.02
 STEP_RAD = 0.1
 """How densely a straight way is looked at; between, a spline is near it by some micrometres."""
 
+STRAIGHT_RAD = 1e-6
+"""A SCARA that is stretched out is bent to either side."""
+
 MIN_SAMPLES, MAX_STEPS = 10, 500
 MAX_JOINT_STEP = 0.3
 """A joint that changes by more from one look to the next, rad or m, jumps."""
 
 _MM = 1000.0
-_IGNORED_FLAGS = frozenset({'0'})
-"""Local 0 is the world."""
+_IGNORED_FLAGS = frozenset({'0', 'r', 'a', 'nf', 'j1f0', 'j2f0', 'j4f0', 'j6f0'})
+"""Local 0 is the world; the others are the usual posture of a six-axis arm, the nearest one."""
+
+_HANDS = {'r': 1.0, 'l': -1.0}
+"""The side to which joint 2 of a SCARA is bent."""
+
+
+def known_pulses(model: RobotModel) -> Array:
+    """Return the pulses per rad or m, shape (n,). Raises SpelError where one is not known."""
+    for name, per_unit in zip(model.joint_names, model.pulses_per_unit, strict=True):
+        if np.isnan(per_unit):
+            text = f'the encoder pulses of {name} of the {model.name} are not known'
+            raise SpelError(SpelNumber.ARGUMENT, text)
+    return model.pulses_per_unit
 
 
 class RobotPoints:
@@ -37,6 +53,27 @@ class RobotPoints:
     def __init__(self, model: RobotModel) -> None:
         self._model = model
         self._kinematics = Kinematics(model)
+        self.tool = 0
+        self.tools: dict[int, Point] = {}
+        """Tools by number, as TLSet has defined them."""
+
+    def use(self, tool: int) -> None:
+        """Lead another tool from now on (Tool n). Raises SpelError."""
+        if tool and tool not in self.tools:
+            text = f'Tool {tool} is not defined: TLSet {tool}, or run --setup'
+            raise SpelError(SpelNumber.ARGUMENT, text)
+        self._kinematics = Kinematics(self._model, _matrix(self.tools[tool]) if tool else None)
+        self.tool = tool
+
+    def define(self, tool: int, point: Point | None) -> None:
+        """Define a tool (TLSet), or none (TLClr). Raises SpelError."""
+        if point is not None and point.kind != 'xy':
+            raise SpelError(SpelNumber.ARGUMENT, 'TLSet: takes a place, XY(…)')
+        self.tools.pop(tool, None)
+        if point is not None:
+            self.tools[tool] = point
+        if self.tool == tool:
+            self.use(tool if tool in self.tools else 0)
 
     def joints(self, point: Point, near: Array) -> Array:
         """Return the joint angles of a point within the limits, shape (n,), rad.
@@ -52,7 +89,7 @@ class RobotPoints:
 
     def pulses(self, point: Point, near: Array) -> Array:
         """Return the encoder pulses of a point, shape (n,), in the range or not."""
-        return np.rint(self._angles(point, near) * self._model.pulses_per_unit)
+        return np.rint(self._angles(point, near) * known_pulses(self._model))
 
     def degrees(self, point: Point, near: Array) -> Array:
         """Return the angles of a point in degrees (or mm), shape (n,)."""
@@ -64,7 +101,7 @@ class RobotPoints:
         return Point('xy', (*(where * _MM).tolist(), *np.degrees(turn).tolist()))
 
     def stored(self, point: Point) -> Point:
-        """Return a point as P0, P1, … hold it: a place in space; turns of the wrist are lost."""
+        """Return a point as P0, P1, … hold it: a place in space, without turns of the wrist."""
         if point.kind == 'xy':
             return point
         return self.place(self._angles(point, np.zeros(len(self._model.joint_names))))
@@ -77,18 +114,19 @@ class RobotPoints:
         if point.kind == 'xy':
             return self._reaching(point, near)
         per_unit = self._model.shown_per_unit
-        if point.kind == 'pulses':
-            per_unit = self._model.pulses_per_unit
+        if point.kind == 'pulses' and any(point.values):  # at 0 pulses every joint is at 0
+            per_unit = known_pulses(self._model)
         count = len(per_unit)
         if len(point.values) < count or any(point.values[count:]):
             text = f'{len(point.values)} values for {count} joints'
             raise SpelError(SpelNumber.ARGUMENT, f'{point}: {text}')
         return np.asarray(np.array(point.values[:count]) / per_unit)
 
-    def straight(self, point: Point, start: Array) -> tuple[Array, PosePath]:
-        """Return joints along the straight way of Tool 0 from joints, shape (n,), rad, to a point.
+    def way(self, point: Point, start: Array, via: Point | None = None) -> tuple[Array, PosePath]:
+        """Return joints along the straight way of the tool from joints, shape (n,), to a point.
 
-        Shape (k, n), at even shares of the way. Raises SpelError: 4001, or 4007 for a way that
+        With `via` it is an arc over that point. rad, shape (k, n), at even shares of the way.
+        Raises SpelError: 4001, or 4007 for a way that
         leaves the reach or a joint's range, or on which a joint would have to jump.
         """
         here = self._kinematics.forward(start)
@@ -97,7 +135,10 @@ class RobotPoints:
         else:
             there = self._kinematics.forward(self.joints(point, start))
         try:
-            path = line(here, there)
+            if via is None:
+                path = line(here, there)
+            else:
+                path = arc(here, self._pose(self.stored(via))[:3, 3], there)
         except ValueError as error:
             raise SpelError(UNREACHABLE, f'{point}: {error}') from error
         longest = max(path.length / STEP_M, path.angle / STEP_RAD)
@@ -114,6 +155,9 @@ class RobotPoints:
 
     def _reaching(self, point: Point, near: Array) -> Array:
         found = self._solutions(point, self._pose(point), near)
+        side = next((_HANDS[flag] for flag in point.flags if flag in _HANDS), 0.0)
+        if self._model.kind == SCARA and side:
+            found = found[found[:, 1] * side >= -STRAIGHT_RAD]
         if not len(found):
             raise SpelError(UNREACHABLE, f'{point} is out of reach')
         return np.asarray(found[0])
@@ -125,12 +169,21 @@ class RobotPoints:
             raise SpelError(SpelNumber.ARGUMENT, f'{point}: {error}') from error
 
     def _pose(self, point: Point) -> Array:
-        """Return where Tool 0 is at a place in space, in base_link."""
-        wanted = [flag for flag in point.flags if flag not in _IGNORED_FLAGS]
+        """Return where the tool is at a place in space, in base_link."""
+        scara = self._model.kind == SCARA
+        wanted = [
+            flag
+            for flag in point.flags
+            if flag not in _IGNORED_FLAGS and not (scara and flag in _HANDS)
+        ]
         if wanted:
             text = f'/{wanted[0].upper()} is not simulated: the nearest posture is taken'
             raise SpelError(SpelNumber.ARGUMENT, f'{point}: {text}')
-        pose: Any = np.eye(4)
-        pose[:3, 3] = np.array(point.values[:3]) / _MM
-        pose[:3, :3] = rotation_of_uvw(np.radians(point.values[3:]))
-        return self._kinematics.from_base(pose)
+        return self._kinematics.from_base(_matrix(point))
+
+
+def _matrix(point: Point) -> Array:
+    pose: Any = np.eye(4)
+    pose[:3, 3] = np.array(point.values[:3]) / _MM
+    pose[:3, :3] = rotation_of_uvw(np.radians(point.values[3:]))
+    return np.asarray(pose)

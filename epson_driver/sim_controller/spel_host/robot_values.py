@@ -12,16 +12,17 @@ from epson_driver.sim_controller.condition.states import Mode
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.remote import status_words
 from epson_driver.sim_controller.spel_host.robot_motion import RobotMotion
-from epson_driver.sim_controller.spel_host.robot_points import RobotPoints
+from epson_driver.sim_controller.spel_host.robot_points import RobotPoints, known_pulses
 from epson_driver.spel import ErrorNumber, Point, SpelError
 
 Arguments = Sequence[int | float | Point]
-Result = int | float | Point
+Result = int | float | Point | str
 
 _SIX_AXIS, _SCARA, _JOINTS = 5, 3, 1
 _CONTROL_DEVICE = 26  # Remote Ethernet
 _TILL_HIT = 0x4000
 _MOST_ACCEL = 100
+_MM = 1000.0
 
 
 class Robot(NamedTuple):
@@ -124,7 +125,7 @@ def _pulses(name: str, real: bool) -> Callable[[Robot, Arguments], int]:
     def read(robot: Robot, arguments: Arguments) -> int:
         joint = robot.joint(name, arguments[0])
         angles = robot.encoders if real else robot.here
-        return round(float(angles[joint] * robot.controller.model.pulses_per_unit[joint]))
+        return round(float(angles[joint] * known_pulses(robot.controller.model)[joint]))
 
     return read
 
@@ -133,7 +134,7 @@ def _range(robot: Robot, arguments: Arguments) -> int:
     joint = robot.joint('JRange', arguments[0])
     if arguments[1] not in (1, 2):
         raise SpelError(ErrorNumber.ARGUMENT, f'JRange: {arguments[1]} is not 1 or 2')
-    limits, per_unit = robot.controller.model.limits, robot.controller.model.pulses_per_unit
+    limits, per_unit = robot.controller.model.limits, known_pulses(robot.controller.model)
     ends = (limits.position_min[joint], limits.position_max[joint])
     low, high = sorted(float(end * per_unit[joint]) for end in ends)
     return int(np.ceil(low) if arguments[1] == 1 else np.floor(high))
@@ -172,7 +173,7 @@ def _target_ok(robot: Robot, arguments: Arguments) -> int:
 
 
 def _time(robot: Robot, arguments: Arguments) -> float:
-    """Return how long Go takes from here; 0 if it is impossible."""
+    """Return how long Go takes from here, or 0 if it is impossible."""
     try:
         target = robot.points.joints(_point(arguments[0]), robot.here)
     except SpelError:
@@ -181,11 +182,25 @@ def _time(robot: Robot, arguments: Arguments) -> float:
     return go(robot.controller.model.limits, robot.here, target, spel.speed, spel.accel).duration
 
 
+def _found(robot: Robot, _: Arguments) -> Point:
+    if robot.motion.found is None:
+        raise SpelError(ErrorNumber.POINT_UNDEFINED, 'FindPos: no Find has found anything')
+    return robot.points.place(robot.motion.found)
+
+
+def _tool(robot: Robot, arguments: Arguments) -> Point:
+    number = arguments[0]
+    tool = None if isinstance(number, Point) else robot.points.tools.get(int(number))
+    if tool is None:
+        raise SpelError(ErrorNumber.ARGUMENT, f'TLSet: tool {number} is not defined')
+    return tool
+
+
 def _at_home(robot: Robot, _: Arguments) -> int:
     home = robot.controller.spel.home
     if home is None:
         return 0
-    now = np.rint(robot.encoders * robot.controller.model.pulses_per_unit)
+    now = np.rint(robot.encoders * known_pulses(robot.controller.model))
     return -1 if now.tolist() == list(home) else 0
 
 
@@ -204,6 +219,19 @@ VALUES: dict[str, Callable[[Robot, Arguments], Result]] = {
     'athome': _at_home,
     'robottype': _robot_type,
     'inpos': _truth(lambda controller: not controller.in_motion),
+    'js': lambda robot, _: -1 if robot.motion.sensed else 0,
+    'jt': lambda robot, _: int(robot.motion.sensed),
+    'posfound': lambda robot, _: -1 if robot.motion.found is not None else 0,
+    'findpos': _found,
+    'tool': lambda robot, _: robot.points.tool,
+    'tlset': _tool,
+    'tldef': lambda robot, arguments: -(arguments[0] in robot.points.tools),
+    'arm': lambda _robot, _: 0,
+    'robot': lambda _robot, _: 1,
+    'robotmodel$': lambda robot, _: robot.controller.model.name,
+    'robotname$': lambda robot, _: robot.controller.model.name,
+    'limz': lambda robot, _: robot.motion.lim_z * _MM,
+    'cp': lambda robot, _: int(robot.motion.cp),
     'tillon': lambda robot, _: -1 if robot.motion.till_on else 0,
     'speed': _setting('Speed', 5),
     'accel': _setting('Accel', 5),

@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 from epson_driver.sim_controller.clock import Timer
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.io.io_points import IoError
+from epson_driver.sim_controller.spel_host.motion_statements import points_of
 from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
 from epson_driver.sim_controller.spel_host.robot_commands import command
 from epson_driver.sim_controller.spel_host.robot_motion import Motion
 from epson_driver.sim_controller.spel_host.robot_values import Robot, value
-from epson_driver.sim_controller.spel_host.robot_ways import points_of
 from epson_driver.simple_message import IoType
 from epson_driver.spel import (
     Array,
@@ -31,6 +31,9 @@ from epson_driver.spel import (
 LOOK_S = 0.010
 """How often it is looked at whether a statement without an event of its own is over, s."""
 
+_MOVING = ('home', 'jtran', 'ptran')
+"""Statements without points that move the arm."""
+
 _IO = {
     Memory.INPUT: IoType.DIGITAL_INPUT,
     Memory.OUTPUT: IoType.DIGITAL_OUTPUT,
@@ -43,6 +46,7 @@ class SpelHost:
 
     `news` is called when a task may go on; `failed` with the error that ended a task, `pauses`
     with what a program wants: Pause (True) or Cont; `moves` when a task has begun a motion.
+    `commanded`: whether it is the command window that asks.
     """
 
     def __init__(
@@ -55,6 +59,7 @@ class SpelHost:
         failed: Callable[[TaskError], None],
         pauses: Callable[[bool], None],
         moves: Callable[[], None],
+        commanded: Callable[[], bool],
     ) -> None:
         self._controller = controller
         self._robot = robot
@@ -64,6 +69,7 @@ class SpelHost:
         self._failed = failed
         self._pauses = pauses
         self._moves = moves
+        self._commanded = commanded
 
     # Terminal
 
@@ -72,11 +78,11 @@ class SpelHost:
         self._terminal.write(caller, text)
 
     def read_line(self) -> str | None:
-        """Return a line that a person has typed; None while there is none."""
+        """Return a line that a person has typed, or None while there is none."""
         return self._terminal.read_line()
 
     def message_box(self, caller: Caller, text: str, buttons: int, title: str) -> int | None:
-        """Return the button that was pressed; None as long as there is none."""
+        """Return the button that was pressed, or None as long as there is none."""
         return self._terminal.message_box(caller, text, buttons, title)
 
     # Network
@@ -127,7 +133,7 @@ class SpelHost:
 
     # The robot
 
-    def value(self, name: str, arguments: Sequence[int | float | Point]) -> float | Point:
+    def value(self, name: str, arguments: Sequence[int | float | Point]) -> float | Point | str:
         """Return a function of controller or robot. Raises SpelError."""
         return value(self._robot, name, arguments)
 
@@ -135,6 +141,10 @@ class SpelHost:
         self, name: str, arguments: Sequence[Value | Point | None], words: tuple[str, ...]
     ) -> Completion | None:
         """Execute a statement that sets up the robot. Raises SpelError."""
+        if name in _MOVING:
+            given = zip(('joint', 'step'), arguments, strict=False)
+            numbers = {key: float(value) for key, value in given if isinstance(value, int | float)}
+            return self.move(MotionRequest(name, (), numbers=numbers))
         completion = command(self._robot, name, arguments, words)
         if completion is not None and not completion.done:
             self._look(completion)
@@ -153,9 +163,13 @@ class SpelHost:
 
     def move(self, request: MotionRequest) -> Motion:
         """Begin a motion. Raises SpelError."""
-        rejection = self._controller.motion_rejection()
+        controller = self._controller
+        rejection = (
+            controller.command_rejection() if self._commanded() else controller.motion_rejection()
+        )
         if rejection is not None:
             raise SpelError(rejection.number, rejection.sentence)
+        self._robot.motion.claim()
         motion = self._robot.motion.begin(request, points_of(self._robot, request))
         self._moves()
         return motion

@@ -16,18 +16,19 @@ from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.sim_controller.condition.states import ENDED, Event, RejectedError, Tasks
 from epson_driver.sim_controller.condition.tasks import TaskRow
 from epson_driver.sim_controller.core import Controller
-from epson_driver.sim_controller.spel_host.log_terminal import LogTerminal
+from epson_driver.sim_controller.ports.session import Answer
 from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
 from epson_driver.sim_controller.spel_host.robot_motion import RobotMotion
 from epson_driver.sim_controller.spel_host.robot_points import RobotPoints
 from epson_driver.sim_controller.spel_host.robot_values import Robot
 from epson_driver.sim_controller.spel_host.spel_host import SpelHost
-from epson_driver.sim_controller.spel_host.unsimulated import refuse_unsimulated
+from epson_driver.sim_controller.spel_host.terminals import CommandTerminal, LogTerminal
 from epson_driver.simple_message import Frame
 from epson_driver.spel import (
     Machine,
     Program,
     SpelError,
+    Surroundings,
     TaskError,
     TaskState,
     TaskType,
@@ -35,7 +36,7 @@ from epson_driver.spel import (
     Terminal,
     Timing,
 )
-from epson_driver.spel.task import FIRST_BACKGROUND, LAST_BACKGROUND, Task
+from epson_driver.spel.task import COMMAND_TASK, FIRST_BACKGROUND, LAST_BACKGROUND, Task
 
 MAIN, BACKGROUND = 'main', 'bgmain'
 _TYPES = {
@@ -53,10 +54,17 @@ _STATES = {
     TaskState.QUICK_PAUSED: 'paused',
     TaskState.ABORTED: 'aborted',
 }
+STANDS_S = 0.004
+"""How often it is looked at whether the arm stands at the end of a command, s."""
+
 ROUNDING_S = 1e-9
 """Two times that are nearer are the same: the tasks' time does not begin with the clock's."""
 
 _log = logging.getLogger(__name__)
+
+
+def _nothing() -> None:
+    pass
 
 
 class SpelProgram:
@@ -65,7 +73,8 @@ class SpelProgram:
     `program` is what runs. `main` is started at boot and whenever a person starts the program,
     BgMain at boot. Global variables are cleared with a start by hand unless there is a BgMain,
     which may share them. Without a `terminal` what it prints is logged. Raises ProgramError for a
-    program with statements that are not simulated.
+    program with statements that are not simulated. `claim` is called before a motion: it makes the
+    arm obey, or raises SpelError.
     """
 
     def __init__(
@@ -75,26 +84,29 @@ class SpelProgram:
         arm: PointToPoint,
         network: ProgramNetwork,
         terminal: Terminal | None = None,
+        claim: Callable[[], None] = _nothing,
+        around: Surroundings | None = None,
     ) -> None:
         self._program = program
         self._controller = controller
         self._arm = arm
         self._network = network
-        given = controller.profile.spel
-        self._timing = Timing(given.statement, given.wait, given.scan)
-        self._motion = RobotMotion(arm, controller.clock, self._soon, given.scan)
+        self._around = around
+        self._timing = Timing()
+        self._motion = RobotMotion(arm, controller.clock, self._soon, self._timing.scan, claim)
+        self._terminal = CommandTerminal(terminal or LogTerminal(controller.clock))
         robot = Robot(controller, self._motion, RobotPoints(controller.model))
         self._host = SpelHost(
             controller,
             robot,
             network,
-            terminal or LogTerminal(controller.clock),
+            self._terminal,
             self._soon,
             self._task_failed,
             self._asked_to_pause,
             self._task_moves,
+            lambda: self._machine.running_number == COMMAND_TASK,
         )
-        refuse_unsimulated(program)
         self._timer: Timer | None = None
         self._running = False
         self._later: list[Callable[[], None]] = []
@@ -102,11 +114,15 @@ class SpelProgram:
         self._finishing = False
         self._ended = False  # whether the tasks have ended, until a person starts the program
         self._mover: Task | None = None  # the task whose motion is under way
+        self._answer: Answer | None = None  # takes what becomes of the command under way
+        self._command_error: SpelError | None = None
+        self._command_moved = False
+        self._standing: Timer | None = None
         network.news = self._soon
         self._machine, self._begun = self._new_machine()
 
     def _new_machine(self) -> tuple[Machine, float]:
-        machine = Machine(self._program, self._host, self._timing)
+        machine = Machine(self._program, self._host, self._timing, around=self._around)
         if BACKGROUND in self._program.by_name:
             machine.start_background(self._program.by_name[BACKGROUND].name)
         self._soon()
@@ -127,7 +143,8 @@ class SpelProgram:
         self._start_main()
         self._running = True
         try:
-            self._machine.advance(now)
+            # a command's first turn is at once, even if the last one took some microseconds
+            self._machine.advance(max(now, self._machine.time) if self.executes else now)
         finally:
             self._running = False
         while self._later:
@@ -138,13 +155,13 @@ class SpelProgram:
             self._timer = self._controller.clock.after(max(due - now, 0.0), self._run)
 
     def _now(self) -> float:
-        """Return the time of the tasks, s; what is due at it, rounding does not put off."""
+        """Return the time of the tasks, s, with a margin for rounding."""
         now = self._controller.clock.now - self._begun
         due = self._machine.next_time()
         return due if due is not None and now < due < now + ROUNDING_S else now
 
     def _pass_time(self) -> float:
-        """Let the time pass in which no task ran; return what it is now, s.
+        """Let the time pass in which no task ran, and return the time now, s.
 
         Before anything begins a task or lets one go on: its times count from now.
         """
@@ -179,17 +196,67 @@ class SpelProgram:
         mover = self._mover
         if self._motion.busy and (mover is None or mover.frame is None):
             self._motion.abort(_aborted('its task is over'))
+        self._look_at_command()
         condition = self._controller.condition
-        if not self.runs and condition.tasks is Tasks.RUNNING:
+        own = self._controller.program is self
+        if own and not self.runs and condition.tasks is Tasks.RUNNING:
             self._finishing = True
             self._controller.apply(Event.TASKS_FINISHED)
             self._finishing = False
 
     def _task_moves(self) -> None:
         self._mover = self._machine.running
+        self._command_moved = self._machine.running_number == COMMAND_TASK
 
     def _alive(self) -> Iterator[TaskView]:
-        return (task for task in self._machine.tasks() if task.state is not TaskState.ABORTED)
+        return (
+            task
+            for task in self._machine.tasks()
+            if task.state is not TaskState.ABORTED and task.number != COMMAND_TASK
+        )
+
+    # The command window
+
+    @property
+    def executes(self) -> bool:
+        """Whether a command is under way."""
+        return self._answer is not None
+
+    def execute(self, text: str, answer: Answer) -> None:
+        """Begin a command. Raises ProgramError, RuntimeError, see CommandWindow."""
+        if self.executes:
+            raise RuntimeError('a command is under way')
+        self._pass_time()
+        self._machine.execute(text)
+        self._answer, self._command_error, self._command_moved = answer, None, False
+        if self._timer is not None:
+            self._timer.cancel()
+        self._run()
+
+    def abort_command(self, why: str) -> None:
+        """Brake, and end the command that is under way, if there is one."""
+        task = self._machine.world.tasks.get(COMMAND_TASK)
+        if task is None:
+            return
+        self._command_error = SpelError(ErrorNumber.MOTION_ABORTED, why)
+        self._machine.world.end(task)
+        self._soon()
+
+    def _look_at_command(self) -> None:
+        """Answer a command that is over, after the arm stands if it moved."""
+        answer = self._answer
+        if answer is None or COMMAND_TASK in self._machine.world.tasks:
+            return
+        if self._command_moved and self._controller.in_motion:
+            if self._standing is None:
+                self._standing = self._controller.clock.every(STANDS_S, self._look_at_command)
+            return
+        if self._standing is not None:
+            self._standing.cancel()
+            self._standing = None
+        self._answer = None
+        printed = self._terminal.taken()
+        answer(printed if self._command_error is None else self._command_error)
 
     # The program as the controller sees it
 
@@ -226,7 +293,7 @@ class SpelProgram:
         self._soon()
 
     def restart(self) -> None:
-        """End the tasks that end with an E-stop, an error, a stop; the arm brakes."""
+        """Brake, and end the tasks that end with an E-stop, an error or a stop."""
         if not self._finishing:  # a last Go … CP goes to its end
             self._motion.abort(_aborted('the tasks were ended'))
         aborted = self._controller.condition.tasks is Tasks.ABORTED
@@ -234,6 +301,7 @@ class SpelProgram:
         self._ended = True
 
         def end() -> None:
+            self.abort_command('the command was aborted: the tasks were ended')
             if aborted:
                 if self._controller.condition.estopped:
                     self._machine.event('emergency')
@@ -247,7 +315,8 @@ class SpelProgram:
         """Nothing: its own ports tell its statements that a client is gone."""
 
     def boot(self) -> None:
-        """Begin anew; variables that are preserved keep their values."""
+        """Begin anew, keeping the values of preserved variables."""
+        self.abort_command('the command was aborted: the controller was switched off')
         self._after_tasks(self._boot)
 
     def _boot(self) -> None:
@@ -264,7 +333,7 @@ class SpelProgram:
         self._after_tasks(self._machine.pause)
 
     def resume(self) -> None:
-        """Go on after a pause; start main if a person has started the program."""
+        """Go on after a pause, and start main if a person has started the program."""
         tasks = self._controller.condition.tasks
         if tasks in ENDED:
             if tasks is Tasks.STOPPED:  # by a reset, perhaps
@@ -285,7 +354,13 @@ class SpelProgram:
     # What its tasks do to the controller
 
     def _task_failed(self, error: TaskError) -> None:
-        """Put the controller in error; by a background task, until it is booted."""
+        """Put the controller in error, by a background task until it is booted.
+
+        A command that fails only shows its number.
+        """
+        if error.task == COMMAND_TASK:
+            self._command_error = SpelError(error.number, error.text)
+            return
         critical = FIRST_BACKGROUND <= error.task <= LAST_BACKGROUND
         _log.error('%s', error)
         told = error.told

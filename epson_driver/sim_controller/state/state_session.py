@@ -13,6 +13,7 @@ from epson_driver.sim_controller.ports.session import Send
 from epson_driver.simple_message import (
     Dialect,
     Framer,
+    GetVersion,
     JointFeedback,
     JointPosition,
     Message,
@@ -46,6 +47,9 @@ class StateSource(Protocol):
     def status(self) -> Status:
         """Return what STATUS says now."""
 
+    def version(self) -> GetVersion:
+        """Return which version the program is."""
+
 
 class StateSession:
     """Sends one client the joints every `period` s, and a STATUS after some.
@@ -73,6 +77,7 @@ class StateSession:
         self._answers: Answers = {
             MessageType.JOINT_POSITION: source.joint_position,
             MessageType.STATUS: source.status,
+            MessageType.GET_VERSION: source.version,
         }
         slots: list[_Slot] = [(joints,)] * profile.joint_positions_per_status
         if profile.status_with_joints:

@@ -25,8 +25,8 @@ from support.examples import one_in
 
 from epson_driver.driver.delivery.delivery import DeliveryRules
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
-from epson_driver.driver.goal.goal import Goal
-from epson_driver.driver.goal.goal_settings import GoalSettings, cause_timeout
+from epson_driver.driver.delivery.reply_rejection import RESULTS, SUBCODES, reply_rejection
+from epson_driver.driver.goal.goal import Goal, GoalSettings, cause_timeout
 from epson_driver.driver.goal.goal_states import GoalState
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.driver.state.joint_mapping import joint_mapping
@@ -37,12 +37,17 @@ from epson_driver.sim_controller.condition.states import Event
 from epson_driver.simple_message import (
     ByteOrder,
     CommType,
+    JointPosition,
     JointTrajPt,
     JointTrajPtFull,
     MotionCtrl,
+    MotionReply,
+    Opaque,
+    ReplyCode,
     decode,
+    reply,
 )
-from epson_driver.simple_message.motoman import Command
+from epson_driver.simple_message.motoman import Command, Invalid, NotReady, Result
 
 PROFILES = ('rc620', 'rc700a', 'thesis', 'generic', 'fanuc', 'abb', 'motoman')
 AT_GOAL = 0.01
@@ -547,3 +552,36 @@ def test_full_points_without_motomans_commands():
             assert 'the arm stands, and joint_1 is 0.2 rad from the goal' in outcome.text
 
     run(check())
+
+
+OK, NO = ReplyCode.SUCCESS, ReplyCode.FAILURE
+
+
+@pytest.mark.parametrize(
+    ('packet', 'text'),
+    [
+        (reply(JointPosition(), OK), None),
+        (reply(Opaque(11), OK), None),
+        (reply(MotionReply(0, 3, 14, 0), OK), None),
+        (reply(JointPosition(), NO), 'FAILURE reply'),
+        (reply(MotionReply(0, 3, 14, 0), NO), 'FAILURE reply'),
+        (reply(MotionReply(0, 3, 14, 1), OK), 'BUSY: its queue is full'),
+        (
+            reply(MotionReply(0, 3, 14, 3, 3011), OK),
+            'INVALID: the message is wrong, 3011: the trajectory does not start where the arm '
+            'stands',
+        ),
+        (
+            reply(MotionReply(0, 3, 14, 5, 5006), OK),
+            'NOT_READY: it cannot move now, 5006: the servos are off',
+        ),
+        (reply(MotionReply(0, 3, 14, 9, 77), OK), 'result 9, 77: not a known subcode'),
+    ],
+)
+def test_a_reply_in_words(packet, text):
+    assert reply_rejection(packet) == text
+
+
+def test_every_number_has_words():
+    assert RESULTS.keys() == set(Result) - {Result.SUCCESS}
+    assert SUBCODES.keys() == {*Invalid, *NotReady}

@@ -9,7 +9,7 @@ from support.examples import examples
 from support.goal_execution_harness import CYCLE, LINE, Harness
 
 from epson_driver.driver.delivery.trajectory_points import STOP
-from epson_driver.driver.goal.goal_settings import GoalSettings
+from epson_driver.driver.goal.goal import GoalSettings
 from epson_driver.driver.goal.goal_states import FINAL_STATES
 from epson_driver.driver.outcome import End
 from epson_driver.simple_message import TriState

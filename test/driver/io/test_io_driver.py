@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from support.driver_harness import Harness, simulated
 from support.event_loop import now, run, until
-from support.vacant_port import vacant_port
+from support.sim_process import vacant_port
 
 from epson_driver.driver.io.io_driver import MAX_POINTS, IoDriver, IoUnavailableError
 from epson_driver.driver.io.io_results import sentence
@@ -394,8 +394,8 @@ def test_port_0_is_not_used(caplog):
     async def test():
         async with Client(0) as client:
             await until(lambda: client.told)
-            assert client.told == ['I/O is not used: the parameter io_port is 0']
-            assert 'io_port is 0' in await client.rejection()
+            assert client.told == ['I/O is not used: its port is 0']
+            assert 'its port is 0' in await client.rejection()
 
     run(test())
     assert not caplog.messages

@@ -10,7 +10,7 @@ from dataclasses import replace
 import pytest
 from support.driver_harness import simulated
 from support.event_loop import run, until
-from support.vacant_port import vacant_port
+from support.sim_process import vacant_port
 
 from epson_driver.driver.io.io_access import make_io
 from epson_driver.driver.io.io_driver import IoUnavailableError
@@ -198,7 +198,7 @@ def test_a_port_of_0_is_not_used_and_says_so(profile):
     async def scenario():
         async with io_at(profile, (0, 0)) as io:
             assert not io.used
-            with pytest.raises(IoUnavailableError, match=r'the parameter \w+_port is 0'):
+            with pytest.raises(IoUnavailableError, match=r'I/O is not used: .*port.* is 0'):
                 await io.read([IoAddress(DI, 0)])
 
     run(scenario())

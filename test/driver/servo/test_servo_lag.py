@@ -14,6 +14,8 @@ from support.event_loop import now, run
 from support.streams import PERIOD, positions, window
 
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
+from epson_driver.driver.servo.stream import StreamLag
+from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
 
@@ -97,7 +99,6 @@ STREAMS = {
     'windows': windows,
 }
 BARS = {  # s, for sine and triangle: positions, with velocities, windows
-    ('setpoints', True): ((0.06, 0.08), (0.03, 0.06), (0.01, 0.03)),
     ('rc620', True): ((0.2, 0.22), (0.17, 0.2), (0.1, 0.1)),
     ('rc620', False): ((0.35, 0.38), (0.31, 0.39), (0.21, 0.27)),
     ('generic', False): ((0.35, 0.37), (0.32, 0.36), (0.23, 0.26)),
@@ -130,3 +131,38 @@ def test_the_lag_behind_a_stream_is_as_documented(controller, stream, wave, reco
             assert harness.gate is None
 
     run(check())
+
+
+PERIOD_S = 0.01
+SPEED = 0.5
+"""rad/s"""
+
+
+def seen(lag, time, position):
+    here = np.array([position])
+    lag.see(JointSample(time, here, np.zeros(1), time))
+
+
+def test_an_arm_that_follows_at_a_distance_is_so_far_behind():
+    lag = StreamLag()
+    for time in np.arange(0.0, 3.0, PERIOD_S):
+        lag.sent(time, np.array([SPEED * time]))
+        seen(lag, time, SPEED * max(time - 0.3, 0.0))
+    assert lag.behind == pytest.approx(0.3, abs=0.02)
+    assert lag.now == pytest.approx(0.3, abs=0.02)
+
+
+def test_an_arm_that_gets_the_next_point_when_it_is_at_the_last_is_behind_all_the_same():
+    """Whenever a point is sent, the arm is where it was sent before."""
+    lag = StreamLag()
+    step = 0.2
+    time = at = 0.0
+    lag.sent(time, np.array([at]))
+    for _ in range(20):
+        assert lag.now == 0.0
+        lag.sent(time, np.array([at + SPEED * step]))
+        for share in np.arange(PERIOD_S, step + PERIOD_S / 2.0, PERIOD_S) / step:
+            seen(lag, time + share * step, at + share * SPEED * step)
+        time += step
+        at += SPEED * step
+    assert 0.5 * step < lag.behind < 1.5 * step

@@ -3,7 +3,6 @@
 """Streams of setpoints: which are followed, when they are not, and how each one ends."""
 
 import asyncio
-import contextlib
 import logging
 
 import numpy as np
@@ -16,7 +15,6 @@ from support.driver_harness import (
     answer,
     cell,
     pose,
-    simulated,
 )
 from support.event_loop import now, run, stand_still, until
 from support.examples import one_in
@@ -24,7 +22,8 @@ from support.streams import JOG, PERIOD, SERVO, going_on, positions, send, veloc
 
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.outcome import End
-from epson_driver.driver.servo.servo import ESTIMATE_LEAD_S, SILENCE_S
+from epson_driver.driver.servo.restart_interlock import RELEASE_S
+from epson_driver.driver.servo.servo import ESTIMATE_LEAD_S
 from epson_driver.driver.servo.setpoint import Mode, ServoSettings
 from epson_driver.profiles import load_controller_profile
 from epson_driver.sim_controller.condition.states import Event
@@ -109,6 +108,34 @@ def test_a_jog_moves_a_joint_and_letting_go_stops_it():
             await send(harness, jog(-SPEED), 0.5)
             await over(harness)
             assert harness.at[0] < moved
+
+    run(check())
+
+
+@pytest.mark.invariant(4)
+def test_inv4_setpoints_that_waited_longer_than_the_time_out_begin_nothing(said):
+    async def check():
+        async with cell(smooth=True) as (harness, _):
+            servo = harness.driver.servo
+            for age in (5.0, 4.9, servo.settings.timeout + 0.01):
+                servo.take(velocities(pose(SPEED), source=JOG), now() - age)
+                assert not servo.active
+            assert await stays(harness)
+        assert any('was held up for' in line for line in said())
+
+    run(check())
+
+
+@pytest.mark.invariant(3)
+def test_inv3_setpoints_that_waited_do_not_keep_a_silent_stream_alive():
+    async def check():
+        async with cell(smooth=True) as (harness, _):
+            await send(harness, jog(), 0.5)
+            ended = now()
+            while harness.driver.servo.active:
+                assert now() - ended < 2.0
+                harness.driver.servo.take(velocities(pose(SPEED), source=JOG), ended)
+                await asyncio.sleep(PERIOD)
 
     run(check())
 
@@ -220,7 +247,11 @@ def test_inv4_a_stream_before_enable_is_refused_and_the_log_says_so_once(said):
             assert harness.driver.servo.counts.refused == 50
             async with going_on(harness, lambda _: positions(pose(0.03))):
                 await harness.commands.enable()
-                await until(lambda: harness.at[0] > 0.02)  # it is near
+                assert await stays(harness)
+                assert 'it holds still' in said()[-1]
+            await asyncio.sleep(1.1 * RELEASE_S)
+            await send(harness, lambda _: positions(pose(0.03)), 1.0)
+            assert harness.at[0] > 0.02
 
     run(check())
 
@@ -246,7 +277,7 @@ def test_inv4_a_position_far_from_the_arm_is_not_followed_until_it_is_near(said)
 @pytest.mark.invariant(4)
 @pytest.mark.parametrize('smooth', EITHER, ids=['point to point', 'smooth'])
 def test_inv4_after_an_estop_a_stream_that_goes_on_moves_nothing(smooth, said):
-    """Not before it is enabled, and not then, until its position is near the arm again."""
+    """Not before it is enabled, and not then, until it has been let go of."""
 
     async def check():
         async with cell(smooth=smooth) as (harness, controller):
@@ -265,7 +296,8 @@ def test_inv4_after_an_estop_a_stream_that_goes_on_moves_nothing(smooth, said):
                 said()
                 await harness.commands.enable()
                 assert await stays(harness)
-                assert [line for line in said() if 'rad apart, servo.start_tolerance' in line]
+                assert [line for line in said() if 'it holds still: it must move on' in line]
+            await asyncio.sleep(1.1 * RELEASE_S)
             there = harness.at
             await send(harness, lambda _: positions(there + pose(0.03)), 0.5)
             await over(harness)
@@ -284,8 +316,8 @@ def test_inv4_a_key_that_is_held_while_the_arm_is_enabled_moves_nothing(said):
                 await harness.commands.enable()
                 assert await stays(harness)
                 assert harness.driver.motion_link.statistics.frames_sent == 0
-                assert 'must be silent for 1 s first, or be let go of' in said()[-1]
-            await asyncio.sleep(1.1 * SILENCE_S)
+                assert 'it must be let go of first: 1 s without a message' in said()[-1]
+            await asyncio.sleep(1.1 * RELEASE_S)
             await send(harness, jog(), 0.5)
             assert harness.at[0] > 0.05
             await over(harness)
@@ -323,7 +355,7 @@ def test_inv3_after_stop_a_stream_that_goes_on_moves_nothing(stream):
                 assert 'the stream of setpoints on ~/' in await harness.commands.stop()
                 assert await stays(harness)
                 assert harness.gate is None
-            await asyncio.sleep(1.1 * SILENCE_S)
+            await asyncio.sleep(1.1 * RELEASE_S)
             there = harness.at[0]
             begins = stream(0.0).positions is not None
             await send(harness, ramp(start=there) if begins else stream, 0.5)
@@ -356,6 +388,7 @@ def test_a_goal_and_a_stream_exclude_each_other(said):
             assert not goal.outcomes
             assert 'is not followed: a goal runs' in said()[-1]
             assert (await goal.end()).end is End.SUCCEEDED
+            await asyncio.sleep(RELEASE_S)
             async with going_on(harness, ramp(start=0.3)):
                 await until(lambda: harness.driver.servo.active)
                 refused = harness.submit(pose(0.5))
@@ -409,81 +442,19 @@ def test_bad_setpoints_are_dropped_and_the_stream_goes_on(setpoint, text, said):
     run(check())
 
 
-# --- a controller whose setpoints replace each other --------------------------------------------
+def test_nothing_but_nan_before_the_first_setpoint_is_one_line_and_later_one_each_second(said):
+    """So joint_trajectory_controller sends it when it became active before a joint state."""
 
-
-@contextlib.asynccontextmanager
-async def replacing():
-    """Run a driver with a controller that follows setpoints."""
-    profile = load_controller_profile('setpoints')
-    rules = delivery_rules(profile, 'streaming', 'joint_traj_pt')
-    async with (
-        simulated(profile='setpoints') as (controller, ports),
-        Harness(ports, delivery=rules) as harness,
-    ):
-        await harness.ready()
-        await harness.commands.enable()
-        yield harness, controller
-
-
-def test_setpoints_that_replace_each_other_are_followed_and_then_a_goal_runs():
     async def check():
-        async with replacing() as (harness, _):
-            await send(harness, ramp(0.3), 1.5)
-            assert harness.driver.servo.lag < 0.1
-            await over(harness)
-            assert np.abs(harness.at - pose(0.3)).max() < 1e-4
-            assert (await harness.submit(pose(0.1)).end()).end is End.SUCCEEDED
-            await send(harness, ramp(start=0.1), 0.5)
-            await over(harness)
-            assert harness.at[0] > 0.2
-
-    run(check())
-
-
-def test_setpoints_that_replace_each_other_are_not_sent_so_seldom_that_they_count_as_silence():
-    async def check():
-        async with replacing() as (harness, _):
-            harness.driver.servo.settings = ServoSettings(period=0.2)
-            await send(harness, ramp(), 1.5)
-            assert harness.at[0] == pytest.approx(SPEED * 1.5, abs=0.06)
-
-    run(check())
-
-
-@pytest.mark.invariant(4)
-def test_inv4_an_estop_ends_a_stream_of_setpoints_that_replace_each_other(said):
-    async def check():
-        async with replacing() as (harness, controller):
-            async with going_on(harness, ramp(0.6)):
-                await until(lambda: harness.at[0] > 0.2)
-                controller.apply(Event.ESTOP_PRESS)
-                await until(lambda: harness.gate is not None)
-                await asyncio.sleep(1.0)
-                controller.apply(Event.ESTOP_RELEASE)
-                controller.apply(Event.RESET)
-                controller.apply(Event.MOTORS_ON)
-                await until(lambda: harness.driver.robot.status.drives_powered == 1)
-                await harness.commands.enable()
-                assert await stays(harness)
-                assert [line for line in said() if 'rad apart, servo.start_tolerance' in line]
-            there = harness.at
-            await send(harness, lambda _: positions(there + pose(0.03)), 0.5)
-            await over(harness)
-            assert np.abs(harness.at - there - pose(0.03)).max() < 1e-3
-
-    run(check())
-
-
-@pytest.mark.invariant(3)
-def test_inv3_a_lost_link_rests_an_arm_that_follows_setpoints():
-    async def check():
-        async with replacing() as (harness, controller), going_on(harness, ramp()):
-            await until(lambda: harness.at[0] > 0.1)
-            harness.driver.motion_link.reconnect('for the test')
-            await until(lambda: harness.gate is not None)
-            await until(lambda: not controller.in_motion)
-            assert await stays(harness)
+        async with cell(smooth=True) as (harness, _):
+            await send(harness, lambda _: positions(pose(np.nan)), 5.0)
+            (line,) = said()
+            assert 'joint_1: positions = nan is not finite' in line
+            assert harness.driver.servo.counts.refused == 250
+            await send(harness, lambda _: positions(harness.at), 0.1)
+            said()
+            await send(harness, lambda _: positions(pose(np.nan)), 3.0)
+            assert len([line for line in said() if 'dropped' in line]) > 1
 
     run(check())
 
@@ -529,6 +500,31 @@ def test_inv9_a_refused_setpoint_stops_and_disables():
             assert not harness.driver.servo.active
             assert scripted.received[:3] == [0, 1, 2]
             assert set(scripted.received[3:]) == {-4}
+
+    run(check())
+
+
+@pytest.mark.parametrize('pressed', [True, False])
+def test_a_refused_setpoint_is_told_with_the_status_that_explains_it(pressed, caplog):
+    """An E-stop may be seen first as a refusal: its status comes a little later."""
+
+    async def check():
+        def reply(sequence):
+            return answer(2 if sequence == 2 else 1, sequence)
+
+        async with ScriptedController(reply) as scripted, Harness(scripted.ports) as harness:
+            await harness.ready()
+            await harness.commands.enable()
+            async with going_on(harness, lambda _: positions(pose(0.04))):
+                await until(lambda: harness.gate is not None)
+                assert not [each for each in caplog.messages if 'arm disabled' in each]
+                await asyncio.sleep(0.05)
+                if pressed:
+                    scripted.status = (0, 1, 0, 0, 0, 2, 0)
+                await until(lambda: any('arm disabled' in each for each in caplog.messages))
+        (line,) = [each for each in caplog.messages if 'arm disabled' in each]
+        assert 'the controller refused setpoint 2' in line
+        assert ('the E-stop is pressed' in line) == pressed
 
     run(check())
 

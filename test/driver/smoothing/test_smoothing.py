@@ -1,23 +1,29 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is sent instead of a plan's own points, and what a plan without times is taken for."""
+"""Smoothing in the driver: what it makes of trajectories, and the process it runs in."""
 
+import asyncio
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.driver.delivery.trajectory_points import trajectory_points
-from epson_driver.driver.goal.goal_checks import check_limits, check_start, untimed
+from epson_driver.driver.goal.goal import check_limits, untimed
+from epson_driver.driver.goal.splice import check_start
 from epson_driver.driver.outcome import GoalRejectedError
+from epson_driver.driver.smoothing import smoothing_process
 from epson_driver.driver.smoothing.smoothing import Smoothing, smoothed_trajectory
+from epson_driver.driver.smoothing.smoothing_process import SmoothingError, SmoothingProcess
+from epson_driver.driver.state.joint_mapping import unmapped
 from epson_driver.motion import Trajectory, problems
 from epson_driver.motion.passages import passed
 from epson_driver.motion.smoothed import smoothed
 from epson_driver.motion.smoother import Mode
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_file
+from epson_driver.trajectory_file import read_trajectory
 
 LIMITS = load_robot_model('c3_a601s').limits
 PLAN = read_trajectory(share_file('config', 'trajectories', 'around_pillar_fast_100ms.yaml'))
@@ -52,7 +58,7 @@ def test_resampled_points_lie_on_the_one_smooth_motion():
 
 
 def test_what_goes_over_the_wire_is_no_faster_than_the_joints():
-    points = trajectory_points(resampled(0.05), START, LIMITS)
+    points = trajectory_points(resampled(0.05), START, LIMITS, unmapped(len(LIMITS.names)))
     assert all(0.0 < point.velocity <= 1.0 for point in points)
     assert [point.duration for point in points[1:]] == pytest.approx([0.05] * (len(points) - 1))
 
@@ -141,3 +147,59 @@ def test_an_arm_outside_its_limits_is_said_to_be():
     plan = Trajectory(LIMITS.names, PLAN.times + 1.0, PLAN.positions)
     with pytest.raises(ValueError, match=r'joint_1: position 3 is outside the limits -2\.9'):
         smoothed_trajectory(plan, start, LIMITS, Smoothing(0.05))
+
+
+READ = 'import sys; sys.stdin.buffer.read(); '
+
+
+async def prepared(start, plan=PLAN):
+    """Ask for one trajectory; close the process whatever becomes of it."""
+    smoother = SmoothingProcess(LIMITS, Smoothing(0.05))
+    try:
+        return await smoother.prepared(plan, start)
+    finally:
+        await smoother.close()
+
+
+def test_what_no_smooth_motion_can_be_made_of_is_told_in_the_words_of_the_smoother():
+    start = PLAN.positions[0].copy()
+    start[0] = 3.0
+    later = replace(PLAN, times=PLAN.times + 1.0)  # it begins where the arm is
+    with pytest.raises(SmoothingError, match=r'joint_1: position 3 is outside the limits -2\.9'):
+        asyncio.run(prepared(start, later))
+
+
+@pytest.mark.parametrize(
+    ('code', 'said'),
+    [
+        (READ + 'print("no trajectory")', 'the smoother sent 14 bytes that are no value'),
+        (READ + 'sys.exit(3)', 'the smoother ended with exit code 3'),
+        (READ, 'the smoother ended with exit code 0'),
+    ],
+)
+@pytest.mark.invariant(9)
+def test_inv9_a_process_that_fails_is_an_error_of_its_goal(monkeypatch, code, said):
+    async def start_worker(_module):
+        pipe = asyncio.subprocess.PIPE
+        return await asyncio.create_subprocess_exec(
+            sys.executable, '-S', '-c', code, stdin=pipe, stdout=pipe
+        )
+
+    monkeypatch.setattr(smoothing_process, 'start_worker', start_worker)
+    with pytest.raises(SmoothingError, match=said):
+        asyncio.run(prepared(np.zeros(6)))
+
+
+@pytest.mark.invariant(9)
+def test_inv9_a_process_that_cannot_be_started_is_an_error_and_the_next_goal_has_its_own(
+    monkeypatch, tmp_path
+):
+    async def check():
+        smoother = SmoothingProcess(LIMITS, Smoothing(0.05))
+        for _ in range(2):
+            with pytest.raises(SmoothingError, match='the smoother could not be started: '):
+                await smoother.prepared(PLAN, PLAN.positions[0])
+        await smoother.close()
+
+    monkeypatch.setattr(sys, 'executable', str(tmp_path / 'no_python'))
+    asyncio.run(check())

@@ -20,8 +20,7 @@ from support.driver_harness import (
 from support.event_loop import PATIENCE, stand_still, until
 from support.event_loop import run as run_in
 
-from epson_driver.driver.goal.goal import Goal
-from epson_driver.driver.goal.goal_checks import untimed
+from epson_driver.driver.goal.goal import Goal, untimed
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.driver.smoothing import smoothing_process
 from epson_driver.driver.smoothing.smoothing import Smoothing
@@ -43,10 +42,10 @@ def process_of(harness):
 def slow(monkeypatch):
     """Let the smoother's process sleep before it begins; return whether it is asked."""
     asked = []
-    started = smoothing_process.start_process
+    started = smoothing_process.start_worker
 
-    async def sleepy():
-        process = await started()
+    async def sleepy(module):
+        process = await started(module)
         communicate = process.communicate
 
         async def delayed(data):
@@ -57,7 +56,7 @@ def slow(monkeypatch):
         process.communicate = delayed
         return process
 
-    monkeypatch.setattr(smoothing_process, 'start_process', sleepy)
+    monkeypatch.setattr(smoothing_process, 'start_worker', sleepy)
     return asked
 
 
@@ -125,7 +124,7 @@ def test_inv5_stop_while_planning_ends_the_goal_as_aborted(slow):
             await until(lambda: slow)
             text = await harness.commands.stop()
             assert goal.outcome.end is End.ABORTED
-            assert goal.outcome.text == 'stopped by ~/stop; the arm stands'
+            assert goal.outcome.text == 'stopped on request; the arm stands'
             assert goal.outcome.text in text
 
     run(scenario())

@@ -7,12 +7,8 @@ from itertools import product
 import pytest
 from support.driver_harness import open_gate
 
-from epson_driver.driver.stopping.arm_gate import (
-    ArmGate,
-    GateError,
-    only_motors_off,
-    what_forbids_motion,
-)
+from epson_driver.driver.inhibit import Cause, status_inhibit
+from epson_driver.driver.stopping.arm_gate import ArmGate, GateError
 from epson_driver.error_texts import load_error_texts
 from epson_driver.simple_message import Mode, Status, TriState
 
@@ -82,15 +78,15 @@ FINE = {'drives_powered': 1, 'e_stopped': 0, 'in_error': 0, 'error_code': 0}
     ],
 )
 def test_what_a_status_says(fields, words):
-    why = what_forbids_motion(Status(**{**FINE, **fields}), ERRORS)
+    found = status_inhibit(Status(**{**FINE, **fields}), ERRORS)
     if words is None:
-        assert why is None
+        assert found is None
     else:
-        assert all(word in why for word in words)
+        assert all(word in found.text for word in words)
 
 
 def test_nothing_known_forbids_nothing():
-    assert what_forbids_motion(Status(), ERRORS) is None
+    assert status_inhibit(Status(), ERRORS) is None
 
 
 def test_the_rule_in_full():
@@ -98,7 +94,7 @@ def test_the_rule_in_full():
     for e_stopped, in_error, drives, mode in product(values, values, values, Mode):
         status = Status(drives, e_stopped, 0, in_error, TriState.UNKNOWN, mode, TriState.UNKNOWN)
         forbidden = e_stopped == 1 or in_error == 1 or drives == 0
-        assert (what_forbids_motion(status, ERRORS) is not None) == forbidden
+        assert (status_inhibit(status, ERRORS) is not None) == forbidden
 
 
 # --- requests to open it ----------------------------------------------------------------------
@@ -145,15 +141,13 @@ def test_inv4_a_request_that_has_ended_opens_nothing():
 
 
 @pytest.mark.parametrize(
-    ('fields', 'only'),
+    ('fields', 'cause'),
     [
-        ({'drives_powered': 0}, True),
-        ({'drives_powered': 0, 'error_code': 4031}, True),
-        ({'drives_powered': 0, 'e_stopped': 1}, False),
-        ({'drives_powered': 0, 'in_error': 1}, False),
-        ({'drives_powered': -1}, False),
-        ({}, False),
+        ({'drives_powered': 0}, Cause.MOTORS_OFF),
+        ({'drives_powered': 0, 'error_code': 4031}, Cause.MOTORS_OFF),
+        ({'drives_powered': 0, 'e_stopped': 1}, Cause.ESTOP),
+        ({'drives_powered': 0, 'in_error': 1}, Cause.ERROR),
     ],
 )
-def test_whether_only_the_motors_are_off(fields, only):
-    assert only_motors_off(Status(**{**FINE, **fields})) is only
+def test_motors_are_the_cause_only_if_nothing_else_is(fields, cause):
+    assert status_inhibit(Status(**{**FINE, **fields}), ERRORS).cause is cause

@@ -112,10 +112,10 @@ def test_enable_and_disable_switch_a_motomans_servos():
             goal = harness.submit(pose(1.0))
             await harness.until_moving()
             assert await harness.commands.disable() == 'the arm is disabled and the motors are off'
-            assert 'stopped by ~/disable; the arm stands' in goal.outcome.text
+            assert 'disabled on request; the arm stands' in goal.outcome.text
             assert commands[-2:] == [Command.STOP_MOTION, Command.STOP_SERVOS]
             await until(lambda: reports(harness, drives_powered=0))
-            assert harness.gate == 'disabled by ~/disable'
+            assert harness.gate == 'disabled on request'
             await harness.commands.enable()
             outcome = await harness.submit(harness.at, harness.at + pose(0.1)).end()
             assert outcome.end is End.SUCCEEDED, outcome
@@ -135,7 +135,8 @@ def test_reset_error_resets_a_motomans_alarm_and_moves_nothing():
             controller.apply(Event.ESTOP_PRESS)
             await until(lambda: reports(harness, e_stopped=1))
             text = await rejection(harness.commands.reset_error())
-            assert text == 'RESET_ALARM: FAILURE: reset the error at the controller'
+            said = 'RESET_ALARM: FAILURE: reset the error at the controller'
+            assert text == f'the E-stop is not reset ({said})'
             controller.apply(Event.ESTOP_RELEASE)
             await harness.commands.reset_error()
             assert others(commands) == [Command.START_SERVOS] + [Command.RESET_ALARM] * 2

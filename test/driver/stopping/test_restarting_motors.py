@@ -113,6 +113,22 @@ def test_a_program_that_a_person_has_stopped_is_started_by_enable():
     run(check())
 
 
+def test_a_reset_stops_the_program_so_the_arm_must_be_enabled_again():
+    async def check():
+        async with spel_cell() as (harness, controller, _):
+            await harness.commands.enable()
+            goal = harness.submit(pose(1.5), step=30.0)
+            await harness.until_moving()
+            await harness.commands.reset_error()
+            assert (await goal.end()).end is not End.SUCCEEDED
+            assert 'disabled by the reset' in harness.gate
+            assert controller.condition.powered
+            await harness.commands.enable()
+            await assert_moves(harness)
+
+    run(check())
+
+
 def test_disable_stops_the_program_and_switches_the_motors_off():
     async def check():
         async with spel_cell() as (harness, controller, _):

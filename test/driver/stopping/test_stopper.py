@@ -24,8 +24,7 @@ from support.driver_harness import (
 from support.event_loop import run, stand_still, until
 
 from epson_driver.driver.arm_commands import CommandError
-from epson_driver.driver.goal.goal import Goal
-from epson_driver.driver.goal.goal_settings import GoalSettings
+from epson_driver.driver.goal.goal import Goal, GoalSettings
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.motion import Trajectory
 from epson_driver.node.diagnostics import Diagnostics
@@ -65,7 +64,8 @@ async def rejection(coroutine):
 
 def arm(harness):
     """Return what /diagnostics says of the arm."""
-    message = Diagnostics(harness.driver, 'node').build(None, asyncio.get_running_loop().time())
+    diagnostics = Diagnostics(harness.driver, 'node', lambda _: 1)
+    message = diagnostics.build(None, asyncio.get_running_loop().time())
     return message.status[-1]
 
 
@@ -172,7 +172,7 @@ def test_inv9_disable_of_an_arm_that_refuses_stop(remote):
                 assert controller.moving
                 assert 'the arm still moves' in text
             assert 'refused STOP' in text
-            assert harness.gate == 'disabled by ~/disable'
+            assert harness.gate == 'disabled on request'
             controller.apply(Event.ESTOP_PRESS)
             await until(lambda: harness.driver.stopper.over)
 

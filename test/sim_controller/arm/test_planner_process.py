@@ -15,10 +15,11 @@ import numpy as np
 import pytest
 
 from epson_driver.motion.smoother import Smoother, plan
+from epson_driver.processes.command import module_command
+from epson_driver.processes.values import packed
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.arm import planner_process
 from epson_driver.sim_controller.arm.planner_process import PlannerError, PlannerProcess
-from epson_driver.sim_controller.arm.planner_worker import framed
 
 LIMITS = load_robot_model('c3_a601s').limits
 PATIENCE = 300.0
@@ -66,6 +67,7 @@ def patience(monkeypatch):
     monkeypatch.setattr(planner_process, 'RESTART_DELAY_S', 0.0)
     monkeypatch.setattr(planner_process, 'START_TIMEOUT_S', PATIENCE)
     monkeypatch.setattr(planner_process, 'PLAN_TIMEOUT_S', PATIENCE)
+    monkeypatch.setattr(planner_process, 'EXIT_TIMEOUT_S', PATIENCE)
 
 
 def test_its_plans_are_those_of_the_function():
@@ -94,12 +96,12 @@ def test_its_plans_keep_to_the_limits_they_were_asked_with(monkeypatch):
         sizes = []
 
         def recorded(value):
-            data = framed(value)
+            data = packed(value)
             sizes.append(len(data))
             return data
 
         async with planning() as (planner, recorder):
-            monkeypatch.setattr(planner_process, 'framed', recorded)
+            monkeypatch.setattr(planner_process, 'packed', recorded)
             order = (LIMITS, SLOW, SLOW, LIMITS, LIMITS)
             for count, limits in enumerate(order, start=1):
                 planner.ask(a_request(), limits, recorder.answers.append)
@@ -163,9 +165,7 @@ def test_one_that_does_not_answer_is_killed(monkeypatch):
     asyncio.run(main())
 
 
-def test_an_error_in_it_is_logged_with_its_words(caplog, monkeypatch):
-    monkeypatch.setattr(planner_process, 'EXIT_TIMEOUT_S', 60.0)
-
+def test_an_error_in_it_is_logged_with_its_words(caplog):
     async def main():
         async with planning() as (planner, recorder):
             planner.ask('no request', LIMITS, recorder.answers.append)
@@ -199,6 +199,14 @@ def test_one_that_cannot_be_started_says_why(monkeypatch, interpreter, text):
         ('exec sleep 60', 'the motion planner took over 0.2 s'),
         ('exec >&-; exec sleep 60', 'the motion planner closed its pipe'),
         ('exit 4', 'the motion planner ended with exit code 4'),
+        (
+            'printf %016d 0; exec sleep 60',
+            'the motion planner sent a value of 3472328297036144736',
+        ),
+        (
+            r"printf '\1\0\0\0\2\0\0\0\0\0\0\0\0\0\0\0{}'; exec sleep 60",
+            'the motion planner sent 18 bytes that are no value',
+        ),
     ],
 )
 def test_inv9_a_planner_that_does_not_begin_is_told_and_is_ended(
@@ -209,12 +217,10 @@ def test_inv9_a_planner_that_does_not_begin_is_told_and_is_ended(
     python.write_text(f'#!/bin/sh\necho $$ > {tmp_path}/pid\n{script}\n')
     python.chmod(0o755)
     monkeypatch.setattr(sys, 'executable', str(python))
-    monkeypatch.setattr(planner_process, 'START_TIMEOUT_S', 60.0 if 'exec >&-' in script else 0.2)
-    monkeypatch.setattr(planner_process, 'EXIT_TIMEOUT_S', 0.1)
-    monkeypatch.setattr(planner_process, 'RESTART_DELAY_S', 0.0)
-    if script.startswith('exit'):
-        monkeypatch.setattr(planner_process, 'START_TIMEOUT_S', 60.0)
-        monkeypatch.setattr(planner_process, 'EXIT_TIMEOUT_S', 60.0)
+    if script == 'exec sleep 60':
+        monkeypatch.setattr(planner_process, 'START_TIMEOUT_S', 0.2)
+    if not script.startswith('exit'):
+        monkeypatch.setattr(planner_process, 'EXIT_TIMEOUT_S', 0.1)
 
     async def check():
         planner = PlannerProcess(LIMITS)
@@ -236,6 +242,6 @@ def test_inv9_a_planner_that_does_not_begin_is_told_and_is_ended(
 
 @pytest.mark.slow
 def test_a_planner_whose_controller_is_gone_before_it_began_ends_in_silence():
-    worker = [sys.executable, '-m', 'epson_driver.sim_controller.arm.planner_worker']
+    worker = module_command(planner_process.WORKER)
     ended = subprocess.run(worker, stdin=subprocess.DEVNULL, capture_output=True, timeout=60)
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, b'', b'')

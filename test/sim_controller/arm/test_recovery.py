@@ -8,7 +8,6 @@ from support.controller_harness import (
     FAILURE,
     LIMITS,
     MODEL,
-    PROFILE,
     RC620,
     STOP,
     SUCCESS,
@@ -17,13 +16,14 @@ from support.controller_harness import (
     point,
 )
 
+from epson_driver.sim_controller.arm.low_power import LOW_POWER, LOW_POWER_TOOL_SPEED
 from epson_driver.sim_controller.condition.states import Motors, RejectedError, Tasks
 from epson_driver.sim_controller.core import MAX_PUSH
 
 DT = 0.004
 POINTS = [(0.1 * i, -0.08 * i, 0.05 * i, 0.0, 0.1 * i, 0.0) for i in range(1, 9)]
 LAST = np.array(POINTS[-1], dtype=np.float32)
-LOW = PROFILE.motion.low_power
+LOW = LOW_POWER
 
 both = pytest.mark.parametrize('smooth', [False, True], ids=['ptp', 'smooth'])
 
@@ -241,7 +241,7 @@ def test_the_way_back_keeps_the_tool_speed_of_low_power():
         harness.step(DT)
         path.append(harness.joints)
     tool = np.abs(np.diff(path, axis=0)) / DT @ MODEL.reach
-    assert 0.2 < tool.max() <= PROFILE.motion.low_power_tool_speed * (1.0 + 1e-6)
+    assert 0.2 < tool.max() <= LOW_POWER_TOOL_SPEED * (1.0 + 1e-6)
 
 
 @both

@@ -368,17 +368,3 @@ def test_a_plan_that_would_break_a_limit_is_braked_told_and_counted():
     harness.rest()
     assert harness.timing.violations == 1
     assert_within_limits(harness)
-
-
-def test_points_without_times_are_passed_within_the_tolerance():
-    points = np.random.default_rng(3).uniform(-0.4, 0.4, (6, 6))
-    exact, beside = (StreamingHarness(path_tolerance=tolerance) for tolerance in (0.0, 0.05))
-    times = []
-    for harness in (exact, beside):
-        harness.send(points, period=0.0)
-        times.append(harness.rest())
-        passed = np.array(harness.positions)
-        missed = np.abs(passed[:, None] - points).max(axis=2).min(axis=0)
-        assert missed[-1] == 0.0
-        assert missed.max() <= (0.02 if harness is exact else 0.07)  # between two cycles
-    assert times[1] < times[0]

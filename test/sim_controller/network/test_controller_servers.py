@@ -358,6 +358,38 @@ async def test_several_state_clients_and_one_that_shuts_only_its_own_side(served
         await read_frame(second)
 
 
+@pytest.mark.invariant(7)
+@pytest.mark.parametrize('full', ['refuse', 'replace'])
+def test_invariant_7_a_state_client_that_has_shut_its_own_side_makes_room_for_another(full):
+    """A proxy whose client has gone reads on for ever: the driver must not be kept out."""
+    server = replace(PROFILE.server, full=full, lost_client='keep', state_clients=3)
+
+    async def test():
+        async with serving(replace(PROFILE, server=server)) as served:
+
+            async def client():
+                reader, writer = await served.connect('state')
+                await read_frame(reader)
+                return writer, asyncio.create_task(read_to_the_end(reader))
+
+            _, whole = await client()
+            halves = [await client() for _ in range(2)]
+            for writer, _ in halves:
+                writer.write_eof()
+            await asyncio.sleep(1.0)
+            assert served.servers.clients('state') == 3  # nobody else wants a place yet
+            for _, half in halves:
+                assert not half.done()
+                await client()
+                await half
+            assert not whole.done()
+            if full == 'refuse':
+                assert await rejected((await served.connect('state'))[0])
+                assert not whole.done()
+
+    run(test())
+
+
 @on_sockets
 async def test_requests_on_the_state_port(served):
     reader, writer = await served.connect('state')

@@ -1,14 +1,15 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Many clients at once on real sockets, in one event loop: places, descriptors, turns."""
+"""Crowds of clients, and the log of what they did."""
 
 import asyncio
 import errno
+import logging
 import socket
 from functools import partial
 
 import pytest
-from support.controller_harness import frame
+from support.controller_harness import Harness, Peer, frame
 from support.event_loop import until
 from test_controller_servers import HOST, on_sockets, read_frame, rejected
 
@@ -18,8 +19,14 @@ from epson_driver.sim_controller.client_connections import (
     MAX_REMOTE_CLIENTS,
     ClientConnection,
 )
-from epson_driver.sim_controller.network.cpu_budget import INITIAL_S, MAX_SAVED_S, CpuBudget
-from epson_driver.sim_controller.network.port_server import MAX_WAITING_CLIENTS, port_rules
+from epson_driver.sim_controller.network.port_server import (
+    INITIAL_S,
+    MAX_SAVED_S,
+    MAX_WAITING_CLIENTS,
+    CpuBudget,
+    port_rules,
+)
+from epson_driver.sim_controller.network.stderr_log import BURST_LINES, StderrLog
 
 CROWD = 200
 
@@ -161,3 +168,76 @@ def test_all_clients_of_a_port_together_keep_to_its_share(clients):
         used += 0.001
         due[index] += max(budgets[index].used(0.001, 0.2 / clients, due[index]), 1e-6)
     assert used == pytest.approx(0.2 * 100.0 + clients * INITIAL_S, rel=0.01)
+
+
+MANY = 20_000
+
+
+class Log:
+    """The lines that a controller writes to stderr, at a time that a test sets."""
+
+    def __init__(self, capfd):
+        self.now = 100.0
+        self._capfd = capfd
+        self.handler = StderrLog(clock=lambda: self.now)
+
+    def lines(self):
+        self.handler.finish()
+        return self._capfd.readouterr().err.splitlines()
+
+
+@pytest.fixture
+def log(capfd):
+    log = Log(capfd)
+    logger = logging.getLogger('epson_driver')
+    level = logger.level
+    logger.addHandler(log.handler)
+    logger.setLevel(logging.INFO)
+    yield log
+    logger.removeHandler(log.handler)
+    logger.setLevel(level)
+
+
+@pytest.fixture
+def client():
+    harness = Harness(motors=False)
+    return harness.controller.connect('remote', Peer())
+
+
+@pytest.mark.invariant(7)
+def test_invariant_7_refused_remote_commands_have_a_pace_and_the_rest_is_counted(log, client):
+    client.receive(b'$Nothing\n' * MANY)
+    log.now += 1.0
+    client.receive(b'$Nothing\n' * MANY)
+    lines = log.lines()
+    assert len(lines) == BURST_LINES + 1
+    assert all('there is no command Nothing' in line for line in lines)
+    assert lines[-1].endswith(f'(and {MANY - BURST_LINES} like it before)')
+
+
+def test_other_lines_pass_while_one_kind_is_held_back(log, client):
+    client.receive(b'$Login\n' + b'$Nothing\n' * MANY + b'$Sim,estop,press\n')
+    lines = log.lines()
+    assert len(lines) == BURST_LINES + 1
+    assert 'E-stop press: ' in lines[-1]
+
+
+def test_what_a_client_sends_does_nothing_to_the_terminal(log, client):
+    client.receive(b'$\x1b]0;owned\x07\x9b2J\x08\x00\n\x1b[31mno dollar\n')
+    lines = log.lines()
+    assert len(lines) == 2
+    assert all(line.isprintable() for line in lines)
+    assert r'there is no command \x1b]0;owned\x07' in lines[0]
+
+
+@pytest.mark.invariant(7)
+@pytest.mark.parametrize('port', ['motion', 'state', 'io'])
+def test_invariant_7_refused_messages_have_a_pace_on_every_port(log, port):
+    connection = Harness(motors=False, connect=False).controller.connect(port, Peer())
+    for kind in (11, 12, 13, 65_201, 999, 0, -1):  # too short for what they are
+        connection.receive(
+            b'\x0f\0\0\0' + kind.to_bytes(4, 'little', signed=True) + b'\2' + bytes(10)
+        )
+    for _ in range(MANY // 10):
+        connection.receive(b'\x0f\0\0\0\x0b\0\0\0\2' + bytes(10))
+    assert 1 <= len(log.lines()) <= 3 * BURST_LINES

@@ -288,3 +288,13 @@ def test_invariant_2_an_abbs_point_to_point_move_takes_as_long_as_its_point_says
         assert np.all(differences <= limit * 1.001 + 2e-7 / dt**order)  # float32
     moves = np.max(np.abs(np.diff(trace, axis=0)), axis=1)
     assert np.min(moves[50:-50]) > 1e-6  # it blends still
+
+
+@pytest.mark.parametrize('name', ['rc620', 'motoman'])
+@pytest.mark.parametrize('size', [0, 40, 44, 52])
+def test_a_ping_with_what_a_message_object_had_in_it_before_is_answered(name, size):
+    """So the C++ library sends it when a program uses the object of a JOINT_POSITION again."""
+    harness = new_harness(name)
+    harness.send(frame(1, 2, 0, b'\x01' * size))
+    body = bytes(size if size == 40 else 0)
+    assert harness.peer.take() == frame(1, 3, SUCCESS, body)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Points, rejections and stops on a manual clock; the client's bytes are made with struct."""
+"""The motion program: points, their replies, and the watchdog of its client."""
 
 import math
 import struct
@@ -15,13 +15,16 @@ from support.controller_harness import (
     STOP,
     SUCCESS,
     Harness,
+    InlinePlanner,
     Peer,
+    Reply,
     frame,
     point,
     point_body,
     split,
 )
 
+from epson_driver.profiles import load_controller_profile
 from epson_driver.sim_controller.arm.executor import Point
 from epson_driver.sim_controller.arm.point_to_point import PointToPoint
 from epson_driver.sim_controller.condition.states import Event
@@ -406,7 +409,7 @@ def test_invariant_7_too_many_points_end_the_motion():
         (frame(1, 2, 0), frame(1, 3, 1)),
         (frame(1, 2, 0, bytes(40)), frame(1, 3, 1, bytes(40))),
         (frame(1, 2, 0, b'\1' * 40), frame(1, 3, 1, bytes(40))),
-        (frame(2, 2, 0), frame(2, 3, 1, struct.pack('<3i', 0, 1, 0))),
+        (frame(2, 2, 0), frame(2, 3, 1, struct.pack('<3i', 0, 2, 0))),
         (frame(13, 2, 0, bytes(28)), frame(13, 3, 2)),
         (frame(10, 2, 0, bytes(44)), frame(10, 3, 2)),
         (frame(14, 2, 0, bytes(136)), frame(14, 3, 2)),
@@ -492,3 +495,168 @@ def test_big_endian_points_to_a_big_endian_controller():
     connection.receive(point(0, order='>'))
     ((msg_type, comm_type, reply_code, body),) = split(peer.take(), '>')
     assert (msg_type, comm_type, reply_code, body) == (10, 3, SUCCESS, bytes(44))
+
+
+TIMEOUT = PROFILE.server.client_timeout
+
+SLICE = TIMEOUT / 10
+
+PING, REQUEST, TOPIC, REPLY = 1, 2, 1, 3
+
+HEARTBEAT = frame(PING, TOPIC, 0)
+
+TOLD = Reply(PING, REPLY, FAILURE, None)
+
+FAR = (1.5, -0.4, 0.3, 0.2, -0.1, 1.0)
+
+SILENT = 8004
+
+
+def moving(*first, smooth=True, profile=PROFILE, seconds=10.0):
+    """Return a controller whose arm is on a way of some seconds, after these messages."""
+    harness = Harness(planner=InlinePlanner() if smooth else None, profile=profile)
+    halfway, velocity = np.array(FAR) / 2, 0.0 if smooth else 0.05
+    points = [point(count, to, velocity, seconds / 2) for count, to in enumerate((halfway, FAR))]
+    harness.send(*first, *points)
+    harness.step(0.1)
+    assert harness.controller.in_motion
+    harness.replies()
+    return harness
+
+
+@pytest.mark.invariant(3)
+@pytest.mark.parametrize('smooth', [True, False])
+def test_an_armed_controller_stops_when_its_client_is_silent(smooth):
+    harness = moving(HEARTBEAT, smooth=smooth)
+    harness.step(TIMEOUT - 0.1 - SLICE - 0.008)
+    assert harness.replies() == []
+    assert harness.error == 0
+    harness.step(SLICE + 0.016)
+    told, *refused = harness.replies()
+    assert told == TOLD
+    assert refused == [(10, REPLY, FAILURE, number) for number in ([1] if smooth else [0, 1])]
+    assert harness.rest() < 0.3
+    assert harness.error == SILENT
+    assert harness.controller.condition.powered
+    at = harness.joints
+    harness.step(2.0)
+    assert harness.replies() == []  # once
+    assert np.array_equal(harness.joints, at)
+
+
+@pytest.mark.parametrize('smooth', [True, False])
+@pytest.mark.parametrize(
+    'first',
+    [
+        (),
+        (frame(PING, REQUEST, 0),),
+        (frame(PING, REPLY, SUCCESS),),
+        (frame(2, TOPIC, 0), frame(13, TOPIC, 0)),
+    ],
+)
+def test_a_client_that_has_sent_no_heartbeat_may_be_silent(first, smooth):
+    harness = moving(*first, smooth=smooth, seconds=4.0)
+    harness.rest()
+    assert harness.joints == pytest.approx(FAR, abs=1e-6)
+    assert harness.error == 0
+
+
+@pytest.mark.parametrize(
+    'message', [HEARTBEAT, frame(PING, REQUEST, 0), frame(2, REQUEST, 0), frame(999, TOPIC, 0)]
+)
+def test_any_message_is_a_sign_of_life(message):
+    harness = moving(HEARTBEAT, seconds=4.0)
+    while harness.controller.in_motion:
+        harness.step(0.3)
+        harness.send(message)
+    assert harness.joints == pytest.approx(FAR, abs=1e-6)
+
+
+@pytest.mark.invariant(4)
+def test_nothing_is_taken_from_a_client_that_hung_until_it_sends_stop():
+    harness = moving(HEARTBEAT)
+    harness.step(1.5)
+    harness.replies()
+    at = harness.joints
+    harness.send(HEARTBEAT, *(point(number, FAR) for number in (2, 0, -1)))
+    harness.send(point(0, FAR, comm_type=TOPIC))
+    harness.step(1.0)
+    assert [reply.reply_code for reply in harness.replies()] == [FAILURE] * 3
+    assert np.array_equal(harness.joints, at)
+    assert harness.error == SILENT
+    harness.send(point(STOP))
+    assert harness.codes() == [(STOP, SUCCESS)]
+    assert harness.error == 0
+    harness.send(HEARTBEAT, point(0, FAR, 0.0, 0.4))
+    harness.rest()
+    assert harness.joints == pytest.approx(FAR, abs=1e-6)
+
+
+def test_an_arm_that_stands_is_left_alone():
+    harness = Harness(planner=InlinePlanner())
+    harness.send(HEARTBEAT, point(0, [0.05] * 6, 0.0, 0.3))
+    assert harness.rest() < 0.4
+    harness.replies()
+    harness.step(5.0)
+    assert harness.replies() == []
+    assert harness.error == 0
+    harness.send(point(0, [0.0] * 6, 0.0, 0.4))
+    harness.rest()
+    assert harness.error == 0
+
+
+@pytest.mark.invariant(4)
+def test_points_that_wait_in_a_pause_are_dropped():
+    harness = moving(HEARTBEAT)
+    harness.do('pause')
+    harness.rest()
+    harness.step(1.0)
+    assert harness.replies()[0] == TOLD
+    at = harness.joints
+    harness.do('continue')
+    harness.step(1.0)
+    assert np.array_equal(harness.joints, at)
+
+
+def test_a_download_that_is_cut_short_is_dropped():
+    harness = Harness(planner=InlinePlanner())
+    harness.send(HEARTBEAT, *(point(number, FAR, comm_type=TOPIC) for number in (-1, 1, 2)))
+    harness.step(1.0)
+    assert harness.replies() == [TOLD]
+    harness.send(point(-3, FAR, comm_type=TOPIC))
+    harness.step(1.0)
+    assert not harness.controller.in_motion
+    assert harness.error == SILENT
+
+
+def test_a_controller_that_was_not_scheduled_blames_nobody():
+    """What came meanwhile is read afterwards; the pacer takes the time as one step."""
+    harness = moving(HEARTBEAT, seconds=20.0)
+    for _ in range(5):
+        harness.step(3.0, dt=3.0)
+        harness.send(HEARTBEAT)
+    assert harness.replies() == [(10, REPLY, SUCCESS, 1)]
+    assert harness.controller.in_motion
+
+
+def test_the_next_client_may_be_silent_again():
+    harness = moving(HEARTBEAT)
+    harness.step(1.5)
+    harness.disconnect()
+    harness.connect()
+    harness.do('motors on')
+    harness.replies()
+    assert harness.error == 0
+    harness.send(point(0, FAR, 0.0, 3.0))
+    harness.rest()
+    assert harness.joints == pytest.approx(FAR, abs=1e-6)
+
+
+@pytest.mark.parametrize('name', ['generic', 'fanuc', 'abb', 'thesis'])
+def test_programs_of_others_have_no_watchdog(name):
+    profile = load_controller_profile(name)
+    harness = Harness(profile=profile)
+    order = '>' if name == 'fanuc' else '<'
+    harness.send(frame(PING, TOPIC, 0, order=order))
+    assert harness.controller.clock.timers == 0
+    assert harness.peer.take() == b''

@@ -3,7 +3,7 @@
 """Hostile frames on the ports of our SPEL+ program, on the simulated controller with motors on.
 
 The program never ends, nothing moves by them, and the next good client works. Hypothesis looks for
-single bad messages in test/controller_program/test_hostile_clients.py; this is for masses.
+single bad messages in test/controller_program/test_motion_server.py; this is for masses.
 """
 
 import logging

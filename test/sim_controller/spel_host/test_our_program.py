@@ -5,15 +5,14 @@
 import logging
 import struct
 import subprocess
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from support.controller_harness import FAILURE, MODEL, STOP, SUCCESS, point, split
+from support.longer_arm import arm_model
 from support.sim_process import COMMAND
 from support.spel_program_harness import STEP_S, OurProgramHarness
 
-from epson_driver.cli.trajectory_file import read_trajectory
 from epson_driver.driver.smoothing.smoothing import Smoothing, smoothed_trajectory
 from epson_driver.inputs import InputError
 from epson_driver.motion import Trajectory
@@ -22,6 +21,7 @@ from epson_driver.report.measure import Recording, measure
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_file
 from epson_driver.sim_controller.spel_host.profile_project import profile_project
+from epson_driver.trajectory_file import read_trajectory
 
 PROFILE = load_controller_profile('spel')
 HOME = [0.0] * 6
@@ -242,6 +242,7 @@ def test_as_shipped_it_moves_at_low_power_and_says_so(caplog):
     motion, peer = harness.ready()
     begin = harness.controller.clock.now
     harness.stream(motion, peer, way([1.0, *HOME[1:]], 0.5, 3))
+    harness.until(lambda: harness.controller.in_motion)
     harness.rest()
     assert harness.controller.clock.now - begin > 2.0
     velocity, _ = harness.within_limits()
@@ -270,28 +271,37 @@ def test_two_runs_send_the_same_bytes():
     assert len(sent[0][1]) > 4000
 
 
-def test_statements_take_the_time_that_the_profile_says():
-    """Invariant: the cost of a statement is data, so that a slower controller can be tried."""
-    rates = []
-    for statement in (1e-5, 1e-4):
-        spel = replace(PROFILE.spel, statement=statement)
-        harness = OurProgramHarness(profile=replace(PROFILE, spel=spel))
-        harness.step(2.0)
-        _, state = harness.client('state')
-        harness.step(2.0)
-        state.take()
-        harness.step(1.0)
-        rates.append(len(split(state.take())))
-    assert 95 <= rates[0] <= 101
-    assert rates[1] < 60
-
-
 def test_the_robot_s_speeds_are_put_in_and_other_robots_are_refused():
     files = profile_project(PROFILE.spel, load_robot_model('c8_c901s'))
     assert '#define J1_SPEED 294' in files['config.inc']
     assert '#define FULL_POWER 1' in files['config.inc']
-    with pytest.raises(InputError, match='gx4_c251s has 4 joints: the project is for arms with 6'):
-        profile_project(PROFILE.spel, load_robot_model('gx4_c251s'))
+
+
+def test_a_robot_with_seven_joints_is_refused(tmp_path):
+    with pytest.raises(InputError, match='has 7 joints: the project is for six axes, or a SCARA'):
+        profile_project(PROFILE.spel, arm_model(tmp_path, 7))
+
+
+def test_a_scara_goes_where_it_is_sent_and_says_where_it_is():
+    """Joint 3 is in metres on the wire, in mm in the program."""
+    model = load_robot_model('gx4_c251s')
+    files = profile_project(PROFILE.spel, model)
+    assert '#define JOINT_COUNT 4' in files['config.inc']
+    harness = OurProgramHarness(start=[0.1, 0.2, -0.05, 0.3], model=model)
+    motion, peer = harness.ready()
+    _, state = harness.client('state')
+    motion.receive(point(0, (0.3, -0.4, -0.1, 1.0), 0.0, 1.0))
+    harness.until(lambda: len(peer.got) >= 60)
+    assert harness.replies(peer) == [(0, SUCCESS)]
+    harness.until(lambda: harness.controller.in_motion)
+    harness.rest()
+    assert harness.position == pytest.approx([0.3, -0.4, -0.1, 1.0], abs=1e-5)
+    joints = [body for kind, *_, body in split(state.take()) if kind == 10][-1]
+    told = struct.unpack_from('<10f', joints, 4)
+    assert told == pytest.approx([0.3, -0.4, -0.1, 1.0, *[0.0] * 6], abs=1e-5)
+    motion.receive(point(0, (0.3, -0.4, 0.02, 1.0), 0.0, 1.0))
+    harness.step(0.3)
+    assert harness.replies(peer) == [(0, FAILURE)]
 
 
 @pytest.mark.parametrize(
@@ -301,7 +311,6 @@ def test_the_robot_s_speeds_are_put_in_and_other_robots_are_refused():
         (['--state-period', '0.01'], '--state-period: a SPEL+ program sends when'),
         (['--define', 'FULLPOWER=1'], "no file of the project has a line #define 'FULLPOWER'"),
         (['--define', 'FULL_POWER'], 'must be NAME=VALUE'),
-        (['--robot', 'gx4_c251s'], 'has 4 joints'),
     ],
 )
 def test_arguments_that_do_not_fit_a_program_are_refused(arguments, words):

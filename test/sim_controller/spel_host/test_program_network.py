@@ -63,7 +63,7 @@ def test_a_client_of_a_port_that_is_not_open_is_not_served():
 @pytest.mark.parametrize(
     ('statements', 'said'),
     [
-        ('OpenNet #203 As Server', 'port 203 has no SetNet with its TCP port'),
+        ('OpenNet #203 As Server', 'port 203 has no TCP port: SetNet gives it one, or --net'),
         (
             'SetNet #203, "", 11002\nSetNet #204, "", 11002\n'
             'OpenNet #203 As Server\nOpenNet #204 As Server',

@@ -53,7 +53,7 @@ def refusal(caplog, body, **options):
         ('Accel 50, 0', 'Accel 0: must be 1 to 100 %'),
         ('SpeedS 2001', 'SpeedS 2001: must be 0.1 to 2000 mm/s'),
         ('AccelS 0', 'AccelS 0: must be 0.1 to 25000 mm/s²'),
-        ('Tool 1', 'Tool 1: only 0 is simulated'),
+        ('Tool 1', 'Tool 1 is not defined: TLSet 1'),
         ('Print Sw(9999)', 'DI port 9999 of 1 bits: there are 24 points'),
         (
             'Till Sw(9999) = On\nMotor On\nGo JA(1, 0, 0, 0, 0, 0) Till',
@@ -61,7 +61,7 @@ def refusal(caplog, body, **options):
         ),
         ('Motor On\nGo JA(1, 2, 3, 4)', '4 values for 6 joints'),
         ('Motor On\nGo JA(1, 2, 3, 4, 5, 6, 7)', '7 values for 6 joints'),
-        ('P1 = Here\nMotor On\nGo P1 /R', '/R is not simulated: the nearest posture is taken'),
+        ('P1 = Here\nMotor On\nGo P1 /L', '/L is not simulated: the nearest posture is taken'),
     ],
 )
 def test_what_is_out_of_range_is_said_with_the_value_and_what_it_may_be(caplog, statement, said):

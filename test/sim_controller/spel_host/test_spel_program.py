@@ -12,7 +12,7 @@ from support.spel_program_harness import SpelProgramHarness
 from epson_driver.error_texts import load_error_texts
 from epson_driver.sim_controller.assembly import SpelSource, new_controller, program_network
 from epson_driver.sim_controller.condition.states import RejectedError, Tasks
-from epson_driver.spel import ErrorNumber, ProgramError, build
+from epson_driver.spel import ErrorNumber, build
 
 AWAY = np.radians([30.0, -10.0, 10.0, 0.0, 20.0, 0.0])
 MOVE = """
@@ -278,11 +278,13 @@ def test_out_of_range_is_4001_before_the_arm_moves(caplog):
     assert not np.any(np.diff(harness.positions, axis=0))
 
 
-@pytest.mark.parametrize('line', ['Arc P1, P2', 'TGo P1', 'SFree 1', 'Go P1 Sense'])
-def test_what_is_not_simulated_is_refused_before_the_start(line):
-    source = f'Function main\n  If Motor = On Then\n    {line}\n  EndIf\nFend\n'
-    with pytest.raises(ProgramError, match=rf'main.prg:3:\d+: .*{line.split()[0]} is not sim'):
-        SpelProgramHarness(source)
+def test_what_is_not_simulated_ends_its_task_by_name(caplog):
+    source = 'Function main\n  If Motor = On Then\n    SFree 1\n  EndIf\n  SFree 2\nFend\n'
+    harness = SpelProgramHarness(source, caplog)
+    harness.step(0.1)
+    assert harness.controller.error_number == 9999
+    assert 'main.prg:5' in caplog.text
+    assert 'SFree is not simulated' in caplog.text
 
 
 def test_motors_that_go_off_end_the_motion_with_2999(caplog):
@@ -448,7 +450,6 @@ def test_an_error_is_told_with_text_file_and_line_wherever_it_is_asked_for(caplo
     assert errors == [f'main.prg:5: error 9992 in main (task 1): {said}']
     told = f'{said}, at main.prg:5 in main (task 1)'
     assert answer(harness.controller, 'GetErrMsg,9992,0') == f'#GetErrMsg,{told}'
-    assert answer(harness.controller, 'Sim,print,ErrMsg$(9992)') == f'#Sim,{told}'
     assert answer(harness.controller, 'Start,0') == '!Start,20'
     assert 'there is error 9992 (an array index' in caplog.text
     harness.do('reset')
@@ -462,7 +463,8 @@ def test_an_error_is_told_with_text_file_and_line_wherever_it_is_asked_for(caplo
 def test_an_error_of_the_user_is_told_in_the_words_of_the_project(caplog):
     files = {
         'main.prg': 'Function main\n  Error BAD_PART\nFend\n',
-        'UserErrors.dat': 'nError1=8100\nsLabel1="BAD_PART"\nsMessage1="The part is bad"\n',
+        'UserErrors.dat': 'Label1 {\nnError=8100\nsLabel="BAD_PART"\n'
+        'sMessage="The part is bad"\n}\n',
     }
     controller = new_controller(
         MODEL, PROFILE, spel=SpelSource(build(files), program_network(PROFILE))

@@ -10,11 +10,13 @@ from support.spel_program_harness import STEP_S, SpelProgramHarness
 
 from epson_driver.robots import load_robot_model
 from epson_driver.robots.kinematics import Kinematics
+from epson_driver.sim_controller.arm.low_power import LOW_POWER
+from epson_driver.sim_controller.spel_host.motion_statements import points_of
 from epson_driver.sim_controller.spel_host.robot_motion import RobotMotion
 from epson_driver.sim_controller.spel_host.robot_points import RobotPoints
 from epson_driver.sim_controller.spel_host.robot_values import Robot
-from epson_driver.sim_controller.spel_host.robot_ways import points_of
 from epson_driver.spel import MotionRequest
+from epson_driver.spel.frames import changed
 
 BENT = np.radians([0.0, -10.0, 20.0, 0.0, -60.0, 0.0])
 SCARA = load_robot_model('gx4_c251s')
@@ -177,7 +179,7 @@ Fend
 
 
 def test_a_scara_jumps_over_a_pallet_up_across_and_down(caplog):
-    harness = SpelProgramHarness(JUMP.format(deep=44, high=-20), caplog, model=SCARA)
+    harness = SpelProgramHarness(JUMP.format(deep=-80, high=-20), caplog, model=SCARA)
     harness.until(lambda: harness.printed == ['stands'])
     begin = len(harness.positions)
     harness.until(lambda: len(harness.printed) == 4)
@@ -194,7 +196,7 @@ def test_a_scara_jumps_over_a_pallet_up_across_and_down(caplog):
 @pytest.mark.invariant(3)
 def test_inv3_till_ends_a_jump_and_what_is_left_of_it(caplog):
     source = (
-        JUMP.format(deep=40, high=0)
+        JUMP.format(deep=-84, high=0)
         .replace('C0', 'Till MemSw(1) = On')
         .replace('  For i', '  Xqt 2, stopper\n  For i')
     )
@@ -226,7 +228,7 @@ def test_move_to_where_the_arm_is_is_over_at_once(caplog):
     assert not np.any(np.diff(harness.positions, axis=0))
 
 
-def test_a_line_that_turns_by_half_a_turn_could_go_either_way_and_is_refused(caplog):
+def test_a_line_that_turns_by_half_a_turn_is_driven(caplog):
     source = """
     Function main
       Motor On
@@ -236,10 +238,10 @@ def test_a_line_that_turns_by_half_a_turn_could_go_either_way_and_is_refused(cap
     """
     start = np.radians([0.0, 0.0, 0.0, 0.0, -90.0, 0.0])  # Tool 0 looks down
     harness = SpelProgramHarness(source, caplog, start=start)
-    harness.step(0.5)
-    assert harness.controller.error_number == 4007
-    assert 'the orientation turns by half a turn, either way' in caplog.text
-    assert not np.any(np.diff(harness.positions, axis=0))
+    harness.step(12.0)
+    assert harness.controller.error_number == 0
+    turned = harness.positions[-1] - start
+    assert abs(turned[5]) == pytest.approx(np.pi - abs(turned[0]), abs=1e-3)
 
 
 def test_a_line_after_a_blended_go_begins_when_the_arm_stands(caplog):
@@ -264,10 +266,12 @@ def test_a_line_after_a_blended_go_begins_when_the_arm_stands(caplog):
 def test_where_no_straight_way_is_left_after_a_stop_the_arm_goes_slowly_by_its_joints(caplog):
     harness = six_axis(caplog, 'Function main\nFend\n')
     controller = harness.controller
-    motion = RobotMotion(controller.arm.executor, controller.clock, lambda: None, 0.01)
+    motion = RobotMotion(
+        controller.arm.executor, controller.clock, lambda: None, 0.01, lambda: None
+    )
     robot = Robot(controller, motion, RobotPoints(controller.model))
     place = robot.points.place(BENT)
-    target = place.changed('+', 0, 50.0)
+    target = changed(place, '+', 'x', 50.0)
     (point,) = points_of(robot, MotionRequest('move', (target,)))
     assert point.way is not None
     straight = point.way(BENT, False)
@@ -278,7 +282,24 @@ def test_where_no_straight_way_is_left_after_a_stop_the_arm_goes_slowly_by_its_j
     assert np.allclose(slow.end, point.target, atol=1e-9)
     assert 'Move goes on from joint to joint: ' in caplog.text
     limits = controller.model.limits
-    share = controller.profile.motion.low_power
+    share = LOW_POWER
     times = np.linspace(0.0, slow.duration, 200)
     speeds = np.array([slow.at(time)[1] for time in times])
     assert np.max(np.abs(speeds) / limits.velocity) <= share * 1.001
+
+
+@pytest.mark.parametrize('hand', ['L', 'R'])
+def test_a_scara_goes_to_a_point_with_the_hand_it_was_taught_with(caplog, hand):
+    """Its flag says to which side joint 2 bends (SPEL+ p592)."""
+    source = f"""
+    Function main
+      Motor On
+      P1 = XY(150, 120, -20, 30) /{hand}
+      Go P1
+      Print Agl(2) > 0, Int(CX(Here) + 0.5), Int(CZ(Here) + 0.5) = Int(CZ(P1) + 0.5)
+    Fend
+    """
+    start = np.array([0.3, 0.5, -0.02, 0.0])
+    harness = SpelProgramHarness(source, caplog, model=SCARA, start=start)
+    harness.step(5.0)
+    assert harness.printed == [f'{-1 if hand == "R" else 0} 150 -1']

@@ -1,20 +1,17 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The state of each slot is that of the slot's own time, however late the process gets there.
-
-A real controller measures in its cycles. A simulation that told where the arm is when it sends
-would have joints of irregular times, which nothing on the wire shows: no client could tell how
-fast they move.
-"""
+"""State messages come at their slot, and go on whatever the motion does."""
 
 import random
 import struct
 
 import numpy as np
 import pytest
-from support.controller_harness import LIMITS, Harness, InlinePlanner, Peer, point, split
+from support.controller_harness import LIMITS, RC620, Harness, InlinePlanner, Peer, point, split
 
 from epson_driver.driver.state.robot_state import RobotState, StateRules
+from epson_driver.sim_controller.core import CYCLE_PERIOD_S
+from epson_driver.sim_controller.faults.fault_kinds import FAULTS
 from epson_driver.sim_controller.faults.fault_text import parse
 from epson_driver.sim_controller.network.pacer import Pacer
 from epson_driver.sim_controller.state.state_session import MAX_CATCH_UP_SLOTS
@@ -71,7 +68,7 @@ class Paced:
         end = self.now + seconds
         while self.now < end:
             clock = self.controller.clock
-            due = min(clock.next_due - clock.now, self.controller.profile.cycle_period)
+            due = min(clock.next_due - clock.now, CYCLE_PERIOD_S)
             self.now += (
                 max(due, 0.0) + 1e-9 + self._late(self.now, self._chance)
             )  # never too early
@@ -168,3 +165,78 @@ def test_inv8_velocities_of_a_simulation_that_is_late_are_those_of_its_motion(la
     assert judged > 1500
     assert np.abs(speeds).max() > 1.0
     assert state.bounded == 0
+
+
+LONGEST = 0.1
+
+DT = 0.004
+
+SILENT = {'cut', 'half_open', 'reboot'}
+"""Faults that silence the state port if they act on it."""
+
+
+class Watch:
+    """A state client, and how long it heard nothing."""
+
+    def __init__(self, harness):
+        self.harness, self.peer = harness, Peer()
+        self.connection = harness.controller.connect('state', self.peer)
+        self.silence = self.longest = 0.0
+
+    def step(self, seconds):
+        for _ in range(round(seconds / DT)):
+            self.harness.step(DT)
+            self.silence = 0.0 if self.peer.take() else self.silence + DT
+            self.longest = max(self.longest, self.silence)
+
+
+def moving_and_watched():
+    harness = Harness(profile=RC620)
+    watch = Watch(harness)
+    harness.send(point(0, (1.5, 0.5, 0.3)), point(1, ()))
+    watch.step(0.1)
+    assert harness.controller.in_motion
+    return harness, watch
+
+
+@pytest.mark.parametrize('name', [name for name in FAULTS if name != 'reboot'])
+def test_through_every_fault_that_leaves_the_link_up(name):
+    harness, watch = moving_and_watched()
+    harness.controller.faults.start(parse(f'{name} port=motion' if name in SILENT else name))
+    watch.step(2.0)
+    harness.controller.faults.clear()
+    watch.step(1.0)
+    assert watch.longest < LONGEST
+
+
+@pytest.mark.parametrize('name', sorted(SILENT))
+def test_what_silences_the_state_port_is_noticed_here(name):
+    _, watch = moving_and_watched()
+    watch.harness.controller.faults.start(parse(name))
+    watch.step(1.0)
+    assert watch.longest > LONGEST
+
+
+@pytest.mark.parametrize(
+    'events',
+    [
+        ('E-stop press', 'E-stop release', 'reset', 'motors on'),
+        ('door open', 'door close', 'continue'),
+        ('pause', 'continue'),
+        ('stop', 'start'),
+        ('motors off', 'motors on'),
+        ('mode manual', 'mode auto', 'motors on'),
+        ('error', 'reset', 'motors on'),
+        ('critical error',),
+        ('power low', 'power high'),
+    ],
+    ids=lambda events: events[0],
+)
+def test_through_everything_that_a_person_does(events):
+    harness, watch = moving_and_watched()
+    for event in events:
+        harness.do(event)
+        watch.step(0.5)
+    harness.disconnect()
+    watch.step(0.5)
+    assert watch.longest < LONGEST

@@ -1,0 +1,159 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`epson_driver first-run ADDRESS`: the first day with a real robot, step by step, in one file."""
+
+import argparse
+import asyncio
+import os
+import platform
+import sys
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+
+from epson_driver.cli.arguments import FREE_PORT, argument, host
+from epson_driver.cli.doctor import tell
+from epson_driver.doctor.controller_checks import Question
+from epson_driver.doctor.findings import Findings
+from epson_driver.first_run.book import Book, load
+from epson_driver.first_run.run import go_through
+from epson_driver.first_run.steps import FirstRun
+from epson_driver.inputs import InputError, printable
+from epson_driver.processes.interrupt import INTERRUPTED
+from epson_driver.profiles import load_controller_profile
+from epson_driver.robots import load_robot_model
+
+LISTENING_S = 5.0
+
+
+def main() -> int:
+    """Go through the steps. Returns 0 if none is left, 1 if some are, 2 for wrong arguments."""
+    parser = _parser()
+    arguments = parser.parse_args()
+    path = arguments.file or Path(f'first_run_{arguments.address}.html'.replace(':', '_'))
+    console = Console(highlight=False)
+    findings = Findings(lambda finding: tell(console, finding))
+    try:
+        question = _question(arguments)
+        about = {
+            'address': arguments.address,
+            'controller': arguments.controller,
+            'robot': arguments.robot,
+        }
+        book = load(path) if path.exists() else Book(about | _versions())
+        for key, value in about.items():
+            if book.about[key] != value:
+                rule = f'is about the {key} {book.about[key]}; give that one, or another --file'
+                raise InputError(f'{printable(path)}: {rule}')
+        run = FirstRun(question, _Keyboard().ask, findings)
+        ended = asyncio.run(go_through(run, book, path, lambda text: _say(console, text)))
+    except (OSError, InputError) as error:
+        parser.error(printable(error))
+    except (KeyboardInterrupt, EOFError):
+        console.print(f'\nended; what was done is kept: {escape(printable(path))}')
+        return INTERRUPTED
+    for habit in book.habits:
+        console.print(f'[bold]habit[/]  {escape(printable(habit))}', soft_wrap=True)
+    console.print(f'page, and a robot for sim_controller --profile-from: {printable(path)}')
+    left = [name for name, each in book.entries.items() if each.state == 'failed']
+    return int(bool(left) or not ended)
+
+
+def _say(console: Console, text: str) -> None:
+    style = 'bold yellow' if 'THE ARM MOVES' in text else 'bold'
+    console.print(f'[{style}]{escape(text)}[/]', soft_wrap=True)
+
+
+class _Keyboard:
+    """Lines of standard input without a thread: Ctrl-C must not have to wait for one."""
+
+    def __init__(self) -> None:
+        self._typed = b''
+
+    async def ask(self, sentence: str) -> str:
+        """Show a sentence and return the line that is typed. Raises EOFError."""
+        print(sentence, end='', flush=True)
+        loop, file = asyncio.get_running_loop(), sys.stdin.fileno()
+        while b'\n' not in self._typed:
+            ready = asyncio.Event()
+            try:
+                loop.add_reader(file, ready.set)
+            except PermissionError:  # a file, which is always ready
+                ready.set()
+            try:
+                await ready.wait()
+            finally:
+                loop.remove_reader(file)
+            self._take(file)
+        line, _, self._typed = self._typed.partition(b'\n')
+        return line.decode(errors='replace')
+
+    def _take(self, file: int) -> None:
+        data = os.read(file, 4096)
+        if not data:
+            raise EOFError
+        self._typed += data
+
+
+def _versions() -> dict[str, str]:
+    try:
+        own = version('epson_driver')
+    except PackageNotFoundError:  # run from a source tree
+        own = 'not installed'
+    return {
+        'when': f'{datetime.now(UTC):%Y-%m-%d %H:%M} UTC',
+        'epson_driver': own,
+        'Python': platform.python_version(),
+        'system': platform.platform(),
+    }
+
+
+def _question(arguments: argparse.Namespace) -> Question:
+    profile = load_controller_profile(arguments.controller)
+
+    def port(name: str) -> int:
+        given = getattr(arguments, f'{name}_port')
+        return int(getattr(profile.ports, name) if given is None else given)
+
+    return Question(
+        host=arguments.address,
+        profile=profile,
+        model=load_robot_model(arguments.robot),
+        state_port=port('state'),
+        motion_port=port('motion'),
+        io_port=port('io'),
+        remote_port=port('remote'),
+        password=arguments.password,
+        seconds=LISTENING_S,
+        may_ask=False,
+        may_use_io=False,
+        once=True,
+    )
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='epson_driver first-run',
+        description='The first day with a real robot: listens, compares, asks, moves a little, '
+        'slowly, step by step. Each step is explained and asked for, may be skipped, and is done '
+        'once: call it again to go on. A hand belongs on the E-stop, and nobody into the cell.',
+        allow_abbrev=False,
+    )
+    parser.add_argument('address', type=host, help="the controller's address")
+    parser.add_argument(
+        '--controller', default='rc620', metavar='PROFILE', help='what it should be (%(default)s)'
+    )
+    parser.add_argument(
+        '--robot', default='c3_a601s', metavar='MODEL', help='the robot model (%(default)s)'
+    )
+    parser.add_argument(
+        '--file', type=Path, metavar='FILE', help='the page (first_run_ADDRESS.html)'
+    )
+    for name in ('state', 'motion', 'io', 'remote'):
+        text = 'as the profile' if name == 'state' else 'as the profile says; 0: leave it alone'
+        parser.add_argument(f'--{name}-port', type=argument(FREE_PORT), metavar='PORT', help=text)
+    parser.add_argument('--password', default='', help='of Remote Ethernet')
+    return parser

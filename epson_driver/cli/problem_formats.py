@@ -1,0 +1,106 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What `spel check` has found, as text and as what tools of CI read."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from epson_driver.inputs import printable
+from epson_driver.spel import Problem
+from epson_driver.spel.lint import RULES
+
+
+def placed(problem: Problem, folder: Path) -> Problem:
+    """Return a problem whose file is named from where the command was called."""
+    path = folder / problem.position.file
+    here = Path.cwd()
+    if path.is_absolute() and path.is_relative_to(here):
+        path = path.relative_to(here)
+    return replace(problem, position=problem.position._replace(file=path.as_posix()))
+
+
+def _level(problem: Problem) -> str:
+    return 'warning' if problem.warning else 'error'
+
+
+def _text(problems: Sequence[Problem]) -> str:
+    return ''.join(f'{problem}\n' for problem in problems)
+
+
+def _json(problems: Sequence[Problem]) -> str:
+    found = [
+        {
+            'file': each.position.file,
+            'line': each.position.line,
+            'column': each.position.column,
+            'rule': each.rule,
+            'about': RULES.get(each.rule, ''),
+            'severity': _level(each),
+            'text': each.text,
+        }
+        for each in problems
+    ]
+    return json.dumps(found, indent=2) + '\n'
+
+
+def _escaped(text: str, signs: str = '%:,') -> str:
+    for sign in signs:
+        text = text.replace(sign, f'%{ord(sign):02X}')
+    return printable(text)
+
+
+def _github(problems: Sequence[Problem]) -> str:
+    """Return workflow commands, which show a problem at its line."""
+    return ''.join(
+        f'::{_level(each)} file={_escaped(each.position.file)},line={each.position.line},'
+        f'col={each.position.column},title={each.rule}::{_escaped(each.text, "%")}\n'
+        for each in problems
+    )
+
+
+def _sarif(problems: Sequence[Problem]) -> str:
+    """Return SARIF 2.1.0, which code scanning reads."""
+    used = sorted({each.rule for each in problems})
+    results = [
+        {
+            'ruleId': each.rule,
+            'level': _level(each),
+            'message': {'text': each.text},
+            'locations': [
+                {
+                    'physicalLocation': {
+                        'artifactLocation': {'uri': each.position.file},
+                        'region': {
+                            'startLine': each.position.line,
+                            'startColumn': each.position.column,
+                        },
+                    }
+                }
+            ],
+        }
+        for each in problems
+    ]
+    rules = [{'id': rule, 'shortDescription': {'text': RULES.get(rule, rule)}} for rule in used]
+    tool = {'driver': {'name': 'epson_driver spel check', 'rules': rules}}
+    return (
+        json.dumps(
+            {
+                '$schema': 'https://json.schemastore.org/sarif-2.1.0.json',
+                'version': '2.1.0',
+                'runs': [{'tool': tool, 'results': results}],
+            },
+            indent=2,
+        )
+        + '\n'
+    )
+
+
+FORMATS: dict[str, Callable[[Sequence[Problem]], str]] = {
+    'text': _text,
+    'json': _json,
+    'github': _github,
+    'sarif': _sarif,
+}
+"""By name."""

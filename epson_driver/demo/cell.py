@@ -1,0 +1,85 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The demo's robot cell: a simulated controller, the driver for it, and a ROS node that uses both.
+
+Controller and driver are processes of their own, as in a real cell.
+"""
+
+import asyncio
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+from rich.console import Console
+
+from epson_driver.demo.ros_client import RosClient
+from epson_driver.processes import processes
+from epson_driver.processes.processes import Ports, Process
+from epson_driver.remote_ethernet.client import logged_in
+from epson_driver.remote_ethernet.identity import identity
+
+TIMEOUT_S = 5.0
+
+
+class RunningDriver(NamedTuple):
+    """A node that has enabled the driver, the driver's process, and their ROS domain."""
+
+    user: RosClient
+    process: Process
+    domain: int
+
+
+@contextmanager
+def running_controller(folder: Path, start: Sequence[float], *arguments: str) -> Iterator[Ports]:
+    """Run a simulated controller on free ports, its joints at `start`, rad or m.
+
+    Its log goes to a file in `folder`; it ends with the block. Raises RunError if it cannot start.
+    """
+    log = folder / 'sim_controller.log'
+    controller = processes.sim_controller(log, *arguments, start=start)
+    with processes.ended_at_exit(controller):
+        yield controller.ports()
+
+
+@contextmanager
+def running_driver(
+    folder: Path,
+    ports: Ports,
+    joint_names: Sequence[str],
+    console: Console,
+    **parameters: str,
+) -> Iterator[RunningDriver]:
+    """Run the driver for a controller in a free ROS domain, and yield it once it is enabled.
+
+    `parameters` are ROS parameters of the driver, `__` for a dot. Its log goes to a file in
+    `folder`; all ends with the block. Raises RunError if the driver ends, or cannot be enabled.
+    """
+    domain = processes.free_ros_domain()
+    parameters['joint_names'] = f'[{",".join(joint_names)}]'
+    client = processes.client(folder / 'client.log', ports, domain, **parameters)
+    with processes.ended_at_exit(client):
+        console.print(
+            f'sim_controller: {_identity(ports.remote)} (remote), :{ports.motion} (motion), '
+            f':{ports.state} (state); client in ROS domain {domain}',
+            highlight=False,
+            soft_wrap=True,
+        )
+        os.environ.update(processes.ros_environment(domain))  # for the node in this process
+        user = RosClient(tuple(joint_names), client.check_alive)
+        try:
+            user.enable()
+            yield RunningDriver(user, client, domain)
+        finally:
+            user.close()
+
+
+def _identity(remote_port: int) -> str:
+    """Return who answers on a remote port of this machine. Raises as `logged_in` does."""
+
+    async def asked() -> str:
+        async with logged_in('127.0.0.1', remote_port, TIMEOUT_S) as ask:
+            return await identity(ask, f'127.0.0.1:{remote_port}')
+
+    return asyncio.run(asked())

@@ -1,0 +1,123 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The picture of a demo run, from the joint states that were received, and what the wire shows."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from epson_driver.error_texts import load_error_texts
+from epson_driver.motion import JointLimits, Trajectory
+from epson_driver.report.measure import Figures, Recording
+from epson_driver.report.run import Run
+from epson_driver.report.smooth_study import COLOURS, per_unit
+from epson_driver.report.trace_run import read_trace
+from epson_driver.robots import RobotModel
+
+TRACE = 'demo.pcap'
+"""The driver's trace, in the folder of the demo's logs."""
+
+WRITTEN_S = 0.3
+"""The driver writes what it has recorded a little more often, s."""
+
+MAX_READS = 10
+
+
+def recorded_run(trace: Path, model: RobotModel, what: str) -> Run:
+    """Return the demo's run until now, from the trace of a driver that still records.
+
+    `what` was run. It is read again until what came before this call is in it, a few times at
+    most: where nothing comes any more, it ends with the last message. Raises report.run.RunError.
+    """
+    until = time.time_ns()
+    for _ in range(MAX_READS):
+        time.sleep(WRITTEN_S)
+        run = read_trace(trace, model.limits, load_error_texts())
+        if run.nanoseconds(run.ended) >= until:
+            break
+    return replace(run, source=f'demo, {what}')
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """A run with its figures, and what it is called in the picture."""
+
+    title: str
+    run: Recording
+    figures: Figures
+
+
+def top_speed(recording: Recording, limits: JointLimits) -> str:
+    """Return the highest velocity of all joints in words: that in rad/s, then that in m/s."""
+    fastest = np.abs(recording.velocities).max(axis=0)
+    units = np.array(limits.units)
+    return ', '.join(
+        f'{fastest[units == unit].max():.2f} {unit}/s' for unit in dict.fromkeys(units.tolist())
+    )
+
+
+def draw(path: Path, trajectory: Trajectory, drawn: Sequence[Drawn], limits: JointLimits) -> None:
+    """Write the picture, a column per run: measured positions and velocities over time.
+
+    Waypoints are dots, where the arm passed them.
+    """
+    import matplotlib as mpl
+
+    mpl.use('Agg')
+    from matplotlib import pyplot as plt
+
+    figure, grid = plt.subplots(
+        2,
+        len(drawn),
+        figsize=(11, 7.5),
+        sharex=True,
+        sharey='row',
+        squeeze=False,
+        layout='constrained',
+        gridspec_kw={'height_ratios': (1.2, 1)},
+    )
+    for (above, below), each in zip(grid.T, drawn, strict=True):
+        _draw_run(above, below, trajectory, each, top_speed(each.run, limits))
+    grid[0, 0].set_ylabel(f'position [{per_unit(limits)}]')
+    grid[1, 0].set_ylabel(f'velocity [{per_unit(limits, "/s")}]')
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc='outside lower center', ncols=8, frameon=False)
+    figure.suptitle(
+        f'{len(trajectory.times)} points, planned to take {trajectory.duration:.2f} s, as '
+        'measured (dots: the points, where the arm passed them)',
+        fontsize=11,
+    )
+    figure.savefig(path, dpi=100)
+    plt.close(figure)
+
+
+def _draw_run(above: Any, below: Any, trajectory: Trajectory, drawn: Drawn, fastest: str) -> None:
+    run, figures = drawn.run, drawn.figures
+    shown = run.times >= figures.begin - 0.2
+    times = run.times[shown] - figures.begin
+    marker = 4.0 if len(trajectory.times) <= 60 else 1.5
+    for joint, name in enumerate(trajectory.joint_names):
+        colour = COLOURS[joint % len(COLOURS)]
+        above.plot(times, run.positions[shown, joint], color=colour, label=name, linewidth=1.5)
+        above.plot(
+            figures.waypoint_times - figures.begin,
+            trajectory.positions[:, joint],
+            'o',
+            color=colour,
+            markersize=marker,
+        )
+        below.plot(times, run.velocities[shown, joint], color=colour, linewidth=1.3)
+    stops = figures.stops + figures.commanded_stops
+    said = 'no stop' if not stops else f'{stops} stop' + 's' * (stops > 1)
+    above.set_title(
+        f'{drawn.title}: {figures.moved:.2f} s, {said} on the way, at most {fastest}',
+        fontsize=10.5,
+    )
+    below.set_xlabel('time since the arm began to move [s]')
+    for axes in (above, below):
+        axes.grid(alpha=0.3)
+        axes.margins(x=0.01)

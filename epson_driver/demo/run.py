@@ -1,0 +1,281 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Execute a planned trajectory with controller and driver, report it, and judge it."""
+
+import socket
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from epson_driver.demo.cell import running_controller, running_driver
+from epson_driver.demo.keep_running import panel_beside, stay
+from epson_driver.demo.picture import TRACE, Drawn, draw, recorded_run, top_speed
+from epson_driver.demo.verdict import TOO_BUSY, deadlines_missed, verdict
+from epson_driver.inputs import printable
+from epson_driver.motion import Trajectory
+from epson_driver.processes.processes import Ports, RunError
+from epson_driver.report.figures import Figures as PageFigures
+from epson_driver.report.figures import figures
+from epson_driver.report.measure import MAX_DEVIATION_RAD, Figures, Recording, measure
+from epson_driver.report.page_file import write_report
+from epson_driver.report.run import Run as WireRun
+from epson_driver.robots import RobotModel, load_robot_model
+from epson_driver.simple_message import LITTLE_ENDIAN, Ping, encode, request
+
+PINGS = 50
+
+TITLES = {'ptp': 'point to point', 'smooth': 'smooth', 'spel': 'SPEL+ program'}
+
+
+def run(
+    trajectory: Trajectory,
+    robot: str,
+    motions: Sequence[tuple[str, str]],
+    picture: Path,
+    report: Path,
+    console: Console,
+    *,
+    staying: bool,
+) -> int:
+    """Execute a trajectory once per motion and controller profile, and return the exit code.
+
+    That is 0 only if the arm did what was planned, TOO_BUSY if nobody can tell. `staying`: with
+    the panel, and until Ctrl-C; for a single motion. Raises RunError, report.run.RunError and
+    OSError.
+    """
+    model = load_robot_model(robot)
+    runs = []
+    try:
+        for turn, (motion, controller) in enumerate(motions, start=1):
+            if len(motions) > 1:
+                console.rule(f'{turn} of {len(motions)}: {TITLES[motion]}')
+            with (
+                tempfile.TemporaryDirectory(prefix='epson_driver_demo_') as folder,
+                _executed(
+                    robot, model, motion, controller, trajectory, Path(folder), console, staying
+                ) as (done, go_on),
+            ):
+                runs.append(done)
+                if staying:
+                    code = _report(model, trajectory, runs, picture, report, console)
+                    go_on()
+                    return code
+    except _GoalError as error:
+        return _unfinished(error, model, report, console)
+    return _report(model, trajectory, runs, picture, report, console)
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One execution: what was measured, and what the driver and the controller said."""
+
+    motion: str
+    recording: Recording
+    figures: Figures
+    text: str
+    latencies: dict[str, str]
+    round_trips: list[float]
+    missed: int
+    """Deadlines that the controller missed meanwhile."""
+    page: tuple[WireRun, PageFigures]
+    """What went over the wire, and its figures: of them the page is made."""
+
+    @property
+    def faults(self) -> list[str]:
+        """The ways in which the motion was not as planned, a sentence each."""
+        faults = []
+        if self.figures.waypoint_deviation > MAX_DEVIATION_RAD:
+            faults.append(
+                f'a waypoint was missed by {self.figures.waypoint_deviation:.4f} rad, '
+                f'{MAX_DEVIATION_RAD:g} rad are allowed'
+            )
+        if self.motion != 'ptp' and self.figures.stops:
+            times = 'once' if self.figures.stops == 1 else f'{self.figures.stops} times'
+            faults.append(f'the arm stopped {times} on the way')
+        return faults
+
+
+def as_on_page(numbers: Figures, page: PageFigures) -> Figures:
+    """Return the figures of a run with the stops that its page tells of, if those are more.
+
+    `measure` goes by shares of the typical speed: behind a slow beginning it takes the whole of
+    that for a standstill. The page tells of each standstill, and how long it was.
+    """
+    stood = len(page.stops) - numbers.commanded_stops
+    return replace(numbers, stops=max(numbers.stops, stood, *(m.stops or 0 for m in page.motions)))
+
+
+class _GoalError(RunError):
+    """The goal was not reached while the controller missed deadlines."""
+
+    def __init__(self, text: str, missed: int, wire: WireRun) -> None:
+        super().__init__(text)
+        self.missed = missed
+        self.wire = wire
+
+
+@contextmanager
+def _executed(
+    robot: str,
+    model: RobotModel,
+    motion: str,
+    controller: str,
+    trajectory: Trajectory,
+    folder: Path,
+    console: Console,
+    staying: bool,
+) -> Iterator[tuple[Run, Callable[[], None]]]:
+    """Execute the trajectory with a controller and driver that run until the block ends.
+
+    `staying`: with the panel. Yields the run, and what goes on until Ctrl-C. Raises RunError if
+    the goal is not reached.
+    """
+    began = time.monotonic()
+    start = trajectory.positions[0].tolist()
+    how = [f'--controller={controller}', f'--robot={robot}']
+    if motion != 'spel':
+        how.append(f'--motion={motion}')
+    with running_controller(folder, start, *how) as ports:
+        round_trips = _ping(ports) if staying else []
+        with (
+            running_driver(
+                folder,
+                ports,
+                trajectory.joint_names,
+                console,
+                controller=controller,
+                robot_model=robot,
+                allow_nonzero_velocity_at_trajectory_end='true',
+                trace_folder=str(folder),
+                trace_file=TRACE,
+            ) as driver,
+            panel_beside(folder, driver, console, wanted=staying) as panel,
+        ):
+            user = driver.user
+            missed = deadlines_missed(ports.remote)
+            console.print(f'robot ready after {time.monotonic() - began:.1f} s')
+            text, succeeded = user.execute(trajectory, console)
+            missed = deadlines_missed(ports.remote) - missed
+            wire = recorded_run(folder / TRACE, model, TITLES[motion])
+            if not succeeded:
+                raise _GoalError(f'the goal was not reached: {text}', missed, wire)
+            latencies = user.reply_latencies()
+            run = user.recording()
+            metric = model.limits.rad_per_unit
+            page = figures(wire, metric)
+            numbers = as_on_page(measure(trajectory, run, metric), page)
+            done = Run(motion, run, numbers, text, latencies, round_trips, missed, (wire, page))
+            if staying:
+                yield done, partial(stay, driver, panel, console)
+                return
+        round_trips += _ping(ports)  # with the controller to itself
+        yield done, lambda: None
+
+
+def _report(
+    model: RobotModel,
+    trajectory: Trajectory,
+    runs: list[Run],
+    picture: Path,
+    report: Path,
+    console: Console,
+) -> int:
+    console.print(_table(model, trajectory, runs))
+    drawn = [Drawn(TITLES[run.motion], run.recording, run.figures) for run in runs]
+    draw(picture, trajectory, drawn, model.limits)
+    console.print(f'picture: {picture}', highlight=False)
+    write_report([run.page for run in runs], model, report)
+    faults = [f'{TITLES[run.motion]}: {fault}' for run in runs for fault in run.faults]
+    gap = max(run.figures.longest_gap for run in runs)
+    return _judged(console, faults, sum(run.missed for run in runs), gap)
+
+
+def _unfinished(error: _GoalError, model: RobotModel, report: Path, console: Console) -> int:
+    """Report what went over the wire until the goal failed: it shows why."""
+    try:
+        shown = figures(error.wire, model.limits.rad_per_unit)
+        write_report([(error.wire, shown)], model, report)
+    except OSError as why:
+        console.print(f'no report: {escape(printable(why))}', highlight=False)
+    return _judged(console, [str(error)], error.missed, 0.0)
+
+
+def _judged(console: Console, faults: list[str], missed: int, gap: float) -> int:
+    code, sentence = verdict(faults, missed, gap)
+    colour = {0: 'green', TOO_BUSY: 'yellow'}.get(code, 'red')
+    said = f'[bold {colour}]{escape(printable(sentence))}[/]'
+    console.print(said, highlight=False, soft_wrap=True)
+    return code
+
+
+def _ping(ports: Ports) -> list[float]:
+    """Return the round-trip times of PINGs to the controller's I/O port, s, sorted."""
+    frame = encode(request(Ping()), LITTLE_ENDIAN)
+    times = []
+    with socket.create_connection(('127.0.0.1', ports.io), timeout=5.0) as connection:
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        for _ in range(PINGS):
+            sent = time.perf_counter()
+            connection.sendall(frame)
+            answer = b''
+            while len(answer) < len(frame):
+                chunk = connection.recv(len(frame) - len(answer))
+                if not chunk:
+                    raise RunError('the controller closed its I/O port')
+                answer += chunk
+            times.append(time.perf_counter() - sent)
+    return sorted(times)
+
+
+def _table(model: RobotModel, trajectory: Trajectory, runs: list[Run]) -> Table:
+    table = Table(show_header=len(runs) > 1, title='What happened', title_justify='left')
+    table.add_column('')
+    for run in runs:
+        table.add_column(TITLES[run.motion])
+    columns = [_rows(model, trajectory, run) for run in runs]
+    for rows in zip(*columns, strict=True):
+        table.add_row(rows[0][0], *(text for _, text in rows))
+    return table
+
+
+def _rows(model: RobotModel, trajectory: Trajectory, run: Run) -> tuple[tuple[str, str], ...]:
+    figures, latencies, round_trips = run.figures, run.latencies, run.round_trips
+    median = round_trips[len(round_trips) // 2] * 1e3
+    stops = f'{figures.stops}'
+    if figures.commanded_stops:
+        stops += f', and {figures.commanded_stops} that the plan asks for'
+    return (
+        ('result', run.text),
+        ('points', f'{len(trajectory.times)}'),
+        (
+            'duration',
+            f'{figures.moved:.2f} s, planned {figures.planned:.2f} s '
+            f'({figures.moved / figures.planned:.2f} times)',
+        ),
+        ('stops on the way', stops),
+        ('highest velocity', top_speed(run.recording, model.limits)),
+        ('worst deviation at a waypoint', f'{figures.waypoint_deviation * 1e3:.2f} mrad'),
+        ('deviation at the end', f'{figures.end_deviation * 1e3:.4f} mrad'),
+        (
+            'joint states',
+            f'{figures.rate:.0f} Hz, longest gap {figures.longest_gap * 1e3:.0f} ms',
+        ),
+        (
+            'reply to a point',
+            f'median {latencies.get("reply latency median [ms]", "?")} ms, '
+            f'p99 {latencies.get("reply latency p99 [ms]", "?")} ms '
+            f'({"after the move" if run.motion == "ptp" else "as its buffer has room"})',
+        ),
+        (
+            'round trip to the controller',
+            f'median {median:.2f} ms, longest {round_trips[-1] * 1e3:.2f} ms ({PINGS} pings)',
+        ),
+    )

@@ -1,0 +1,143 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is at a port that is no state port, from the side of the protocol: a sentence for each."""
+
+import asyncio
+from collections import Counter
+from contextlib import suppress
+
+from epson_driver.doctor.findings import Findings
+from epson_driver.doctor.listening import (
+    Conversation,
+    Heard,
+    NoConnectionError,
+    Refusal,
+    conversation,
+)
+from epson_driver.doctor.state_facts import is_joints
+from epson_driver.simple_message import Status
+
+ABOUT = 'state port'
+
+OTHER_PORT_S = 1.5
+"""How long the motion port is listened to when the state port is silent, s."""
+
+FELL_SILENT_S = 1.0
+"""A port that sent, and then nothing for so long, fell silent."""
+
+HTTP_QUESTION = b'HEAD / HTTP/1.0\r\n\r\n'
+"""Read as a message it would be 1 GB long in either byte order: it cannot be taken for a point."""
+
+HTTP_ANSWER_S = 2.0
+
+ROBOT_PORTS = frozenset({5000, *range(11000, 11004), *range(50240, 50243)})
+"""Where robots usually listen: nothing but their own protocol is spoken there unless allowed."""
+
+REFUSALS = {
+    Refusal.UNKNOWN_NAME: (
+        'no machine has this name',
+        "check its spelling and the name server, or give the controller's IP address",
+    ),
+    Refusal.REFUSED: (
+        'the machine is there, but nothing listens at this port',
+        'start the program on the controller; check state_port',
+    ),
+    Refusal.DROPPED: (
+        'nothing comes back from this address',
+        'check the address, the network mask, the cable, and that the controller is on; a '
+        'firewall may drop what is sent',
+    ),
+    Refusal.UNREACHABLE: (
+        'there is no way to this address',
+        "check the address, the cable, and this machine's network settings",
+    ),
+}
+"""Why there is no connection, and what to do."""
+
+
+def tell_refusal(where: str, error: NoConnectionError, findings: Findings) -> None:
+    """Say why the state port could not be opened."""
+    text, remedy = REFUSALS[error.refusal]
+    findings.wrong(ABOUT, f'{where}: {text} ({error})', remedy)
+
+
+async def tell_of_no_state(
+    state: Conversation,
+    listened: float,
+    motion: tuple[str, int],
+    findings: Findings,
+    may_ask: bool,
+) -> bool:
+    """Say what is at the port if it is no state port, and return whether it is none.
+
+    `motion`: host and port of the motion port, which is listened to if this one is silent.
+    """
+    heard = state.heard
+    if heard.unreadable:
+        text = f'something else answers there: {heard.unreadable} ({heard.first_bytes[:24].hex()})'
+        remedy = 'check address and port: 11002 is usual, 50241 Motoman'
+    elif heard.vanished:
+        text = f'half-open: the connection stood, but the machine is gone ({heard.ended})'
+        remedy = 'look whether a cable is out, and whether the controller is on'
+    elif heard.ended and not heard.packets:
+        text = f'{heard.ended} after {listened:.1f} s, without a message'
+        remedy = 'was the controller switched off, has its program ended, is a cable out?'
+    elif not heard.packets:
+        text, remedy = await _why_silent(state, listened, motion, may_ask)
+    elif not any(is_joints(each) or isinstance(each.message, Status) for _, each in heard.packets):
+        kinds = Counter(each.msg_type for _, each in heard.packets)
+        types = ', '.join(f'{count} of type {int(kind)}' for kind, count in kinds.most_common(3))
+        text = f'simple message, but neither joint states nor STATUS: {types}'
+        remedy = 'it is another port of a controller: 11002 is the usual state port, 50241 Motoman'
+    else:
+        return False
+    findings.wrong(ABOUT, text, remedy)
+    return True
+
+
+async def _why_silent(
+    state: Conversation, listened: float, motion: tuple[str, int], may_ask: bool
+) -> tuple[str, str]:
+    host, port = motion
+    own = state.port
+    if port and port != own and await _sends_state(host, port):
+        text = f'silent, but joint states come from port {port}: state and motion are swapped'
+        return text, f'swap them: state_port {port}, motion_port {own}'
+    if may_ask or own not in ROBOT_PORTS:
+        begun = await _answer_to_http(state)
+        if begun.startswith(b'HTTP/'):
+            line = begun.partition(b'\r\n')[0].decode('ascii', 'replace')
+            text = f'a web server (HTTP) is there, no state port: {line[:60]!r}'
+            return text, 'check address and port: 11002 is usual, 50241 Motoman'
+    text = f'accepts, but nothing came in {listened:.1f} s'
+    remedy = (
+        'start the state task on the controller: it does not run, or hangs; if it runs, this is '
+        'the port of something else'
+    )
+    return text, remedy
+
+
+async def _sends_state(host: str, port: int) -> bool:
+    """Return whether a port sends joint states by itself. Nothing is sent to it."""
+    try:
+        async with conversation(host, port) as other:
+            return await other.heard_within(has_joints, OTHER_PORT_S)
+    except NoConnectionError:
+        return False
+
+
+async def _answer_to_http(state: Conversation) -> bytes:
+    with suppress(OSError):
+        await state.say(HTTP_QUESTION)
+        await state.heard_within(lambda heard: heard.first_bytes, HTTP_ANSWER_S)
+    return state.heard.first_bytes
+
+
+def has_joints(heard: Heard) -> bool:
+    """Return whether a joint state came."""
+    return any(is_joints(each) for _, each in heard.packets)
+
+
+def silence(heard: Heard) -> float:
+    """Return since when nothing came, s."""
+    return asyncio.get_running_loop().time() - heard.packets[-1][0]

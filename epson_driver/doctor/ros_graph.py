@@ -1,0 +1,93 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What runs in this ROS domain, for the doctor, as a process of its own.
+
+Prints JSON: `moveit`, the joints of a running MoveIt's robot, or null if there is no move_group;
+`drivers`, what the arm of each driver tells in /diagnostics.
+"""
+
+import json
+import sys
+import time
+from typing import Any
+from xml.etree import ElementTree
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.srv import GetParameters
+from rclpy.executors import SingleThreadedExecutor
+
+MOVABLE = ('revolute', 'continuous', 'prismatic')
+
+ARM = ': arm'
+"""How the name of the status ends that tells of an arm."""
+
+
+def main() -> int:
+    """Look around for as many seconds as the first argument says."""
+    patience = float(sys.argv[1]) if len(sys.argv) > 1 else 3.0
+    rclpy.init()
+    node = rclpy.create_node('epson_driver_doctor')
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    drivers: dict[str, dict[str, str]] = {}
+    node.create_subscription(
+        DiagnosticArray, '/diagnostics', lambda message: _take(message, drivers), 10
+    )
+    try:
+        until = time.monotonic() + patience
+        while (left := until - time.monotonic()) > 0.0:  # a driver tells once a second
+            executor.spin_once(timeout_sec=left)
+        found = {'moveit': _joints(node, executor), 'drivers': list(drivers.values())}
+        print(json.dumps(found))
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.shutdown()
+    return 0
+
+
+def _take(message: Any, drivers: dict[str, dict[str, str]]) -> None:
+    for status in message.status:
+        values = {each.key: each.value for each in status.values}
+        if status.name.endswith(ARM) and 'arm gate' in values:
+            named = {
+                'name': status.name.removesuffix(ARM),
+                'host': status.hardware_id,
+                'text': status.message,
+            }
+            drivers[status.name] = values | named
+
+
+def _joints(node: Any, executor: Any) -> list[str] | None:
+    found = [
+        f'{namespace.rstrip("/")}/{name}'
+        for name, namespace in node.get_node_names_and_namespaces()
+        if name == 'move_group'
+    ]
+    if not found:
+        return None
+    client = node.create_client(GetParameters, f'{found[0]}/get_parameters')
+    asked = client.call_async(GetParameters.Request(names=['robot_description']))
+    executor.spin_until_future_complete(asked, timeout_sec=10.0)
+    answer = asked.result()
+    if answer is None or not answer.values:
+        return []
+    return joints_of(answer.values[0].string_value)
+
+
+def joints_of(description: str) -> list[str]:
+    """Return the joints of a URDF that move, without those that mimic others."""
+    try:
+        root = ElementTree.fromstring(description)  # noqa: S314 - expat expands no entity bombs
+    except ElementTree.ParseError:
+        return []
+    return [
+        str(joint.get('name'))
+        for joint in root.iter('joint')
+        if joint.get('type') in MOVABLE and joint.find('mimic') is None
+    ]
+
+
+if __name__ == '__main__':
+    sys.exit(main())

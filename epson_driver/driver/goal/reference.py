@@ -1,0 +1,291 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Where a goal should be now, and which point may be sent: its plan, a clock, the speed scaling.
+
+Rules:
+1. The clock runs from when the first point is sent, whatever the controller makes of the points:
+   one that rests at each point falls behind it.
+2. In a segment whose end was sent, it runs at the factor with which that point was sent: what the
+   controller has acknowledged is not changed by a later factor. Beyond, it runs at the factor of
+   the moment; while points are held back, it stops.
+3. While the controller is paused, and once the goal is being stopped, it stands.
+"""
+
+import math
+from array import array
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from epson_driver.driver.delivery.trajectory_points import MIN_DURATION_S, MIN_VELOCITY
+from epson_driver.motion import Array, Trajectory
+from epson_driver.motion.interpolation import Interpolation
+from epson_driver.simple_message import JointTrajPt, JointTrajPtFull, Message
+
+RAMP_PER_S = 2.0
+"""How fast the factor changes, 1/s: half a second from a pause to full speed."""
+
+MIN_FACTOR = 0.01
+"""The smallest factor but 0. Below it, points would take longer than anybody waits."""
+
+M = TypeVar('M', bound=Message)
+
+
+class SpeedScaling:
+    """A factor that goes to its target in a ramp. Times (`now`) are monotonic, s.
+
+    `by_velocity`: points are for a controller that goes by their velocities.
+    """
+
+    def __init__(self, *, by_velocity: bool = True) -> None:
+        self._by_velocity = by_velocity
+        self._from = 1.0
+        self._target = 1.0
+        self._since = 0.0
+
+    @property
+    def target(self) -> float:
+        """The factor that was asked for."""
+        return self._target
+
+    def set(self, factor: float, now: float) -> None:
+        """Go to another factor from now on. Raises ValueError with what is allowed."""
+        if not (factor == 0.0 or MIN_FACTOR <= factor <= 1.0):
+            raise ValueError(
+                f'the factor {factor:g} must be 0 (pause) or from {MIN_FACTOR:g} to 1 (as planned)'
+            )
+        self._from, self._target, self._since = self.factor(now), factor, now
+
+    def factor(self, now: float) -> float:
+        """Return the factor at a moment after the last `set`."""
+        way = self._target - self._from
+        if not way:
+            return self._target
+        done = max(now - self._since, 0.0) * RAMP_PER_S
+        if done >= abs(way):
+            return self._target
+        return self._from + (done if way > 0.0 else -done)
+
+    def least(self, message: Message) -> float:
+        """Return the factor (0, 1] below which a point cannot be sent, or 0 if there is none.
+
+        No velocity is below MIN_VELOCITY: the arm would be faster than its clock.
+        """
+        if not (self._by_velocity and isinstance(message, JointTrajPt)):
+            return 0.0
+        return MIN_VELOCITY / message.velocity
+
+    def time_for(self, planned: float, now: float) -> float | None:
+        """Return how long `planned` s of a plan take from now on, s, or None if they stop.
+
+        The ramp counts: a motion that begins in a pause that ends is not slow for long, and one
+        that begins while the factor goes to 0 may come to its end or not.
+        """
+        factor = self.factor(now)
+        if factor == self._target:
+            return planned / factor if factor else None
+        ramp = abs(self._target - factor) / RAMP_PER_S
+        in_ramp = (factor + self._target) / 2 * ramp
+        if planned > in_ramp:
+            left = planned - in_ramp
+            return ramp + left / self._target if self._target else None
+        slope = RAMP_PER_S if self._target > factor else -RAMP_PER_S
+        # planned = factor · t + slope · t² / 2, the form that is exact for small t
+        root = math.sqrt(max(factor * factor + 2 * slope * planned, 0.0))
+        return 2 * planned / (factor + root)
+
+
+def scaled(message: M, factor: float, delay: float) -> M:
+    """Return a point's message at `factor` (0, 1] of its planned speed.
+
+    `delay` is how much later than planned the point is then to be reached, s: some messages count
+    their time from the start of the trajectory.
+    """
+    if factor == 1.0 and delay == 0.0:
+        return message
+    if isinstance(message, JointTrajPt):
+        return replace(
+            message,
+            velocity=min(max(message.velocity * factor, MIN_VELOCITY), message.velocity),
+            duration=message.duration / factor,
+        )
+    if isinstance(message, JointTrajPtFull):
+        return replace(
+            message,
+            time=message.time + delay,
+            velocities=tuple(value * factor for value in message.velocities),
+            accelerations=tuple(value * factor**2 for value in message.accelerations),
+        )
+    return message
+
+
+class ReferenceTrajectory:
+    """A trajectory as a function of time, interpolated as joint_trajectory_controller does.
+
+    `start` (shape (n,), rad) is where the arm stands at 0 s.
+    """
+
+    def __init__(self, trajectory: Trajectory, start: Array) -> None:
+        parts = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
+        self._last = trajectory.positions[-1]
+        self._end = trajectory.duration
+        self._begin = float(trajectory.times[0])
+        self._first = Interpolation(
+            np.array([0.0, self._begin]),
+            np.stack([start, trajectory.positions[0]]),
+            *(
+                None if part is None else np.stack([np.zeros_like(start), part[0]])
+                for part in parts[1:]
+            ),
+        )
+        """From where the arm stands to the first point, if that has a time."""
+        self._interpolation = Interpolation(trajectory.times, *parts)
+
+    def at(self, time: float) -> tuple[Array, Array]:
+        """Return positions and velocities, shape (n,), rad and rad/s, at `time` s."""
+        if time >= self._end:
+            return self._last, np.zeros_like(self._last)
+        time = max(time, 0.0)
+        part = self._first if time < self._begin else self._interpolation
+        positions, velocities, _ = part.at(time)
+        return positions, velocities
+
+
+class GoalClock:
+    """The time on a goal's plan, which begins at the first `now`. Times are monotonic, s.
+
+    `sent`: the factors with which its first points were sent already, as those of another goal.
+    """
+
+    def __init__(
+        self,
+        trajectory: Trajectory,
+        start: Array,
+        scaling: SpeedScaling,
+        now: float,
+        sent: Sequence[float] = (),
+    ):
+        self.time = 0.0
+        self.held = False
+        """A point is held back until the factor is more than 0."""
+        self.rate = scaling.factor(now)
+        """How fast it ran last: 1 is the time of the plan, 0 is standing."""
+        self._scaling = scaling
+        self._reference = ReferenceTrajectory(trajectory, start)
+        self._times = trajectory.times
+        self._factors = array('d', sent)  # a list would take four times the memory
+        self._now = now
+
+    def sent(self, factor: float) -> None:
+        """Record the speed factor of the point just sent."""
+        self._factors.append(factor)
+
+    def advance(self, now: float, *, running: bool = True) -> None:
+        """Let the time since the last call pass."""
+        left, self._now = now - self._now, max(now, self._now)
+        if not running or left < 0.0:
+            self.rate = 0.0
+            return
+        while left > 0.0:
+            segment = int(np.searchsorted(self._times, self.time, side='right'))
+            if segment >= len(self._factors):
+                self.rate = 0.0 if self.held else self._scaling.factor(now)
+                self.time += left * self.rate
+                return
+            self.rate = self._factors[segment]
+            end = float(self._times[segment])
+            needed = (end - self.time) / self.rate
+            if needed > left:
+                self.time += left * self.rate
+                return
+            self.time = end
+            left -= needed
+
+    @property
+    def seen(self) -> float:
+        """Monotonic time at which the plan was at `time`, s."""
+        return self._now
+
+    @property
+    def factors(self) -> Sequence[float]:
+        """The factors with which points were sent, so far."""
+        return self._factors
+
+    def planned(self) -> tuple[Array, Array]:
+        """Return where the plan is now and how fast it is, shape (n,), rad and rad/s."""
+        return self._reference.at(self.time)
+
+    def desired(self) -> tuple[Array, Array]:
+        """Return where the arm should be and how fast now, shape (n,), rad and rad/s."""
+        positions, velocities = self.planned()
+        return positions, velocities * self.rate
+
+
+class PointSchedule:
+    """Scales the messages of one trajectory to the speed of the moment, and keeps its clock.
+
+    `start`: shape (n,), rad, where the arm stands. `begins_by`: when the controller begins to move
+    it at the latest, monotonic, s. `look_ahead`: how far ahead of the clock points are sent, s.
+
+    `sent`: the factors with which its first points were sent already, as those of another goal,
+    and `sent_until`: when the last of them is reached, monotonic, s.
+    """
+
+    def __init__(
+        self,
+        trajectory: Trajectory,
+        messages: Sequence[Message],
+        start: Array,
+        scaling: SpeedScaling,
+        begins_by: float,
+        *,
+        look_ahead: float = float('inf'),
+        sent: Sequence[float] = (),
+        sent_until: float = 0.0,
+    ) -> None:
+        self.clock = GoalClock(trajectory, start, scaling, begins_by, sent)
+        self.duration = max(sent_until - begins_by, 0.0)
+        """How long the point that was sent last takes, s, or what was sent before."""
+        self.waits = False
+        """A point is held back, for the speed scaling or as it is too far ahead of the clock."""
+        self.sent_until = max(begins_by, sent_until)
+        """When what was sent ends, monotonic, s."""
+        self._times = trajectory.times.data  # gives floats, as an array does not
+        self._messages = messages
+        self._count = len(messages)
+        self._scaling = scaling
+        self._look_ahead = look_ahead
+        self._delay = 0.0
+
+    def __len__(self) -> int:
+        """How many points there are."""
+        return self._count
+
+    def ahead(self, index: int) -> float:
+        """Return how far ahead of the clock a point is, s, or 0 if it is not."""
+        return max(self._times[index] - self.clock.time, 0.0) if index >= 0 else 0.0
+
+    def message(self, index: int, now: float) -> Message | None:
+        """Return the point to send now, or None if it is held back.
+
+        That is as long as the factor is 0, and while what was sent reaches `look_ahead` s ahead.
+        """
+        before = self._times[index - 1] if index else 0.0
+        planned = max(self._times[index] - before, MIN_DURATION_S)
+        begin = max(now, self.sent_until)  # it runs after what was sent before
+        takes = self._scaling.time_for(planned, begin)
+        self.clock.held = takes is None
+        self.waits = takes is None or before - self.clock.time > self._look_ahead
+        if takes is None or self.waits:
+            return None
+        message = self._messages[index]
+        factor = max(planned / takes, self._scaling.least(message))
+        takes = planned / factor
+        self.sent_until = begin + takes
+        self._delay += takes - planned
+        message = scaled(message, factor, self._delay)
+        self.duration = max(takes, getattr(message, 'duration', 0.0))
+        self.clock.sent(factor)
+        return message

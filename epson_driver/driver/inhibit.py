@@ -1,0 +1,176 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Why the arm does not move, and what helps: a cause, a remedy, and what was seen.
+
+The driver works it out in one place (`Driver.inhibit`). What is to be called or pressed for a
+remedy, the node, the Python API, the panel and the doctor each say in words of their own.
+"""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from enum import Enum, auto
+
+from epson_driver.error_texts import NO_ERROR, ErrorTexts
+from epson_driver.remote_ethernet.status_flags import CONTROL_DEVICES, REMOTE_ETHERNET
+from epson_driver.simple_message import Mode, Status, TriState
+
+
+class Cause(Enum):
+    """What keeps the arm from moving."""
+
+    NO_STATE_LINK = auto()
+    NO_JOINTS = auto()
+    NO_STATUS = auto()
+    STOP_FAILED = auto()
+    NO_MOTION_LINK = auto()
+    ESTOP = auto()
+    ERROR = auto()
+    SAFEGUARD = auto()
+    MANUAL_MODE = auto()
+    CONTROL_DEVICE = auto()
+    NOT_ENABLED = auto()
+    MOTORS_OFF = auto()
+    MAIN_ENDED = auto()
+    PAUSED = auto()
+    NOT_POSSIBLE = auto()
+
+
+class Remedy(Enum):
+    """What a person or a program can do about it, in words that name no interface."""
+
+    NONE = ''
+    CONNECT = 'start the controller, or check its address and ports'
+    CHECK_STATE_SERVER = 'see whether the state server of the controller runs'
+    KEEP_AWAY = 'keep away, press the E-stop, and see why'
+    RELEASE_ESTOP = 'release it, reset, then enable the arm'
+    RESET = 'reset, then enable the arm'
+    BOOT = 'switch the controller off and on again, then enable the arm'
+    CLOSE_SAFEGUARD = 'close it, reset or continue at the controller, then enable the arm'
+    CHOOSE_CONTROL_DEVICE = 'choose Remote Ethernet as the control device in RC+'
+    START_MAIN = 'start main, or enable the arm'
+    LOOK_AT_CONTROLLER = 'look at the controller'
+    TURN_TO_AUTO = 'turn it to AUTO, then enable the arm'
+    ENABLE = 'enable the arm'
+    CONTINUE = 'continue at the controller'
+    END_STREAM = 'end that, or stop the arm'
+    ALLOW_END_VELOCITY = 'let the arm stop there'
+
+
+Words = Mapping[Remedy, str]
+"""What an interface calls a remedy; of those that are missing, the remedy's own words hold."""
+
+
+def with_remedy(text: str, remedy: Remedy, words: Words) -> str:
+    """Return a text with what helps behind it, in the words of an interface."""
+    return '; '.join(filter(None, (text, words.get(remedy, remedy.value))))
+
+
+@dataclass(frozen=True, slots=True)
+class Inhibit:
+    """What keeps the arm from moving. `text`: a clause.
+
+    `advice`: what helps first, as the controller's maker says it, or ''.
+    """
+
+    cause: Cause
+    remedy: Remedy
+    text: str
+    advice: str = ''
+
+
+PAUSED = Inhibit(
+    Cause.PAUSED,
+    Remedy.CONTINUE,
+    'the controller is paused (it says that motion is not possible)',
+)
+
+
+MAIN_ENDED = Inhibit(Cause.MAIN_ENDED, Remedy.START_MAIN, 'main does not run')
+
+MANUAL = Inhibit(Cause.MANUAL_MODE, Remedy.TURN_TO_AUTO, 'the key switch is at MANUAL')
+
+
+def not_enabled(reason: str) -> Inhibit:
+    """Return that the arm gate is closed for a reason."""
+    return Inhibit(Cause.NOT_ENABLED, Remedy.ENABLE, f'the arm is not enabled ({reason})')
+
+
+def controller_error(status: Status, errors: ErrorTexts) -> Inhibit:
+    """Return the error that a status shows, with its text from `errors`."""
+    number = status.error_code
+    return Inhibit(
+        Cause.ERROR,
+        Remedy.RESET,
+        f'the controller is in error {errors.phrase(number)}',
+        errors.advice(number, 'remove the cause'),
+    )
+
+
+def status_inhibit(status: Status, errors: ErrorTexts) -> Inhibit | None:
+    """Return why the controller's status forbids motion, or None if it does not.
+
+    Fields that the controller reports as unknown forbid nothing. `errors` has the texts of its
+    error numbers.
+    """
+    number = status.error_code
+    error = '' if number == NO_ERROR else f', error {errors.phrase(number)}'
+    if status.e_stopped == TriState.TRUE:
+        text = f'the E-stop is pressed or not reset{error}'
+        return Inhibit(Cause.ESTOP, Remedy.RELEASE_ESTOP, text)
+    if status.in_error == TriState.TRUE:
+        return controller_error(status, errors)
+    if status.drives_powered == TriState.FALSE:
+        return Inhibit(Cause.MOTORS_OFF, Remedy.ENABLE, f'the motors are off{error}')
+    return None
+
+
+def manual_inhibit(status: Status) -> Inhibit | None:
+    """Return that the key switch is at MANUAL, and that nothing says that the arm moves there."""
+    manual = status.mode == Mode.MANUAL and status.motion_possible != TriState.TRUE
+    return MANUAL if manual else None
+
+
+def seen_inhibit(status: Status, errors: ErrorTexts) -> Inhibit | None:
+    """Return why the arm cannot move, for somebody who sees no more than a status.
+
+    None: what the status tells does not keep it from moving.
+    """
+    found = status_inhibit(status, errors)
+    if found is None or found.cause is Cause.MOTORS_OFF:
+        found = manual_inhibit(status) or found
+    if found is None and status.motion_possible == TriState.FALSE:
+        text = (
+            'the controller says that motion is not possible (a safeguard is open, a person '
+            'paused it, or main does not run)'
+        )
+        return Inhibit(Cause.NOT_POSSIBLE, Remedy.LOOK_AT_CONTROLLER, text)
+    return found
+
+
+def flags_inhibit(flags: Collection[str], number: int, errors: ErrorTexts) -> Inhibit | None:
+    """Return why the arm cannot move, by the flags of Remote Ethernet's GetStatus that are set.
+
+    `number`: the error that came with them. None: they do not keep it from moving.
+    """
+    error = f'error {errors.phrase(number)}'
+    advice = errors.advice(number, 'remove the cause')
+    for flag, cause, remedy, text in (
+        ('EStop', Cause.ESTOP, Remedy.RELEASE_ESTOP, 'the E-stop is pressed or not reset'),
+        ('SError', Cause.ERROR, Remedy.BOOT, f'there is a critical error: {error}'),
+        ('Safeguard', Cause.SAFEGUARD, Remedy.CLOSE_SAFEGUARD, 'the safeguard door is open'),
+        ('Teach', Cause.MANUAL_MODE, Remedy.TURN_TO_AUTO, 'the mode is TEACH'),
+        ('Test', Cause.MANUAL_MODE, Remedy.TURN_TO_AUTO, 'the mode is TEST'),
+        ('Error', Cause.ERROR, Remedy.RESET, f'the controller is in {error}'),
+        ('Paused', Cause.PAUSED, Remedy.CONTINUE, 'the tasks are paused'),
+    ):
+        if flag in flags:
+            return Inhibit(cause, remedy, text, advice if cause is Cause.ERROR else '')
+    return None
+
+
+def device_inhibit(device: int | None) -> Inhibit | None:
+    """Return that another device than Remote Ethernet has control, or None."""
+    if device is None or device == REMOTE_ETHERNET:
+        return None
+    text = f'the control device is {CONTROL_DEVICES[device]}: motors and main obey nobody else'
+    return Inhibit(Cause.CONTROL_DEVICE, Remedy.CHOOSE_CONTROL_DEVICE, text)

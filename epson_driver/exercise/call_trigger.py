@@ -1,0 +1,48 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Calls a std_srvs/Trigger service until it succeeds, as a process of its own.
+
+`python -m epson_driver.exercise.call_trigger SERVICE SECONDS`: exit code 0 if it did, 1 if not in
+time.
+"""
+
+import sys
+import time
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from std_srvs.srv import Trigger
+
+RETRY_S = 0.5
+
+
+def main() -> int:
+    """Call it. Returns 0 once it succeeds."""
+    name, seconds = sys.argv[1], float(sys.argv[2])
+    until = time.monotonic() + seconds
+    rclpy.init()
+    node = rclpy.create_node('epson_driver_call')
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    client = node.create_client(Trigger, name)
+    said = f'no service {name}'
+    try:
+        while time.monotonic() < until:
+            if client.wait_for_service(RETRY_S):
+                asked = client.call_async(Trigger.Request())
+                executor.spin_until_future_complete(asked, timeout_sec=until - time.monotonic())
+                answer = asked.result() if asked.done() else None
+                if answer is not None and answer.success:
+                    return 0
+                said = answer.message if answer is not None else f'no answer from {name}'
+                time.sleep(RETRY_S)
+        print(said, file=sys.stderr)
+        return 1
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.shutdown()
+
+
+if __name__ == '__main__':
+    sys.exit(main())

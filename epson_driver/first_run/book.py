@@ -1,0 +1,244 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The file of a first day: a page to read, and the data from which a simulation is made alike.
+
+The page is HTML without scripts; the data is JSON inside it, the wire traces are links in it.
+"""
+
+import base64
+import html
+import json
+import os
+import re
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from epson_driver.doctor.learning import differences, profile_text
+from epson_driver.first_run.ride import FIRST_DURATION_S
+from epson_driver.first_run.steps import Found
+from epson_driver.inputs import InputError, printable
+from epson_driver.profiles import ControllerProfile, load_controller_profile
+from epson_driver.profiles.profile_rules import RULES
+from epson_driver.sim_controller.faults.fault_kinds import Fault
+from epson_driver.sim_controller.faults.fault_text import parse
+
+DONE, SKIPPED, FAILED = 'done', 'skipped', 'failed'
+
+VERSION = 1
+MAX_FILE_BYTES = 500_000_000
+
+START_S = {False: 0.122, True: 0.037}
+"""From the point's way to the motion seen, s, in the simulated controller without a lag of its
+servos, by whether it rests at points: what a robot takes longer, its state comes late."""
+
+MIN_DELAY_S = 0.01
+"""A state that comes less late does so by chance."""
+
+START_TIME = 'joint 1: point sent to motion seen'
+
+_DATA = re.compile(r'<script type="application/json" id="first-run">(.*?)</script>', re.DOTALL)
+_TRACE = 'data:application/vnd.tcpdump.pcap;base64,'
+
+_STYLE = (
+    'body{font:16px/1.5 system-ui,sans-serif;max-width:60em;margin:2em auto;padding:0 1em;'
+    'color-scheme:light dark}table{border-collapse:collapse}td,th{border:1px solid #8888;'
+    'padding:.2em .6em;text-align:left;overflow-wrap:anywhere}.habit{font-weight:600}'
+)
+
+
+@dataclass
+class Entry:
+    """What became of one step: done, skipped or failed (why), when, and what was found."""
+
+    state: str
+    at: str
+    found: Found = field(default_factory=Found)
+    why: str = ''
+    trace: str = ''
+    """The wire, a pcap file in base64."""
+
+
+@dataclass
+class Book:
+    """All steps by name, and what was examined: address, profile, model, versions."""
+
+    about: dict[str, str]
+    entries: dict[str, Entry] = field(default_factory=dict)
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What was found out last, by the keys of a profile and some more."""
+        return self._all('facts')
+
+    @property
+    def times(self) -> dict[str, float]:
+        """Every time that was measured, s."""
+        return self._all('times')
+
+    @property
+    def habits(self) -> list[str]:
+        """What is unusual, in the order it was found: as the steps say, then the profile."""
+        told = [habit for each in self.entries.values() for habit in each.found.habits]
+        profile = load_controller_profile(self.about['controller'])
+        known = {key: value for key, value in self.facts.items() if key in RULES or key == 'io'}
+        usual = 'done' if self.facts.get('rests at points') else 'taken'
+        for key, value, held in differences(known, profile):
+            if held == 'default' and value == usual:
+                continue
+            shown = f'{value:.4g}' if isinstance(value, float) else value
+            told.append(f'{key} is {shown}, the profile {profile.name} says {held}')
+        return list(dict.fromkeys(told))
+
+    def _all(self, name: str) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        for each in self.entries.values():
+            found |= getattr(each.found, name)
+        return found
+
+    def save(self, path: Path) -> None:
+        """Write the file.
+
+        One that is there stays whole until the new one is. Raises OSError.
+        """
+        with tempfile.NamedTemporaryFile(
+            'w', encoding='utf-8', dir=path.parent, prefix=f'.{path.name}.', delete=False
+        ) as file:
+            file.writelines(_page(self))
+            file.flush()
+            os.fsync(file.fileno())
+        Path(file.name).replace(path)
+
+
+def load(path: Path) -> Book:
+    """Read a file of a first day. Raises OSError, or InputError that says what is wrong."""
+    name = printable(path)
+    if path.stat().st_size > MAX_FILE_BYTES:
+        raise InputError(f'{name}: is too large for a file of first-run')
+    try:
+        found = _DATA.search(path.read_text(encoding='utf-8'))
+        if found is None:
+            raise ValueError('there is no data of first-run in it')
+        data = json.loads(found[1])
+        if data['version'] != VERSION:
+            raise ValueError(f'version {data["version"]!r:.20} is not {VERSION}')
+        about = {str(key): str(value) for key, value in data['about'].items()}
+        entries = {str(step): _entry(each) for step, each in data['entries'].items()}
+        if not {'controller', 'robot', 'address', 'when'} <= about.keys():
+            raise ValueError('it does not say what was examined')
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise InputError(f'{name}: is no file of first-run: {printable(error)}') from error
+    return Book(about, entries)
+
+
+def _entry(data: Mapping[str, Any]) -> Entry:
+    found = Found(**data['found'])
+    times = {str(key): float(value) for key, value in found.times.items()}
+    facts = dict(found.facts.items())
+    answers = {str(key): str(value) for key, value in found.answers.items()}
+    habits = [str(each) for each in found.habits]
+    state, at, why, trace = (str(data[key]) for key in ('state', 'at', 'why', 'trace'))
+    return Entry(state, at, Found(facts, times, answers, habits), why, trace)
+
+
+@dataclass(frozen=True)
+class Likeness:
+    """How a simulated controller is to be: its robot, profile, motion, and faults from the start.
+
+    motion: smooth or ptp.
+    """
+
+    robot: str
+    profile: ControllerProfile
+    motion: str
+    faults: tuple[Fault, ...]
+
+
+def likeness(book: Book) -> Likeness:
+    """Return how a simulated controller has to be to do as that robot did. Raises InputError."""
+    facts = book.facts
+    stops = bool(facts.get('rests at points'))
+    known = {key: value for key, value in facts.items() if key in RULES or key == 'io'}
+    about = f'first-run, {book.about["address"]}, {book.about["when"]}'
+    text = profile_text('first_run', known, book.about['controller'], about)
+    with tempfile.TemporaryDirectory(prefix='epson_driver_first_run_') as folder:
+        path = Path(folder, 'first_run.yaml')
+        path.write_text(text, encoding='utf-8')
+        profile = load_controller_profile(str(path))
+    replies = float(facts.get('reply delay', 0.0))
+    late = {'motion': replies, 'state': _state_delay(book, profile, replies, stops)}
+    faults = [
+        parse(f'delay:seconds={min(delay, 60.0):.4f},port={port}')
+        for port, delay in late.items()
+        if delay > MIN_DELAY_S
+    ]
+    return Likeness(book.about['robot'], profile, 'ptp' if stops else 'smooth', tuple(faults))
+
+
+def _state_delay(book: Book, profile: ControllerProfile, replies: float, stops: bool) -> float:
+    """Return how late the state comes, s: by how much motions are seen later than in simulation.
+
+    A lag of the servos beyond the profile's looks the same, and is made a delay, too.
+    """
+    start = book.times.get(START_TIME)
+    if start is None or profile.spel.project:
+        return 0.0
+    early = 0.0 if stops else min(replies, FIRST_DURATION_S)  # the first point is over by then
+    late = start - (START_S[stops] + profile.servo.lag - early)
+    return late if late > float(book.facts.get('lateness', 0.0)) else 0.0
+
+
+def _page(book: Book) -> Iterator[str]:
+    """Yield the file, piece by piece."""
+    title = f'First run of {book.about["robot"]} at {book.about["address"]}'
+    yield f'<!doctype html>\n<html lang="en"><meta charset="utf-8"><title>{_text(title)}</title>\n'
+    yield '<meta name="viewport" content="width=device-width">\n'
+    yield f'<style>{_STYLE}</style>\n<h1>{_text(title)}</h1>\n'
+    yield from _table('What was examined', book.about)
+    yield '<h2>Habits</h2>\n'
+    if habits := book.habits:
+        yield (
+            '<ul>'
+            + ''.join(f'<li class="habit">{_text(each)}</li>\n' for each in habits)
+            + '</ul>'
+        )
+    else:
+        yield f'<p>None was seen: it does as the profile {_text(book.about["controller"])}.</p>\n'
+    yield from _table('Times', {key: f'{value * 1e3:.1f} ms' for key, value in book.times.items()})
+    yield '<h2>Steps</h2>\n'
+    for name, each in book.entries.items():
+        why = f': {each.why}' if each.why else ''
+        yield f'<h3>{_text(name)}</h3>\n<p>{_text(each.state)}, {_text(each.at)}{_text(why)}</p>\n'
+        yield from _table('', each.found.facts | each.found.answers)
+        if each.trace:
+            file = f'{name.replace(" ", "_").replace("/", "")}.pcap'
+            link = f'<a download="{_text(file)}" href="{_TRACE}{each.trace}">wire trace</a>'
+            yield f'<p>{link} (Wireshark, <code>epson_driver report</code>)</p>\n'
+    data = {'version': VERSION, 'about': book.about}
+    data |= {'entries': {name: asdict(each) for name, each in book.entries.items()}}
+    text = json.dumps(data, default=np.generic.item).replace('<', '\\u003c')
+    yield f'<script type="application/json" id="first-run">{text}</script>\n</html>\n'
+
+
+def _table(title: str, rows: Mapping[str, object]) -> Iterator[str]:
+    if not rows:
+        return
+    if title:
+        yield f'<h2>{title}</h2>\n'
+    yield '<table>\n'
+    for key, value in rows.items():
+        yield f'<tr><th>{_text(key)}</th><td>{_text(value)}</td></tr>\n'
+    yield '</table>\n'
+
+
+def _text(value: object) -> str:
+    return html.escape(printable(str(value)))
+
+
+def packed(trace: bytes) -> str:
+    """Return a pcap file as the book keeps it."""
+    return base64.b64encode(trace).decode('ascii')

@@ -1,0 +1,248 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""One slow motion of a real arm, point by point, and the times that were seen in it.
+
+Nothing is between this and the controller, so that its habits are seen as they are. Only small,
+slow motions inside the limits are sent, a STOP ends every one that does not go as it should.
+"""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from epson_driver.doctor.listening import Conversation
+from epson_driver.doctor.state_facts import latest_joints, latest_status
+from epson_driver.driver.inhibit import seen_inhibit
+from epson_driver.error_texts import ErrorTexts
+from epson_driver.motion import Array
+from epson_driver.robots import RobotModel
+from epson_driver.simple_message import (
+    JointFeedback,
+    JointPosition,
+    JointTrajPt,
+    ReplyCode,
+    SpecialSequence,
+    Status,
+    joint_data,
+)
+
+MOVED = 5e-4
+"""An arm that is so far from where it was, rad or m, has moved."""
+
+REST_S = 0.5
+"""An arm that has not moved for so long rests, s."""
+
+REST_TIMEOUT_S = 15.0
+REPLY_TIMEOUT_S = 5.0
+"""How long a reply may take beyond the time of its point, s."""
+
+MAX_SPEED = 0.1
+"""No joint is asked for more, rad/s or m/s."""
+
+MIN_VELOCITY = 0.01
+"""The least velocity that is sent: one percent, the least of SPEL+."""
+
+FIRST_DURATION_S = 0.1
+"""Duration of the first point, where the arm stands."""
+
+STOP = JointTrajPt(SpecialSequence.STOP_TRAJECTORY)
+
+
+class NotMovedError(Exception):
+    """Nothing was sent, or nothing more, for the reason in the text."""
+
+
+@dataclass
+class Ride:
+    """What was sent, answered and seen in one motion. Times: s on the loop's clock.
+
+    answers: time and code of each reply, None for what nobody answered. stopped: when STOP was
+    sent. times (k,), positions (k, n): joint states, rad or m. statuses: each with its time.
+    """
+
+    sent: list[float] = field(default_factory=list)
+    answers: list[tuple[float, ReplyCode] | None] = field(default_factory=list)
+    stopped: float | None = None
+    times: Array = field(default_factory=lambda: np.empty(0))
+    positions: Array = field(default_factory=lambda: np.empty((0, 0)))
+    statuses: list[tuple[float, Status]] = field(default_factory=list)
+    lateness: float = 0.0
+    """How late this machine was at most, s: so far its times may be off."""
+
+    @property
+    def begin(self) -> float | None:
+        """When the arm was first seen to have moved, or None."""
+        away = np.flatnonzero(np.abs(self.positions - self.positions[0]).max(axis=1) > MOVED)
+        return float(self.times[away[0]]) if away.size else None
+
+    @property
+    def end(self) -> float:
+        """When the arm was last seen away from where it came to rest."""
+        away = np.flatnonzero(np.abs(self.positions - self.positions[-1]).max(axis=1) > MOVED)
+        return float(self.times[away[-1]]) if away.size else float(self.times[0])
+
+    @property
+    def moved(self) -> Array:
+        """How far each joint came, rad or m, shape (n,)."""
+        return np.asarray(self.positions[-1] - self.positions[0])
+
+    def since(self, true: Callable[[Status], bool]) -> float | None:
+        """Return when a STATUS first said something, or None."""
+        return next((at for at, status in self.statuses if true(status)), None)
+
+
+async def ride(
+    state: Conversation,
+    motion: Conversation,
+    model: RobotModel,
+    errors: ErrorTexts,
+    targets: Sequence[Array],
+    durations: Sequence[float],
+    stop_after: float | None = None,
+) -> Ride:
+    """Move through the targets, shape (n,) each, rad or m, and wait until the arm rests.
+
+    stop_after: send a STOP so long after the first point that asks for motion, s. Raises
+    NotMovedError before anything is sent if the arm cannot move, or is asked for too much.
+    """
+    clock = asyncio.get_running_loop().time
+    here = await _here(state, model, errors)
+    _check(here, targets, durations, model)
+    first = len(state.heard.packets)
+    made = Ride()
+    motion.dialect = state.heard.packets[-1][1].dialect
+    stopping: asyncio.Task[None] | None = None
+    try:
+        ways = [(here, FIRST_DURATION_S), *zip(targets, durations, strict=True)]
+        before = here
+        for sequence, (target, duration) in enumerate(ways):
+            speed = np.abs(target - before).max() / duration
+            fraction = speed / float(model.limits.velocity.min())
+            velocity = min(max(fraction, MIN_VELOCITY), 1.0)
+            point = JointTrajPt(sequence, joint_data(target.tolist()), velocity, duration)
+            made.sent.append(clock())
+            if sequence == 1 and stop_after is not None:
+                stopping = asyncio.create_task(_stop_after(motion, stop_after, made))
+            reply = await motion.ask(point, REPLY_TIMEOUT_S + float(sum(durations)))
+            made.answers.append(None if reply is None else (clock(), reply.reply_code))
+            if reply is None or reply.reply_code is ReplyCode.FAILURE or made.stopped:
+                break
+            before = target
+        if stopping is not None:
+            await stopping
+        if made.answers[-1] is None:
+            motion.post(STOP)
+        await _rest(state, len(model.joint_names))
+    except BaseException:
+        motion.post(STOP)
+        raise
+    finally:
+        if stopping is not None:
+            stopping.cancel()
+    _take_over(made, state, first, len(model.joint_names))
+    return made
+
+
+async def _stop_after(motion: Conversation, seconds: float, made: Ride) -> None:
+    await asyncio.sleep(seconds)
+    made.stopped = asyncio.get_running_loop().time()
+    motion.post(STOP)
+
+
+async def _here(state: Conversation, model: RobotModel, errors: ErrorTexts) -> Array:
+    if not await state.heard_within(
+        lambda heard: latest_status(heard) and latest_joints(heard), 5
+    ):
+        raise NotMovedError('joint states and STATUS do not come')
+    await _rest(state, len(model.joint_names))
+    joints, status = latest_joints(state.heard), latest_status(state.heard)
+    assert joints is not None  # noqa: S101 - both were waited for
+    assert status is not None  # noqa: S101
+    found = seen_inhibit(status, errors)
+    if found is not None:
+        raise NotMovedError(found.text)
+    return np.array(joints[: len(model.joint_names)])
+
+
+def _check(
+    here: Array, targets: Sequence[Array], durations: Sequence[float], model: RobotModel
+) -> None:
+    low, high = model.limits.position_min, model.limits.position_max
+    before = here
+    for target, duration in zip(targets, durations, strict=True):
+        speed = np.abs(target - before).max() / duration
+        if not np.all(np.isfinite(target)) or (target < low).any() or (target > high).any():
+            raise NotMovedError(f'a target is outside the limits of a {model.name}')
+        if speed > MAX_SPEED:
+            raise NotMovedError(f'{speed:.3f} rad/s were asked for, at most {MAX_SPEED:g}')
+        before = target
+
+
+async def _rest(state: Conversation, joints: int) -> None:
+    """Wait until the arm has rested for REST_S, or the state ends. Raises NotMovedError."""
+    clock = asyncio.get_running_loop().time
+    until = clock() + REST_TIMEOUT_S
+    while clock() < until:
+        before = len(state.heard.packets)
+        ended = await state.ended_within(REST_S)
+        seen = _positions(state, before, joints)[1]
+        if ended or (len(seen) and np.abs(seen - seen[-1]).max() < MOVED):
+            return
+    raise NotMovedError(f'the arm did not come to rest within {REST_TIMEOUT_S:g} s')
+
+
+def _positions(state: Conversation, first: int, joints: int) -> tuple[Array, Array]:
+    seen = [
+        (
+            at,
+            each.message.joints
+            if isinstance(each.message, JointPosition)
+            else each.message.positions,
+        )
+        for at, each in state.heard.packets[first:]
+        if isinstance(each.message, JointPosition | JointFeedback)
+    ]
+    return np.array([at for at, _ in seen]), np.array([each[:joints] for _, each in seen])
+
+
+def _take_over(made: Ride, state: Conversation, first: int, joints: int) -> None:
+    made.lateness = state.heard.lateness
+    made.times, made.positions = _positions(state, max(first - 1, 0), joints)
+    made.statuses = [
+        (at, each.message)
+        for at, each in state.heard.packets[first:]
+        if isinstance(each.message, Status)
+    ]
+
+
+def ahead(made: Ride, joint: int, delay: float) -> float:
+    """Return how many points are answered ahead of the arm, at most, in a ride of one joint.
+
+    delay: how late replies come, s.
+    """
+    if made.begin is None:
+        return 0.0
+    way = np.abs(made.positions[:, joint] - made.positions[0, joint])
+    share = way / way[-1] * (len(made.sent) - 1)
+    counts = [
+        number - float(np.interp(answer[0] - delay, made.times, share))
+        for number, answer in enumerate(made.answers)
+        if answer is not None and answer[0] < made.end
+    ]
+    return max(counts, default=0.0)
+
+
+def rests(made: Ride) -> int:
+    """Return how often the arm rested on its way."""
+    if made.begin is None:
+        return 0
+    inside = (made.times >= made.begin) & (made.times <= made.end)
+    times, positions = made.times[inside], made.positions[inside]
+    slow = [
+        np.abs(b - a).max() < 1e-5 and t - s > 0.0
+        for (s, a), (t, b) in pairwise(zip(times, positions, strict=True))
+    ]
+    return sum(now and not before for before, now in pairwise([True, *slow]))

@@ -1,0 +1,62 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Go through the steps: say what each does, ask, do it, and write the book after each."""
+
+import dataclasses
+import io
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+
+from epson_driver.doctor.listening import TRACE, NoConnectionError
+from epson_driver.first_run.book import DONE, FAILED, SKIPPED, Book, Entry, packed
+from epson_driver.first_run.ride import NotMovedError
+from epson_driver.first_run.steps import FirstRun, Step, make_ready, steps
+from epson_driver.trace.pcap import PcapWriter
+
+CHOICES = 'Enter: do it, s: skip it, q: end (the rest another time): '
+
+
+async def go_through(run: FirstRun, book: Book, path: Path, say: Callable[[str], None]) -> bool:
+    """Do every step that has not been done, and return whether none is left to be offered.
+
+    `say` shows a person a line. The book is written after every step, so that an interruption
+    loses no more than the step in which it comes.
+    """
+    for step in steps(run.joints):
+        before = book.entries.get(step.name)
+        if before is not None and before.state == DONE:
+            say(f'{step.name}: done {before.at}')
+            continue
+        say(f'{step.name}: {step.says}')
+        said = (await run.ask(CHOICES)).strip().lower()
+        if said.startswith('q'):
+            return False
+        skip = said.startswith('s')
+        now = dataclasses.replace(run, delay=float(book.facts.get('reply delay', 0.0)))
+        book.entries[step.name] = Entry(SKIPPED, _now()) if skip else await _done(step, now)
+        entry = book.entries[step.name]
+        for habit in entry.found.habits:
+            run.findings.note(step.name, habit)
+        if entry.state == FAILED:
+            run.findings.wrong(step.name, entry.why, 'call it again: what is done is kept')
+        book.save(path)
+    return True
+
+
+async def _done(step: Step, run: FirstRun) -> Entry:
+    file = io.BytesIO()
+    token = TRACE.set(PcapWriter(file))
+    try:
+        if step.moves:
+            await make_ready(run)
+        found = await step.do(run)
+    except (NotMovedError, NoConnectionError) as error:
+        return Entry(FAILED, _now(), why=str(error), trace=packed(file.getvalue()))
+    finally:
+        TRACE.reset(token)
+    return Entry(DONE, _now(), found, trace=packed(file.getvalue()))
+
+
+def _now() -> str:
+    return f'{datetime.now(UTC):%Y-%m-%d %H:%M} UTC'

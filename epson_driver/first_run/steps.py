@@ -1,0 +1,534 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The steps of the first day, in their order: what each does, whether it moves, what it finds.
+
+A step tells a person what will happen before it asks whether it may. What it returns goes into
+the book: `facts` by the keys of a profile, `times` in s, `answers`, `habits`.
+"""
+
+import asyncio
+import dataclasses
+import math
+import statistics
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from epson_driver.doctor.controller_checks import Question, check_controller
+from epson_driver.doctor.findings import Findings
+from epson_driver.doctor.listening import Conversation, conversation
+from epson_driver.doctor.pose_checks import Ask
+from epson_driver.doctor.state_facts import latest_joints, latest_status
+from epson_driver.driver.inhibit import seen_inhibit
+from epson_driver.error_texts import ErrorTexts, load_error_texts
+from epson_driver.first_run.ride import MOVED, STOP, NotMovedError, Ride, ahead, rests, ride
+from epson_driver.motion import Array
+from epson_driver.robots.chain import PRISMATIC
+from epson_driver.simple_message import ReplyCode, Status, TriState
+
+DEGREES = 5.0
+SLIDE_MM = 10.0
+"""How far a joint goes: 5 degrees, or 10 mm of one that slides."""
+
+WAY_S = 2.0
+BACK_AND_FORTH = 10
+"""How long a way takes, s, and how many there are in which a person does something."""
+
+STREAM_POINTS = 40
+STREAM_PERIODS_S = (0.1, 0.05)
+
+REPLY_TRIES = 5
+PENDANT_TOLERANCE = 0.05
+"""How far the pendant's figures may be from the joint states, degrees or mm."""
+
+LATE_S = 0.02
+"""A reply to a STOP that takes longer than this and the handshake is late."""
+
+
+@dataclass
+class Found:
+    """What a step has found out."""
+
+    facts: dict[str, Any] = field(default_factory=dict)
+    times: dict[str, float] = field(default_factory=dict)
+    answers: dict[str, str] = field(default_factory=dict)
+    habits: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class FirstRun:
+    """Whom to examine, with whom to speak, and where to say what was found.
+
+    delay: how late replies come, s, as far as that was found out before.
+    """
+
+    question: Question
+    ask: Ask
+    findings: Findings
+    delay: float = 0.0
+
+    @property
+    def errors(self) -> ErrorTexts:
+        """The texts of the controller's error numbers."""
+        return load_error_texts(self.question.profile.error_texts)
+
+    @property
+    def joints(self) -> int:
+        """How many joints there are."""
+        return len(self.question.model.joint_names)
+
+    @asynccontextmanager
+    async def links(self) -> AsyncIterator[tuple[Conversation, Conversation]]:
+        """Connect to state and motion port."""
+        host = self.question.host
+        async with (
+            conversation(host, self.question.state_port) as state,
+            conversation(host, self.question.motion_port) as motion,
+        ):
+            yield state, motion
+
+
+Do = Callable[[FirstRun], Awaitable[Found]]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step.
+
+    says: what will happen. moves: whether the arm moves in it.
+    """
+
+    name: str
+    says: str
+    do: Do
+    moves: bool = False
+
+
+async def _listen(run: FirstRun) -> Found:
+    question = dataclasses.replace(run.question, may_ask=False, may_use_io=False)
+    facts = await check_controller(question, run.findings)
+    found = Found(facts)
+    if 'state.period' in facts:
+        found.times['state period'] = float(facts['state.period'])  # type: ignore[arg-type]
+    async with conversation(question.host, question.state_port) as state:
+        await state.ended_within(1.0)
+        joints = latest_joints(state.heard)
+        if joints is not None and (step := _rounding(joints[: run.joints])):
+            found.facts['servo.encoder'] = False
+            found.habits.append(f'joint states are rounded to {step:g} degrees')
+    return found
+
+
+def _rounding(joints: Sequence[float]) -> float:
+    """Return to how many degrees joint states are rounded: 0.1, 0.01, 0.001, or 0 for none."""
+    values = np.degrees(np.asarray(joints))
+    if np.abs(values).max() < 0.1:
+        return 0.0  # an arm at 0 tells nothing
+    for step in (0.1, 0.01, 0.001):
+        if np.abs(values / step - np.round(values / step)).max() < 0.02:
+            return step
+    return 0.0
+
+
+async def _pendant(run: FirstRun) -> Found:
+    said = await run.ask('J1 J2 … as the pendant shows them, in degrees (mm of one that slides): ')
+    found = Found(answers={'pendant': said.strip()[:200]})
+    try:
+        shown = np.array([float(word) for word in said.replace(',', ' ').split()])
+    except ValueError:
+        shown = np.empty(0)
+    if len(shown) != run.joints:
+        found.habits.append(f'the pendant was not compared: {run.joints} numbers are needed')
+        return found
+    async with conversation(run.question.host, run.question.state_port) as state:
+        await state.heard_within(latest_joints, 5.0)
+        joints = latest_joints(state.heard)
+    if joints is None:
+        raise NotMovedError('no joint states came')
+    own = _shown(np.array(joints[: run.joints]), run)
+    for index, (ours, theirs) in enumerate(zip(own, shown, strict=True)):
+        if abs(ours - theirs) <= PENDANT_TOLERANCE:
+            continue
+        name = run.question.model.joint_names[index]
+        if abs(ours + theirs) <= PENDANT_TOLERANCE:
+            found.habits.append(f'the sign of {name} is turned: joint_signs -1')
+        else:
+            found.habits.append(
+                f'{name} is {ours:.3f}, on the pendant {theirs:.3f}: joint_offsets'
+            )
+    return found
+
+
+def _shown(joints: Array, run: FirstRun) -> Array:
+    slides = np.array([kind == PRISMATIC for kind in run.question.model.joint_types])
+    return np.where(slides, joints * 1000.0, np.degrees(joints))
+
+
+async def _ask_still(run: FirstRun) -> Found:
+    question = dataclasses.replace(run.question, may_ask=True, may_use_io=False)
+    facts = await check_controller(question, run.findings)
+    found = Found(facts)
+    if 'program.kind' not in facts:
+        raise NotMovedError('the motion port was not asked: see above')
+    if facts.get('program.failure_replies') is False:
+        found.habits.append('a point that cannot be is answered with SUCCESS')
+    host, port = question.host, question.motion_port
+    async with (
+        conversation(host, question.state_port) as state,
+        conversation(host, port) as motion,
+    ):
+        await state.heard_within(lambda heard: heard.packets, 5.0)
+        motion.dialect = state.heard.packets[0][1].dialect
+        took, missing = [], 0
+        for _ in range(REPLY_TRIES):
+            began = asyncio.get_running_loop().time()
+            if await motion.ask(STOP, run.question.seconds) is None:
+                missing += 1
+                continue
+            took.append(asyncio.get_running_loop().time() - began)
+        handshake = motion.heard.handshake
+    if missing:
+        found.habits.append(f'{missing} of {REPLY_TRIES} requests had no answer')
+    if took:
+        found.times['reply to STOP'] = reply = statistics.median(took)
+        if reply > LATE_S + handshake:
+            found.facts['reply delay'] = reply - handshake
+            found.habits.append(f'replies come {(reply - handshake) * 1e3:.0f} ms late')
+    return found
+
+
+async def _io(run: FirstRun) -> Found:
+    question = dataclasses.replace(run.question, may_ask=False, may_use_io=True)
+    facts = await check_controller(question, run.findings)
+    return Found({key: facts[key] for key in ('io', 'ports.io') if key in facts})
+
+
+async def make_ready(run: FirstRun) -> None:
+    """Have a person make the arm ready, if it is not. Nothing is sent."""
+    async with conversation(run.question.host, run.question.state_port) as state:
+        await state.heard_within(latest_status, 5.0)
+        status = latest_status(state.heard)
+        if status is None or seen_inhibit(status, run.errors) is not None:
+            await _ready(run, state, 'Set the power LOW, switch the motors on, start main')
+
+
+async def _power(run: FirstRun) -> Found:
+    await make_ready(run)
+    return Found(answers={'power': (await run.ask('Is the power low? (y/n): ')).strip()[:100]})
+
+
+async def _ready(run: FirstRun, state: Conversation, what: str) -> None:
+    """Have a person do something until STATUS says that the arm could move."""
+    while True:
+        said = await run.ask(f'{what}, then press Enter (s: give this step up): ')
+        await state.ended_within(0.5)
+        if said.strip().lower().startswith('s') or state.heard.ended:
+            raise NotMovedError('the arm was not made ready')
+        status = latest_status(state.heard)
+        found = None if status is None else seen_inhibit(status, run.errors)
+        if status is not None and found is None:
+            return
+        run.findings.note('not ready', 'no STATUS came' if found is None else found.text)
+
+
+def _target(here: Array, index: int, run: FirstRun) -> Array:
+    """Return where joint `index` goes: in its + direction, unless the end of its range is near."""
+    way = SLIDE_MM / 1000.0
+    if run.question.model.joint_types[index] != PRISMATIC:
+        way = math.radians(DEGREES)
+    limits = run.question.model.limits
+    target = here.copy()
+    target[index] += way if here[index] + 2.0 * way < limits.position_max[index] else -way
+    return target
+
+
+async def _joint(index: int, run: FirstRun) -> Found:
+    name = run.question.model.joint_names[index]
+    async with run.links() as (state, motion):
+        here = await _where(run, state)
+        target = _target(here, index, run)
+        made = await _ride(run, state, motion, [target], [WAY_S])
+        found = _ride_times(f'joint {index + 1}', made)
+        if index == 0:
+            found.facts['lateness'] = made.lateness
+        off = np.abs(made.positions[-1] - target).max()
+        if off > 2.0 * MOVED:
+            found.habits.append(f'{name} came to rest {off:.4f} rad or m beside its target')
+        await _ride(run, state, motion, [here], [WAY_S])
+    sense = '+' if target[index] > here[index] else '-'
+    said = await run.ask(f'Did J{index + 1} turn in its {sense} direction, and back? (y/n): ')
+    found.answers[name] = f'{sense}: {said.strip()[:100]}'
+    if said.strip().lower().startswith('n'):
+        found.habits.append(f'the sign of {name} is turned: joint_signs -1')
+    return found
+
+
+async def _where(run: FirstRun, state: Conversation) -> Array:
+    await state.heard_within(latest_joints, 5.0)
+    joints = latest_joints(state.heard)
+    if joints is None:
+        raise NotMovedError('no joint states came')
+    return np.array(joints[: run.joints])
+
+
+async def _ride(
+    run: FirstRun,
+    state: Conversation,
+    motion: Conversation,
+    targets: Sequence[Array],
+    durations: Sequence[float],
+    stop_after: float | None = None,
+) -> Ride:
+    model = run.question.model
+    return await ride(state, motion, model, run.errors, targets, durations, stop_after)
+
+
+def _ride_times(name: str, made: Ride) -> Found:
+    found = Found()
+    missing = sum(each is None for each in made.answers)
+    if missing:
+        found.habits.append(f'{missing} of {len(made.sent)} points had no answer')
+    if any(each is not None and each[1] is ReplyCode.FAILURE for each in made.answers):
+        found.habits.append(f'{name}: a point was refused')
+    if made.begin is None:
+        found.habits.append(f'{name}: the arm did not move')
+    else:
+        found.times[f'{name}: point sent to motion seen'] = made.begin - made.sent[1]
+        found.times[f'{name}: motion'] = made.end - made.begin
+    return found
+
+
+async def _points(run: FirstRun) -> Found:
+    found = Found()
+    counts: list[float] = []
+    periods: list[float] = []
+    async with run.links() as (state, motion):
+        here = await _where(run, state)
+        target = _target(here, 0, run)
+        for usual in STREAM_PERIODS_S:
+            period = usual + 2.0 * run.delay  # the next point is sent when the last was answered
+            ways = [here + (target - here) * k / STREAM_POINTS for k in _numbers(STREAM_POINTS)]
+            name = f'{STREAM_POINTS} points of {period:g} s'
+            made = await _ride(run, state, motion, ways, [period] * STREAM_POINTS)
+            one = _ride_times(name, made)
+            found.times |= one.times
+            found.habits += one.habits
+            counts.append(ahead(made, 0, run.delay))
+            periods.append(period)
+            stops = rests(made)
+            await _ride(run, state, motion, [here], [WAY_S])
+    found.facts |= _buffer(counts, periods)
+    # a point that is answered when the arm is there leaves it without a next one
+    waits = found.facts.get('program.acknowledge') == 'done'
+    found.facts['rests at points'] = waits or stops > STREAM_POINTS // 4
+    if found.facts['rests at points']:
+        text = f'{stops} rests were seen at {STREAM_POINTS} points'
+        why = '; a point is answered when the arm is there' if waits else ''
+        found.habits.append(f'the arm rests at points: {text}{why}')
+    return found
+
+
+def _numbers(count: int) -> range:
+    return range(1, count + 1)
+
+
+def _buffer(counts: Sequence[float], periods: Sequence[float]) -> dict[str, Any]:
+    """Return what limits the points that are answered ahead: their number or their time.
+
+    counts: the most that were, at points that are so far apart, s.
+    """
+    if min(counts) < 0.5:
+        return {'program.acknowledge': 'done'}
+    whole = [math.floor(each + 0.5) for each in counts]
+    if min(whole) >= STREAM_POINTS - 1:
+        return {'program.acknowledge': 'taken'}  # all were taken at once
+    if whole[0] == whole[1]:
+        return {'program.acknowledge': 'taken', 'motion.look_ahead_points': whole[0]}
+    spans = [(each - 1.0) * period for each, period in zip(counts, periods, strict=True)]
+    seconds = round(statistics.fmean(spans), 2)
+    return {'program.acknowledge': 'taken', 'motion.look_ahead': max(seconds, 0.01)}
+
+
+async def _stop(run: FirstRun) -> Found:
+    async with run.links() as (state, motion):
+        here = await _where(run, state)
+        target = _target(here, 0, run)
+        made = await _ride(run, state, motion, [target], [2.0 * WAY_S], stop_after=WAY_S / 2)
+        found = Found()
+        if made.begin is None or made.stopped is None:
+            raise NotMovedError('the arm did not move')
+        stopped = bool(np.abs(made.moved).max() < 0.9 * np.abs(target - here).max())
+        found.facts['program.stop_works'] = stopped
+        if not stopped:
+            found.habits.append('a STOP does not stop the arm')
+        else:
+            found.times['STOP to rest'] = max(made.end - made.stopped, 0.0)
+        await _ride(run, state, motion, [here], [WAY_S])
+    return found
+
+
+async def _interrupted(
+    what: str, seen: Callable[[Status], bool], undo: str, run: FirstRun
+) -> Found:
+    """Move joint 1 to and fro until a person does something, and see that the arm rests."""
+    found = Found()
+    name = what.partition(',')[0]
+    async with run.links() as (state, motion):
+        here = await _where(run, state)
+        target = _target(here, 0, run)
+        ways = [target, here] * (BACK_AND_FORTH // 2)
+        doing = asyncio.ensure_future(
+            run.ask(f'The arm moves to and fro: {what} NOW. Then Enter: ')
+        )
+        try:
+            made = await _ride(run, state, motion, ways, [WAY_S] * len(ways))
+        except BaseException:
+            doing.cancel()
+            raise
+        found.answers[name] = (await doing).strip()[:200] or 'done'
+        at = made.since(seen)
+        if at is None:
+            found.habits.append(f'{name}: STATUS did not show it')
+            return found
+        found.times[f'{name}: STATUS to rest'] = max(made.end - at, 0.0)
+        _error_number(name, made, run, found)
+        await _ready(run, state, undo)
+        before = await _where(run, state)
+        await state.ended_within(2.0)
+        if np.abs(await _where(run, state) - before).max() > MOVED:
+            found.habits.append(f'{name}: the arm went on by itself when it was undone')
+    return found
+
+
+def _error_number(name: str, made: Ride, run: FirstRun, found: Found) -> None:
+    number = next((each.error_code for _, each in reversed(made.statuses) if each.error_code), 0)
+    found.answers[f'{name}: error'] = run.errors.phrase(number)
+    if number and number not in run.errors:
+        table = run.question.profile.error_texts
+        found.habits.append(f'{name}: error number {number} is not in the table {table}')
+
+
+async def _cable(run: FirstRun) -> Found:
+    """Have the cable pulled in a motion, and see afterwards where the arm stands."""
+    found = Found()
+    async with run.links() as (state, motion):
+        here = await _where(run, state)
+        target = _target(here, 0, run)
+        doing = asyncio.ensure_future(
+            run.ask('The arm moves: pull the network cable NOW, plug it in again, then Enter: ')
+        )
+        try:
+            made = await _ride(run, state, motion, [target], [2.0 * WAY_S])
+            lost = bool(state.heard.ended or motion.heard.ended)
+        except (NotMovedError, ConnectionError) as error:
+            lost, made = True, None
+            found.answers['cable: what was seen'] = str(error)
+        except BaseException:
+            doing.cancel()
+            raise
+        found.answers['cable'] = (await doing).strip()[:200] or 'done'
+    if made is not None and not lost:
+        found.habits.append('cable: nothing was noticed of it')
+        return found
+    async with conversation(run.question.host, run.question.state_port) as state:
+        after = await _where(run, state)
+    finished = bool(np.abs(after - target).max() < 2.0 * MOVED)
+    found.facts['server.lost_client'] = 'finish' if finished else 'brake'
+    if finished:
+        found.habits.append('the arm goes on to its point when its client is lost')
+    return found
+
+
+QUESTIONS: Mapping[str, str] = {
+    'background_ready.prg': 'does a background task leave Ready on?',
+    'till_and_cp.prg': 'does Till keep the blend of CP?',
+    'till_holds_already.prg': 'does a Go whose Till condition holds already move at all?',
+    'statement_times.prg': 'how long do a statement, Wait 0.001, and Speed with Accel take?',
+    'server_ports.prg': 'what does the host of SetNet mean, what does a second client get, and '
+    'what does ChkNet show of FIN and of a reset?',
+    'reported_joints.prg': 'do Agl and RealPls lag?',
+    'till_braking.prg': 'how often is Till looked at, and how does it brake?',
+    'wait_pos.prg': 'does WaitPos in main wait when the motors go off, and can StartMain start '
+    'main at once after the door?',
+    'loop_without_wait.prg': 'does 2556 come in a loop that only asks a port?',
+    'pulses_in_background.prg': 'does PPls(AglToPls(…)) work in a background task, before '
+    'anything has moved?',
+}
+"""The open questions of docs/controller_program.md, by the program that answers each."""
+
+
+async def _questions(run: FirstRun) -> Found:
+    found = Found()
+    for program, question in QUESTIONS.items():
+        said = await run.ask(f'docs/examples/spel/{program}: {question} (Enter: not tried): ')
+        if said.strip():
+            found.answers[program] = said.strip()[:1000]
+    found.answers['versions'] = (await run.ask('Versions of controller and RC+: ')).strip()[:200]
+    return found
+
+
+def _estopped(status: Status) -> bool:
+    return status.e_stopped == TriState.TRUE
+
+
+def _held(status: Status) -> bool:
+    return status.motion_possible == TriState.FALSE or status.drives_powered == TriState.FALSE
+
+
+def steps(joints: int) -> list[Step]:
+    """Return the steps for an arm with so many joints, in their order."""
+    way = f'{DEGREES:g} degrees ({SLIDE_MM:g} mm)'
+    slowly = f'joint 1 goes {way} to and fro, slowly, for at most {BACK_AND_FORTH * WAY_S:g} s'
+    return [
+        Step('listen', 'Only listens to the state port. Nothing is sent.', _listen),
+        Step('pendant', 'Compares the joints with those that the pendant shows.', _pendant),
+        Step('questions', 'Asks a STOP and a point where the arm stands, motors OFF.', _ask_still),
+        Step('I/O', 'Asks which I/O there is, motors OFF. Outputs may change at its end.', _io),
+        Step('ready', 'You set the power LOW and switch the motors on.', _power),
+        *(
+            Step(
+                f'joint {index + 1}',
+                f'THE ARM MOVES: joint {index + 1} goes {way} in {WAY_S:g} s, and back.',
+                partial(_joint, index),
+                moves=True,
+            )
+            for index in range(joints)
+        ),
+        Step(
+            'STOP',
+            f'THE ARM MOVES: joint 1 goes {way}, a STOP ends it on its way, and it goes back.',
+            _stop,
+            moves=True,
+        ),
+        Step(
+            'points',
+            f'THE ARM MOVES: joint 1 goes {way} in {STREAM_POINTS} points, and back, twice.',
+            _points,
+            moves=True,
+        ),
+        Step(
+            'E-stop',
+            f'THE ARM MOVES: {slowly}; you press the E-stop meanwhile.',
+            partial(_interrupted, 'E-stop, press it', _estopped, 'Release it, reset, motors on'),
+            moves=True,
+        ),
+        Step(
+            'door',
+            f'THE ARM MOVES: {slowly}; you open the safeguard meanwhile.',
+            partial(_interrupted, 'door, open it', _held, 'Close it, reset, motors on, main'),
+            moves=True,
+        ),
+        Step(
+            'cable',
+            f'THE ARM MOVES: joint 1 goes {way}; you pull the network cable meanwhile.',
+            _cable,
+            moves=True,
+        ),
+        Step(
+            'open questions', 'Asks for what the programs in docs/examples/spel say.', _questions
+        ),
+    ]

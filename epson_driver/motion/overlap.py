@@ -1,0 +1,159 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""One move overlapping the end of the one before, inside every limit (SPEL+ `Go … CP`).
+
+The second move begins while the first still decelerates, and the two are added. Both are pieces
+of constant jerk, so is their sum: where it is extreme is known, and what is verified is exact.
+"""
+
+import numpy as np
+
+from epson_driver.motion.limits import Array, JointLimits
+from epson_driver.motion.point_to_point import LineMotion, Pieces
+
+CANDIDATE_STARTS = 24
+"""Starts that are tried at once; the earliest that is allowed is improved once, as finely."""
+
+LIMIT_TOLERANCE_SHARE = 1e-9
+"""Relative excess of a limit that is taken for rounding."""
+
+POSITION_TOLERANCE = 1e-12
+"""The same for positions, rad."""
+
+
+def blend_start(
+    first: LineMotion,
+    second: LineMotion,
+    limits: JointLimits,
+    earliest: float,
+    *,
+    speed: float = 1.0,
+    accel: float = 1.0,
+    tool: tuple[Array, float] | None = None,
+) -> float:
+    """Return when the second move may begin, s since the first began.
+
+    The second begins where the first ends, `earliest` or later. `speed` and `accel` are fractions
+    of the limits that the sum keeps. `tool`: each joint's reach, shape (n,), m, and what the
+    joints' velocities times their reach may add up to, m/s.
+    """
+    found = first.duration
+    if not earliest < found or first.braking == 0.0 or second.braking == 0.0:
+        return found
+    check = _Check(first, second, limits, speed, accel, tool)
+    starts = np.linspace(earliest, found, CANDIDATE_STARTS, endpoint=False)
+    for _ in range(2):
+        allowed = check(starts)
+        if not allowed.any():
+            break
+        index = int(np.argmax(allowed))
+        found = float(starts[index])
+        if index == 0:
+            break
+        starts = np.linspace(starts[index - 1], found, CANDIDATE_STARTS, endpoint=False)[1:]
+    return found
+
+
+class _Check:
+    """Whether the sum of two moves stays within the limits, for many starts at once.
+
+    The rows that are checked are the joints and, with a tool, the bound of its speed.
+    """
+
+    def __init__(
+        self,
+        first: LineMotion,
+        second: LineMotion,
+        limits: JointLimits,
+        speed: float,
+        accel: float,
+        tool: tuple[Array, float] | None,
+    ) -> None:
+        self._first, self._second = first.pieces, second.pieces
+        self._end = first.duration
+        rows = [
+            first.direction,
+            second.direction,
+            first.origin,
+            limits.position_min - POSITION_TOLERANCE,
+            limits.position_max + POSITION_TOLERANCE,
+            limits.velocity * speed,
+            limits.acceleration * accel,
+            limits.jerk * accel,
+        ]
+        if tool is not None:
+            reach, fastest = tool
+            of_tool: list[float] = [
+                float(np.abs(first.direction) @ reach),
+                float(np.abs(second.direction) @ reach),
+                0.0,
+                -np.inf,
+                np.inf,
+                fastest,
+                np.inf,
+                np.inf,
+            ]
+            rows = [np.array([*row, extra]) for row, extra in zip(rows, of_tool, strict=True)]
+        self._along, self._onward, self._origin, self._low, self._high, *bounds = rows
+        self._velocity, self._acceleration, self._jerk = (
+            bound * (1.0 + LIMIT_TOLERANCE_SHARE) for bound in bounds
+        )
+
+    def __call__(self, starts: Array) -> Array:
+        """Return for each start whether the sum is allowed while both move, shape (m,)."""
+        begin = starts[:, None]
+        times = np.concatenate(
+            [np.broadcast_to(self._first.times, (len(starts), 8)), self._second.times + begin],
+            axis=1,
+        )
+        times = np.sort(np.clip(times, begin, self._end), axis=1)
+        since, until = times[:, :-1], times[:, 1:]
+        middle = (since + until) / 2.0
+        states = zip(
+            _states(self._first, since, middle),
+            _states(self._second, since - begin, middle - begin),
+            strict=True,
+        )
+        p, v, a, j = (
+            one[:, :, None] * self._along + other[:, :, None] * self._onward
+            for one, other in states
+        )
+        p = p + self._origin
+        h = (until - since)[:, :, None]
+        with np.errstate(divide='ignore', invalid='ignore'):
+            turn = _inside(-a / j, h)
+            # both zeros of v + a t + j t² / 2
+            q = -(a + np.copysign(np.sqrt(np.maximum(a * a - 2.0 * j * v, 0.0)), a))
+            zeros = (_inside(q / j, h), _inside(2.0 * v / q, h))
+        fits = (np.abs(j) <= self._jerk) | (h == 0.0)
+        for t in (0.0, h):
+            fits &= np.abs(a + j * t) <= self._acceleration
+        for t in (0.0, h, turn):
+            fits &= np.abs(v + t * (a + j * t / 2.0)) <= self._velocity
+        for t in (0.0, h, *zeros):
+            position = p + t * (v + t * (a / 2.0 + j * t / 6.0))
+            fits &= (position >= self._low) & (position <= self._high)
+        allowed: Array = fits.all(axis=(1, 2))
+        return allowed
+
+
+def _states(pieces: Pieces, times: Array, middle: Array) -> tuple[Array, Array, Array, Array]:
+    """Return way, velocity, acceleration, jerk at times, in the pieces that `middle` is in."""
+    piece = np.clip(np.searchsorted(pieces.times, middle, side='right') - 1, 0, 7)
+    t = times - pieces.times[piece]
+    s, v, a, j = (
+        column[piece]
+        for column in (pieces.ways, pieces.velocities, pieces.accelerations, pieces.jerks)
+    )
+    return (
+        s + t * (v + t * (a / 2.0 + j * t / 6.0)),
+        v + t * (a + j * t / 2.0),
+        a + j * t,
+        j,
+    )
+
+
+def _inside(times: Array, length: Array) -> Array:
+    """Return times within 0 … length, or 0 for what is no number."""
+    inside: Array = np.clip(np.nan_to_num(times, nan=0.0), 0.0, length)
+    return inside

@@ -1,0 +1,72 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Linear systems with few diagonals, solved in time that grows with their size only."""
+
+import numpy as np
+
+from epson_driver.motion.limits import Array
+
+
+def solve_tridiagonal(below: Array, main: Array, above: Array, right: Array) -> Array:
+    """Return x of below[i] x[i - 1] + main[i] x[i] + above[i] x[i + 1] = right[i], shape (k, n).
+
+    All of shape (k, n): n systems. below[0] and above[-1] are 0. By parallel cyclic reduction:
+    each round eliminates the neighbours of every row at once, so that the rows that are left
+    coupled are twice as far apart: log2(k) rounds on whole arrays, and memory for a few of them
+    (Hockney, Jesshope: Parallel Computers, 1981). No pivoting: the matrix must be diagonally
+    dominant.
+    """
+    lower, upper = below / main, above / main
+    x: Array = right / main
+    distance = 1
+    while distance < len(x):
+        before, after = slice(None, -distance), slice(distance, None)
+        pivot = np.ones_like(lower)
+        pivot[after] -= lower[after] * upper[before]
+        pivot[before] -= upper[before] * lower[after]
+        new_x, new_lower, new_upper = x.copy(), np.zeros_like(lower), np.zeros_like(upper)
+        new_x[after] -= lower[after] * x[before]
+        new_x[before] -= upper[before] * x[after]
+        new_lower[after] = -lower[after] * lower[before]
+        new_upper[before] = -upper[before] * upper[after]
+        x, lower, upper = new_x / pivot, new_lower / pivot, new_upper / pivot
+        distance *= 2
+    return x
+
+
+def solve_pentadiagonal(main: Array, second: Array, third: Array, right: Array) -> Array | None:
+    """Return x of M x = right for a symmetric, positive definite M, or None if M is not.
+
+    The diagonals begin in the first row; shapes (n,), of `second` and `third` the last one and two
+    are not used. In plain numbers: for this size a library's dense solver costs more and starts
+    threads.
+    """
+    d, e, f = main.tolist(), second.tolist(), third.tolist()
+    y: list[float] = right.tolist()
+    count = len(d)
+    # M = L D Lᵀ: l1, l2 are the diagonals of L below its ones
+    d1 = d2 = 1.0
+    l1 = l2 = l2_next = y1 = y2 = 0.0
+    diagonal, lower1, lower2 = [0.0] * count, [0.0] * count, [0.0] * count
+    for i in range(count):
+        pivot = d[i] - l1 * l1 * d1 - l2 * l2 * d2
+        if not pivot > 0.0:
+            return None
+        z = y[i] - l1 * y1 - l2 * y2
+        next1 = (e[i] - l2_next * l1 * d1) / pivot
+        next2 = f[i] / pivot
+        diagonal[i], lower1[i], lower2[i] = pivot, next1, next2
+        y[i] = z
+        l1, l2, l2_next = next1, l2_next, next2
+        d1, d2 = pivot, d1
+        y1, y2 = z, y1
+    x1 = x2 = 0.0
+    for i in range(count - 1, -1, -1):
+        x = y[i] / diagonal[i]
+        if i + 1 < count:
+            x -= lower1[i] * x1
+        if i + 2 < count:
+            x -= lower2[i] * x2
+        y[i] = x
+        x1, x2 = x, x1
+    return np.array(y)

@@ -1,0 +1,28 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What helps, in the names of the ROS interface."""
+
+from epson_driver.driver.arm_commands import CommandError
+from epson_driver.driver.inhibit import Remedy, with_remedy
+from epson_driver.driver.outcome import Outcome
+
+WORDS = {
+    Remedy.CONNECT: 'start the controller, or check robot_ip and the ports',
+    Remedy.RELEASE_ESTOP: 'release it, call ~/reset_error (or reset at the controller), '
+    'then ~/enable',
+    Remedy.RESET: 'call ~/reset_error, then ~/enable',
+    Remedy.TURN_TO_AUTO: 'turn it to AUTO, then call ~/enable',
+    Remedy.ENABLE: 'call ~/enable',
+    Remedy.END_STREAM: 'end that, or call ~/stop',
+    Remedy.ALLOW_END_VELOCITY: 'or set allow_nonzero_velocity_at_trajectory_end',
+}
+
+
+def outcome_text(outcome: Outcome) -> str:
+    """Return why a goal ended so, and what helps."""
+    return with_remedy(outcome.text, outcome.remedy, WORDS)
+
+
+def error_text(error: CommandError) -> str:
+    """Return why a command could not be done, and what helps."""
+    return with_remedy(str(error), error.remedy, WORDS)

@@ -1,0 +1,21 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The executables by name, each with what it does."""
+
+EXECUTABLES = {
+    'client': 'the ROS 2 node: joint states, robot status, FollowJointTrajectory',
+    'sim_controller': 'a simulated EPSON controller',
+    'demo': 'both of them, and a planned trajectory executed, with a report',
+    'fleet': 'many simulated robots with their drivers, and how they do',
+    'panel': 'the robots in a browser: 3D, lamps, curves, log and buttons',
+    'jog': 'move single joints by keys',
+    'smooth': 'make a planned trajectory smooth: a file, a report and a picture',
+    'exercise': 'your own program against the simulated controller, once per fault',
+    'doctor': 'what is wrong from this machine to the controller, and what to do',
+    'first-run': 'the first day with a real robot, step by step, into one file',
+    'report': 'what happened in a run, from a trace or a bag, as one HTML page',
+    'replay': "play the controller's side of a recorded run, for bug reports",
+    'robots': 'list the robot models, with their numbers and where those come from',
+    'spel': 'check and test EPSON programs (SPEL+) without a robot',
+    'pendant': 'do what a person does at the controller: motors, E-stop, reset, status',
+}

@@ -1,0 +1,89 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The picture of where an arm can be: a SCARA from above, six axes from the side."""
+
+from pathlib import Path
+
+import numpy as np
+
+from epson_driver.motion import Array
+from epson_driver.robots import RobotModel
+from epson_driver.robots.kinematics import Kinematics
+from epson_driver.robots.model import SCARA, SIX_AXIS
+
+STEPS = 121
+"""Positions of each of the two joints that span the area."""
+
+SHOWN = {SCARA: (45.0, 60.0, 0.0, 0.0), SIX_AXIS: (0.0, -30.0, 10.0, 0.0, -60.0, 0.0)}
+"""Where the arm is drawn, degrees and mm."""
+
+
+class PictureError(RuntimeError):
+    """No picture can be drawn. The text says why."""
+
+
+def draw_envelope(path: Path, model: RobotModel) -> None:
+    """Write the picture, in EPSON's world, mm: X and Y of a SCARA's tool, or Y and Z of a wrist.
+
+    The wrist's, as EPSON counts the reach of six axes, with joint 1 at 0. Raises PictureError for
+    another kind of arm, or without matplotlib.
+    """
+    if model.kind not in SHOWN:
+        raise PictureError(f'{model.name} ({model.kind}): no picture of such an arm')
+    try:
+        import matplotlib as mpl
+    except ImportError as error:
+        raise PictureError(
+            'a picture needs matplotlib: pip install epson_driver[report]'
+        ) from error
+    scara = model.kind == SCARA
+    first, across, up, last = (0, 0, 1, -1) if scara else (1, 1, 2, 4)
+    arm, limits = Kinematics(model), model.limits
+
+    def seen(joints: Array) -> Array:
+        """Return the joints' places in the picture, shape (n, 2), mm."""
+        frames = [arm.in_base(frame) for frame in arm.link_frames(joints)]
+        return np.array([frame[[across, up], 3] * 1e3 for frame in frames])
+
+    joints = np.zeros(len(limits.names))
+    area = np.empty((STEPS, STEPS, 2))
+    one, two = (
+        np.linspace(limits.position_min[joint], limits.position_max[joint], STEPS)
+        for joint in (first, first + 1)
+    )
+    for row, column in np.ndindex(STEPS, STEPS):
+        joints[[first, first + 1]] = one[row], two[column]
+        area[row, column] = seen(joints)[last]
+    shown = seen(np.array(SHOWN[model.kind]) / model.shown_per_unit)
+    if not scara:
+        shown = np.vstack([[0.0, 0.0], shown])
+
+    mpl.use('Agg')
+    from matplotlib import pyplot as plt
+    from matplotlib.colors import ListedColormap
+
+    figure, axes = plt.subplots(figsize=(7, 7), layout='constrained')
+    blue = ListedColormap(['#B7D3E8'])
+    axes.pcolormesh(
+        area[..., 0], area[..., 1], np.zeros((STEPS, STEPS)), cmap=blue, shading='gouraud'
+    )
+    axes.plot(*shown.T, 'o-', color='#33373C', linewidth=5, markersize=8, solid_capstyle='round')
+    axes.set_aspect('equal')
+    axes.grid(alpha=0.4)
+    x, y = ('X', 'Y') if scara else ('Y', 'Z')
+    axes.set_xlabel(f'{x} of EPSON’s world, mm')
+    axes.set_ylabel(f'{y}, mm')
+    ranges = ', '.join(
+        f'J{joint + 1} {low:.5g} … {high:.5g}°'
+        for joint, (low, high) in enumerate(
+            np.degrees(np.stack([limits.position_min, limits.position_max], axis=1))
+        )
+        if joint in (first, first + 1)
+    )
+    stroke = f', stroke {-1e3 * limits.position_min[2]:.4g} mm' if scara else ''
+    away = area - shown[0]
+    reach = np.hypot(away[..., 0], away[..., 1]).max() if scara else away[..., 0].max()
+    name = model.name.upper().replace('_', '-')
+    axes.set_title(f'{name}: reach {reach:.0f} mm, {ranges}{stroke}', fontsize=11)
+    figure.savefig(path, dpi=100)
+    plt.close(figure)

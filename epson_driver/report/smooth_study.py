@@ -1,0 +1,203 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A smooth motion beside what it replaces, in figures and as a picture."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from epson_driver.motion import Array, JointLimits, Trajectory, go
+from epson_driver.motion.interpolation import Interpolation, central_differences
+from epson_driver.motion.motion_figures import Figures, measure
+from epson_driver.motion.passages import passed
+
+SAMPLE_RATE_HZ = 1000.0
+"""Samples per second of point-to-point motion and of the spline."""
+
+COLOURS = ('#0072B2', '#E69F00', '#009E73', '#D55E00', '#CC79A7', '#56B4E9', '#000000', '#F0E442')
+"""Colours of the joints: Okabe and Ito's palette, which colour-blind people can tell apart."""
+
+MAX_AXIS_RATIOS = (1.35, 2.5, 4.0)
+"""How many times the limit the axes of velocity, acceleration and jerk show at most."""
+
+MAX_SHARED_TIME_RATIO = 3.0
+"""Motions share one time axis if the longest takes at most this many times the shortest."""
+
+
+def per_unit(limits: JointLimits, per: str = '') -> str:
+    """Return the units of the joints for the axis of a plot: 'rad/s', or 'rad/s, m/s'."""
+    return ', '.join(f'{unit}{per}' for unit in dict.fromkeys(limits.units))
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """A sampled motion through the points of a plan, and when it passes them, s, shape (n,)."""
+
+    title: str
+    motion: Trajectory
+    figures: Figures
+    passed: Array
+    waypoint_error: float
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A plan, and motions through its points, the smooth one last."""
+
+    plan: Trajectory
+    limits: JointLimits
+    timed: bool
+    columns: list[Column]
+
+
+def column(
+    title: str,
+    motion: tuple[Trajectory, Array] | Trajectory,
+    limits: JointLimits,
+    plan: Trajectory | None = None,
+    command: Trajectory | None = None,
+) -> Column:
+    """Return a motion with its figures.
+
+    If the times at which it passes the points of the plan are not given, they are found.
+    `command`: the plan, if its times count.
+    """
+    if isinstance(motion, tuple):
+        sampled, at = motion
+        return Column(title, sampled, measure(sampled, command, limits), at, 0.0)
+    if plan is None:
+        raise ValueError('either the plan or the passages are needed')
+    errors, at = passed(plan.positions, motion)
+    return Column(title, motion, measure(motion, command, limits), at, float(errors.max()))
+
+
+def point_to_point(plan: Trajectory, limits: JointLimits) -> tuple[Trajectory, Array]:
+    """Return the motion that rests at every point, at full speed, and when it is at them, s."""
+    moves = [go(limits, start, target) for start, target in pairwise(plan.positions)]
+    at = np.concatenate([[0.0], np.cumsum([move.duration for move in moves])])
+    times = np.arange(0.0, at[-1] + 1.0 / SAMPLE_RATE_HZ, 1.0 / SAMPLE_RATE_HZ)
+    index = np.clip(np.searchsorted(at, times, 'right') - 1, 0, max(len(moves) - 1, 0))
+    if moves:
+        states = [
+            moves[i].at(time) for i, time in zip(index, (times - at[index]).tolist(), strict=True)
+        ]
+    else:
+        states = [(plan.positions[0], *np.zeros((2, len(limits.names))))] * len(times)
+    position, velocity, acceleration = (np.array(part) for part in zip(*states, strict=True))
+    return Trajectory(plan.joint_names, times, position, velocity, acceleration), at
+
+
+def spline(plan: Trajectory) -> tuple[Trajectory, Array]:
+    """Return what ros2_control's joint_trajectory_controller does with a plan, and its times, s.
+
+    A polynomial in time per segment, that keeps the plan's times whatever the limits say: quintic
+    if the plan has accelerations, else cubic. Velocities that it lacks are central differences.
+    Before and after the arm rests, whatever acceleration the first and the last point have.
+    """
+    t, q = plan.times - plan.times[0], plan.positions
+    if len(t) == 1:
+        still = np.zeros((2, *q.shape))
+        return Trajectory(plan.joint_names, t, q, still[0], still[1]), t
+    v = central_differences(t, q) if plan.velocities is None else plan.velocities
+    times = np.arange(0.0, t[-1] + 1.0 / SAMPLE_RATE_HZ, 1.0 / SAMPLE_RATE_HZ)
+    within = np.minimum(times, t[-1])
+    position, velocity, acceleration = Interpolation(t, q, v, plan.accelerations).at(within)
+    acceleration[[0, -1]] = 0.0
+    return Trajectory(plan.joint_names, times, position, velocity, acceleration), t
+
+
+def draw(path: Path, study: Study) -> None:
+    """Write the picture: position, velocity, acceleration and jerk in a column per motion."""
+    import matplotlib as mpl
+
+    mpl.use('Agg')
+    from matplotlib import pyplot as plt
+
+    count = len(study.columns)
+    figure, grid = plt.subplots(
+        4,
+        count,
+        figsize=(3.7 * count + 0.3, 9.2),
+        sharex='col',
+        sharey='row',
+        squeeze=False,
+        layout='constrained',
+        gridspec_kw={'height_ratios': (1.25, 1, 1, 1)},
+    )
+    durations = [each.figures.duration for each in study.columns]
+    together = max(durations) <= MAX_SHARED_TIME_RATIO * min(durations)
+    for place, each in enumerate(study.columns):
+        _draw_column(grid[:, place], each, study)
+        width = max(max(durations) if together else durations[place], 0.1)
+        grid[0, place].set_xlim(-0.02 * width, 1.02 * width)
+        grid[3, place].set_xlabel('time [s]' if together else 'time [s], a scale of its own')
+    for row, limit in enumerate(_shown(study), start=1):
+        grid[row, 0].set_ylim(-limit, limit)
+    names = (
+        f'position [{per_unit(study.limits)}]',
+        'velocity / limit',
+        'acceleration / limit',
+        'jerk / limit',
+    )
+    for row, name in enumerate(names):
+        grid[row, 0].set_ylabel(name)
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc='outside lower center', ncols=8, frameon=False)
+    figure.savefig(path, dpi=100)
+    plt.close(figure)
+
+
+def _shown(study: Study) -> list[float]:
+    """Return how many times the limit the axes of velocity, acceleration and jerk reach."""
+    figures = [each.figures for each in study.columns]
+    worst = np.max([(each.velocity, each.acceleration, each.jerk) for each in figures], axis=0)
+    return [float(value) for value in np.clip(1.08 * worst, 1.25, MAX_AXIS_RATIOS)]
+
+
+def _draw_column(axes: Any, drawn: Column, study: Study) -> None:
+    motion, figures = drawn.motion, drawn.figures
+    times = motion.times - motion.times[0]
+    assert motion.velocities is not None  # noqa: S101 - for the type checker
+    assert motion.accelerations is not None  # noqa: S101
+    velocities = motion.velocities / study.limits.velocity
+    accelerations = motion.accelerations / study.limits.acceleration
+    jerks = np.diff(motion.accelerations, axis=0) / np.diff(motion.times)[:, None]
+    rows = (
+        (times, velocities, figures.velocity),
+        (times, accelerations, figures.acceleration),
+        (times[:-1], jerks / study.limits.jerk, figures.jerk),
+    )
+    marker = 4.0 if len(study.plan.times) <= 30 else 2.5 if len(study.plan.times) <= 100 else 1.2
+    at_points = drawn.passed - drawn.passed[0]
+    for joint, name in enumerate(motion.joint_names):
+        colour = COLOURS[joint % len(COLOURS)]
+        axes[0].plot(times, motion.positions[:, joint], color=colour, label=name, linewidth=1.5)
+        axes[0].plot(
+            at_points, study.plan.positions[:, joint], 'o', color=colour, markersize=marker
+        )
+    for part, (at, values, worst), shown in zip(axes[1:], rows, MAX_AXIS_RATIOS, strict=True):
+        part.axhspan(-1.0, 1.0, color='#009E73', alpha=0.10, linewidth=0)
+        for joint in range(values.shape[1]):
+            part.plot(at, values[:, joint], color=COLOURS[joint % len(COLOURS)], linewidth=1.1)
+        over = worst > 1.02
+        part.text(
+            0.98,
+            0.95,
+            f'up to {worst:#.3g} ×' + (', cut off' if worst > shown else ''),
+            transform=part.transAxes,
+            ha='right',
+            va='top',
+            fontsize=9.5,
+            color='#B00020' if over else '#333333',
+            weight='bold' if over else 'normal',
+            bbox={'facecolor': 'white', 'alpha': 0.85, 'edgecolor': 'none', 'pad': 1.5},
+        )
+    stops = figures.stops + figures.commanded_stops
+    said = 'no stop' if not stops else f'{stops} stop' + 's' * (stops > 1)
+    axes[0].set_title(f'{drawn.title}\n{figures.duration:.2f} s, {said} on the way', fontsize=11)
+    for part in axes:
+        part.grid(alpha=0.25)
+        part.tick_params(labelsize=9)

@@ -1,0 +1,138 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Which models there are, by their names, and the rows of files that one is made of.
+
+config/robots/ has one file for each series: what all models have in common, and under `models` a
+row for each, which goes over that. A row or a file of one's own that is `like` another model goes
+over all that is said of that one.
+"""
+
+import re
+from difflib import get_close_matches
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from epson_driver.inputs import InputError, printable, read_yaml, shown, yaml_line
+from epson_driver.share import share_file, share_folder
+
+MOST_NAMES = 6
+"""How many names are shown to somebody who asked for one that is not there."""
+
+ALIKE = 0.4
+"""How alike a name must be to be shown then, 0 … 1, as difflib has it."""
+
+
+class Layer(NamedTuple):
+    """Some keys of a model. where: the keys that lead to them in their file."""
+
+    path: Path
+    where: tuple[str, ...]
+    values: dict[str, Any]
+
+
+def robot_models() -> tuple[str, ...]:
+    """Return the names of all models in config/robots/, sorted."""
+    return tuple(sorted(name for path in _series_files() for name in _rows(path)))
+
+
+def model_name(name: str) -> str:
+    """Return the name of a model in config/robots/, or the path of a .yaml file as it is.
+
+    Names may be written as EPSON does, C4-A601S, without the hyphen, without the S of the standard
+    form, and shortened where only one model begins so. Raises FileNotFoundError that says which
+    names are near, or what is not known of an arm.
+    """
+    if name.endswith('.yaml'):
+        return name
+    models = {_plain(each): each for each in robot_models()}
+    wanted = _plain(name)
+    begin = [each for plain, each in models.items() if wanted and plain.startswith(wanted)]
+    if wanted in models or wanted + 's' in models:
+        return models.get(wanted) or models[wanted + 's']
+    if len(begin) == 1:
+        return begin[0]
+    alike = [models[each] for each in get_close_matches(wanted, models, MOST_NAMES, ALIKE)]
+    series = [each for each in models.values() if wanted.startswith(each.partition('_')[0])]
+    raise FileNotFoundError(
+        f'no robot model {printable(name)}{_unknown(wanted)}{_near(begin or alike or series)}; '
+        f'`epson_driver robots` lists all {len(models)}'
+    )
+
+
+def layers(name: str) -> list[Layer]:
+    """Return what a model, named as for `model_name`, is made of: each goes over those before."""
+    name = model_name(name)
+    if name.endswith('.yaml'):
+        path = Path(name)
+        own = Layer(path, (), _mapping(path, 'the file', read_yaml(path)))
+        like = own.values.get('like')
+        if like is None:
+            return [own]
+        why = 'must be the name of a model'
+        if isinstance(like, str) and not like.endswith('.yaml'):
+            try:
+                return [*layers(like), own]
+            except FileNotFoundError as error:
+                why = str(error)
+        line = yaml_line(path, ('like',))
+        raise InputError(f'{printable(path)}, line {line}: like = {shown(like)}: {why}')
+    path = next(path for path in _series_files() if name in _rows(path))
+    series, rows = _series(path), _rows(path)
+    row = rows[name]
+    likes = [rows[_listed(row.values['like'])]] if 'like' in row.values else []
+    return [Layer(path, (), {k: v for k, v in series.items() if k != 'models'}), *likes, row]
+
+
+def _series_files() -> list[Path]:
+    return sorted(share_folder('config', 'robots').glob('*.yaml'))
+
+
+def _rows(path: Path) -> dict[str, Layer]:
+    rows = _mapping(path, 'models', _series(path).get('models'))
+    return {
+        _listed(name): Layer(path, ('models', name), _mapping(path, f'models.{name}', row))
+        for name, row in rows.items()
+    }
+
+
+def _series(path: Path) -> dict[str, Any]:
+    return _read(path, path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=64)
+def _read(path: Path, _changed: int) -> dict[str, Any]:
+    return _mapping(path, 'the file', read_yaml(path))
+
+
+def _mapping(path: Path, key: str, values: Any) -> dict[str, Any]:
+    if not isinstance(values, dict):
+        raise InputError(f'{printable(path)}: {key} = {shown(values)}: must be a mapping')
+    return values
+
+
+def _listed(name: str) -> str:
+    """Return EPSON's way to write a name as ours, which is one of files and of ROS."""
+    return name.lower().replace('-', '_')
+
+
+def _plain(name: str) -> str:
+    return re.sub('[-_ ]', '', name.lower())
+
+
+def _near(models: list[str]) -> str:
+    names = models[:MOST_NAMES] + ['…'] * (len(models) > MOST_NAMES)
+    return f'; did you mean {" or ".join(names)}?' if models else ''
+
+
+def _unknown(wanted: str) -> str:
+    """Return what is not known of an arm that EPSON makes, as part of a sentence, or ''."""
+    unknown = read_yaml(share_file('config', 'unknown_robots.yaml'))
+    series = [name for name in unknown if wanted.startswith(_plain(name))]
+    if not series:
+        return ''
+    name = max(series, key=len)
+    return (
+        f': of the {name}, {unknown[name]} not known. With its manual you can write a file of '
+        'your own in ten minutes (docs/new_robot.md)'
+    )

@@ -1,0 +1,258 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a motion statement asks of the arm: from point to point, along lines and arcs."""
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from epson_driver.motion import Array, JointLimits, LineMotion, go
+from epson_driver.robots.model import SCARA
+from epson_driver.sim_controller.arm.executor import Point
+from epson_driver.sim_controller.arm.low_power import LOW_POWER
+from epson_driver.sim_controller.spel_host.robot_points import UNREACHABLE
+from epson_driver.sim_controller.spel_host.robot_values import Robot
+from epson_driver.spel import ErrorNumber, MotionRequest, SpelError
+from epson_driver.spel import Point as SpelPoint
+from epson_driver.spel.frames import combined
+from epson_driver.tool_motion.curve_motion import Curve, CurveMotion, CurveSpeed, go_along
+from epson_driver.tool_motion.pose_path import PosePath
+
+_log = logging.getLogger(__name__)
+
+_MM = 1000.0
+SHORTEST_WAY = 1e-6
+"""m; a straight way that is shorter is none: only the orientation changes."""
+
+JERK_PER_ACCELERATION = 10.0
+"""1/s: a ramp of 0.1 s."""
+
+LOW_POWER_MM_S, LOW_POWER_MM_S2 = 50.0, 200.0
+"""What SpeedS and AccelS are at low power at most: their defaults."""
+
+TURN_DEGREES_S, TURN_DEGREES_S2 = 50.0, 500.0
+"""SpeedR and AccelR until they are set: a guess."""
+
+
+def points_of(robot: Robot, request: MotionRequest) -> Sequence[Point]:
+    """Return where the arm goes for a statement, one after the other. Raises SpelError."""
+    return MOVES[request.name](robot, request)
+
+
+def _go(robot: Robot, request: MotionRequest) -> Sequence[Point]:
+    return [_at(robot.points.joints(request.points[-1], robot.here))]
+
+
+def _jump(robot: Robot, request: MotionRequest) -> Sequence[Point]:
+    """Up to LimZ, across, and down, with a rest between: as with C7, that is without an arch."""
+    model = robot.controller.model
+    if model.kind != SCARA:
+        text = f'Jump: only a SCARA can; {model.name} is none: use Go'
+        raise SpelError(ErrorNumber.ARGUMENT, text)
+    start = robot.motion.start
+    target = robot.points.joints(request.points[-1], start)
+    lim_z = robot.motion.lim_z
+    if 'limz' in request.numbers:
+        lim_z = request.numbers['limz'] / _MM
+    top = max(lim_z, float(start[2]), float(target[2]))
+    if top > model.limits.position_max[2]:
+        text = f'Jump: LimZ {lim_z * _MM:g} is above the range of joint 3'
+        raise SpelError(ErrorNumber.ARGUMENT, text)
+    up, across = start.copy(), target.copy()
+    up[2] = across[2] = top
+    return [_at(up), _at(across), _at(target)]
+
+
+def _move(robot: Robot, request: MotionRequest) -> Sequence[Point]:
+    return [_line(robot, request, request.points[-1], robot.motion.start)]
+
+
+def _line(robot: Robot, request: MotionRequest, point: SpelPoint, start: Array) -> Point:
+    """Return a straight way to a point, an arc where the statement has a point between."""
+    name = request.name.capitalize()
+    via = request.points[0] if request.name in ('arc', 'arc3') else None
+    samples, path = robot.points.way(point, start, via)
+    turns = path.length < SHORTEST_WAY < path.angle
+    if turns and 'rot' not in request.words:
+        text = f'{name}: only the orientation changes to {point}: {name} … ROT'
+        raise SpelError(ErrorNumber.ARGUMENT, text)
+    if max(path.length, path.angle) < SHORTEST_WAY:
+        return _at(start)
+    way = _Straight(robot, point, samples, path, _turning if turns else _straight)
+    try:
+        way(start, False)
+    except ValueError as error:
+        raise SpelError(UNREACHABLE, f'{name}: {error}') from error
+    return replace(_at(samples[-1]), way=way.from_rest)
+
+
+def _arc(robot: Robot, request: MotionRequest) -> Sequence[Point]:
+    if len(request.points) != 2:
+        raise SpelError(ErrorNumber.ARGUMENT, f'{request.name.capitalize()} takes two points')
+    return _move(robot, request)
+
+
+def _relative(robot: Robot, request: MotionRequest) -> MotionRequest:
+    """Return the target of TGo, TMove (by the tool), BGo, BMove (by the base)."""
+    by = robot.points.stored(request.points[-1])
+    here = robot.points.place(robot.motion.start)
+    if request.name[0] == 't':
+        return replace(request, points=(combined(here, by),))
+    turned = combined(replace(by, values=(0.0, 0.0, 0.0, *by.values[3:])), here)
+    moved = (a + b for a, b in zip(here.values[:3], by.values[:3], strict=True))
+    place = replace(turned, values=(*moved, *turned.values[3:]), flags=())
+    return replace(request, points=(place,))
+
+
+def _relative_go(robot: Robot, request: MotionRequest) -> Sequence[Point]:
+    return _go(robot, _relative(robot, request))
+
+
+def _relative_move(robot: Robot, request: MotionRequest) -> Sequence[Point]:
+    return _move(robot, _relative(robot, request))
+
+
+def _jump3(robot: Robot, request: MotionRequest) -> Sequence[Point]:
+    """Straight to the first point, across to the second, straight to the third (p484)."""
+    if len(request.points) != 3:
+        raise SpelError(ErrorNumber.ARGUMENT, f'{request.name.capitalize()} takes three points')
+    depart, approach, target = request.points
+    found = [_line(robot, request, depart, robot.motion.start)]
+    if request.name == 'jump3':
+        found.append(_at(robot.points.joints(approach, found[-1].target)))
+    else:
+        found.append(_line(robot, request, approach, found[-1].target))
+    return [*found, _line(robot, request, target, found[-1].target)]
+
+
+def _pass(robot: Robot, request: MotionRequest) -> Sequence[Point]:
+    """Near the points, not over them: a motion begins while the one before decelerates."""
+    near, found = robot.motion.start, []
+    for point in request.points:
+        near = robot.points.joints(point, near)
+        found.append(replace(_at(near), cp=True))
+    return found
+
+
+def _one_joint(robot: Robot, request: MotionRequest) -> Sequence[Point]:
+    """JTran and PTran: one joint by degrees (mm) or pulses."""
+    joint = robot.joint(request.name, request.numbers['joint'])
+    model = robot.controller.model
+    unit = model.shown_per_unit if request.name == 'jtran' else model.pulses_per_unit
+    angles = robot.motion.start.copy()
+    angles[joint] += request.numbers['step'] / unit[joint]
+    shown = SpelPoint('angles', tuple((angles * model.shown_per_unit).tolist()))
+    return [_at(robot.points.joints(shown, robot.motion.start))]
+
+
+def _home(robot: Robot, _request: MotionRequest) -> Sequence[Point]:
+    """All joints at once: Hordr is not simulated."""
+    home = robot.controller.spel.home
+    if home is None:
+        raise SpelError(
+            ErrorNumber.ARGUMENT, 'Home: no home position is defined: HomeSet, or run --setup'
+        )
+    return _go(robot, MotionRequest('go', (SpelPoint('pulses', tuple(map(float, home))),)))
+
+
+MOVES: dict[str, Callable[[Robot, MotionRequest], Sequence[Point]]] = {
+    'go': _go,
+    'pulse': _go,
+    'home': _home,
+    'jump': _jump,
+    'move': _move,
+    'arc': _arc,
+    'arc3': _arc,
+    'tgo': _relative_go,
+    'bgo': _relative_go,
+    'tmove': _relative_move,
+    'bmove': _relative_move,
+    'jump3': _jump3,
+    'jump3cp': _jump3,
+    'pass': _pass,
+    'jtran': _one_joint,
+    'ptran': _one_joint,
+}
+"""Statements that move this arm."""
+
+
+class _Straight:
+    """A straight way of Tool 0 to a point, from where the arm was, or is after a pause.
+
+    `speed`: what is asked for on a way, at low power or not.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        point: SpelPoint,
+        samples: Array,
+        path: PosePath,
+        speed: Callable[[Robot, PosePath, bool], CurveSpeed],
+    ) -> None:
+        self._robot = robot
+        self._point = point
+        self._samples = samples
+        self._path = path
+        self._speed = speed
+
+    def __call__(self, start: Array, low_power: bool) -> CurveMotion:
+        """Return the motion. Raises SpelError, ValueError."""
+        samples, path = self._samples, self._path
+        if not np.allclose(start, samples[0], rtol=0.0, atol=1e-9):
+            samples, path = self._robot.points.way(self._point, start)
+        speed = self._speed(self._robot, path, low_power)
+        return go_along(_limits(self._robot, low_power), Curve(samples), speed)
+
+    def from_rest(self, start: Array, low_power: bool) -> LineMotion | CurveMotion:
+        """Return the motion, which is slow and in joint space where no straight way is left."""
+        try:
+            return self(start, low_power)
+        except (SpelError, ValueError) as error:
+            _log.warning('Move goes on from joint to joint: %s', error)
+            slow = LOW_POWER
+            limits = self._robot.controller.model.limits
+            return go(limits, start, self._samples[-1], slow, slow)
+
+
+def _limits(robot: Robot, low_power: bool) -> JointLimits:
+    limits = robot.controller.model.limits
+    if not low_power:
+        return limits
+    share = LOW_POWER
+    return replace(
+        limits,
+        velocity=limits.velocity * share,
+        acceleration=limits.acceleration * share,
+        jerk=limits.jerk * share,
+    )
+
+
+def _straight(robot: Robot, path: PosePath, low_power: bool) -> CurveSpeed:
+    """Return what SpeedS and AccelS ask for."""
+    speed = robot.controller.spel.values('SpeedS')[0]
+    accel = robot.controller.spel.values('AccelS')[0]
+    if low_power:
+        speed, accel = min(speed, LOW_POWER_MM_S), min(accel, LOW_POWER_MM_S2)
+    way = max(path.length, SHORTEST_WAY) * _MM
+    return _shares(robot, speed / way, accel / way)
+
+
+def _turning(robot: Robot, path: PosePath, _low_power: bool) -> CurveSpeed:
+    """Return what SpeedR and AccelR ask for."""
+    speed = (robot.controller.spel.values('SpeedR') or (TURN_DEGREES_S,))[0]
+    accel = (robot.controller.spel.values('AccelR') or (TURN_DEGREES_S2,))[0]
+    way = float(np.degrees(max(path.angle, SHORTEST_WAY)))
+    return _shares(robot, speed / way, accel / way)
+
+
+def _shares(robot: Robot, velocity: float, acceleration: float) -> CurveSpeed:
+    factor = robot.controller.spel.values('SpeedFactor')[0] / 100.0
+    acceleration *= factor
+    return CurveSpeed(velocity * factor, acceleration, acceleration * JERK_PER_ACCELERATION)
+
+
+def _at(joints: Array) -> Point:
+    return Point(0, joints, 0.0, 0.0)

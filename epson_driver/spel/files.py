@@ -1,0 +1,170 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The files that a program reads and writes: those of its folder, and what it has written.
+
+What a program writes stays in memory, unless the files are `kept`: then it goes into the folder,
+and nowhere else. A path of another disk or folder is one in memory.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path, PurePosixPath
+
+from epson_driver.spel.errors import ErrorNumber, SpelError
+
+MOST_BYTES = 20_000_000
+"""Of all that a program writes."""
+
+_PROJECT = ('.prg', '.inc', '.sprj', '.dat')
+"""Files of the project that no program may write to."""
+
+
+def _bad(text: str) -> SpelError:
+    return SpelError(ErrorNumber.ARGUMENT, text)
+
+
+@contextmanager
+def _said(name: str) -> Iterator[None]:
+    """Raise SpelError for what the system refuses."""
+    try:
+        yield
+    except OSError as error:
+        raise _bad(f'{name}: {error.strerror}') from error
+
+
+class Files:
+    """The files of a program, in the `folder` of the project if to `keep`."""
+
+    most_bytes = MOST_BYTES
+
+    def __init__(self, folder: Path | None = None, keep: bool = False) -> None:
+        self._folder = folder
+        self._keep = keep
+        self._written: dict[str, bytes | None] = {}
+        self._folders: set[str] = set()
+        self.current = ''
+        """What ChDir has chosen, below the folder."""
+
+    def fresh(self) -> 'Files':
+        """Return the files as they were before anything was written, only in memory."""
+        return Files(self._folder)
+
+    def path(self, name: str) -> str:
+        """Return a path as the files are kept by: in lower case, with /."""
+        text = name.replace('\\', '/')
+        if not text.startswith('/') and text[1:2] != ':':
+            text = f'{self.current}/{text}'
+        parts: list[str] = []
+        for part in PurePosixPath(text).parts:
+            if part == '..' and parts:
+                parts.pop()
+            elif part not in ('..', '/', '.'):
+                parts.append(part)
+        if not parts:
+            return ''
+        return '/'.join(parts).lower()
+
+    def read(self, name: str) -> bytes | None:
+        """Return what a file holds, None if there is none."""
+        key = self.path(name)
+        if key in self._written:
+            return self._written[key]
+        there = self._there(key)
+        return there.read_bytes() if there is not None and there.is_file() else None
+
+    def write(self, name: str, content: bytes) -> None:
+        """Write a file. Raises SpelError."""
+        key = self.path(name)
+        others = sum(len(each) for path, each in self._written.items() if each and path != key)
+        if others + len(content) > MOST_BYTES:
+            raise _bad(f'{name}: more than {MOST_BYTES} bytes are written')
+        if self._keep:
+            with _said(name):
+                self._target(name, key).write_bytes(content)
+        self._written[key] = content
+
+    def delete(self, name: str) -> None:
+        """Delete a file. Raises SpelError."""
+        if self.read(name) is None:
+            raise _bad(f'there is no file {name}')
+        key = self.path(name)
+        self._written[key] = None
+        if self._keep:
+            with _said(name):
+                self._target(name, key).unlink(missing_ok=True)
+
+    def make_folder(self, name: str) -> None:
+        """Make a folder. Raises SpelError."""
+        if self.has_folder(name):
+            raise _bad(f'there is a folder {name} already')
+        key = self.path(name)
+        if self._keep:
+            with _said(name):
+                self._target(name, key).mkdir()
+        self._folders.add(key)
+
+    def remove_folder(self, name: str) -> None:
+        """Remove a folder that is empty. Raises SpelError."""
+        key = self.path(name)
+        there = self._there(key)
+        inside = any(path.startswith(f'{key}/') and self._written[path] is not None
+                     for path in self._written)  # fmt: skip
+        if not self.has_folder(name) or inside or (there is not None and any(there.iterdir())):
+            raise _bad(f'there is no empty folder {name}')
+        self._folders.discard(key)
+        if self._keep and there is not None:
+            there.rmdir()
+
+    def rename_folder(self, source: str, target: str) -> None:
+        """Rename an empty folder. Raises SpelError."""
+        self.remove_folder(source)
+        self.make_folder(target)
+
+    def has_folder(self, name: str) -> bool:
+        """Return whether there is a folder."""
+        key = self.path(name)
+        if not key or key in self._folders:
+            return True
+        there = self._there(key)
+        return there is not None and there.is_dir()
+
+    def changed(self, name: str, now: datetime) -> datetime:
+        """Return when a file was written, now for the program's own. Raises SpelError."""
+        if self.read(name) is None:
+            raise _bad(f'there is no file {name}')
+        there = self._there(self.path(name))
+        if self.path(name) in self._written or there is None:
+            return now
+        return datetime.fromtimestamp(there.stat().st_mtime)
+
+    def _there(self, key: str) -> Path | None:
+        """Return what is in the folder under a path, whatever its case."""
+        if self._folder is None or not self._folder.is_dir():
+            return None
+        place = self._folder
+        for part in key.split('/') if key else []:
+            found = [each for each in _inside(place) if each.name.lower() == part]
+            if not found or found[0].is_symlink():
+                return None
+            place = found[0]
+        return place
+
+    def _target(self, name: str, key: str) -> Path:
+        """Return where a path is to be written: in the folder only. Raises SpelError."""
+        text = name.replace('\\', '/')
+        if text.lower().endswith(_PROJECT):
+            raise _bad(f'{name}: the files of the project are only read')
+        if self._folder is None or '..' in text or text[1:2] == ':' or text.startswith('/'):
+            raise _bad(f'{name}: files are written in the folder of the project only')
+        there = self._there(key)
+        if there is not None:
+            return there
+        above = self._there(key.rpartition('/')[0])
+        if above is None or not above.is_dir() or (above / text.rpartition('/')[2]).is_symlink():
+            raise _bad(f'{name}: there is no such folder')
+        return above / text.rpartition('/')[2]
+
+
+def _inside(place: Path) -> list[Path]:
+    return sorted(place.iterdir()) if place.is_dir() else []

@@ -1,0 +1,175 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Places in space: offsets along the tool, turns, and the frames that Local defines (p592)."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+from epson_driver.spel.errors import ErrorNumber, SpelError
+from epson_driver.spel.functions import AXES, TURNS
+from epson_driver.spel.values import Point
+
+_Turn = tuple[tuple[float, ...], ...]
+WORLD = Point('xy', (0.0,) * 6)
+_TURNED = {'rx': 'w', 'ry': 'v', 'rz': 'u'}
+PLACES = 9
+"""Decimals, mm or degrees, that a product of turns is rounded to."""
+
+
+def changed(point: Point, operator: str, axis: str, value: float) -> Point:
+    """Return a point with a coordinate set (:) or moved (+, -). Raises SpelError."""
+    if point.kind != 'xy' or (axis in AXES and AXES.index(axis) >= len(point.values)):
+        raise SpelError(ErrorNumber.ARGUMENT, f'the point has no coordinate {axis.upper()}')
+    if axis in AXES:
+        values = list(point.values)
+        at = AXES.index(axis)
+        signs: dict[str, Callable[[float], float]] = {
+            ':': lambda _old: value,
+            '+': lambda old: old + value,
+            '-': lambda old: old - value,
+        }
+        values[at] = signs[operator](values[at])
+        return replace(point, values=tuple(values))
+    step = -value if operator == '-' else value
+    along = _TURNED.get(axis, axis[2:])
+    offset = Point('xy', tuple(step if along == each else 0.0 for each in AXES[:6]))
+    if axis in TURNS:
+        turned = combined(offset, replace(point, values=(0.0, 0.0, 0.0, *point.values[3:])))
+        return replace(point, values=(*point.values[:3], *turned.values[3:]))
+    return combined(point, offset)
+
+
+def added(left: Point, right: Point, sign: float) -> Point:
+    """Return P1 + P2, or - (p593): coordinate by coordinate, posture and local of the first."""
+    if left.kind != 'xy' or right.kind != 'xy':
+        raise SpelError(ErrorNumber.ARGUMENT, '+ and - take places in space')
+    values = (a + sign * b for a, b in zip(left.values, right.values, strict=True))
+    return replace(left, values=tuple(values))
+
+
+def combined(frame: Point, point: Point) -> Point:
+    """Return a place that is given in a frame, with the flags of the frame's point."""
+    turn = _matrix(frame)
+    moved = [
+        frame.values[row] + sum(turn[row][k] * point.values[k] for k in range(3))
+        for row in range(3)
+    ]
+    return replace(frame, values=_values(moved, _product(turn, _matrix(point))))
+
+
+def within(frame: Point, point: Point) -> Point:
+    """Return a place as a frame sees it, with the flags of the point."""
+    back = tuple(zip(*_matrix(frame), strict=True))
+    away = [point.values[k] - frame.values[k] for k in range(3)]
+    moved = [sum(back[row][k] * away[k] for k in range(3)) for row in range(3)]
+    return replace(point, values=_values(moved, _product(back, _matrix(point))))
+
+
+def local_of(point: Point) -> int:
+    """Return the number of a point's local."""
+    return next((int(flag) for flag in reversed(point.flags) if flag.isdigit()), 0)
+
+
+def in_local(point: Point, number: int, locals_: Mapping[int, Point]) -> Point:
+    """Return a point translated into another local (@n). Raises SpelError 7007."""
+    world = in_world(point, locals_)
+    if number:
+        world = within(_frame(number, locals_), world)
+    return replace(world, flags=(*world.flags, str(number)))
+
+
+def in_world(point: Point, locals_: Mapping[int, Point]) -> Point:
+    """Return a point in Local 0. Raises SpelError 7007 for a local that is not defined."""
+    number = local_of(point)
+    flags = tuple(flag for flag in point.flags if not flag.isdigit())
+    if not number or point.kind != 'xy':
+        return replace(point, flags=flags)
+    placed = combined(_frame(number, locals_), point)
+    return replace(placed, flags=flags)
+
+
+def _frame(number: int, locals_: Mapping[int, Point]) -> Point:
+    frame = locals_.get(number)
+    if frame is None:
+        raise SpelError(ErrorNumber.POINT_UNDEFINED, f'Local {number} is not defined')
+    return frame
+
+
+def frame_of(points: Sequence[Point], axis: str = 'x') -> Point:
+    """Return the frame of an origin and a point on X and Y each, the one on `axis` exact.
+
+    One point alone is the frame. Raises SpelError.
+    """
+    if any(each.kind != 'xy' for each in points) or len(points) not in (1, 3):
+        raise SpelError(ErrorNumber.ARGUMENT, 'Local takes an origin, or it and points on X and Y')
+    origin = points[0]
+    if len(points) == 1:
+        return replace(origin, flags=())
+    first, second = (_away(origin, each) for each in points[1:])
+    z = _unit(_cross(first, second))
+    if axis == 'y':
+        y = _unit(second)
+        x = _cross(y, z)
+    else:
+        x = _unit(first)
+        y = _cross(z, x)
+    return Point('xy', _values(origin.values[:3], tuple(zip(x, y, z, strict=True))))
+
+
+def frame_between(pairs: Sequence[tuple[Point, Point]]) -> Point:
+    """Return the frame in which two points of a local are two of the base (p519)."""
+    (here, there), (here2, there2) = pairs
+    turn = _heading(there, there2) - _heading(here, here2)
+    turned = combined(Point('xy', (0.0, 0.0, 0.0, turn, 0.0, 0.0)), here)
+    origin = (b - a for a, b in zip(turned.values[:3], there.values[:3], strict=True))
+    return Point('xy', (*origin, turn, 0.0, 0.0))
+
+
+def _heading(first: Point, second: Point) -> float:
+    x, y, _ = _away(first, second)
+    return math.degrees(math.atan2(y, x))
+
+
+def _away(first: Point, second: Point) -> tuple[float, ...]:
+    return tuple(b - a for a, b in zip(first.values[:3], second.values[:3], strict=True))
+
+
+def _cross(a: Sequence[float], b: Sequence[float]) -> tuple[float, ...]:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def _unit(vector: Sequence[float]) -> tuple[float, ...]:
+    length = math.hypot(*vector)
+    if length < 1e-6:
+        raise SpelError(ErrorNumber.ARGUMENT, 'Local: the points are in one line')
+    return tuple(each / length for each in vector)
+
+
+def _matrix(point: Point) -> _Turn:
+    """Return the turn of U about Z, V about Y, W about X."""
+    u, v, w = (math.radians(each) for each in point.values[3:6])
+    cu, su, cv, sv, cw, sw = (f(each) for each in (u, v, w) for f in (math.cos, math.sin))
+    return (
+        (cu * cv, cu * sv * sw - su * cw, cu * sv * cw + su * sw),
+        (su * cv, su * sv * sw + cu * cw, su * sv * cw - cu * sw),
+        (-sv, cv * sw, cv * cw),
+    )
+
+
+def _product(a: Sequence[Sequence[float]], b: Sequence[Sequence[float]]) -> _Turn:
+    columns = list(zip(*b, strict=True))
+    return tuple(
+        tuple(sum(x * y for x, y in zip(row, column, strict=True)) for column in columns)
+        for row in a
+    )
+
+
+def _values(place: Sequence[float], turn: Sequence[Sequence[float]]) -> tuple[float, ...]:
+    v = math.asin(max(-1.0, min(1.0, -turn[2][0])))
+    if abs(turn[2][0]) > 1.0 - 1e-12:  # V is straight up or down: W is 0
+        u, w = math.atan2(-turn[0][1], turn[1][1]), 0.0
+    else:
+        u, w = math.atan2(turn[1][0], turn[0][0]), math.atan2(turn[2][1], turn[2][2])
+    angles = (math.degrees(each) for each in (u, v, w))
+    return tuple(round(each, PLACES) + 0.0 for each in (*place, *angles))

@@ -1,0 +1,172 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Rules of the linter about what is written as a number: ranges, divisors, indices, cases."""
+
+from collections.abc import Iterator
+
+from epson_driver.spel.code import Program
+from epson_driver.spel.errors import Position, Problem
+from epson_driver.spel.scope import constant
+from epson_driver.spel.syntax import (
+    Apply,
+    Binary,
+    Command,
+    Declaration,
+    Expression,
+    Function,
+    Motion,
+    Print,
+    Redim,
+    Select,
+    Transfer,
+    Xqt,
+    walk,
+)
+from epson_driver.spel.words import CONSTANTS
+
+_PORTS = (201, 216)
+_BACKGROUND = range(65, 81)
+RANGES: dict[str, tuple[tuple[float, float] | None, ...]] = {
+    'speed': ((1, 100),) * 3,
+    'speedfactor': ((1, 100),),
+    'tool': ((0, 15),),
+    'tlset': ((1, 15),),
+    'tlclr': ((1, 15),),
+    'local': ((1, 15),),
+    'localclr': ((1, 15),),
+    'arch': ((0, 6),),
+    'pallet': ((0, 15),),
+    'palletclr': ((0, 15),),
+    'tmreset': ((0, 63),),
+    'tmr': ((0, 63),),
+    'signal': ((0, 63),),
+    'waitsig': ((0, 63),),
+    'synclock': ((0, 63),),
+    'syncunlock': ((0, 63),),
+    'memon': ((0, 1023),),
+    'memoff': ((0, 1023),),
+    'memsw': ((0, 1023),),
+    'memout': ((0, 127), (0, 255)),
+    'memin': ((0, 127),),
+    'memoutw': ((0, 63), (-32768, 65535)),
+    'meminw': ((0, 63),),
+    'out': (None, (0, 255)),
+    'outw': (None, (-32768, 65535)),
+    'opbcd': (None, (0, 99)),
+    'setnet': (_PORTS,),
+    'opennet': (_PORTS,),
+    'waitnet': (_PORTS,),
+    'closenet': (_PORTS,),
+    'chknet': (_PORTS,),
+    'xqt': ((1, 32),),
+    'c': ((0, 7),),
+    'd': ((0, 100),),
+}
+"""What the arguments of statements and functions can be, by name in lower case."""
+
+
+def _number(expression: Expression | None) -> int | float | None:
+    return None if expression is None else constant(expression, CONSTANTS)
+
+
+def _outside(name: str, place: int, given: Expression | None) -> Iterator[Problem]:
+    ranges = RANGES.get(name.lower(), ())
+    limits = ranges[place] if place < len(ranges) else None
+    value = _number(given)
+    if limits is None or given is None or value is None:
+        return
+    if not limits[0] <= value <= limits[1]:
+        text = f'{name}: {value:g} is not in {limits[0]:g}..{limits[1]:g}'
+        yield Problem(given.at, 'range', text)
+
+
+def literals(program: Program, functions: list[Function]) -> Iterator[Problem]:
+    """Yield numbers that are out of range, divisors that are 0, indices beyond an array."""
+    resized = _resized(program)
+    for function in functions:
+        bounds = _bounds(program, function, resized)
+        for node in walk(function.body):
+            if isinstance(node, Command):
+                for place, given in enumerate(node.arguments):
+                    yield from _outside(node.name, place, given)
+            elif isinstance(node, Xqt) and _number(node.number) not in _BACKGROUND:
+                yield from _outside('Xqt', 0, node.number)
+            elif isinstance(node, Motion):
+                for name, value in node.numbers:
+                    yield from _outside(name.upper(), 0, value)
+            elif isinstance(node, Print | Transfer):
+                yield from _device(node.port)
+            elif isinstance(node, Apply):
+                name = node.name.lower()
+                if name in bounds:
+                    yield from _index(node, bounds[name])
+                else:
+                    for place, argument in enumerate(node.arguments):
+                        yield from _outside(node.name, place, argument.value)
+            elif isinstance(node, Binary) and node.operator in ('/', 'mod'):
+                if _number(node.right) == 0:
+                    yield Problem(node.at, 'range', f'{node.operator.capitalize()} by 0')
+            elif isinstance(node, Select):
+                yield from _twice(node)
+
+
+def _device(port: Expression | None) -> Iterator[Problem]:
+    """Yield a port that is neither of a display, serial, file, network nor database."""
+    value = _number(port)
+    known = ((0, 24), (30, 63), _PORTS, (501, 508), (1001, 1008))
+    if value is not None and port is not None and not any(a <= value <= b for a, b in known):
+        yield Problem(port.at, 'range', f'there is no port or file {value:g}')
+
+
+def _bounds(program: Program, function: Function, resized: set[str]) -> dict[str, tuple[int, ...]]:
+    """Return the upper bounds of the arrays that a function sees, but of those that change."""
+    found: dict[str, tuple[int, ...]] = {}
+    seen = [
+        declaration
+        for file in program.files
+        for declaration in file.declarations
+        if declaration.scope != 'module' or function in file.functions
+    ]
+    seen += [each for each in walk(function.body) if isinstance(each, Declaration)]
+    for declaration in seen:
+        for variable in declaration.variables:
+            numbers = [_number(each) for each in variable.bounds]
+            name = variable.name.lower()
+            found.pop(name, None)
+            if numbers and all(isinstance(each, int) for each in numbers):
+                found[name] = tuple(int(each) for each in numbers if each is not None)
+    for name in {*resized, *(each.name.lower() for each in function.parameters)}:
+        found.pop(name, None)
+    return found
+
+
+def _resized(program: Program) -> set[str]:
+    """Return the arrays that Redim and ParseStr change."""
+    found = set()
+    for node in walk([file.functions for file in program.files]):
+        if isinstance(node, Redim):
+            found.add(node.name.lower())
+        elif isinstance(node, Command | Apply) and node.name.lower() == 'parsestr':
+            found |= {getattr(each, 'name', '').lower() for each in walk(node.arguments)}
+    return found
+
+
+def _index(node: Apply, bounds: tuple[int, ...]) -> Iterator[Problem]:
+    for argument, bound in zip(node.arguments, bounds, strict=False):
+        index = _number(argument.value)
+        if index is not None and index > bound:
+            text = f'{node.name}: index {index:g} is above {bound}'
+            yield Problem(argument.value.at, 'array-index', text)
+
+
+def _twice(select: Select) -> Iterator[Problem]:
+    seen: dict[int | float, Position] = {}
+    for items, _ in select.cases:
+        for item in items:
+            value = _number(item.value) if item.operator == '=' else None
+            if value is None:
+                continue
+            if value in seen:
+                text = f'Case {value:g} stands in line {seen[value].line} already'
+                yield Problem(item.value.at, 'unreachable', text, warning=True)
+            seen.setdefault(value, item.value.at)

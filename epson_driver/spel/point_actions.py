@@ -1,0 +1,189 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Statements and functions of points, their labels, postures and files, and of locals."""
+
+import math
+from collections.abc import Callable
+from datetime import UTC, datetime
+from typing import Any
+
+from epson_driver.spel.actions import bad, print_terminal, within
+from epson_driver.spel.builtins import point
+from epson_driver.spel.frames import changed, frame_between, frame_of, local_of
+from epson_driver.spel.functions import POSTURES
+from epson_driver.spel.project_data import LAST_POINT, point_file, points_of
+from epson_driver.spel.task import Task
+from epson_driver.spel.values import Point, nearest
+
+LAST_LOCAL = 15
+LAST_ARCH = 6
+
+
+def set_coordinate(task: Task, number: int, axis: str, value: float) -> None:
+    """CX(P1) = …, and its like."""
+    task.world.points[number] = changed(point(task, number), ':', axis, value)
+
+
+def delete_points(task: Task, first: int, last: int | None = None) -> None:
+    """PDel first[, last]."""
+    for number in range(first, (first if last is None else last) + 1):
+        task.world.points.pop(number, None)
+
+
+def _clear_points(task: Task) -> None:
+    task.world.points.clear()
+    task.world.point_labels.clear()
+
+
+def set_label(task: Task, number: int, label: str) -> None:
+    """PLabel n, name: the label belongs to this point only."""
+    within('PLabel', number, 0, LAST_POINT)
+    labels = task.world.point_labels
+    for key in [key for key, value in labels.items() if value == number]:
+        del labels[key]
+    if label:
+        labels[label.lower()] = number
+
+
+def label_of(task: Task, number: int) -> str:
+    """Return PLabel$."""
+    found = (key for key, value in task.world.point_labels.items() if value == number)
+    return next(found, '')
+
+
+def list_points(task: Task, first: int | None = None, last: int | None = None) -> None:
+    """PList [first[, last]]: as they could be typed (p632)."""
+    if last is None:
+        last = LAST_POINT if first is None else first
+    for number in range(first or 0, last + 1):
+        found = task.world.points.get(number)
+        if found is not None:
+            values = ', '.join(f'{value:8.3f}' for value in found.values)
+            flags = ''.join(f' /{flag.upper()}' for flag in found.flags if not flag.isdigit())
+            text = f'P{number} = XY({values} ){flags} /{local_of(found)}\n'
+            print_terminal(task, text)
+
+
+def load_points(task: Task, name: str, words: tuple[str, ...] = ()) -> None:
+    """LoadPoints name[, Merge]: of the project, or what SavePoints has written (p513)."""
+    world = task.world
+    file = world.program.data.point_files.get(name.lower())
+    saved = world.files.read(name)
+    if saved is not None:
+        file = point_file(name, saved)
+    if file is None:
+        raise bad('LoadPoints', f'the project has no point file {name}')
+    if 'merge' not in words:
+        _clear_points(task)
+    world.points |= file.points
+    world.point_labels |= file.labels
+
+
+def save_points(task: Task, name: str) -> None:
+    """SavePoints name (p712)."""
+    if ' ' in name or not name.lower().endswith('.pts'):
+        raise bad('SavePoints', f'{name}: a name without blanks that ends in .pts')
+    world = task.world
+    when = datetime(2000, 1, 1, tzinfo=UTC)
+    text = points_of(world.points, world.point_labels, when)
+    world.files.write(name, text.encode('latin-1', 'replace'))
+
+
+def _posture(name: str) -> Callable[[Task, int, float], None]:
+    def run(task: Task, number: int, value: float) -> None:
+        flags = POSTURES[name]
+        first = 1 if len(flags) == 2 and name[0] != 'j' else 0
+        index = within(name, nearest(value), first, first + len(flags) - 1) - first
+        world = task.world
+        world.points[number] = point(task, number).flagged(flags[index], flags)
+
+    return run
+
+
+def _posture_of(name: str) -> Callable[..., int]:
+    def read(task: Task, of: Point | None = None) -> int:
+        flags = POSTURES[name]
+        first = 1 if len(flags) == 2 and name[0] != 'j' else 0
+        found = task.value('here', ()) if of is None else of
+        assert isinstance(found, Point)  # noqa: S101 - Here is one
+        return first + next((flags.index(each) for each in found.flags if each in flags), 0)
+
+    return read
+
+
+def distance(task: Task, first: Point, second: Point) -> float:
+    """Return Dist, mm."""
+    a, b = task.world.placed((first, second))
+    if a.kind != 'xy' or b.kind != 'xy':
+        a, b = (task.world.host.stored_point(each) for each in (a, b))
+    return math.dist(a.values[:3], b.values[:3])
+
+
+def define_local(task: Task, number: int, *given: Point, words: tuple[str, ...] = ()) -> None:
+    """Local n, origin[, on X, on Y[, X|Y]], or two pairs of points (p519)."""
+    task.may('local')
+    within('Local', number, 1, LAST_LOCAL)
+    points = task.world.placed([task.world.host.stored_point(each) for each in given])
+    if 'pair' in words:
+        if len(points) != 4:
+            raise bad('Local', 'takes two pairs of points')
+        raw = [task.world.host.stored_point(each) for each in given]
+        frame = frame_between([(raw[0], points[1]), (raw[2], points[3])])
+    else:
+        frame = frame_of(points, 'y' if 'y' in words else 'x')
+    task.world.locals[number] = frame
+
+
+def set_local(task: Task, number: int, local: float) -> None:
+    """PLocal(P1) = n."""
+    chosen = str(within('PLocal', nearest(local), 0, LAST_LOCAL))
+    found = point(task, number)
+    task.world.points[number] = found.flagged(chosen, [str(local_of(found))])
+
+
+def set_arch(task: Task, number: float, depart: float, approach: float) -> None:
+    """Arch n, depart, approach: mm."""
+    task.may('arch')
+    within('Arch', nearest(number), 0, LAST_ARCH)
+    task.world.arches[nearest(number)] = (float(depart), float(approach))
+
+
+def _arch(task: Task, number: int, which: int) -> float:
+    within('Arch', which, 1, 2)
+    return task.world.arches[within('Arch', number, 0, LAST_ARCH)][which - 1]
+
+
+def _local(task: Task, number: int) -> Point:
+    found = task.world.locals.get(number)
+    if found is None:
+        raise bad('Local', f'{number} is not defined')
+    return found
+
+
+POINT_STATEMENTS: dict[str, Callable[..., None]] = {
+    'coordinate': set_coordinate,
+    'pdel': delete_points,
+    'plabel': set_label,
+    'plist': list_points,
+    'clearpoints': _clear_points,
+    'loadpoints': load_points,
+    'savepoints': save_points,
+    'arch': set_arch,
+    'plocal': set_local,
+    'local': define_local,
+    'localclr': lambda task, number: task.world.locals.pop(nearest(number), None),
+    **{name: _posture(name) for name in POSTURES},
+}
+"""By name in lower case."""
+
+POINT_FUNCTIONS: dict[str, Callable[..., Any]] = {
+    'pnumber': lambda _task, number: number,
+    'plabel$': label_of,
+    'dist': distance,
+    'arch': _arch,
+    'plocal': lambda _task, of: local_of(of),
+    'local': _local,
+    'localdef': lambda task, number: -(number in task.world.locals),
+    **{name: _posture_of(name) for name in POSTURES},
+}
+"""By name in lower case."""

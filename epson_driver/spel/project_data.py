@@ -1,0 +1,261 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a project holds besides programs: points, labels of points, I/O and errors.
+
+A project is a mapping from file name to text, as `read_project` returns it.
+"""
+
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+
+from epson_driver.inputs import InputError, printable, read_file
+from epson_driver.spel.errors import ErrorNumber, Position, Problem, SpelError
+from epson_driver.spel.rc_files import Block, parsed, quoted, sealed
+from epson_driver.spel.values import Point
+
+LARGEST_FILE = 5_000_000
+"""Bytes."""
+
+LAST_POINT = 999
+PROGRAM, INCLUDE, POINTS, PROJECT = '.prg', '.inc', '.pts', '.sprj'
+ERRORS, IO_LABELS = 'usererrors.dat', 'iolabels.dat'
+RULE = 'project-file'
+
+_HANDS, _ELBOWS, _WRISTS = {2: 'l', 1: 'r'}, {2: 'b'}, {2: 'f'}
+_J_FLAGS = ('J1', 'J2', 'J4', 'J6')
+
+
+@dataclass(frozen=True, slots=True)
+class PointFile:
+    """The points of a .pts file by number, and their labels in lower case."""
+
+    points: dict[int, Point]
+    labels: dict[str, int]
+
+
+@dataclass
+class ProjectData:
+    """What programs can name: errors and I/O, points.
+
+    `points` are those of the first point file, the robot's default; `point_labels` of all.
+    """
+
+    labels: dict[str, int] = field(default_factory=dict)
+    texts: dict[int, str] = field(default_factory=dict)
+    """Error numbers with their messages."""
+    point_files: dict[str, PointFile] = field(default_factory=dict)
+    """By name in lower case."""
+    point_labels: dict[str, int] = field(default_factory=dict)
+    unlabelled: set[str] = field(default_factory=set)
+    """Labels of I/O whose numbers no file tells, in lower case."""
+
+    @property
+    def points(self) -> dict[int, Point]:
+        """What is in memory at the start."""
+        return next((dict(each.points) for each in self.point_files.values()), {})
+
+
+def read_project(path: Path) -> dict[str, str]:
+    """Return the texts of a project by file name: a folder, or one .prg with what is beside it.
+
+    Of a folder with a .sprj, that and what it lists, if all programs are there: point files of
+    robot 1 with its default one first. Raises InputError for what cannot be read.
+    """
+    folder = path if path.is_dir() else path.parent
+    there = {
+        each.name.lower(): each for each in sorted(folder.iterdir() if folder.is_dir() else [])
+    }
+    projects = [each for name, each in there.items() if name.endswith(PROJECT)]
+    names: list[str] = []
+    if path.is_dir() and projects:
+        text = decoded(read_file(projects[0], LARGEST_FILE))
+        names = [*listed_files(projects[0].name, text), projects[0].name]
+    programs = [name.lower() for name in names if name.lower().endswith(PROGRAM)]
+    if not programs or not there.keys() >= set(programs):
+        endings = (INCLUDE, POINTS, PROJECT, *([PROGRAM] if path.is_dir() else []))
+        names = [name for name in there if name.endswith(endings)] + [ERRORS, IO_LABELS]
+    files = {
+        there[name.lower()].name: decoded(read_file(there[name.lower()], LARGEST_FILE))
+        for name in names
+        if name.lower() in there and there[name.lower()].is_file()
+    }
+    if not path.is_dir():
+        files[path.name] = decoded(read_file(path, LARGEST_FILE))
+    if not any(name.lower().endswith(PROGRAM) for name in files):
+        raise InputError(f'{printable(path)}: has no .prg file')
+    return files
+
+
+def listed_files(name: str, text: str) -> Iterator[str]:
+    """Yield the files of a project, point files with the default one of robot 1 first."""
+    project = parsed(name, text)
+    for kind in ('ProgramFile', 'IncludeFile'):
+        yield from (each.text('sName') for each in project.blocks(kind))
+    points = [each for each in project.blocks('PointFile') if each.number('nRobot', 1) == 1]
+    for default in (True, False):
+        for each in points:
+            if (each.text('bDefault', 'True') == 'True') is default:
+                yield each.text('sName')
+    yield from (ERRORS, IO_LABELS)
+
+
+def decoded(content: bytes) -> str:
+    """Return a text: UTF-8, or one of the code pages of RC+'s languages, by what it contains."""
+    try:
+        text = content.decode('utf-8-sig')
+    except UnicodeDecodeError:
+        text = content.decode(_code_page(content))
+    return text.replace('\r\n', '\n').replace('\r', '\n')
+
+
+def encoded(text: str) -> Iterator[bytes]:
+    """Yield what a text may have been in its file: `decoded` has found one of these."""
+    for name in ('utf-8', *_LEADS, 'latin-1'):
+        with suppress(UnicodeEncodeError):
+            yield text.encode(name)
+
+
+_LEADS = {
+    'shift_jis': range(0x82, 0x98),
+    'cp949': range(0xB0, 0xC9),
+    'gb18030': range(0xB0, 0xD8),
+    'big5': range(0xA4, 0xC7),
+}
+"""Lead bytes of the common characters: kana and the first level of kanji, hanzi, hangul."""
+
+_COMMON_SHARE = 0.6
+"""Of two-byte characters that must be common ones; German text has none of them in pairs."""
+
+
+def _code_page(content: bytes) -> str:
+    """Return the encoding that gives the largest share of common characters, else latin-1."""
+    best, chosen = _COMMON_SHARE, 'latin-1'
+    for name, leads in _LEADS.items():
+        try:
+            text = content.decode(name)
+        except UnicodeDecodeError:
+            continue
+        wide = [each.encode(name) for each in text if ord(each) > 0x7F]
+        common = sum(len(each) == 2 and each[0] in leads for each in wide)
+        share = common / len(wide) if wide else 0.0
+        if share > best:
+            best, chosen = share, name
+    return chosen
+
+
+def project_data(files: Mapping[str, str], problems: list[Problem]) -> ProjectData:
+    """Return points and labels of a project's files, with what is wrong in the list."""
+    data = ProjectData()
+    for name, text in files.items():
+        lower = name.lower()
+        if not (lower.endswith(POINTS) or lower in (ERRORS, IO_LABELS)):
+            continue
+        try:
+            block = parsed(name, text)
+            if lower.endswith(POINTS):
+                data.point_files[lower] = points = _points(block)
+                data.point_labels |= {**points.labels, **data.point_labels}
+            elif lower == IO_LABELS:
+                data.labels |= _io_labels(block)
+            else:
+                for each in block.blocks('Label'):
+                    number = int(each.number('nError'))
+                    data.texts[number] = each.text('sMessage')
+                    data.labels[each.text('sLabel').lower()] = number
+        except (InputError, ValueError) as error:
+            text = str(error).split(': ', 1)[-1] if isinstance(error, InputError) else str(error)
+            line = str(error).removeprefix(f'{name}:').split(':')[0]
+            at = Position(name, int(line) if line.isdigit() else 1)
+            problems.append(Problem(at, RULE, f'cannot be read: {text}'))
+    data.labels.pop('', None)
+    return data
+
+
+def _points(block: Block) -> PointFile:
+    """Raises ValueError for a number that is none, or out of range."""
+    points: dict[int, Point] = {}
+    labels: dict[str, int] = {}
+    for each in block.blocks('Point'):
+        number = int(each.number('nNumber', -1))
+        if not 0 <= number <= LAST_POINT:
+            raise ValueError(f'point number {number} is not in 0..{LAST_POINT}')
+        if each.text('sLabel'):
+            labels[each.text('sLabel').lower()] = number
+        if int(each.number('nUndefined')) & 0xF:  # X, Y, Z, U: a label without a place
+            continue
+        values = tuple(each.number(f'r{axis}') for axis in 'XYZUVW')
+        points[number] = Point('xy', values, tuple(_flags(each)))
+    return PointFile(points, labels)
+
+
+def point_file(name: str, content: bytes) -> PointFile:
+    """Return a .pts file. Raises SpelError."""
+    try:
+        return _points(parsed(name, decoded(content)))
+    except (InputError, ValueError) as error:
+        raise SpelError(ErrorNumber.ARGUMENT, f'LoadPoints: {error}') from error
+
+
+def points_of(points: Mapping[int, Point], labels: Mapping[str, int], when: datetime) -> str:
+    """Return the text of a .pts file."""
+    names = {number: label for label, number in labels.items()}
+    body = Block('', [('sVersion', '"2.0.0"'), ('nNumberOfPoints', str(len(points)))])
+    for turn, (number, point) in enumerate(sorted(points.items()), 1):
+        axes = zip('XYZUVW', (*point.values, *[0.0] * 6), strict=False)
+        body.items.append(
+            Block(
+                f'Point{turn}',
+                [
+                    ('nNumber', str(number)),
+                    ('sLabel', quoted(names.get(number, ''))),
+                    ('sDescription', '""'),
+                    ('nUndefined', '0'),
+                    *((f'r{axis}', f'{value:.3f}') for axis, value in axes),
+                    *((f'r{axis}', '0') for axis in 'RST'),
+                    ('nLocal', next((each for each in point.flags if each.isdigit()), '0')),
+                    *(
+                        (key, str(next((k for k, w in words.items() if w in point.flags), 1)))
+                        for key, words in (
+                            ('nHand', _HANDS),
+                            ('nElbow', _ELBOWS),
+                            ('nWrist', _WRISTS),
+                        )
+                    ),
+                    *((f'n{joint}Flag', _turn(point, joint)) for joint in _J_FLAGS),
+                    ('rJ1Angle', '0'),
+                    ('rJ4Angle', '0'),
+                    ('bSimVisible', 'True'),
+                ],
+            )
+        )
+    return sealed(body, when)
+
+
+def _turn(point: Point, joint: str) -> str:
+    key = f'{joint.lower()}f'
+    return next((each[len(key) :] for each in point.flags if each.startswith(key)), '0')
+
+
+def _flags(block: Block) -> Iterator[str]:
+    for key, words in (('nHand', _HANDS), ('nElbow', _ELBOWS), ('nWrist', _WRISTS)):
+        if (word := words.get(int(block.number(key)))) is not None:
+            yield word
+    for joint in _J_FLAGS:
+        if value := int(block.number(f'n{joint}Flag')):
+            yield f'{joint.lower()}f{value}'
+    if local := int(block.number('nLocal')):
+        yield str(local)
+
+
+def _io_labels(block: Block) -> dict[str, int]:
+    """Return the numbers of bits, bytes and words by their labels in lower case."""
+    found = {}
+    for kind in block.items:
+        for each in kind.blocks('Label') if isinstance(kind, Block) else ():
+            keys = [item[0] for item in each.items if isinstance(item, tuple)]
+            number = next((key for key in keys if key in ('nBit', 'nByte', 'nWord')), 'nBit')
+            found[each.text('sLabel').lower()] = int(each.number(number))
+    return found

@@ -1,0 +1,78 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The words of SPEL+, from the one table config/spel/words.yaml: parser, linter, docs read it."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from epson_driver.inputs import read_yaml
+from epson_driver.share import share_file
+
+FIRST = (6, 0, 0)
+
+
+@dataclass(frozen=True, slots=True)
+class Word:
+    """One word: what it can be, and where it can stand.
+
+    `window`: the command window, and so $Execute, takes it. `background`: NoEmgAbort and
+    background tasks can execute it. `since`: the first version that has it.
+    """
+
+    name: str
+    uses: frozenset[str]
+    background: bool
+    since: tuple[int, ...]
+
+    @property
+    def window(self) -> bool:
+        """Whether the command window takes it, functions only within a statement."""
+        return 'window' in self.uses or self.uses == {'function'}
+
+
+_TABLE: dict[str, Any] = read_yaml(share_file('config', 'spel', 'words.yaml'))
+_USES = ('window', 'statement', 'function', 'keyword')
+
+
+def _words() -> Iterator[Word]:
+    since = {
+        name: tuple(map(int, version.split('.')))
+        for version, names in _TABLE['since'].items()
+        for name in names.split()
+    }
+    elsewhere = frozenset(_TABLE['not in background'].split())
+    for key, names in _TABLE.items():
+        uses = frozenset(key.split())
+        if uses <= frozenset(_USES):
+            for name in names.split():
+                yield Word(name, uses, name not in elsewhere, since.get(name, FIRST))
+
+
+def _constants() -> Iterator[tuple[str, int | str]]:
+    for prefix, text in _TABLE['constant'].items():
+        parts = text.split()
+        for name, value in zip(parts[::2], parts[1::2], strict=True):
+            yield f'{prefix}_{name}' if prefix else name, int(value)
+    yield from _TABLE['text constant'].items()
+
+
+WORDS: dict[str, Word] = {word.name.lower(): word for word in _words()}
+"""Statements, functions and keywords by name in lower case."""
+
+CONSTANTS: dict[str, int | str] = {name.lower(): value for name, value in _constants()}
+"""Predefined constants by name in lower case."""
+
+EVERY_VERSION = (99, 0, 0)
+
+
+def reserved(name: str, version: tuple[int, ...] = EVERY_VERSION) -> bool:
+    """Return whether nothing of a program can have a name, as SPEL+ has it since a version."""
+    word = WORDS.get(name.lower())
+    return name.lower() in CONSTANTS or (word is not None and word.since <= version)
+
+
+def is_a(use: str, name: str) -> bool:
+    """Return whether SPEL+ has a 'statement', 'function' or 'keyword' of a name."""
+    word = WORDS.get(name.lower())
+    return word is not None and use in word.uses

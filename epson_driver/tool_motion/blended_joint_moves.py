@@ -1,0 +1,244 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Moves that are straight in joint space, with the corners between them cut: one run.
+
+A blend leaves one move, and reaches the next, where the tool is its radius away from the corner,
+or nearer, and the tool stays that near in between. In joint space the corner is cut evenly: as
+much of the time that the joints need at full speed before it as behind it. The joints go over with
+two continuous derivatives, and stay between the positions of the moves: within every range.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+
+from epson_driver.motion import Array, JointLimits
+from epson_driver.motion.interpolation import hermite, polynomial
+from epson_driver.robots.kinematics import Kinematics
+from epson_driver.tool_motion.joint_path import GivenUp, GivenUpError, JointPath, never
+from epson_driver.tool_motion.path_timing import TimedRun, timed
+from epson_driver.tool_motion.pose_path import BlendError
+from epson_driver.tool_motion.speed_profile import PartLimits, highest, share_of_limits
+
+LOOKS = 100
+"""Of each part of a run: moves, and blends between them."""
+
+STEP_RAD = 0.01
+"""How densely a move is looked at for where the tool comes near its corner, rad or m."""
+
+MIN_LOOKS, MAX_LOOKS = 50, 2000
+
+SHRINK = 0.8
+"""By what factor a blend is made smaller until the tool stays within its radius."""
+
+MAX_SHRINKS = 60
+
+ACCURACY_SHARE = 0.1
+"""How far the line between two points that are sent may be from the run, as a share of the least
+radius."""
+
+SHORTEST_MOVE_S = 1e-6
+"""A move that takes no longer at full speed is none."""
+
+RESERVE_SHARE = 0.01
+"""Of the limits in a blend: its derivatives are looked at LOOKS times."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """Polynomials of the share of a part, shape (6, n), rad (m), and its size, s at full speed."""
+
+    size: float
+    coefficients: Array
+    limits: JointLimits
+    blend: bool
+
+    def derivative(self, shares: Array, order: int = 0) -> Array:
+        """Return a derivative by the share at shares, shape (m,): (m, n)."""
+        return polynomial(self.coefficients, shares, order)
+
+
+def blended_joints(
+    kinematics: Kinematics,
+    start: Array,
+    targets: Sequence[Array],
+    radii: Sequence[float],
+    limits: Sequence[JointLimits],
+    given_up: GivenUp = never,
+) -> TimedRun:
+    """Return the fastest motion from rest to rest, straight to each target but for the blends.
+
+    targets: joint positions, shape (n,). radii: of the blend at each target but the last, at the
+    tool, m. limits: of each move; in a blend those of both hold. Raises BlendError, with the index
+    of the target, for a blend that does not fit, and PathError.
+    """
+    parts = _parts(kinematics, [start, *targets], radii, limits, given_up)
+    seams = np.concatenate([[0.0], np.cumsum([part.size for part in parts])])
+    looks = [np.linspace(*ends, LOOKS, endpoint=False) for ends in pairwise(seams)]
+    distances = np.concatenate([*looks, seams[-1:]])
+
+    def at(others: Array) -> Array:
+        owners = np.clip(np.searchsorted(seams, others, 'right') - 1, 0, len(parts) - 1)
+        joints = np.empty((len(others), len(start)))
+        for index, part in enumerate(parts):
+            mine = owners == index
+            joints[mine] = part.derivative((others[mine] - seams[index]) / part.size)
+        return joints
+
+    joints = at(distances)
+    positions = _tool_positions(kinematics, joints, given_up)
+    blends = [part.blend for part in parts]
+    ends = np.append((seams[:-1] + seams[1:])[blends] / 2.0, seams[-1])
+    return timed(
+        JointPath('the way', kinematics, distances, joints, positions, at),
+        [_part_limits(part) for part in parts],
+        ends,
+        accuracy=ACCURACY_SHARE * min(radii),
+        slow=True,  # by the rounding of derivatives from looks, as the parts keep the limits
+    )
+
+
+def _parts(
+    kinematics: Kinematics,
+    corners: Sequence[Array],
+    radii: Sequence[float],
+    limits: Sequence[JointLimits],
+    given_up: GivenUp,
+) -> list[_Part]:
+    """Return moves and the blends between them. Raises BlendError."""
+    steps = [last - first for first, last in pairwise(corners)]
+    sizes = [
+        float(np.max(np.abs(step) / most.velocity))
+        for step, most in zip(steps, limits, strict=True)
+    ]
+    for index, size in enumerate(sizes):
+        if size < SHORTEST_MOVE_S:
+            raise BlendError(index, 'the joints are there already')
+    positions = partial(_tool_positions, kinematics, given_up=given_up)
+    blends: list[_Part] = []
+    for index, radius in enumerate(radii):
+        corner, behind = corners[index + 1], index + 1
+        room = min(
+            sizes[index] * _share_within(positions, corner, -steps[index], radius, index),
+            sizes[behind] * _share_within(positions, corner, steps[behind], radius, behind),
+        )
+        rates = steps[index] / sizes[index], steps[behind] / sizes[behind]
+        room, coefficients = _blend(positions, corner, rates, room, radius, index)
+        both = _both(limits[index], limits[behind])
+        blends.append(_Part(2.0 * room, coefficients, both, blend=True))
+    cuts = [0.0, *(blend.size / 2.0 for blend in blends), 0.0]
+    parts: list[_Part] = []
+    for index, (step, size) in enumerate(zip(steps, sizes, strict=True)):
+        rest = size - cuts[index] - cuts[index + 1]
+        if rest < 0.0:
+            raise BlendError(
+                index, 'the blends at both ends of the way there overlap: make one of them smaller'
+            )
+        if rest >= SHORTEST_MOVE_S:
+            coefficients = np.zeros((6, len(step)))
+            coefficients[0] = corners[index] + step * (cuts[index] / size)
+            coefficients[1] = step * (rest / size)
+            parts.append(_Part(rest, coefficients, limits[index], blend=False))
+        parts.extend(blends[index : index + 1])
+    return parts
+
+
+def _tool_positions(kinematics: Kinematics, joints: Array, given_up: GivenUp) -> Array:
+    """Return where the tool is with joints, shape (m, n): shape (m, 3), m."""
+    positions = np.empty((len(joints), 3))
+    for index, each in enumerate(joints):
+        if given_up():
+            raise GivenUpError
+        positions[index] = kinematics.forward(each)[:3, 3]
+    return positions
+
+
+def _share_within(
+    positions: Callable[[Array], Array], corner: Array, step: Array, radius: float, index: int
+) -> float:
+    """Return the share of a step away from a corner until the tool is `radius` m away from that.
+
+    Raises BlendError with the index of the move if it never is.
+    """
+    count = int(np.clip(np.max(np.abs(step)) / STEP_RAD, MIN_LOOKS, MAX_LOOKS))
+    (origin,) = positions(corner[None, :])
+
+    def away(shares: Array) -> Array:
+        return np.asarray(
+            np.linalg.norm(positions(corner + shares[:, None] * step) - origin, axis=1)
+        )
+
+    shares = np.linspace(0.0, 1.0, count + 1)
+    distances = away(shares)
+    outside = np.flatnonzero(distances > radius)
+    if not len(outside):
+        raise BlendError(
+            index,
+            f'a blend of {radius:g} m is longer than the way of the tool, which is '
+            f'{distances.max():.4g} m at most from the corner',
+        )
+    near, far = shares[outside[0] - 1 : outside[0] + 1].tolist()
+    return highest(lambda share: bool(away(np.array([share]))[0] <= radius), near, far)
+
+
+def _blend(
+    positions: Callable[[Array], Array],
+    corner: Array,
+    rates: tuple[Array, Array],
+    room: float,
+    radius: float,
+    index: int,
+) -> tuple[float, Array]:
+    """Return a blend at a corner: how far it reaches to each side, and its polynomials.
+
+    It reaches no farther than `room`, s at full speed. rates: the joints' full velocities before
+    and behind.
+    """
+    (origin,) = positions(corner[None, :])
+    shares = np.linspace(0.0, 1.0, LOOKS + 1)
+    none = np.zeros_like(corner)
+    for _ in range(MAX_SHRINKS):
+        ends = [
+            (corner + side * room * rate, 2.0 * room * rate, none)
+            for side, rate in zip((-1.0, 1.0), rates, strict=True)
+        ]
+        coefficients = hermite(ends[0], ends[1])
+        away = np.linalg.norm(positions(polynomial(coefficients, shares)) - origin, axis=1)
+        if away.max() <= radius * (1.0 + 1e-9):
+            return room, coefficients
+        room *= SHRINK
+    raise BlendError(index, f'no blend keeps the tool within {radius:g} m of the corner')
+
+
+def _both(first: JointLimits, second: JointLimits) -> JointLimits:
+    """Return limits that keep both."""
+    return replace(
+        first,
+        **{
+            name: np.minimum(getattr(first, name), getattr(second, name))
+            for name in ('velocity', 'acceleration', 'jerk')
+        },
+    )
+
+
+def _part_limits(part: _Part) -> PartLimits:
+    """Return the limits along a part with which the joints keep theirs."""
+    shares = np.linspace(0.0, 1.0, LOOKS + 1 if part.blend else 2)
+    first, second, third = (
+        np.max(np.abs(part.derivative(shares, order)), axis=0) / part.size**order
+        for order in (1, 2, 3)
+    )
+    limits = part.limits
+    with np.errstate(divide='ignore'):
+        speed = float(np.min(limits.velocity / first))
+        acceleration = float(np.min(limits.acceleration / first))
+        jerk = float(np.min(limits.jerk / first))
+    if part.blend:
+        derivatives = (first, second, third)
+        share = float(share_of_limits(limits, derivatives, speed, acceleration, jerk))
+        share *= 1.0 - RESERVE_SHARE
+        speed, acceleration, jerk = share * speed, share**2 * acceleration, share**3 * jerk
+    return PartLimits(part.size, speed, acceleration, jerk)

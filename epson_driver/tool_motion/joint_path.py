@@ -1,0 +1,166 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The joints along a path of the tool, in one configuration, or where there are none."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from math import ceil
+
+import numpy as np
+
+from epson_driver.motion import Array
+from epson_driver.robots.kinematics import Kinematics
+from epson_driver.tool_motion.pose_path import Run
+
+STEP_M = 0.001
+STEP_RAD = 0.01
+"""How densely a path is looked at."""
+
+MIN_STEPS = 50
+"""For each line, arc and blend."""
+
+MAX_STEPS = 5000
+
+MAX_JOINT_STEP = 0.15
+"""A joint that changes by more from one look to the next, rad or m, is looked at closely."""
+
+CLOSEST = 64
+"""Between two looks it is looked so closely at most. Where a joint needs more, it jumps."""
+
+
+class PathError(ValueError):
+    """The tool cannot follow a path, with the place and the reason as its text."""
+
+
+class GivenUpError(PathError):
+    """Nobody wants the motion any more: its planning ends."""
+
+    def __init__(self) -> None:
+        super().__init__('given up before it began')
+
+
+GivenUp = Callable[[], bool]
+"""Returns True when nobody wants the motion any more; it is asked at every look, in any thread."""
+
+
+def never() -> bool:
+    """Return False: it is wanted."""
+    return False
+
+
+@dataclass(frozen=True, eq=False)
+class JointPath:
+    """The joints along a run of a path, from rest to rest: at k places of it, and anywhere.
+
+    distances: from its begin, m or what else it is counted in, shape (k,); joints: (k, n);
+    positions: of the tool, (k, 3), m. at: returns the joints at other distances, shape (m,), to
+    all digits: shape (m, n). name: what to call the run.
+    """
+
+    name: str
+    kinematics: Kinematics
+    distances: Array
+    joints: Array
+    positions: Array
+    at: Callable[[Array], Array]
+
+    def where(self, index: int) -> str:
+        """Return a place as a clause."""
+        share = float(self.distances[index] / self.distances[-1])
+        return _where(share, self.name, self.positions[index])
+
+
+def joint_path(
+    kinematics: Kinematics,
+    start: Array,
+    run: Run,
+    name: str = 'the way',
+    given_up: GivenUp = never,
+) -> JointPath:
+    """Return the joints along a run that begins where the joints `start`, shape (n,), are.
+
+    Raises PathError for a pose without a solution within the joint limits near the one before:
+    out of reach, beyond a joint's limit, or past a singularity. KinematicsError for a chain
+    without a closed form.
+    """
+    counts = [
+        max(ceil(part.length / STEP_M), ceil(part.angle / STEP_RAD), MIN_STEPS)
+        for part in run.parts
+    ]
+    if sum(counts) > MAX_STEPS:
+        raise PathError(f'the path is longer than {MAX_STEPS} looks of {STEP_M * 1e3:g} mm')
+    looks = [
+        np.linspace(*seams, count, endpoint=False)
+        for seams, count in zip(pairwise(run.seams), counts, strict=True)
+    ]
+    wanted = np.concatenate([*looks, run.seams[-1:]]).tolist()[::-1]
+    total = wanted[0]
+    least = float(np.min(np.diff(wanted[::-1]))) / CLOSEST
+    visited: list[float] = []
+    rows: list[Array] = []
+    positions: list[Array] = []
+    before = start
+    while wanted:
+        if given_up():
+            raise GivenUpError
+        distance = wanted[-1]
+        pose = run.pose(distance)
+        where = _where(distance / total, name, pose[:3, 3])
+        solutions = kinematics.inverse(pose, before)
+        if not len(solutions):
+            if why := kinematics.hindrance(pose):
+                raise PathError(f'no joints give the pose {where}: {why}')
+            raise PathError(_why_none(kinematics, before, where))
+        step = np.abs(solutions[0] - before)
+        joint = int(np.argmax(step))
+        if step[joint] > MAX_JOINT_STEP:
+            if visited and distance - visited[-1] > least:
+                wanted.append((visited[-1] + distance) / 2.0)
+                continue
+            names, units = kinematics.model.limits.names, kinematics.model.limits.units
+            raise PathError(
+                f'near a singularity, or at a limit, {where}: {names[joint]} would '
+                f'have to jump from {before[joint]:.4g} to {solutions[0][joint]:.4g} '
+                f'{units[joint]}'
+            )
+        visited.append(wanted.pop())
+        before = solutions[0]
+        rows.append(before)
+        positions.append(pose[:3, 3])
+    distances, joints = np.array(visited), np.array(rows)
+
+    def at(others: Array) -> Array:
+        near = np.array([np.interp(others, distances, column) for column in joints.T]).T
+        exact = np.empty_like(near)
+        for index, (distance, guess) in enumerate(zip(others.tolist(), near, strict=True)):
+            if given_up():
+                raise GivenUpError
+            solutions = kinematics.inverse(run.pose(distance), guess)
+            if not len(solutions) or np.max(np.abs(solutions[0] - guess)) > MAX_JOINT_STEP:
+                raise PathError(
+                    f'no solution at {distance / distances[-1] * 100.0:.3g} % of {name}'
+                )
+            exact[index] = solutions[0]
+        return exact
+
+    return JointPath(name, kinematics, distances, joints, np.array(positions), at)
+
+
+def _where(share: float, name: str, position: Array) -> str:
+    at = ', '.join(f'{value * 1e3:.1f}' for value in position)
+    return f'{share * 100.0:.0f} % of {name}, at ({at}) mm'
+
+
+def _why_none(kinematics: Kinematics, before: Array, where: str) -> str:
+    """Return why a pose has no solution: the joint that is nearest to its limit is named."""
+    limits = kinematics.model.limits
+    room = np.minimum(before - limits.position_min, limits.position_max - before)
+    joint = int(np.argmin(room))
+    if room[joint] > MAX_JOINT_STEP:
+        return f'out of reach {where}'
+    return (
+        f'out of reach {where}: {limits.names[joint]} is at {before[joint]:.4g} just before, its '
+        f'limits are {limits.position_min[joint]:.4g} … {limits.position_max[joint]:.4g} '
+        f'{limits.units[joint]}'
+    )

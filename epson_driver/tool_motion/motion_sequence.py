@@ -1,0 +1,261 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A sequence of motions, straight in joint space, in space or on circles, as one trajectory.
+
+All of it is planned, and refused, before any of it is sent. The arm rests at the end of each
+motion that has no blend radius; those that have one go over into the next, as way points of paths
+do.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from itertools import pairwise
+from math import ceil
+
+import numpy as np
+
+from epson_driver.motion import Array, JointLimits, Trajectory, go
+from epson_driver.robots.kinematics import Kinematics
+from epson_driver.tool_motion.blended_joint_moves import blended_joints
+from epson_driver.tool_motion.joint_path import GivenUp, GivenUpError, never
+from epson_driver.tool_motion.path_timing import PERIOD_S, TimedRun, joined
+from epson_driver.tool_motion.pose_path import BlendError, PosePath, arc, line, runs
+from epson_driver.tool_motion.tool_trajectory import ToolLimits, timed_run
+
+SHORTEST_MOVE_S = 0.01
+"""The time of a motion to where the arm is."""
+
+MOVE_TIME_TOLERANCE = 1e-6
+"""By how much, as a share of it, a motion may take longer than its move_time."""
+
+MOVE_SHARES = (0.8, 0.5, 0.3)
+"""Shares of its move_time in which a motion of the tool is tried, before it is stretched to it."""
+
+
+class Kind(IntEnum):
+    """Types of control_msgs/msg/MotionPrimitive."""
+
+    LINEAR_JOINT = 0
+    LINEAR_CARTESIAN = 50
+    CIRCULAR_CARTESIAN = 51
+
+
+class SequenceError(ValueError):
+    """A sequence cannot be executed, with the motion and the reason as its text."""
+
+
+@dataclass(frozen=True, eq=False)
+class Primitive:
+    """One motion.
+
+    target: joint positions, shape (n,), rad (m), or the pose of the tool in base_link,
+    (4, 4), m.
+    via: a place on the circle, shape (3,), m. velocity, acceleration: of each joint, rad/s and
+    rad/s² (m/s, m/s²) and at most its limit, or of the tool, m/s and m/s²; None: the joints'
+    limits, or those of `ToolLimits`. move_time: s, instead of these two; 0: as fast as they allow.
+    blend_radius: m.
+    """
+
+    kind: Kind
+    target: Array
+    via: Array | None = None
+    velocity: float | None = None
+    acceleration: float | None = None
+    move_time: float = 0.0
+    blend_radius: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedSequence:
+    """A trajectory from rest to rest. ends: shape (k,), s, when each motion ends in it."""
+
+    trajectory: Trajectory
+    ends: Array
+
+    def index(self, share: float) -> int:
+        """Return which motion is executed after a share, 0 to 1, of the trajectory's time."""
+        time = share * self.trajectory.duration
+        return min(int(np.searchsorted(self.ends, time, side='right')), len(self.ends) - 1)
+
+
+def plan_sequence(
+    kinematics: Kinematics,
+    start: Array,
+    primitives: Sequence[Primitive],
+    *,
+    sampled: bool = True,
+    given_up: GivenUp = never,
+) -> PlannedSequence:
+    """Return a trajectory through all motions from joint positions `start`, shape (n,), at rest.
+
+    sampled: also a single motion in joint space as many points, not as its end alone. given_up: is
+    asked all the time, as motions take up to seconds each. Raises SequenceError.
+    """
+    groups = list(_groups(primitives))
+    runs_of: list[TimedRun] = []
+    at = start
+    for first, group in groups:
+        try:
+            if given_up():
+                raise GivenUpError
+            found = _run(kinematics, at, group, given_up)
+        except BlendError as error:
+            index = first + error.index
+            raise SequenceError(f'{_name(index, primitives[index])}: {error}') from error
+        except (ValueError, ModuleNotFoundError) as error:
+            last = first + len(group) - 1
+            name = _name(first, group[0]) if last == first else f'motions[{first}] to [{last}]'
+            raise SequenceError(f'{name}: {error}') from error
+        runs_of.append(found)
+        at = found.positions[-1]
+    names = kinematics.model.limits.names
+    if not sampled and len(primitives) == 1 and primitives[0].kind is Kind.LINEAR_JOINT:
+        (only,) = runs_of
+        end = Trajectory(names, only.ends, primitives[0].target[None, :])
+        return PlannedSequence(end, only.ends)
+    return PlannedSequence(*joined(names, runs_of))
+
+
+def _name(index: int, primitive: Primitive) -> str:
+    return f'motions[{index}], {primitive.kind.name}'
+
+
+def _groups(primitives: Sequence[Primitive]) -> Iterator[tuple[int, list[Primitive]]]:
+    """Yield the motions that go over into each other, and the index of the first of them.
+
+    Raises SequenceError for what cannot be blended.
+    """
+    first = 0
+    for index, primitive in enumerate(primitives):
+        if primitive.blend_radius == 0.0:
+            group = list(primitives[first : index + 1])
+            if len(group) > 1:
+                _check_group(first, group)
+            yield first, group
+            first = index + 1
+    if first < len(primitives):
+        index = len(primitives) - 1
+        radius = primitives[index].blend_radius
+        raise SequenceError(
+            f'{_name(index, primitives[index])}: blend_radius = {radius:g} m: must be 0, as '
+            'nothing follows the last motion'
+        )
+
+
+def _check_group(first: int, group: Sequence[Primitive]) -> None:
+    """Raise SequenceError unless motions can go over into each other."""
+    for index, primitive in enumerate(group, first):
+        if primitive.move_time:
+            raise SequenceError(
+                f'{_name(index, primitive)}: move_time = {primitive.move_time:g} s: a motion that '
+                'is blended does not begin and end at a time of its own; give velocity and '
+                'acceleration'
+            )
+    joints = Kind.LINEAR_JOINT
+    for index, (one, other) in enumerate(pairwise(group), first):
+        if (one.kind is joints) != (other.kind is joints):
+            raise SequenceError(
+                f'{_name(index, one)}: blend_radius = {one.blend_radius:g} m: must be 0, as '
+                f'motions[{index + 1}] is {other.kind.name}: a motion that is straight in joint '
+                'space is not blended with one of the tool'
+            )
+
+
+def _run(
+    kinematics: Kinematics, start: Array, group: Sequence[Primitive], given_up: GivenUp
+) -> TimedRun:
+    """Return the points of motions that go over into each other, or of a single one."""
+    radii = [primitive.blend_radius for primitive in group[:-1]]
+    if group[0].kind is Kind.LINEAR_JOINT:
+        if not radii:
+            return _joint_motion(kinematics.model.limits, start, group[0])
+        limits = [_lowered(kinematics.model.limits, primitive) for primitive in group]
+        targets = [primitive.target for primitive in group]
+        return blended_joints(kinematics, start, targets, radii, limits, given_up)
+    segments: list[PosePath] = []
+    pose = kinematics.forward(start)
+    for index, primitive in enumerate(group):
+        try:
+            segments.append(_segment(pose, primitive))
+        except ValueError as error:
+            raise BlendError(index, str(error)) from error
+        pose = primitive.target
+    (run,) = runs(segments, radii)
+    if not group[0].move_time:
+        tools = [_tool_limits(primitive) for primitive in group]
+        return timed_run(kinematics, start, run, tools, given_up=given_up)
+    move_time = group[0].move_time
+    for share in MOVE_SHARES:
+        tool = _tool_limits_of_time(segments[0], share * move_time)
+        found = timed_run(kinematics, start, run, [tool], given_up=given_up)
+        if found.ends[-1] <= move_time:
+            return found.stretched(move_time / float(found.ends[-1]))
+    raise ValueError(f'move_time = {move_time:.4g} s: too short for a smooth motion of the tool')
+
+
+def _segment(begin: Array, primitive: Primitive) -> PosePath:
+    if primitive.via is None:
+        return line(begin, primitive.target)
+    return arc(begin, primitive.via, primitive.target)
+
+
+def _joint_motion(limits: JointLimits, start: Array, primitive: Primitive) -> TimedRun:
+    motion = go(_lowered(limits, primitive), start, primitive.target)
+    duration = max(motion.duration, SHORTEST_MOVE_S)
+    stretch = _stretch(duration, primitive)
+    times = np.linspace(0.0, duration, ceil(duration * stretch / PERIOD_S) + 1)
+    states = [motion.at(float(time)) for time in times]
+    positions = np.array([position for position, _, _ in states])
+    velocities = np.array([velocity for _, velocity, _ in states])
+    return TimedRun(times, positions, velocities, times[-1:]).stretched(stretch)
+
+
+def _lowered(limits: JointLimits, primitive: Primitive) -> JointLimits:
+    """Return the limits of a motion in joint space, which its move_time does not change."""
+    if primitive.move_time:
+        return limits
+    lowered = limits
+    if primitive.velocity is not None:
+        lowered = replace(lowered, velocity=np.minimum(limits.velocity, primitive.velocity))
+    if primitive.acceleration is not None:
+        acceleration = np.minimum(limits.acceleration, primitive.acceleration)
+        jerk = limits.jerk * acceleration / limits.acceleration
+        lowered = replace(lowered, acceleration=acceleration, jerk=jerk)
+    return lowered
+
+
+def _stretch(duration: float, primitive: Primitive) -> float:
+    """Return by what factor a motion is made slower. Raises ValueError for a time too short."""
+    if not primitive.move_time:
+        return 1.0
+    if duration > primitive.move_time * (1.0 + MOVE_TIME_TOLERANCE):
+        raise ValueError(
+            f'move_time = {primitive.move_time:.4g} s: the joint limits allow no less than '
+            f'{duration:.4g} s'
+        )
+    return primitive.move_time / duration
+
+
+def _tool_limits(primitive: Primitive) -> ToolLimits:
+    tool = ToolLimits()
+    if primitive.velocity is not None:
+        tool = replace(tool, speed=primitive.velocity)
+    if primitive.acceleration is not None:
+        tool = replace(tool, acceleration=primitive.acceleration)
+    return tool
+
+
+def _tool_limits_of_time(path: PosePath, time: float) -> ToolLimits:
+    """Return limits with which the tool takes about so long.
+
+    A third of it each to speed up, at full speed and to slow down.
+    """
+    speed, turn = 1.5 * path.length / time, 1.5 * path.angle / time
+    tiny = 1e-9  # where it does not move, or does not turn
+    return ToolLimits(
+        speed=max(speed, tiny),
+        acceleration=max(3.0 * speed / time, tiny),
+        turn_speed=max(turn, tiny),
+        turn_acceleration=max(3.0 * turn / time, tiny),
+    )

@@ -1,0 +1,248 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""How fast to go along a run whose joints are known, and the points of it that are sent.
+
+The path has limits of its own, part by part: those of the tool, say. The joints' limits are looked
+at all along it. Where a joint would exceed one, near a singularity above all, the motion is
+refused, or slower there if that is asked for.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import ceil
+
+import numpy as np
+import numpy.typing as npt
+
+from epson_driver.motion import Array, Trajectory
+from epson_driver.tool_motion.joint_path import JointPath, PathError
+from epson_driver.tool_motion.pose_path import distance_from
+from epson_driver.tool_motion.speed_profile import (
+    PartLimits,
+    SpeedProfile,
+    fastest,
+    share_of_limits,
+)
+
+PERIOD_S = 0.05
+MIN_PERIOD_S = 0.01
+"""Time between two points that are sent: at most, and at least."""
+
+REST_S = 0.2
+"""How long the arm rests between two runs: controllers that go smoothly through points take one
+that is repeated so much later for a rest, and others for a corner that may be rounded."""
+
+MAX_STRETCH = 100.0
+"""A path that would have to be so much slower than asked, somewhere, is refused all the same."""
+
+LEVELS = (1, 2, 3, 5, 8)
+"""In how many steps the speed is lowered to what the slowest place allows: each is tried. The more
+there are, the closer each place is to its own limit, and the shorter is what is left to
+change speed."""
+
+
+@dataclass(frozen=True, eq=False)
+class TimedRun:
+    """Points from rest to rest: times, s from 0, shape (k,), positions and velocities, (k, n).
+
+    ends: when each segment of the run ends, s, shape (m,).
+    """
+
+    times: Array
+    positions: Array
+    velocities: Array
+    ends: Array
+
+    def stretched(self, factor: float) -> 'TimedRun':
+        """Return the same, so much slower."""
+        return TimedRun(
+            self.times * factor, self.positions, self.velocities / factor, self.ends * factor
+        )
+
+
+def timed(
+    found: JointPath,
+    parts: Sequence[PartLimits],
+    ends: Array,
+    *,
+    accuracy: float,
+    slow: bool,
+) -> TimedRun:
+    """Return the fastest motion along a run inside the limits of its parts and of the joints.
+
+    ends: distances at which its segments end, shape (m,). accuracy: how far the straight line in
+    joint space between two points may be from the path, m. slow: be slower than the parts' limits
+    where a joint limit asks for it. Raises PathError that says why not, where, and for
+    which joint.
+    """
+    for motion, stretch in _motions(found, parts, slow=slow):
+        period = PERIOD_S
+        while period >= MIN_PERIOD_S:
+            times, positions, velocities = _sampled(found, motion, stretch, period)
+            worst = _deviation(found, positions)
+            if worst <= accuracy:
+                return TimedRun(times, positions, velocities, motion.when(ends) * stretch)
+            period /= 2.0
+    raise PathError(
+        f'points {period * 2.0:.3g} s apart leave the path by {worst * 1e3:.3g} mm between them: '
+        f'the accuracy asked for is {accuracy * 1e3:.3g} mm; go slower'
+    )
+
+
+def joined(names: tuple[str, ...], runs: Sequence[TimedRun]) -> tuple[Trajectory, Array]:
+    """Return runs, each from where the one before ends, with rests of REST_S between them.
+
+    And when each of their segments ends, s.
+    """
+    first = runs[0]
+    times, positions, velocities = [first.times], [first.positions], [first.velocities]
+    ends = [first.ends]
+    for run in runs[1:]:
+        begin = times[-1][-1] + REST_S  # its first point is the last one of the run before
+        times.append(begin + run.times)
+        positions.append(run.positions)
+        velocities.append(run.velocities)
+        ends.append(begin + run.ends)
+    trajectory = Trajectory(
+        names, np.concatenate(times), np.concatenate(positions), np.concatenate(velocities)
+    )
+    return trajectory, np.concatenate(ends)
+
+
+def _motions(
+    found: JointPath, parts: Sequence[PartLimits], *, slow: bool
+) -> list[tuple[SpeedProfile, float]]:
+    """Return motions, the fastest first, each with the factor by which it must take longer.
+
+    Raises PathError unless that of the parts' own limits is 1, or `slow` allows it.
+    """
+    slopes = _slopes(found)
+    motion = fastest(parts)
+    stretch = _stretch(found, slopes, motion, slow=slow)
+    if stretch == 1.0:
+        return [(motion, 1.0)]
+    each = [(motion, stretch)]
+    shares = _shares(found, slopes, parts)
+    for levels in LEVELS:
+        motion = fastest(list(_slower(found, parts, shares, levels)))
+        each.append((motion, _stretch(found, slopes, motion, slow=True)))
+    return sorted(each, key=lambda one: one[0].duration * one[1])
+
+
+def _slopes(found: JointPath) -> Array:
+    """Return the first three derivatives by the distance, at each sample, shape (3, k, n)."""
+    first = np.gradient(found.joints, found.distances, axis=0, edge_order=2)
+    second = np.gradient(first, found.distances, axis=0, edge_order=2)
+    third = np.gradient(second, found.distances, axis=0, edge_order=2)
+    return np.array([first, second, third])
+
+
+def _stretch(found: JointPath, slopes: Array, motion: SpeedProfile, *, slow: bool) -> float:
+    """Return by what factor the motion must take longer for the joint limits: 1 or more.
+
+    Raises PathError unless that is 1, or `slow` allows it.
+    """
+    limits = found.kinematics.model.limits
+    first, second, third = slopes
+    times = np.linspace(0.0, motion.duration, 4 * len(found.distances))
+    distance, *rates = motion.at(times)
+    index = np.clip(np.searchsorted(found.distances, distance), 0, len(found.distances) - 1)
+    speed, acceleration, jerk = (rate[:, None] for rate in rates)
+    needed = (
+        ('velocity', '/s', first[index] * speed, limits.velocity, 1),
+        (
+            'acceleration',
+            '/s²',
+            second[index] * speed**2 + first[index] * acceleration,
+            limits.acceleration,
+            2,
+        ),
+        (
+            'jerk',
+            '/s³',
+            np.abs(third[index] * speed**3)
+            + np.abs(3.0 * second[index] * speed * acceleration)
+            + np.abs(first[index] * jerk),
+            limits.jerk,
+            3,
+        ),
+    )
+    stretch = 1.0
+    for quantity, per, values, allowed, order in needed:
+        excess = np.abs(values) / allowed
+        row, joint = np.unravel_index(int(np.argmax(excess)), excess.shape)
+        factor = float(excess[row, joint]) ** (1.0 / order)
+        if factor > (MAX_STRETCH if slow else 1.0):
+            unit = limits.units[joint] + per
+            raise PathError(
+                f'near a singularity, or too fast, {found.where(int(index[row]))}: '
+                f'{limits.names[joint]} would need a {quantity} of '
+                f'{abs(float(values[row, joint])):.4g} {unit}, the limit is '
+                f'{allowed[joint]:.4g} {unit}'
+            )
+        stretch = max(stretch, factor)
+    return stretch
+
+
+def _shares(found: JointPath, slopes: Array, parts: Sequence[PartLimits]) -> Array:
+    """Return the share of its part's speed that the joints allow between two looks, (k - 1,).
+
+    With it all that a part allows at once, at its square and cube, keeps every joint limit.
+    """
+    limits = found.kinematics.model.limits
+    of_part = np.array([(part.speed, part.acceleration, part.jerk) for part in parts])
+    speed, acceleration, jerk = of_part[_part_of(found, parts)].T[:, :, None]
+    first, second, third = np.maximum(np.abs(slopes[:, 1:]), np.abs(slopes[:, :-1]))
+    share = share_of_limits(limits, (first, second, third), speed, acceleration, jerk)
+    beside = np.pad(share, 1, mode='edge')  # the derivatives are those of looks beside each other
+    return np.asarray(np.min([beside[:-2], share, beside[2:]], axis=0))
+
+
+def _slower(
+    found: JointPath, parts: Sequence[PartLimits], shares: Array, levels: int
+) -> Iterator[PartLimits]:
+    """Yield the parts, cut where the share of their speed changes, with the speed each has then.
+
+    The shares are lowered to the next of so many levels.
+    """
+    least = min(float(shares.min()), 1.0 - 1e-9)
+    allowed = least ** (np.ceil(np.log(shares) / np.log(least) * levels - 1e-9) / levels)
+    owners = _part_of(found, parts)
+    cut = (np.diff(allowed) != 0.0) | (np.diff(owners) != 0)
+    for begin, end in pairwise([0, *(np.flatnonzero(cut) + 1).tolist(), len(shares)]):
+        part, share = parts[owners[begin]], float(allowed[begin])
+        yield PartLimits(
+            float(found.distances[end] - found.distances[begin]),
+            share * part.speed,
+            share**2 * part.acceleration,
+            share**3 * part.jerk,
+        )
+
+
+def _part_of(found: JointPath, parts: Sequence[PartLimits]) -> npt.NDArray[np.intp]:
+    """Return which part each step from one sample to the next is of, shape (k - 1,)."""
+    seams = np.cumsum([part.length for part in parts])
+    middles = (found.distances[1:] + found.distances[:-1]) / 2.0
+    return np.asarray(np.minimum(np.searchsorted(seams, middles), len(parts) - 1))
+
+
+def _sampled(
+    found: JointPath, motion: SpeedProfile, stretch: float, period: float
+) -> tuple[Array, Array, Array]:
+    """Return times, positions and velocities of the motion, at most `period` s apart."""
+    duration = motion.duration * stretch
+    times = np.linspace(0.0, duration, max(ceil(duration / period), 2) + 1)
+    distance, speed, _, _ = motion.at(times / stretch)
+    slopes = np.gradient(found.joints, found.distances, axis=0, edge_order=2)
+    slope = np.array([np.interp(distance, found.distances, column) for column in slopes.T]).T
+    velocities = slope * speed[:, None] / stretch
+    velocities[0] = velocities[-1] = 0.0
+    return times, found.at(distance), velocities
+
+
+def _deviation(found: JointPath, positions: Array) -> float:
+    """Return how far the tool is from the path in the middle between two points, at most, m."""
+    middles = (positions[1:] + positions[:-1]) / 2.0
+    tool = (found.kinematics.forward(middle)[:3, 3] for middle in middles)
+    return max(distance_from(position, found.positions) for position in tool)

@@ -1,0 +1,250 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Paths of the tool: straight lines, arcs, and several of them with blended corners.
+
+The position runs evenly along the line or arc; the orientation turns evenly about one fixed axis,
+the shorter way (slerp). Poses are homogeneous matrices, shape (4, 4), m.
+
+A blend leaves one segment, and reaches the next, at its radius from the corner, as measured along
+the path: the corner is cut. Position and turn go over with two continuous derivatives, so that the
+tool need not slow down for the seam. Without a blend the tool rests at the corner.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from epson_driver.motion import Array
+from epson_driver.motion.interpolation import hermite, polynomial
+from epson_driver.tool_motion.tool_pose import homogeneous, rotation
+
+MIN_BEND_M = 1e-5
+"""An arc whose middle point is closer than this to the line between its ends is none."""
+
+HALF_TURN_MARGIN_RAD = 1e-6
+"""A turn that is this close to π could go either way: it goes the positive way about its axis,
+whose largest part is positive."""
+
+
+SHORTEST_PATH = 1e-6
+"""m or rad; a path with less of both is no motion."""
+
+
+@dataclass(frozen=True, eq=False)
+class PosePath:
+    """Poses from `pose(0)` to `pose(1)`, with the length, m, and the angle of the turn, rad.
+
+    derivatives: the first three by the share, shape (3, 6), at a share: of the position, m, and
+    of the turn about the axes of the frame itself, rad.
+    """
+
+    length: float
+    angle: float
+    pose: Callable[[float], Array]
+    derivatives: Callable[[float], Array]
+
+
+def line(start: Array, end: Array) -> PosePath:
+    """Return the straight path between two poses."""
+    turn = _turn(start[:3, :3], end[:3, :3])
+    offset = end[:3, 3] - start[:3, 3]
+    derivatives = np.zeros((3, 6))
+    derivatives[0] = *offset, *turn
+
+    def pose(share: float) -> Array:
+        return homogeneous(start[:3, :3] @ rotation(share * turn), start[:3, 3] + share * offset)
+
+    def derivatives_at(_share: float) -> Array:
+        return derivatives
+
+    return PosePath(
+        float(np.linalg.norm(offset)), float(np.linalg.norm(turn)), pose, derivatives_at
+    )
+
+
+def arc(start: Array, via: Array, end: Array) -> PosePath:
+    """Return the part of a circle from a pose through a point, shape (3,), m, to another pose.
+
+    Raises ValueError for points that make no arc.
+    """
+    a, b, c = start[:3, 3], np.asarray(via, dtype=float), end[:3, 3]
+    ab, ac = b - a, c - a
+    normal = np.cross(ab, ac)
+    chord = float(np.linalg.norm(ac))
+    if chord < MIN_BEND_M or np.linalg.norm(normal) < MIN_BEND_M * chord:
+        raise ValueError(
+            f'no arc leads from {_text(a)} over {_text(b)} to {_text(c)} m: the three points must '
+            f'not be in one line, and the first and the last must differ'
+        )
+    square = float(normal @ normal)
+    center = a + np.cross((ab @ ab) * ac - (ac @ ac) * ab, normal) / (2.0 * square)
+    radius = a - center
+    x = radius / np.linalg.norm(radius)
+    y = np.cross(normal / np.sqrt(square), x)
+    sweep = float(np.arctan2((c - center) @ y, (c - center) @ x)) % (2.0 * np.pi)
+    turn = _turn(start[:3, :3], end[:3, :3])
+    size = float(np.linalg.norm(radius))
+
+    def pose(share: float) -> Array:
+        at = center + size * (np.cos(share * sweep) * x + np.sin(share * sweep) * y)
+        return homogeneous(start[:3, :3] @ rotation(share * turn), at)
+
+    def derivatives(share: float) -> Array:
+        out = size * (np.cos(share * sweep) * x + np.sin(share * sweep) * y)
+        along = size * (np.cos(share * sweep) * y - np.sin(share * sweep) * x)
+        result = np.zeros((3, 6))
+        result[:, :3] = sweep * along, -(sweep**2) * out, -(sweep**3) * along
+        result[0, 3:] = turn
+        return result
+
+    return PosePath(size * sweep, float(np.linalg.norm(turn)), pose, derivatives)
+
+
+def distance_from(point: Array, positions: Array) -> float:
+    """Return how far a point, shape (3,), is from a polygon through positions, shape (k, 3), m."""
+    begins, steps = positions[:-1], np.diff(positions, axis=0)
+    squares = np.maximum(np.sum(steps * steps, axis=1), 1e-30)
+    shares = np.clip(np.sum((point - begins) * steps, axis=1) / squares, 0.0, 1.0)
+    nearest = begins + shares[:, None] * steps
+    return float(np.min(np.linalg.norm(point - nearest, axis=1)))
+
+
+def _turn(first: Array, last: Array) -> Array:
+    """Return the turn from one rotation matrix to another, in the first, as a rotation vector."""
+    turn = first.T @ last
+    twist = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    sine = float(np.linalg.norm(twist)) / 2.0
+    angle = float(np.arctan2(sine, (np.trace(turn) - 1.0) / 2.0))
+    if angle > np.pi - HALF_TURN_MARGIN_RAD:
+        about = (turn + turn.T) / 2.0 + np.eye(3)
+        axis = about[:, int(np.argmax(np.diag(about)))]
+        return np.asarray(axis * (np.pi / np.linalg.norm(axis)))
+    return np.asarray(twist * (angle / (2.0 * sine))) if sine > 0.0 else np.zeros(3)
+
+
+def _text(point: Array) -> str:
+    return '(' + ', '.join(f'{value:.4g}' for value in point) + ')'
+
+
+class BlendError(ValueError):
+    """A path whose blends do not fit, at the segment `index`, from 0."""
+
+    def __init__(self, index: int, text: str) -> None:
+        super().__init__(text)
+        self.index = index
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Parts of a path that follow each other smoothly: the tool rests at both ends only.
+
+    segments: of each part the index of its segment, or of both where it is a blend.
+    """
+
+    parts: tuple[PosePath, ...]
+    segments: tuple[tuple[int, ...], ...]
+
+    @property
+    def last(self) -> int:
+        """The index of the segment that the run ends with."""
+        return self.segments[-1][-1]
+
+    @cached_property
+    def seams(self) -> Array:
+        """Where the parts begin, and the end, shape (k + 1,): m, rad if the tool only turns."""
+        return np.concatenate([[0.0], np.cumsum([size_of(part) for part in self.parts])])
+
+    @cached_property
+    def ends(self) -> Array:
+        """Where each segment ends, m (rad): in the middle of its blend, the last with the run."""
+        blends = [len(each) > 1 for each in self.segments]
+        return np.append((self.seams[:-1] + self.seams[1:])[blends] / 2.0, self.seams[-1])
+
+    def pose(self, distance: float) -> Array:
+        """Return the pose after a distance, m (rad), from 0 to the last seam."""
+        index = int(np.searchsorted(self.seams, distance, 'right')) - 1
+        index = min(max(index, 0), len(self.parts) - 1)
+        share = (distance - self.seams[index]) / (self.seams[index + 1] - self.seams[index])
+        return self.parts[index].pose(min(max(float(share), 0.0), 1.0))
+
+
+def size_of(path: PosePath) -> float:
+    """Return a path's length, m, or its angle, rad, if it has no length."""
+    return path.length if path.length >= SHORTEST_PATH else path.angle
+
+
+def runs(segments: Sequence[PosePath], blends: Sequence[float]) -> list[Run]:
+    """Return a path's runs. blends: the radius, m, at the end of each segment but the last.
+
+    A segment begins with the pose that the one before ends with. Raises BlendError for segments
+    without length and turn, and for blends that are longer than their segments.
+    """
+    radii = [0.0, *blends, 0.0]
+    for index, (segment, (begin, end)) in enumerate(zip(segments, pairwise(radii), strict=True)):
+        if max(segment.length, segment.angle) < SHORTEST_PATH:
+            raise BlendError(index, 'the tool is there already')
+        if begin + end > segment.length:
+            words = ' and '.join(f'{radius:g} m' for radius in (begin, end) if radius > 0.0)
+            raise BlendError(
+                index, f'the way there is {segment.length:.4g} m: a blend of {words} is longer'
+            )
+    found: list[Run] = []
+    parts: list[PosePath] = []
+    owners: list[tuple[int, ...]] = []
+    for index, segment in enumerate(segments):
+        first, last = radii[index], segment.length - radii[index + 1]
+        if last - first >= SHORTEST_PATH or segment.length < SHORTEST_PATH:
+            scale = segment.length if segment.length >= SHORTEST_PATH else 1.0
+            end = last / scale if segment.length >= SHORTEST_PATH else 1.0
+            parts.append(_part(segment, first / scale, end))
+            owners.append((index,))
+        if radii[index + 1] > 0.0:
+            parts.append(_corner(segment, segments[index + 1], radii[index + 1]))
+            owners.append((index, index + 1))
+        else:
+            found.append(Run(tuple(parts), tuple(owners)))
+            parts, owners = [], []
+    return found
+
+
+def _part(path: PosePath, first: float, last: float) -> PosePath:
+    """Return the part of a path between two shares."""
+    share = last - first
+    scale = share ** np.arange(1, 4)[:, None]
+    return PosePath(
+        share * path.length,
+        share * path.angle,
+        lambda of_part: path.pose(first + share * of_part),
+        lambda of_part: scale * path.derivatives(first + share * of_part),
+    )
+
+
+def _corner(before: PosePath, after: PosePath, radius: float) -> PosePath:
+    """Return a path that leaves one `radius` m before its end and reaches the next that far on.
+
+    Its length is twice the radius: a bit more than the path has, as it cuts the corner.
+    Position and turn are polynomials, the turn as a rotation vector in the corner's frame.
+    """
+    leave, reach = 1.0 - radius / before.length, radius / after.length
+    corner = before.pose(1.0)
+    ends = []
+    for path, share, turned in ((before, leave, leave - 1.0), (after, reach, reach)):
+        by_share = path.derivatives(share)
+        by_part = by_share * (2.0 * radius / path.length) ** np.arange(1, 4)[:, None]
+        away = np.concatenate([path.pose(share)[:3, 3] - corner[:3, 3], turned * by_share[0, 3:]])
+        ends.append((away, by_part[0], by_part[1]))
+    coefficients = hermite(*ends)
+    angle = float(np.linalg.norm(ends[0][0][3:]) + np.linalg.norm(ends[1][0][3:]))
+
+    def pose(share: float) -> Array:
+        (at,) = polynomial(coefficients, np.array([share]))
+        return homogeneous(corner[:3, :3] @ rotation(at[3:]), corner[:3, 3] + at[:3])
+
+    def derivatives(share: float) -> Array:
+        at = np.array([share])
+        return np.concatenate([polynomial(coefficients, at, order) for order in (1, 2, 3)])
+
+    return PosePath(2.0 * radius, angle, pose, derivatives)

@@ -1,0 +1,183 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The fastest speed along a path whose parts have limits of their own: from rest to rest.
+
+Within each part speed, acceleration and jerk are limited; from one part to the next the speed goes
+over without acceleration. The speeds at the seams are the highest from which
+every part ahead can be driven.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from epson_driver.motion import Array, JointLimits
+
+HALVINGS = 60
+"""To all digits."""
+
+END_SHARE = 1e-9
+"""What is this near to the end is the end: where the speed is 0, time is known badly."""
+
+
+@dataclass(frozen=True, slots=True)
+class PartLimits:
+    """A part of a path: its length, and the limits along it: /s, /s², /s³ of its unit.
+
+    Whatever the unit is, it is the same for parts that follow each other.
+    """
+
+    length: float
+    speed: float
+    acceleration: float
+    jerk: float
+
+
+def share_of_limits(
+    limits: JointLimits,
+    derivatives: tuple[Array, Array, Array],
+    speed: Array | float,
+    acceleration: Array | float,
+    jerk: Array | float,
+) -> Array:
+    """Return the share of a speed that keeps every joint limit, from 0 to 1, shape (…).
+
+    The acceleration may have the square of it, the jerk the cube: all three at once. derivatives:
+    sizes of the joints' first three by the distance, shapes (…, n).
+    """
+    first, second, third = derivatives
+    with np.errstate(divide='ignore'):
+        shares = (
+            limits.velocity / (first * speed),
+            np.sqrt(limits.acceleration / (second * speed**2 + first * acceleration)),
+            np.cbrt(
+                limits.jerk
+                / (third * speed**3 + 3.0 * second * speed * acceleration + first * jerk)
+            ),
+        )
+    return np.asarray(np.min([np.min(share, axis=-1) for share in shares], axis=0).clip(max=1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class SpeedProfile:
+    """The distance along a path as pieces of constant jerk.
+
+    times: when each begins, and the end, s, shape (k + 1,); distances, speeds, accelerations then;
+    jerks: of each piece, shape (k,).
+    """
+
+    times: Array
+    distances: Array
+    speeds: Array
+    accelerations: Array
+    jerks: Array
+
+    @property
+    def duration(self) -> float:
+        """How long it takes, s."""
+        return float(self.times[-1])
+
+    def at(self, times: Array) -> tuple[Array, Array, Array, Array]:
+        """Return distance, speed, acceleration and jerk at times from 0 to the end, shape (m,)."""
+        piece = np.clip(np.searchsorted(self.times, times, 'right') - 1, 0, len(self.jerks) - 1)
+        since = times - self.times[piece]
+        distance, speed = self.distances[piece], self.speeds[piece]
+        acceleration, jerk = self.accelerations[piece], self.jerks[piece]
+        return (
+            distance + since * (speed + since * (acceleration / 2.0 + since * jerk / 6.0)),
+            speed + since * (acceleration + since * jerk / 2.0),
+            acceleration + since * jerk,
+            jerk,
+        )
+
+    def when(self, distances: Array) -> Array:
+        """Return when distances, shape (m,), from 0 to the last, are reached, s."""
+        early, late = np.zeros(len(distances)), np.full(len(distances), self.duration)
+        for _ in range(HALVINGS):
+            middle = (early + late) / 2.0
+            before = self.at(middle)[0] < distances
+            early, late = np.where(before, middle, early), np.where(before, late, middle)
+        return np.where(distances >= self.distances[-1] * (1.0 - END_SHARE), self.duration, late)
+
+
+def fastest(parts: Sequence[PartLimits]) -> SpeedProfile:
+    """Return the motion along all parts, from rest to rest."""
+    speeds = _seam_speeds(parts)
+    columns: list[tuple[float, float, float, float, float]] = []
+    time = distance = 0.0
+    for part, (first, last) in zip(parts, pairwise(speeds), strict=True):
+        end = distance + part.length
+        speed, acceleration = first, 0.0
+        for duration, jerk in _through(part, first, last):
+            columns.append((time, distance, speed, acceleration, jerk))
+            distance += duration * (
+                speed + duration * (acceleration / 2.0 + duration * jerk / 6.0)
+            )
+            speed += duration * (acceleration + duration * jerk / 2.0)
+            acceleration += duration * jerk
+            time += duration
+        distance = end  # without the rounding of the pieces
+    columns.append((time, distance, 0.0, 0.0, 0.0))
+    times, distances, rates, accelerations, jerks = np.array(columns).T
+    return SpeedProfile(times, distances, rates, accelerations, jerks[:-1])
+
+
+def _seam_speeds(parts: Sequence[PartLimits]) -> list[float]:
+    """Return the speed at both ends and between parts: what can be reached from either side."""
+    speeds = [0.0, *(min(a.speed, b.speed) for a, b in pairwise(parts)), 0.0]
+    for index, part in enumerate(parts):
+        speeds[index + 1] = min(speeds[index + 1], _reached(part, speeds[index]))
+    for index, part in reversed(list(enumerate(parts))):
+        speeds[index] = min(speeds[index], _reached(part, speeds[index + 1]))
+    return speeds
+
+
+def _reached(part: PartLimits, first: float) -> float:
+    """Return the highest speed at the end of a part that begins with a speed, not above it."""
+    if first >= part.speed:
+        return part.speed
+    return highest(lambda last: _ramp_length(part, first, last) <= part.length, first, part.speed)
+
+
+def highest(fits: Callable[[float], bool], low: float, high: float) -> float:
+    """Return the highest number from `low`, which fits, to `high`: those that fit are below."""
+    if fits(high):
+        return high
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2.0
+        low, high = (middle, high) if fits(middle) else (low, middle)
+    return low
+
+
+def _through(part: PartLimits, first: float, last: float) -> Iterator[tuple[float, float]]:
+    """Yield the pieces of a part, as duration and jerk: to a top speed, along, and down again."""
+
+    def ramps(top: float) -> float:
+        return _ramp_length(part, first, top) + _ramp_length(part, top, last)
+
+    top = highest(lambda speed: ramps(speed) <= part.length, max(first, last), part.speed)
+    yield from _ramp(part, first, top)
+    rest = part.length - ramps(top)
+    if rest > 0.0:
+        yield rest / top, 0.0
+    yield from _ramp(part, top, last)
+
+
+def _ramp(part: PartLimits, first: float, last: float) -> Iterator[tuple[float, float]]:
+    """Yield the pieces between two speeds, without acceleration at both ends."""
+    change = abs(last - first)
+    if change == 0.0:
+        return
+    jerk = part.jerk if last > first else -part.jerk
+    full = part.acceleration**2 / part.jerk  # changes of speed beyond it reach the acceleration
+    rise = part.acceleration / part.jerk if change >= full else float(np.sqrt(change / part.jerk))
+    yield rise, jerk
+    if change > full:
+        yield change / part.acceleration - rise, 0.0
+    yield rise, -jerk
+
+
+def _ramp_length(part: PartLimits, first: float, last: float) -> float:
+    return (first + last) / 2.0 * sum(duration for duration, _ in _ramp(part, first, last))

@@ -1,0 +1,77 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Poses as matrices, or given with a quaternion, and where a tool may be.
+
+Errors name the field and the rule.
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from epson_driver.motion import Array
+
+UNIT_TOLERANCE = 1e-3
+"""How far the length of a quaternion may be from 1; it is made 1."""
+
+MAX_TOOL_M = 10.0
+"""How far a tool may be from the flange."""
+
+
+def finite_numbers(field: str, values: npt.ArrayLike) -> Array:
+    """Return numbers as an array. Raises ValueError."""
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f'{field}: must be numbers ({error})') from error
+    if not np.all(np.isfinite(array)):
+        raise ValueError(f'{field} = {array.tolist()}: must be finite numbers')
+    return array
+
+
+def pose_of_quaternion(field: str, values: Array) -> Array:
+    """Return the homogeneous matrix of x y z, m, and a quaternion x y z w, shape (7,).
+
+    Raises ValueError.
+    """
+    size = float(np.linalg.norm(values[3:]))
+    if abs(size - 1.0) > UNIT_TOLERANCE:
+        raise ValueError(
+            f'{field}: the quaternion x y z w = {values[3:].tolist()} has length {size:.4g}: must '
+            'be 1'
+        )
+    x, y, z, w = values[3:] / size
+    turn = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    return homogeneous(turn, values[:3])
+
+
+def check_tool_distance(field: str, pose: Array) -> None:
+    """Raise ValueError for a tool, shape (4, 4), m in tool0, that is absurdly far away."""
+    away = float(np.linalg.norm(pose[:3, 3]))
+    if away > MAX_TOOL_M:
+        raise ValueError(
+            f'{field}: the tool is {away:g} m from the flange: at most {MAX_TOOL_M:g} m, and '
+            'lengths are in m'
+        )
+
+
+def rotation(turn: Array) -> Array:
+    """Return the rotation by a rotation vector, rad, shape (3,): about it, by its length."""
+    angle = float(np.linalg.norm(turn))
+    x, y, z = turn / angle if angle > 0.0 else turn
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    versed = 2.0 * np.sin(angle / 2.0) ** 2
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + versed * cross @ cross)
+
+
+def homogeneous(turned: Array, place: Array) -> Array:
+    """Return the pose of a rotation matrix, shape (3, 3), and a place, shape (3,), m."""
+    pose = np.eye(4)
+    pose[:3, :3] = turned
+    pose[:3, 3] = place
+    return pose

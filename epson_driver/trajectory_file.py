@@ -1,0 +1,138 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Trajectories in files: trajectory_msgs/JointTrajectory as YAML (`ros2 topic echo`)."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from epson_driver.inputs import (
+    JOINT_NAMES,
+    InputError,
+    count,
+    number,
+    printable,
+    read_yaml,
+    shown,
+)
+from epson_driver.motion import Array, Trajectory
+
+MAX_FILE_BYTES = 64_000_000
+"""180,000 points of six joints with velocities and accelerations."""
+
+MAX_DURATION_S = 1_000_000
+"""Latest time of a point, s (11 days); beyond it, a float does not resolve nanoseconds."""
+
+MAX_VALUE = 1e6
+"""Of positions, velocities and accelerations (rad or m); a robot's limits are checked later."""
+
+FORM = (
+    'must have joint_names: [joint_1, …] and points: [{positions: […], time_from_start: {sec: 0, '
+    'nanosec: 0}}, …]'
+)
+"""What a file must be like, for whoever has an empty one."""
+
+_SECONDS = count(0, MAX_DURATION_S)
+_NANOSECONDS = count(0, 2**32 - 1)
+_DURATION = number(0, MAX_DURATION_S)
+_VALUE = number(-MAX_VALUE, MAX_VALUE)
+
+
+def read_trajectory(path: Path, *, timed: bool = True) -> Trajectory:
+    """Return the trajectory in a file, the first one of several YAML documents.
+
+    A `time_from_start` is a mapping of `sec` and `nanosec`, or a number of seconds.
+
+    `timed`: whether every point must have a time; if not, one without a time is at 0 s. Raises
+    InputError that names the file, the point and the key.
+    """
+    data = read_yaml(path, largest=MAX_FILE_BYTES, several=True)
+    file = printable(path)
+    if data is None:
+        raise InputError(f'{file}: is empty: {FORM}')
+    names = JOINT_NAMES.checked(_held(data, 'joint_names', file), f'{file}: joint_names')
+    points = _held(data, 'points', file)
+    if not isinstance(points, list):
+        raise InputError(f'{file}: points = {shown(points)}: must be a list')
+    if not points:
+        raise InputError(f'{file}: points is empty')
+    joints = len(names)
+    return Trajectory(
+        names,
+        np.array([_time(point, f'{file}: point {at}', timed) for at, point in enumerate(points)]),
+        _table(points, 'positions', joints, file),
+        _optional(points, 'velocities', joints, file),
+        _optional(points, 'accelerations', joints, file),
+    )
+
+
+def write_trajectory(path: Path, trajectory: Trajectory, comment: str) -> None:
+    """Write a trajectory as a file that `read_trajectory` reads, under a line of comment.
+
+    Raises OSError if it cannot be written.
+    """
+    lines = [
+        f'# {comment}',
+        'header:',
+        '  stamp: {sec: 0, nanosec: 0}',
+        "  frame_id: ''",
+        f'joint_names: [{", ".join(trajectory.joint_names)}]',
+        'points:',
+    ]
+    for index, time in enumerate(trajectory.times.tolist()):
+        sec, nanosec = divmod(round(time * 1e9), 10**9)
+        lines += [
+            f'- positions: {_written(trajectory.positions, index)}',
+            f'  velocities: {_written(trajectory.velocities, index)}',
+            f'  accelerations: {_written(trajectory.accelerations, index)}',
+            '  effort: []',
+            f'  time_from_start: {{sec: {sec}, nanosec: {nanosec}}}',
+        ]
+    path.write_text('\n'.join(lines) + '\n', encoding='utf-8')
+
+
+def _written(values: Array | None, index: int) -> str:
+    row = [] if values is None else values[index].round(9).tolist()
+    return f'[{", ".join(str(value + 0.0) for value in row)}]'  # + 0.0: no minus zero
+
+
+def _held(block: Any, key: str, where: str) -> Any:
+    if not isinstance(block, dict):
+        raise InputError(f'{where} = {shown(block)}: must be a mapping, as of a JointTrajectory')
+    if key not in block:
+        raise InputError(f'{where}: {key} is missing')
+    return block[key]
+
+
+def _time(point: Any, where: str, timed: bool) -> float:
+    if not timed and isinstance(point, dict) and 'time_from_start' not in point:
+        return 0.0
+    duration = _held(point, 'time_from_start', where)
+    where += '.time_from_start'
+    if not isinstance(duration, dict):
+        seconds_alone: float = _DURATION.checked(duration, where)
+        return seconds_alone
+    seconds: int = _SECONDS.checked(_held(duration, 'sec', where), f'{where}.sec')
+    rest: int = _NANOSECONDS.checked(_held(duration, 'nanosec', where), f'{where}.nanosec')
+    return seconds + rest * 1e-9
+
+
+def _optional(points: list[Any], key: str, joints: int, file: str) -> Array | None:
+    """Return a quantity that all points have, or None if none has it."""
+    return _table(points, key, joints, file) if any(point.get(key) for point in points) else None
+
+
+def _table(points: list[Any], key: str, joints: int, file: str) -> Array:
+    return np.array(
+        [_row(point, key, joints, f'{file}: point {at}') for at, point in enumerate(points)]
+    )
+
+
+def _row(point: Any, key: str, joints: int, where: str) -> list[float]:
+    row = _held(point, key, where)
+    if not isinstance(row, list):
+        raise InputError(f'{where}: {key} = {shown(row)}: must be a list of numbers')
+    if len(row) != joints:
+        raise InputError(f'{where}: {len(row)} {key}, {joints} joints')
+    return [_VALUE.checked(value, f'{where}: {key}[{at}]') for at, value in enumerate(row)]

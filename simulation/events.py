@@ -1,0 +1,201 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What can happen in a world: a table of events, and how a seed draws a list of them.
+
+An event is drawn without a look at the world, so that a list of them can be shortened or varied
+and played again: goals are offsets from where the arm is, publishers and ports have numbers.
+"""
+
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+Rng = np.random.Generator
+Parameters = dict[str, Any]
+
+MIN_EVENTS, MAX_EVENTS = 6, 30
+JOINTS = 6
+
+PUBLISHERS = 4
+SCALES = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 1.0, 1.0)
+DISTANCES_RAD = (0.0, 2e-4, 0.005, 0.1, 0.3)
+"""How far goals go in each joint at most: some stay within their tolerance."""
+
+PORTS = ('motion', 'state', 'remote')
+PENDANT = (
+    'ESTOP_PRESS',
+    'ESTOP_RELEASE',
+    'RESET',
+    'MOTORS_ON',
+    'MOTORS_OFF',
+    'DOOR_OPEN',
+    'DOOR_CLOSE',
+    'CONTINUE',
+    'PAUSE',
+    'STOP',
+    'START',
+    'MODE_MANUAL',
+    'MODE_AUTO',
+    'POWER_LOW',
+    'POWER_HIGH',
+)
+FAULTS = (
+    'cut for={t}',
+    'cut ports=state for={t}',
+    'cut ports=motion for={t}',
+    'half_open for={t}',
+    'delay seconds=0.1 for={t}',
+    'jitter seconds=0.08 for={t}',
+    'coalesce seconds=0.1 for={t}',
+    'one_byte for={t}',
+    'bit_errors rate=0.2 for={t}',
+    'wrong_length count=1',
+    'lost_reply count=1',
+    'late_reply seconds=0.7 count=1',
+    'late_reply seconds=2 count=1',
+    'wrong_byte_order for={t}',
+    'servo_error joint=2',
+    'estop_at_point point=2',
+    'reboot for={t}',
+)
+"""Faults of the controller, in the words of `pendant fault`."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happens `after` s after the event before. Parameters are plain values."""
+
+    after: float
+    kind: str
+    parameters: Parameters
+
+    def __str__(self) -> str:
+        """Return it in one line."""
+        given = ', '.join(f'{name}={value}' for name, value in self.parameters.items())
+        return f'{self.kind}({given})'
+
+
+def _no_parameters(_rng: Rng) -> Parameters:
+    return {}
+
+
+def _goal(rng: Rng) -> Parameters:
+    points = int(rng.integers(1, 7))
+    far = float(rng.choice(DISTANCES_RAD))
+    step = float(rng.choice([0.05, 0.1, 0.2, 1.0]))
+    offsets = rng.uniform(-far, far, (points, JOINTS)).round(4).tolist()
+    return {'step': step, 'offsets': offsets, 'from_here': bool(rng.random() < 0.7)}
+
+
+def _stream(rng: Rng) -> Parameters:
+    return {
+        'publisher': int(rng.integers(PUBLISHERS)),
+        'kind': str(rng.choice(['velocities', 'zeros', 'positions', 'window'])),
+        'speed': rng.uniform(-0.3, 0.3, JOINTS).round(3).tolist(),
+        'period': float(rng.choice([0.01, 0.02, 0.05])),
+        'zero_each': int(rng.choice([0, 0, 3, 25])),
+    }
+
+
+def _publisher(rng: Rng) -> Parameters:
+    return {'publisher': int(rng.integers(PUBLISHERS))}
+
+
+def _scale(rng: Rng) -> Parameters:
+    return {'factor': float(rng.choice(SCALES))}
+
+
+def _pendant(rng: Rng) -> Parameters:
+    return {'event': str(rng.choice(PENDANT))}
+
+
+def _fault(rng: Rng) -> Parameters:
+    lasts = round(float(rng.choice([0.1, 0.3, 0.7, 2.0])), 2)
+    return {'text': str(rng.choice(FAULTS)).format(t=lasts)}
+
+
+def _port(rng: Rng) -> Parameters:
+    return {'port': str(rng.choice(PORTS))}
+
+
+def _port_for_a_while(rng: Rng) -> Parameters:
+    return _port(rng) | {'seconds': round(float(rng.exponential(0.4)), 3)}
+
+
+def _seconds(rng: Rng) -> Parameters:
+    return {'seconds': round(float(rng.choice([0.02, 0.3, 0.45, 0.7, 2.0])), 3)}
+
+
+def _flip(rng: Rng) -> Parameters:
+    return {'port': 'state', 'byte': int(rng.integers(0, 56)), 'bit': int(rng.integers(8))}
+
+
+KINDS: dict[str, tuple[float, Callable[[Rng], Parameters]]] = {
+    'goal': (8.0, _goal),
+    'cancel': (2.0, _no_parameters),
+    'scale': (2.0, _scale),
+    'stop': (2.0, _no_parameters),
+    'enable': (4.0, _no_parameters),
+    'disable': (1.0, _no_parameters),
+    'reset_error': (1.0, _no_parameters),
+    'stream': (4.0, _stream),
+    'one_setpoint': (1.0, _stream),
+    'end_stream': (2.0, _publisher),
+    'pendant': (4.0, _pendant),
+    'fault': (3.0, _fault),
+    'clear_faults': (0.5, _no_parameters),
+    'network_stall': (1.0, _port_for_a_while),
+    'network_reset': (1.0, _port),
+    'network_half_close': (0.5, _port),
+    'network_flip': (0.5, _flip),
+    'driver_hangs': (1.0, _seconds),
+    'driver_dies': (0.7, _seconds),
+    'second_client': (0.7, _port_for_a_while),
+}
+"""Kind of event → how often it is drawn, and from what its parameters are."""
+
+
+def events_of(seed: str) -> list[Event]:
+    """Return the events of a seed, `7`, or of one that was varied, `7.3`. Raises ValueError."""
+    first, *others = (int(part) for part in seed.split('.'))
+    rng = np.random.default_rng([first, 0])
+    events = [draw(rng) for _ in range(int(rng.integers(MIN_EVENTS, MAX_EVENTS + 1)))]
+    for other in others:
+        events = varied(events, np.random.default_rng([first, other, 1]))
+    return events
+
+
+def draw(rng: Rng) -> Event:
+    """Draw one event."""
+    weights = np.array([weight for weight, _ in KINDS.values()])
+    kind = str(rng.choice(list(KINDS), p=weights / weights.sum()))
+    gaps = (0.0, 0.0003, 0.01, rng.uniform(0.0, 0.3), rng.uniform(0.0, 1.5))
+    return Event(round(float(rng.choice(gaps)), 4), kind, KINDS[kind][1](rng))
+
+
+def varied(events: list[Event], rng: Rng) -> list[Event]:
+    """Return a list with some events more, some fewer, and some at other times."""
+    changed = list(events)
+    for _ in range(int(rng.integers(1, 5))):
+        at = int(rng.integers(len(changed) + 1))
+        what = rng.integers(4)
+        if what == 0 or at == len(changed):
+            changed.insert(at, draw(rng))
+        elif what == 1:
+            del changed[at]
+        elif what == 2:
+            changed.insert(int(rng.integers(len(changed) + 1)), changed[at])
+        else:
+            old = changed[at]
+            changed[at] = Event(
+                round(old.after * float(rng.choice([0.0, 0.5, 2.0])), 4), old.kind, old.parameters
+            )
+    return changed
+
+
+def number_of(seed: str) -> int:
+    """Return a number from which a world draws what is no event: delays, its controller."""
+    return zlib.crc32(seed.partition('.')[0].encode())

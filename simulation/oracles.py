@@ -1,0 +1,178 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What must hold in every world, judged without the driver's own state.
+
+What was asked for is what users did and were answered; what happened is where the simulated arm
+was commanded to go. The numbers are those of docs/invariants.md.
+"""
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from epson_driver.motion import Array
+
+STILL_RAD = 1e-9
+"""A commanded joint that moves less in a step stands."""
+
+REACTION_S = 0.5
+"""How long what was sent before a stop may be under way to an arm that stands, s."""
+
+RELEASE_S = 0.999
+"""How long a topic must ask for no motion after a stop (docs/servo.md), s."""
+
+REMEMBERED_S = 5.0
+"""How long the true joints are kept, s: what is published must be among them."""
+
+READ_RAD = 2e-3
+"""How far what is published may be from where the arm was, rad: encoders lag and round."""
+
+
+class BrokenError(AssertionError):
+    """Something did not hold: which invariant, and what was seen."""
+
+
+@dataclass
+class Topic:
+    """A topic with setpoints, as its users know it. Times in s."""
+
+    wanted: float = -np.inf
+    """When it last asked for motion."""
+    closed: float = np.inf
+    """When the last stop began; nothing has been released since then unless `free`."""
+    free: bool = False
+
+
+@dataclass
+class Wishes:
+    """What users want now: whether the arm may move, and for what."""
+
+    open: bool | None = False
+    """Whether the arm is enabled: answered so, and nothing has closed the gate since. None: both
+    may be true, as something closed it while it was being enabled."""
+    goals: set[int] = field(default_factory=set)
+    """Goals that were handed in since the last stop, and have not ended."""
+    streams: bool = False
+    """Whether a stream was begun since the last stop, as a stream must."""
+    person: bool = False
+    """Whether a person at the controller had the arm go on."""
+    topics: dict[str, Topic] = field(default_factory=dict)
+
+    @property
+    def any(self) -> bool:
+        """Whether somebody wants the arm to move."""
+        return bool(self.goals) or self.streams or self.person
+
+    def nothing(self, now: float) -> None:
+        """Nobody wants motion any more: it was stopped."""
+        self.goals.clear()
+        self.streams = self.person = False
+        for topic in self.topics.values():
+            topic.free = False
+            topic.closed = now
+
+    def closed(self, now: float) -> None:
+        """Something has closed the gate that every user can know of."""
+        self.open = False
+        self.nothing(now)
+
+    def setpoint(self, source: str, now: float, *, moves: bool) -> None:
+        """Take note of a setpoint, which may begin a stream as one must after a stop."""
+        topic = self.topics.setdefault(source, Topic(closed=now - 2.0))
+        if not moves:
+            return
+        since = max(topic.wanted, topic.closed)
+        if self.open is not False and (topic.free or now - since >= RELEASE_S):
+            topic.free = True
+            self.streams = True
+        topic.wanted = now
+
+
+class Arm:
+    """Watches every step of the controller's arm."""
+
+    def __init__(self, controller: Any, now: Any, wishes: Wishes, settle: float) -> None:
+        self._controller = controller
+        self._now = now
+        self._wishes = wishes
+        self._settle = settle
+        self._step = controller.step
+        controller.step = self.step
+        self.moved = now()
+        """When it was last commanded to move, s."""
+        self.travel = 0.0
+        """How far the joints were commanded to go together, rad."""
+        self._unwanted_since: float | None = None
+        self._rested = True
+        """Whether it has stood since nobody wants motion any more."""
+        self._true: deque[tuple[float, Array]] = deque()
+
+    @property
+    def at(self) -> Array:
+        """Where it is, rad, shape (n,)."""
+        actual: Array = self._controller.servo.actual
+        return actual
+
+    @property
+    def still(self) -> bool:
+        """Whether it stands, its servos too."""
+        return bool(self._now() - self.moved > 0.1)
+
+    def step(self, seconds: float) -> None:
+        """Let time pass, and look at what the arm did."""
+        before = self._controller.arm.commanded.copy()
+        self._step(seconds)
+        self.look(before, seconds)
+
+    def look(self, before: Array, seconds: float) -> None:
+        """Judge a step. Raises BrokenError."""
+        controller, now, wishes = self._controller, self._now(), self._wishes
+        commanded = controller.arm.commanded
+        way = np.abs(commanded - before)
+        limits = controller.model.limits
+        if np.any(way > limits.velocity * seconds * (1.0 + 1e-6) + 1e-9):
+            raise BrokenError(f'2: faster than its limit: {way / seconds}')
+        if np.any(commanded < limits.position_min - 1e-9) or np.any(
+            commanded > limits.position_max + 1e-9
+        ):
+            raise BrokenError(f'2: outside its limits: {commanded}')
+        moves = bool(way.max() > STILL_RAD)
+        self.travel += float(way.sum())
+        if moves:
+            self.moved = now
+        while self._true and now - self._true[0][0] > REMEMBERED_S:
+            self._true.popleft()
+        self._true.append((now, self.at.copy()))
+        if wishes.any:
+            self._unwanted_since, self._rested = None, False
+            return
+        if self._unwanted_since is None:
+            self._unwanted_since = now
+        if not moves:
+            self._rested |= self.still and now - self._unwanted_since > REACTION_S
+        elif self._rested:
+            raise BrokenError(
+                f'4: the arm moves, and nobody has wanted that for '
+                f'{now - self._unwanted_since:.3f} s'
+            )
+        elif now - self._unwanted_since > self._settle:
+            raise BrokenError(
+                f'3: the arm still moves {self._settle:g} s after the last one who '
+                'wanted it was told, or stopped it'
+            )
+
+    def published(self, positions: Array) -> None:
+        """Judge joints that the driver publishes. Raises BrokenError."""
+        for _, where in reversed(self._true):
+            if np.abs(positions - where).max() <= READ_RAD:
+                return
+        if self._true:
+            known = np.array([where for _, where in self._true])
+            low, high = known.min(axis=0) - READ_RAD, known.max(axis=0) + READ_RAD
+            if np.any(positions < low) or np.any(positions > high):
+                raise BrokenError(
+                    f'8: joints are published where the arm has not been for '
+                    f'{REMEMBERED_S:g} s: {positions}'
+                )

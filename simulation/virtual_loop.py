@@ -1,0 +1,184 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""An event loop without sockets, threads or real time: all that happens is decided by its order.
+
+Time jumps to the next timer when nothing is left to do. Everything that a process starts carries
+its name in its context, so that a process can hang, or die, between two callbacks.
+"""
+
+import asyncio
+import heapq
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from contextvars import Context
+from typing import Any
+
+from simulation.network import PROCESS, Listener, Network, Socket
+
+START_S = 1000.0
+"""The loop's time in the beginning, s: 0 must not happen to mean 'never'."""
+
+TURN_S = 1e-6
+"""What a turn of the loop takes, s: a timer that rounding left over is not due for ever."""
+
+
+class NothingLeftError(RuntimeError):
+    """Nothing can happen any more, but somebody waits."""
+
+
+class VirtualLoop(asyncio.BaseEventLoop):
+    """Runs callbacks in virtual time, over a network in memory."""
+
+    def __init__(self, network: Network) -> None:
+        super().__init__()
+        self.now = START_S
+        self.network = network
+        self.hanging: set[str] = set()
+        self.dead: set[str] = set()
+        self._dying = False
+        """Whether callbacks of dead processes may be left."""
+        self._held: list[asyncio.Handle] = []
+        self._buried: list[asyncio.Handle] = []
+        """What dead processes would have called: what it refers to lives until the end."""
+        self._selector = self
+
+    def time(self) -> float:
+        """Return the virtual time, s."""
+        return self.now
+
+    # --- what BaseEventLoop asks of a selector -----------------------------------------------
+
+    def select(self, timeout: float | None) -> list[Any]:
+        """Let the time pass until the next timer."""
+        if timeout is None:
+            raise NothingLeftError('nothing is left to happen, but somebody waits')
+        self.now += timeout
+        return []
+
+    def _process_events(self, event_list: list[Any]) -> None:
+        """There are none: the network calls."""
+
+    def _write_to_self(self) -> None:
+        """No other thread calls."""
+
+    def _run_once(self) -> None:
+        self.now += TURN_S
+        if self.hanging or self._dying:
+            self._dying = self._hold()
+        super()._run_once()  # type: ignore[misc]
+
+    # --- processes -----------------------------------------------------------------------------
+
+    def hang(self, process: str) -> None:
+        """Call nothing of a process until it goes on."""
+        self.hanging.add(process)
+
+    def go_on(self, process: str) -> None:
+        """Call what is overdue of a process, in its order."""
+        self.hanging.discard(process)
+        held, self._held = self._held, []
+        for handle in held:
+            if isinstance(handle, asyncio.TimerHandle):
+                heapq.heappush(self._scheduled, handle)
+            else:
+                self._ready.append(handle)
+
+    def kill(self, process: str) -> None:
+        """Never call anything of a process again; its connections are closed by the system."""
+        self.hanging.discard(process)
+        self.dead.add(process)
+        self._dying = True
+        self.network.process_died(process)
+
+    def bury(self) -> None:
+        """End all tasks that are left, those of dead processes too, and close the loop."""
+        self.set_exception_handler(lambda *_: None)
+        self.network.listeners.clear()
+        self.dead.clear()
+        self._held += self._buried
+        self.go_on('')
+        self.hanging.clear()
+        while left := asyncio.all_tasks(self):
+            for task in left:
+                task.cancel()
+            ending = asyncio.gather(*left, return_exceptions=True)
+            self.run_until_complete(ending)
+        self.close()
+
+    def _hold(self) -> bool:
+        """Take away what hanging and dead processes would call; return whether that was any."""
+        ready: deque[asyncio.Handle] = self._ready  # type: ignore[has-type]
+        scheduled: list[asyncio.TimerHandle] = self._scheduled  # type: ignore[has-type]
+        before = len(ready) + len(scheduled)
+        self._ready = deque(self._kept(ready))
+        self._scheduled = list(self._kept(scheduled))
+        heapq.heapify(self._scheduled)
+        return before > len(self._ready) + len(self._scheduled)
+
+    def _kept(self, handles: Iterable[Any]) -> Iterator[Any]:
+        for handle in handles:
+            process = process_of(handle)
+            if process in self.hanging:
+                self._held.append(handle)
+            elif process in self.dead:
+                self._buried.append(handle)
+            else:
+                yield handle
+
+    # --- what asyncio asks of a loop -----------------------------------------------------------
+
+    async def create_connection(  # type: ignore[override]
+        self,
+        protocol_factory: Callable[[], Any],
+        host: str = '',
+        port: int = 0,
+        *,
+        sock: Socket | None = None,
+        **_: Any,
+    ) -> tuple[Any, Any]:
+        """Connect to a listening port of the network, or serve an accepted connection."""
+        if sock is None:
+            sock = await self.network.connect(host, port)
+        protocol = protocol_factory()
+        return sock.attach(protocol, self), protocol
+
+    def add_reader(self, fd: Listener, callback: Callable[..., Any], *args: Any) -> None:  # type: ignore[override]
+        """Call when somebody wants to connect to a listening port."""
+        fd.watch(self, callback, args)
+
+    def remove_reader(self, fd: Listener) -> None:  # type: ignore[override]
+        """Call no more."""
+        fd.forget()
+
+    def run_in_executor(self, executor: Any, func: Callable[..., Any], *args: Any) -> Any:  # type: ignore[override]
+        """Call a function at once; its result is there in the next turn."""
+        future = self.create_future()
+        try:
+            future.set_result(func(*args))
+        except Exception as error:  # noqa: BLE001 - raised where it is awaited
+            future.set_exception(error)
+        return future
+
+    def call_soon(  # type: ignore[override]
+        self, callback: Callable[..., Any], *args: Any, context: Context | None = None
+    ) -> asyncio.Handle:
+        """Call in the next turn; nothing of a process that is dead."""
+        handle = super().call_soon(callback, *args, context=context)
+        if self.dead and process_of(handle) in self.dead:
+            self._buried.append(self._ready.pop())
+        return handle
+
+    def call_soon_threadsafe(  # type: ignore[override]
+        self, callback: Callable[..., Any], *args: Any, context: Context | None = None
+    ) -> asyncio.Handle:
+        """There is one thread."""
+        return self.call_soon(callback, *args, context=context)
+
+    async def shutdown_default_executor(self, *_: Any) -> None:
+        """There is none."""
+
+
+def process_of(handle: asyncio.Handle) -> str:
+    """Return the name of the process that a callback belongs to."""
+    context: Context | None = handle._context  # type: ignore[attr-defined]  # noqa: SLF001
+    return '' if context is None else context.get(PROCESS, '')

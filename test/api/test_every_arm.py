@@ -1,0 +1,79 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Every model: a SPEL+ point at zero, a plan and a line of its tool, within its limits."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from support.controller_harness import Remote
+from support.driver_harness import Harness, Submitted, simulated
+from support.event_loop import run
+from support.examples import one_in
+
+from epson_driver.api.moves import straight
+from epson_driver.driver.goal.goal import Goal
+from epson_driver.driver.outcome import End
+from epson_driver.motion import Array
+from epson_driver.profiles import load_controller_profile
+from epson_driver.robots import RobotModel, load_robot_model, robot_models
+from epson_driver.robots.kinematics import Kinematics
+from epson_driver.robots.model import SCARA
+from epson_driver.sim_controller.assembly import new_controller
+from epson_driver.tool_motion.pose_path import line, runs
+from epson_driver.tool_motion.tool_trajectory import ToolLimits, runs_trajectory
+
+BENT = {SCARA: [30.0, 60.0, -40.0, 10.0]}
+"""Degrees and mm, where an arm is not singular; six axes: the next line."""
+
+SIX = [10.0, -20.0, 20.0, 5.0, -60.0, 10.0]
+
+
+def _bent(model: RobotModel) -> Array:
+    return np.array(BENT.get(model.kind, SIX)) / model.shown_per_unit
+
+
+@pytest.mark.parametrize('name', robot_models())
+def test_spel_has_the_arm_at_zero_where_its_data_put_it(name: str) -> None:
+    model = load_robot_model(name)
+    zero = np.zeros(len(model.joint_names))
+    controller = new_controller(model, load_controller_profile('rc700a'), zero)
+    remote = Remote(SimpleNamespace(controller=controller))
+    place, _ = Kinematics(model).epson_point(zero)
+    shown = remote('Sim,print,CX(CurPos),CZ(CurPos)').removeprefix('#Sim,').split(' ')
+    assert [float(word) for word in shown] == pytest.approx(place[[0, 2]] * 1e3, abs=2e-3)
+    if model.kind == SCARA:
+        assert float(shown[1]) == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize('name', one_in(6, robot_models()))
+def test_the_driver_drives_it_through_a_plan_and_a_line_of_its_tool(name: str) -> None:
+    """With the simulated controller, over TCP, in virtual time."""
+    model = load_robot_model(name)
+    arm, limits = Kinematics(model), model.limits
+    zero, bent = np.zeros(len(limits.names)), _bent(model)
+    there = arm.forward(bent)
+    there[2, 3] -= 0.02
+    tool = ToolLimits(0.1, 1.0, 0.5, 5.0, 1e-4)
+    down = runs_trajectory(arm, bent, runs([line(arm.forward(bent), there)], []), tool)
+    plan = straight(zero, bent, limits, 0.3, 0.3, sampled=False)
+
+    async def check() -> None:
+        async with (
+            simulated(model=name) as (controller, ports),
+            Harness(ports, limits=limits) as harness,
+        ):
+            await harness.ready()
+            await harness.commands.enable()
+            for trajectory in (plan, down):
+                goal = Goal(trajectory, np.full(len(zero), 1e-3), 5.0, units=limits.units)
+                submitted = Submitted(goal)
+                harness.driver.goal_queue.submit(submitted.handle)
+                outcome = await submitted.end()
+                assert outcome.end is End.SUCCEEDED, outcome
+            at = np.array(controller.joint_position().joints[: len(zero)])
+            np.testing.assert_allclose(
+                arm.forward(at), there, atol=2e-5
+            )  # a pulse of a T3 is 8e-6 rad
+
+    run(check())

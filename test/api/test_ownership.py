@@ -1,0 +1,176 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A Robot that is lost, forgotten, copied or forked keeps no arm."""
+
+import asyncio
+import copy
+import gc
+import logging
+import os
+import pickle
+import threading
+
+import pytest
+from support.api_harness import FAR, output, ports_of, program
+from support.api_patience import be_patient
+from support.driver_harness import simulated
+from support.event_loop import run
+from support.sim_process import wait_for
+
+from epson_driver import Robot, RobotError, aio
+
+PATIENCE = 120.0
+
+
+@pytest.fixture(autouse=True)
+def _patience(monkeypatch):
+    be_patient(monkeypatch.setattr)
+
+
+def moving(ports):
+    """Return a robot whose arm moves."""
+    robot = Robot(**{f'{name}_port': ports[name] for name in ports}).connect()
+    robot.on_error(lambda _error: None)
+    robot.enable()
+    robot.move_joints(FAR, speed=0.02, wait=False)
+    wait_for(lambda: robot.joints[0] > 0.01)
+    return robot
+
+
+@pytest.mark.invariant(3, 4, 9)
+def test_a_robot_that_is_lost_stops_the_arm_and_ends_its_threads(ports, caplog):
+    before = threading.active_count()
+    robot = moving(ports)
+    with pytest.raises(ValueError, match='joint_1'):
+        robot.move_joints([9.0] * 6)  # an error that was caught keeps nothing either
+    assert threading.active_count() > before
+    del robot
+    gc.collect()  # pytest's own record of the error above
+    wait_for(lambda: threading.active_count() == before)
+    assert 'a connected Robot was lost: the arm is stopped' in caplog.text
+    gc.collect()  # the motion, which says how it ended as nobody has asked
+    assert 'stopped on request; the arm stands' in caplog.text
+
+
+@pytest.mark.invariant(3, 4)
+def test_a_cell_that_runs_twice_closes_the_first_robot(ports):
+    first = moving(ports)
+    motion = first.move_joints
+    robot = Robot(**{f'{name}_port': ports[name] for name in ports}).connect()
+    assert not robot.status.moving
+    assert not robot.status.enabled
+    with pytest.raises(RobotError, match=r'connection was closed.*: call connect\(\)'):
+        motion(FAR)
+    robot.enable()
+    robot.close()
+    first.close()
+
+
+@pytest.mark.invariant(3, 9)
+def test_a_program_that_ends_without_closing_stops_the_arm(ports):
+    code = f"""
+import logging, sys
+from epson_driver import Robot
+logging.basicConfig(stream=sys.stdout, level=logging.INFO)
+robot = Robot(**{ {f'{name}_port': ports[name] for name in ports} })
+robot.connect().enable()
+robot.move_joints({FAR}, speed=0.02, wait=False)
+while robot.joints[0] < 0.01:
+    pass
+"""
+    assert 'leaving: the running goal ended: stopped on request; the arm stands' in output(
+        program(code)
+    )
+
+
+def test_another_program_s_client_is_named_when_a_robot_connects():
+    async def scenario():
+        async with simulated() as (_, ports):
+            _, writer = await asyncio.open_connection('127.0.0.1', ports.motion)
+            with pytest.raises(RobotError, match=r'motion link .* at once: it serves one client'):
+                await aio.Robot(**ports_of(ports)).connect(5.0)
+            writer.close()
+            robot = await aio.Robot(**ports_of(ports)).connect(5.0)
+            assert robot.status.connected
+            await robot.close()
+
+    run(scenario())
+
+
+@pytest.mark.invariant(3, 4)
+def test_a_robot_for_asyncio_is_taken_over_and_lost_as_well(caplog):
+    async def scenario():
+        async with simulated() as (_, ports):
+            first = await aio.Robot(**ports_of(ports)).connect()
+            await first.enable()
+            motion = await first.move_joints(FAR, speed=0.02, wait=False)
+            second = await aio.Robot(**ports_of(ports)).connect()
+            assert motion.text == 'stopped on request; the arm stands'
+            with pytest.raises(RobotError, match='the connection was closed'):
+                await first.enable()
+            await second.enable()
+            motion = await second.move_joints(FAR, speed=0.02, wait=False)
+            with caplog.at_level(logging.WARNING):
+                del second
+                gc.collect()
+                while not motion.done:  # noqa: ASYNC110 - nobody is left who could be asked
+                    await asyncio.sleep(0.1)
+            assert 'a connected Robot was lost' in caplog.text
+
+    run(scenario())
+
+
+@pytest.mark.skipif(not hasattr(os, 'fork'), reason='no fork here')
+@pytest.mark.invariant(9)
+def test_a_forked_child_has_no_part_in_it(ports):
+    robot = moving(ports)
+    motion = robot.move_joints
+    asks = (lambda: robot.joints, lambda: robot.status, robot.enable, robot.connect)
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        said = []
+        for ask in (*asks, lambda: motion(FAR)):
+            try:
+                ask()
+            except RobotError as error:
+                said.append('was forked' in str(error))
+        link = robot._awaited._connection.driver.motion_link
+        number = link.transport.get_extra_info('socket').fileno()
+        said.append(os.path.sameopenfile(number, os.open(os.devnull, os.O_RDWR)))
+        robot.close()
+        os.write(writing, repr(said).encode())
+        os._exit(0)
+    os.close(writing)
+    os.waitpid(child, 0)
+    with os.fdopen(reading) as end:
+        assert end.read() == repr([True] * 6)
+    here = robot.joints[0]
+    wait_for(lambda: robot.joints[0] > here)  # the parent's motion goes on
+    robot.close()
+
+
+@pytest.mark.parametrize('copied', [copy.copy, copy.deepcopy, pickle.dumps])
+@pytest.mark.parametrize('kind', [Robot, aio.Robot])
+def test_a_robot_cannot_be_copied_or_pickled(copied, kind):
+    robot = kind()
+    for each in (robot, robot.io, robot.gripper):
+        with pytest.raises(TypeError, match='cannot be copied or pickled: there is one arm'):
+            copied(each)
+
+
+def test_a_second_event_loop_is_told_that_the_first_has_ended(ports, caplog, capfd):
+    robot = aio.Robot(**{f'{name}_port': ports[name] for name in ports})
+
+    async def enable():
+        await robot.enable()
+
+    async def begin():
+        await robot.connect()
+        await enable()
+
+    asyncio.run(begin())
+    with pytest.raises(RobotError, match=r'event loop, which has ended: call connect\(\)'):
+        asyncio.run(enable())
+    asyncio.run(begin())
+    assert 'TaskEndedError' not in caplog.text + capfd.readouterr().err

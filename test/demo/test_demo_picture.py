@@ -1,0 +1,206 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The pictures that the demo draws."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from support.recorded_run import BEGAN, usual_run
+
+from epson_driver.demo import picture
+from epson_driver.demo.picture import MAX_READS, Drawn, draw, recorded_run
+from epson_driver.motion import JointLimits, Trajectory
+from epson_driver.report.measure import MAX_DEVIATION_RAD, Recording, measure
+from epson_driver.robots import load_robot_model
+
+NAMES = ('a', 'b')
+PERIOD = 0.005
+SPEED = 0.5
+
+
+def smooth_step(share):
+    """Return a motion from rest to rest, 0 … 1 for a share of 0 … 1 of its time."""
+    return share - np.sin(2 * np.pi * share) / (2 * np.pi)
+
+
+def plan(waypoints, step=1.0):
+    positions = np.array(waypoints, dtype=float)
+    return Trajectory(NAMES, np.arange(len(positions)) * step, positions)
+
+
+def recording(positions, period=PERIOD, begin=1000.0):
+    positions = np.array(positions, dtype=float)
+    times = begin + np.arange(len(positions)) * period
+    return Recording(times, positions, np.gradient(positions, period, axis=0))
+
+
+def still(at, seconds):
+    return [at] * round(seconds / PERIOD)
+
+
+def line(start, end, seconds, profile=lambda share: share):
+    share = profile(np.arange(round(seconds / PERIOD)) / round(seconds / PERIOD))
+    start, end = np.array(start), np.array(end)
+    return list(start + share[:, None] * (end - start))
+
+
+WAYPOINTS = [(0.0, 0.0), (0.5, 0.2), (1.0, 0.4), (1.5, 0.6), (2.0, 0.8)]
+
+
+def ptp(rest=0.0):
+    """Return a run that comes to rest at every waypoint, and stands there for a while."""
+    positions = still(WAYPOINTS[0], 0.5)
+    for start, end in pairwise(WAYPOINTS):
+        positions += line(start, end, 1.0, smooth_step)
+        positions += still(end, rest)
+    return recording(positions + still(WAYPOINTS[-1], 0.5))
+
+
+def through():
+    """Return a run that passes the waypoints without a stop."""
+    return recording(
+        still(WAYPOINTS[0], 0.5)
+        + line(WAYPOINTS[0], WAYPOINTS[-1], 4.0, smooth_step)
+        + still(WAYPOINTS[-1], 0.5)
+    )
+
+
+@pytest.mark.parametrize('rest', [0.0, 0.1, 0.5])
+def test_stops_at_every_waypoint_are_counted(rest):
+    assert measure(plan(WAYPOINTS), ptp(rest)).stops == 3
+
+
+def test_a_run_without_stops():
+    assert measure(plan(WAYPOINTS), through()).stops == 0
+
+
+def test_stops_that_the_plan_asks_for_are_no_stops_of_the_run():
+    times = np.arange(5.0)
+    moving, still = np.full(2, 0.5), np.zeros(2)
+    velocities = np.array([still, moving, still, moving, still])
+    resting = Trajectory(NAMES, times, np.array(WAYPOINTS), velocities)
+    figures = measure(resting, ptp())
+    assert (figures.stops, figures.commanded_stops) == (2, 1)
+    assert measure(resting, through()).stops == 0
+    waiting = plan([*WAYPOINTS[:3], *WAYPOINTS[2:]])
+    assert measure(waiting, ptp(0.5)).commanded_stops == 1
+
+
+def test_a_late_state_is_no_stop():
+    run = through()
+    positions = run.positions.copy()
+    positions[400:402] = positions[399]  # the arm moves on, but nobody sees it for 15 ms
+    assert measure(plan(WAYPOINTS), recording(positions)).stops == 0
+
+
+def test_the_highest_speed():
+    assert measure(plan(WAYPOINTS), through()).top_speed == pytest.approx(1.0, rel=0.01)
+
+
+def test_times():
+    figures = measure(plan(WAYPOINTS), through())
+    assert figures.planned == 4.0
+    assert figures.moved == pytest.approx(4.0, abs=0.5)  # its ends are slower than the threshold
+    assert figures.begin == pytest.approx(1000.5, abs=0.3)
+    constant = recording(
+        still((0, 0), 0.5) + line((0.0, 0.0), (1.0, 0.0), 2.0) + still((1, 0), 0.5)
+    )
+    figures = measure(plan([(0.0, 0.0), (1.0, 0.0)], 1.5), constant)
+    assert figures.planned == 1.5
+    assert figures.moved == pytest.approx(2.0, abs=3 * PERIOD)
+    assert figures.begin == pytest.approx(1000.5, abs=3 * PERIOD)
+
+
+def test_rate_and_longest_gap():
+    positions = line((0.0, 0.0), (1.0, 0.0), 2.0)
+    run = recording(positions)
+    figures = measure(plan([(0.0, 0.0), (1.0, 0.0)]), run)
+    assert figures.rate == pytest.approx(1 / PERIOD)
+    assert figures.longest_gap == pytest.approx(PERIOD)
+    later = run.times + 0.1 * (np.arange(len(run.times)) >= 200)
+    figures = measure(
+        plan([(0.0, 0.0), (1.0, 0.0)]), Recording(later, run.positions, run.velocities)
+    )
+    assert figures.longest_gap == pytest.approx(0.1 + PERIOD)
+    assert figures.rate == pytest.approx(399 / (399 * PERIOD + 0.1))
+
+
+def test_waypoints_that_are_passed_exactly():
+    figures = measure(plan(WAYPOINTS), ptp())
+    assert figures.waypoint_deviation < 1e-3
+    assert figures.end_deviation == 0.0
+    assert figures.waypoint_times == pytest.approx([1000.5 + k for k in range(5)], abs=0.15)
+
+
+@pytest.mark.parametrize('deviation', [0.005, 0.03, 0.1])
+def test_a_waypoint_that_is_missed_by_a_known_distance(deviation):
+    shifted = [WAYPOINTS[0], WAYPOINTS[1], (1.0, 0.4 + deviation), *WAYPOINTS[3:]]
+    figures = measure(plan(shifted), ptp())
+    # the nearest place on the line: joint a gives as much as joint b is missing
+    assert deviation * 0.6 < figures.waypoint_deviation < deviation * 1.05
+    assert (figures.waypoint_deviation <= MAX_DEVIATION_RAD) == (deviation < 0.02)
+
+
+def test_an_end_that_is_missed():
+    short = [*WAYPOINTS[:-1], (2.0, 0.85)]
+    figures = measure(plan(short), ptp())
+    assert figures.end_deviation == pytest.approx(0.05)
+
+
+def test_a_waypoint_that_is_left_out_is_a_deviation():
+    detour = [WAYPOINTS[0], WAYPOINTS[1], (1.0, -0.5), *WAYPOINTS[3:]]
+    assert measure(plan(detour), ptp()).waypoint_deviation > 0.3
+
+
+def test_a_path_that_crosses_itself_is_followed_in_its_order():
+    back_and_forth = [(0.0, 0.0), (1.0, 0.0), (0.0, 0.0), (1.0, 0.0)]
+    positions = still((0.0, 0.0), 0.2)
+    for start, end in pairwise(back_and_forth):
+        positions += line(start, end, 1.0, smooth_step)
+    run = recording(positions + still((1.0, 0.0), 0.2))
+    figures = measure(plan(back_and_forth), run)
+    assert figures.waypoint_deviation < 1e-3
+    assert np.all(np.diff(figures.waypoint_times) > 0.5)
+    assert figures.stops == 2
+
+
+def test_an_arm_that_never_moved():
+    figures = measure(plan([WAYPOINTS[0]] * 2), recording(still(WAYPOINTS[0], 1.0)))
+    assert figures.stops == 0
+    assert figures.moved == 0.0
+    assert figures.end_deviation == 0.0
+
+
+def test_the_picture_is_written(tmp_path):
+    pytest.importorskip('matplotlib')
+    run = ptp()
+    path = tmp_path / 'report.png'
+    drawn = [Drawn('ptp', run, measure(plan(WAYPOINTS), run))]
+    limits = JointLimits(NAMES, *np.outer([-9.0, 9.0, 1.0, 1.0, 1.0], np.ones(2)))
+    for runs in (drawn, drawn * 2):
+        path.unlink(missing_ok=True)
+        draw(path, plan(WAYPOINTS), runs, limits)
+        assert path.read_bytes().startswith(b'\x89PNG')
+
+
+@pytest.mark.parametrize(
+    ('until', 'reads'), [(3.9, 3), pytest.param(9.0, MAX_READS, marks=pytest.mark.slow)]
+)
+def test_the_trace_of_a_driver_that_still_records_is_read_until_now(
+    tmp_path, monkeypatch, until, reads
+):
+    whole = usual_run().content()
+    trace = tmp_path / 'demo.pcap'
+    pauses = []
+
+    def write_on(_seconds):
+        pauses.append(1)
+        trace.write_bytes(whole[: len(whole) * len(pauses) // 3])
+
+    monkeypatch.setattr(picture.time, 'time_ns', lambda: round((BEGAN + until) * 1e9))
+    monkeypatch.setattr(picture.time, 'sleep', write_on)
+    run = recorded_run(trace, load_robot_model('c3_a601s'), 'smooth')
+    assert len(pauses) == reads
+    assert run.times[-1] > 3.9
+    assert run.source == 'demo, smooth'

@@ -1,0 +1,323 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Runs of the demo, and its ROS client."""
+
+import dataclasses
+import io
+import socket
+import sys
+import threading
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import rclpy
+from control_msgs.action import FollowJointTrajectory
+from rclpy.action import ActionServer
+from rclpy.executors import MultiThreadedExecutor
+from rclpy.task import Future
+from rich.console import Console
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from support.longer_arm import arm_file
+
+from epson_driver.cli import demo
+from epson_driver.demo import keep_running, ros_client, run
+from epson_driver.demo.ros_client import RosClient
+from epson_driver.demo.verdict import MAX_GAP_S, TOO_BUSY, deadlines_missed, verdict
+from epson_driver.inputs import InputError
+from epson_driver.motion import Trajectory
+from epson_driver.panel import INSTALL
+from epson_driver.processes import processes
+from epson_driver.processes.processes import Ports, RunError, free_ros_domain, ros_environment
+from epson_driver.report.figures import figures
+from epson_driver.report.measure import Figures, Recording, measure
+from epson_driver.report.run import Plan, Run
+from epson_driver.robots import load_robot_model
+from epson_driver.share import share_file
+
+MODEL = load_robot_model('c3_a601s')
+FILE = share_file('config', 'trajectories', 'around_pillar_11_points.yaml')
+
+
+def console():
+    return Console(file=io.StringIO(), width=200)
+
+
+def test_an_arm_that_is_neither_a_six_axis_one_nor_a_scara_is_refused(
+    monkeypatch, capsys, tmp_path
+):
+    words = ['--robot', str(arm_file(tmp_path, 7)), '--trajectory', str(FILE)]
+    monkeypatch.setattr(sys, 'argv', ['epson_driver demo', *words])
+    with pytest.raises(SystemExit, match='2'):
+        demo.main()
+    said = capsys.readouterr().err
+    assert 'c3_with_7_joints is neither a six-axis arm nor a SCARA' in said
+
+
+def test_a_trajectory_of_another_arm_is_refused_with_the_joints_of_both():
+    with pytest.raises(InputError) as error:
+        demo._fitting(FILE, load_robot_model('gx4_c251s'))
+    text = str(error.value)
+    assert text.startswith(f'{FILE}: its joints are joint_1, ')
+    assert text.endswith('joint_4: name its model with --robot')
+    assert demo._fitting(FILE, MODEL).joint_names == MODEL.joint_names
+
+
+def executed(**figures):
+    """Return a run with these figures; of the rest it is as planned."""
+    fields = {each.name: 0 for each in dataclasses.fields(Figures)}
+    found = Figures(**fields | {'planned': 1.0} | figures)
+    still = Recording(np.array([0.0, 1.0]), np.zeros((2, 6)), np.zeros((2, 6)))
+    return run.Run('smooth', still, found, 'there', {}, [1e-3], 0, (None, None))
+
+
+@pytest.mark.parametrize(
+    ('figures', 'faults'),
+    [
+        ({}, []),
+        ({'stops': 1}, ['the arm stopped once on the way']),
+        ({'stops': 3}, ['the arm stopped 3 times on the way']),
+        (
+            {'waypoint_deviation': 0.25},
+            [f'a waypoint was missed by 0.2500 rad, {run.MAX_DEVIATION_RAD:g} rad are allowed'],
+        ),
+    ],
+)
+def test_what_was_not_as_planned_is_a_sentence_each(figures, faults):
+    assert executed(**figures).faults == faults
+
+
+@pytest.mark.parametrize(
+    ('found', 'commanded', 'motions', 'standstills', 'told'),
+    [
+        (0, 0, [2], 0, 2),
+        (1, 0, [0], 0, 1),
+        (0, 0, [None], 0, 0),
+        (0, 0, [], 1, 1),
+        (0, 2, [0], 2, 0),
+        (0, 1, [0], 3, 2),
+    ],
+)
+def test_the_verdict_tells_of_the_stops_that_the_page_tells_of(
+    found, commanded, motions, standstills, told
+):
+    numbers = executed(stops=found, commanded_stops=commanded).figures
+    stood = [(0.1, 0.08)] * standstills
+    page = SimpleNamespace(motions=[SimpleNamespace(stops=m) for m in motions], stops=stood)
+    assert run.as_on_page(numbers, page).stops == told
+
+
+def test_a_rest_behind_a_slow_beginning_is_a_stop():
+    """As it was once on a busy machine: the points came late behind the first one."""
+    times = np.arange(0.0, 3.0, 0.0055)
+    speed = np.interp(
+        times,
+        [0.1, 0.13, 0.32, 0.35, 0.45, 0.5, 1.5, 2.5],
+        [0.0, 0.05, 0.05, 0.0, 0.0, 0.3, 1.2, 0.0],
+    )
+    positions = np.zeros((len(times), 6))
+    positions[:, 0] = np.cumsum(speed) * 0.0055
+    plan = Trajectory(MODEL.joint_names, np.array([0.0, 2.5]), positions[[0, -1]])
+    found = measure(plan, Recording(times, positions, np.zeros_like(positions)))
+    sent = Plan(0.05, plan.times, plan.positions)
+    page = figures(Run('busy', 0, MODEL.joint_names, times, positions, plans=[sent]))
+    assert found.stops == 0
+    assert run.as_on_page(found, page).stops == 1
+
+
+def test_stops_that_the_plan_asks_for_are_told_apart():
+    plan = demo._fitting(FILE, MODEL)
+    rows = dict(run._rows(MODEL, plan, executed(stops=1, commanded_stops=2)))
+    assert rows['stops on the way'] == '1, and 2 that the plan asks for'
+    assert dict(run._rows(MODEL, plan, executed()))['stops on the way'] == '0'
+
+
+def test_a_report_that_cannot_be_written_hides_no_verdict(monkeypatch):
+    def fails(*_):
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(run, 'figures', lambda *_: None)
+    monkeypatch.setattr(run, 'write_report', fails)
+    out = console()
+    error = run._GoalError('goal aborted: E-stop', 0, None)
+    code = run._unfinished(error, MODEL, Path('demo.html'), out)
+    said = out.file.getvalue()
+    assert code not in (0, TOO_BUSY)
+    assert 'no report: ' in said
+    assert 'No space left on device' in said
+    assert 'goal aborted: E-stop' in said
+
+
+def test_a_controller_that_closes_its_io_port_is_told():
+    with socket.create_server(('127.0.0.1', 0)) as server:
+        port = server.getsockname()[1]
+
+        def once():
+            connection, _ = server.accept()
+            with connection:
+                connection.recv(4096)
+
+        thread = threading.Thread(target=once)
+        thread.start()
+        with pytest.raises(RunError, match='the controller closed its I/O port'):
+            run._ping(Ports(0, 0, port, 0))
+        thread.join()
+
+
+# --- --panel and --stay -----------------------------------------------------------------------
+
+
+def test_without_the_panel_s_libraries_the_demo_goes_on_and_says_what_to_install(
+    monkeypatch, tmp_path
+):
+    monkeypatch.setattr(keep_running, 'missing', lambda: True)
+    out = console()
+    driver = SimpleNamespace(domain=1)
+    with keep_running.panel_beside(tmp_path, driver, out, wanted=True) as address:
+        assert address is None
+    assert out.file.getvalue().split() == INSTALL.split()
+
+
+@pytest.mark.invariant(9)
+def test_a_driver_that_ends_while_a_person_uses_it_is_an_error(monkeypatch):
+    monkeypatch.setenv('ROS_DOMAIN_ID', '7')
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+
+    def ended():
+        raise RunError('client ended with 1')
+
+    process = SimpleNamespace(wait=lambda: 1, check_alive=ended)
+    out = console()
+    with pytest.raises(RunError, match='client ended with 1'):
+        keep_running.stay(SimpleNamespace(process=process), 'http://127.0.0.1:8080/', out)
+    said = out.file.getvalue()
+    assert 'export ROS_DOMAIN_ID=7' in said
+    assert 'panel: http://127.0.0.1:8080/' in said
+
+
+FAULT = 'smooth: the arm stopped once on the way'
+
+
+@pytest.mark.parametrize(
+    ('faults', 'missed', 'gap', 'code', 'words'),
+    [
+        ([], 0, 0.01, 0, 'the arm did what was planned'),
+        ([], 900, 3.0, 0, 'the arm did what was planned'),
+        ([FAULT], 0, 0.01, 1, f'the motion was not as planned: {FAULT}'),
+        ([FAULT], 0, MAX_GAP_S, 1, f'the motion was not as planned: {FAULT}'),
+        (
+            [FAULT],
+            1,
+            0.01,
+            TOO_BUSY,
+            'too busy to judge the motion: the simulated controller missed 1',
+        ),
+        ([FAULT], 0, 0.25, TOO_BUSY, 'joint states were up to 250 ms apart'),
+    ],
+)
+def test_the_controllers_own_clock_tells_a_busy_machine(faults, missed, gap, code, words):
+    found, sentence = verdict(faults, missed, gap)
+    assert found == code
+    assert words in sentence
+    assert '\n' not in sentence
+
+
+def test_the_simulated_controller_tells_what_it_missed(tmp_path):
+    controller = processes.sim_controller(tmp_path / 'log', start=[0.0] * 6)
+    with processes.ended_at_exit(controller):
+        assert deadlines_missed(controller.ports().remote) >= 0
+
+
+NAMES = ('joint_1', 'joint_2')
+
+
+class LateStates:
+    """A driver whose joint states come later than the result of the goal, as DDS allows it."""
+
+    def __init__(self, context):
+        self.over = threading.Event()
+        self.later = threading.Thread(target=self._later)
+        self.node = rclpy.create_node('epson_driver', context=context)
+        self.publisher = self.node.create_publisher(JointState, 'joint_states', 200)
+        self.server = ActionServer(
+            self.node, FollowJointTrajectory, 'epson_driver/follow_joint_trajectory', self._execute
+        )
+
+    def publish(self, position):
+        state = JointState(name=NAMES, position=[position, 0.0], velocity=[0.0, 0.0])
+        state.header.stamp = self.node.get_clock().now().to_msg()
+        self.publisher.publish(state)
+
+    def _execute(self, handle):
+        self.publish(0.1)
+        handle.succeed()
+        self.later.start()
+        return FollowJointTrajectory.Result()
+
+    def _later(self):
+        while not self.over.wait(0.01):
+            self.publish(0.5)
+
+
+def test_the_recording_shows_how_the_arm_stands_after_the_goal(monkeypatch):
+    """A result may overtake joint states: the place was 'missed' by what had not come yet."""
+    domain = free_ros_domain()
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=domain)
+    driver = LateStates(context)
+    executor = MultiThreadedExecutor(context=context)
+    executor.add_node(driver.node)
+    thread = threading.Thread(target=executor.spin)
+    thread.start()
+    user = RosClient(NAMES, lambda: None)
+    try:
+        plan = Trajectory(NAMES, np.array([1.0]), np.array([[0.5, 0.0]]))
+        _, succeeded = user.follow(plan, lambda _: None)
+        assert succeeded
+        assert user.recording().positions[-1].tolist() == [0.5, 0.0]
+    finally:
+        driver.over.set()
+        if driver.later.ident is not None:
+            driver.later.join()
+        user.close()
+        executor.shutdown()
+        thread.join()
+        driver.server.destroy()
+        driver.node.destroy_node()
+        context.try_shutdown()
+
+
+@pytest.fixture
+def alone(monkeypatch):
+    """Return a user of a driver that is not there."""
+    for name, value in ros_environment(free_ros_domain()).items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(ros_client, 'READY_TIMEOUT_S', 0.05)
+    found = RosClient(NAMES, lambda: None)
+    yield found
+    found.close()
+
+
+def test_without_a_driver_each_request_says_what_is_missing(alone):
+    with pytest.raises(RunError, match=r'no ~/enable service within 0\.05 s'):
+        alone.enable()
+    with pytest.raises(RunError, match=r'no ~/write_io service within 0\.05 s'):
+        alone.write_output(3, 1)
+    with pytest.raises(RunError, match='no joint states came while the goal ran'):
+        alone.recording()
+    with pytest.raises(RunError, match=r'no answer within 0\.1 s'):
+        alone._complete(Future(), 0.1)
+
+
+def test_what_the_driver_refuses_is_said_in_its_words(alone, monkeypatch):
+    monkeypatch.setattr(alone, '_wait', lambda *_: None)
+    refused = Trigger.Response(success=False, message='the E-stop is pressed')
+    monkeypatch.setattr(alone, '_complete', lambda *_: refused)
+    with pytest.raises(RunError, match=r'^~/enable: the E-stop is pressed$'):
+        alone.enable()
+    with pytest.raises(RunError, match=r'^~/write_io: the E-stop is pressed$'):
+        alone.write_output(3, 1)

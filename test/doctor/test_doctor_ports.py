@@ -1,0 +1,167 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is at a port that is no state port: a sentence of its own for each; a busy machine."""
+
+import asyncio
+import errno
+import random
+import socket
+
+import pytest
+from doctor.test_doctor_questions import JOINTS, OFF, Served, answers, examined, sends, silent
+
+from epson_driver.doctor import listening
+from epson_driver.doctor.findings import Level
+from epson_driver.doctor.state_facts import rhythm
+from epson_driver.simple_message import LITTLE_ENDIAN, IoInfo, encode, topic
+
+
+async def web(reader, writer):
+    """A web server: silent until it is asked."""
+    if (await reader.readline()).startswith(b'HEAD'):
+        writer.write(b'HTTP/1.0 501 Unsupported method\r\nServer: here\r\n\r\n')
+    await reader.read()
+
+
+async def pings(_reader, writer):
+    writer.write(encode(topic(IoInfo(1)), LITTLE_ENDIAN))
+    await asyncio.sleep(600.0)
+
+
+async def falls_silent(reader, writer):
+    for _ in range(2):
+        writer.write(b''.join(encode(topic(each), LITTLE_ENDIAN) for each in (JOINTS, OFF)))
+        await asyncio.sleep(0.1)
+    await reader.read()
+
+
+def said(served, **options):
+    """Return the sentences about the state port that say what is wrong, with their remedies."""
+    _, findings = examined(served, **options)
+    wrong = [
+        each for each in findings.all if each.about == 'state port' and each.level is Level.WRONG
+    ]
+    assert findings.exit_code == 1
+    assert 'nothing is wrong' not in findings.verdict
+    assert all(each.remedy for each in wrong)
+    return [each.found for each in wrong], [each.remedy for each in wrong]
+
+
+KINDS = [
+    ('HTTP', {'state': web}, {}, "a web server (HTTP) is there, no state port: 'HTTP/1.0 501"),
+    (
+        'simple message',
+        {'state': pings},
+        {},
+        'simple message, but neither joint states nor STATUS',
+    ),
+    ('silence', {'state': silent}, {}, 'accepts, but nothing came in 1.0 s'),
+    (
+        'swapped',
+        {'state': answers(lambda message: None), 'motion': sends(JOINTS, OFF)},
+        {},
+        'state and motion are swapped',
+    ),
+    ('half-open', {'state': falls_silent}, {'seconds': 4.0}, '4 messages came, then none for 3.'),
+    ('refused', {}, {}, 'the machine is there, but nothing listens at this port'),
+]
+
+
+@pytest.mark.parametrize(
+    ('talks', 'options', 'sentence'), [each[1:] for each in KINDS], ids=[each[0] for each in KINDS]
+)
+def test_what_is_at_a_wrong_port_is_told(talks, options, sentence):
+    options = options if talks else {'state_port': 1}
+    found, _ = said(Served(**({'state': silent} | talks)), **options)
+    assert sentence in found[0]
+    others = [each[3] for each in KINDS if each[3] != sentence]
+    assert not [each for each in others if any(each in one for one in found)]
+
+
+@pytest.mark.parametrize(
+    ('error', 'sentence', 'remedy'),
+    [
+        (socket.gaierror(-2, 'Name or service not known'), 'no machine has this name', 'spelling'),
+        (TimeoutError(errno.ETIMEDOUT, 'x'), 'nothing comes back from this address', 'firewall'),
+        (OSError(errno.EHOSTUNREACH, 'x'), 'there is no way to this address', 'network settings'),
+    ],
+)
+def test_why_there_is_no_connection_is_told(monkeypatch, error, sentence, remedy):
+    async def fails(*_args, **_options):
+        raise error
+
+    monkeypatch.setattr(listening.asyncio, 'open_connection', fails)
+    found, remedies = said(Served(state=silent))
+    assert sentence in found[0]
+    assert remedy in remedies[0]
+    assert 'start the program' not in remedies[0]
+
+
+def test_a_machine_that_is_gone_is_told(monkeypatch):
+    """TCP's own question stays unanswered, as when a cable is out."""
+    read = asyncio.StreamReader.read
+
+    async def gone(reader, count=-1):
+        if count != 65536:
+            return await read(reader, count)
+        await asyncio.sleep(0.7)
+        raise OSError(errno.ETIMEDOUT, 'Connection timed out')
+
+    monkeypatch.setattr(asyncio.StreamReader, 'read', gone)
+    found, remedies = said(Served(state=sends(JOINTS, OFF)))
+    assert 'half-open: the connection stood, but the machine is gone' in found[0]
+    assert 'cable' in remedies[0]
+
+
+@pytest.mark.invariant(1)
+def test_a_silent_port_where_robots_listen_is_not_spoken_to(monkeypatch):
+    heard = []
+
+    async def motion(reader, _writer):
+        heard.append(await reader.read())
+
+    monkeypatch.setattr('epson_driver.doctor.port_checks.ROBOT_PORTS', frozenset(range(65536)))
+    found, _ = said(Served(state=motion))
+    assert found[0].startswith('accepts, but nothing came')
+    assert heard == [b'']
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_a_busy_machine_does_not_change_the_period(seed):
+    """Messages that wait until a busy process reads them come in bursts, and none is lost."""
+    draw = random.Random(seed)
+    sent = [0.005 * number for number in range(1000)]
+    times, read = [], 0.0
+    for each in sent:
+        if each > read:  # the process is held up now and then, for up to 80 ms
+            read = each + (draw.uniform(0.0, 0.08) if draw.random() < 0.2 else 0.0)
+        times.append(max(read, each))
+    found = rhythm(times, 0.08)
+    assert abs(found - 0.005) <= found.uncertainty + 0.02 * 0.005
+    assert found.uncertainty < 0.0005
+
+
+def test_a_stop_of_the_stream_for_a_moment_does_not_change_the_period():
+    times = [0.005 * number + (0.4 if number > 150 else 0.0) for number in range(1000)]
+    assert rhythm(times) == pytest.approx(0.005, rel=0.1)
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_no_profile_is_wrong_on_a_busy_machine(monkeypatch, seed):
+    """It was told that half the period was true, two lines below the right rate."""
+    draw = random.Random(seed)
+    take = listening.Conversation._take
+    late = {'until': 0.0}
+
+    def held_up(self, data, now):
+        if now > late['until']:
+            late['until'] = now + (draw.uniform(0.0, 0.08) if draw.random() < 0.2 else 0.0)
+        take(self, data, max(now, late['until']))
+
+    monkeypatch.setattr(listening.Conversation, '_take', held_up)
+    from doctor.test_doctor_controller import examined as at_simulated
+    from doctor.test_doctor_controller import told
+
+    _, findings = at_simulated()
+    assert 'profile' not in told(findings, Level.WRONG)
+    assert 'joint states' not in told(findings, Level.WRONG)

@@ -1,0 +1,216 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a goal is rejected for, and what a violated tolerance says."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from epson_driver.driver.goal.goal import MAX_MENTIONED_PROBLEMS, Tolerances, check_limits
+from epson_driver.driver.goal.splice import check_start
+from epson_driver.driver.inhibit import Remedy
+from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError
+from epson_driver.motion import JointLimits, Trajectory
+
+NAMES = ('a', 'b', 'c')
+LIMITS = JointLimits(
+    NAMES,
+    np.array([-1.0, -2.0, -3.0]),
+    np.array([1.0, 2.0, 3.0]),
+    np.array([1.0, 2.0, 3.0]),
+    np.array([10.0, 10.0, 10.0]),
+    np.array([100.0, 100.0, 100.0]),
+)
+
+
+def point(time, positions, velocities=(), accelerations=()):
+    return SimpleNamespace(
+        time=time,
+        positions=list(positions),
+        velocities=list(velocities),
+        accelerations=list(accelerations),
+    )
+
+
+def trajectory_of(*points):
+    quantities = ('positions', 'velocities', 'accelerations')
+    columns = ([getattr(each, name) for each in points] for name in quantities)
+    given = [np.array(column, dtype=float) if column[0] else None for column in columns]
+    return Trajectory(NAMES, np.array([float(each.time) for each in points]), *given)
+
+
+def checked(*points, **options):
+    check_limits(trajectory_of(*points), LIMITS, **options)
+
+
+def rejection(call, code=ErrorCode.INVALID_GOAL):
+    with pytest.raises(GoalRejectedError) as caught:
+        call()
+    assert caught.value.code is code
+    assert caught.value.outcome.end is End.ABORTED
+    assert caught.value.outcome.code is code
+    assert caught.value.outcome.text == str(caught.value)
+    return str(caught.value)
+
+
+# --- numbers ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('bad', [float('nan'), float('inf'), float('-inf')])
+@pytest.mark.parametrize('field', ['positions', 'velocities', 'accelerations'])
+def test_numbers_that_are_not_finite(field, bad):
+    points = [point(t, (0, 0, 0), (0, 0, 0), (0, 0, 0)) for t in range(3)]
+    getattr(points[1], field)[2] = bad
+    text = rejection(lambda: checked(*points))
+    assert text == rejection(lambda: checked(*points))
+    assert 'point 1' in text
+    assert 'c: ' + field in text
+    assert str(bad) in text
+    assert 'not finite' in text
+
+
+@pytest.mark.parametrize(
+    ('times', 'index'),
+    [((0, 0, 1), 1), ((0, 1, 1), 2), ((0, 2, 1), 2), ((1, 0.5, 2), 1)],
+)
+def test_times_must_increase(times, index):
+    text = rejection(lambda: checked(*(point(t, (0, 0, 0)) for t in times)))
+    assert f'point {index}: time_from_start' in text
+    assert 'strictly increase' in text
+
+
+def test_times_that_increase_by_a_nanosecond_are_told_apart():
+    checked(point(0, (0, 0, 0)), point(1, (0, 0, 0)), point(1 + 1e-9, (0, 0, 0)))
+
+
+def test_a_negative_time():
+    before = point(-1, (0, 0, 0))
+    assert 'point 0: time_from_start = -1 s is negative' in rejection(lambda: checked(before))
+
+
+def test_a_position_beyond_its_limit_names_joint_value_and_limit():
+    text = rejection(lambda: checked(point(0, (0, 0, 0)), point(9, (0.5, -2.1, 0))))
+    assert 'point 1, b' in text
+    assert '-2.1' in text
+    assert '-2 … 2' in text
+
+
+def test_a_velocity_beyond_its_limit_names_joint_value_and_limit():
+    points = [point(0, (0, 0, 0), (0, 0, 0)), point(9, (0, 0, 0.1), (0, 0, -3.2))]
+    text = rejection(lambda: checked(*points, may_end_moving=True))
+    assert 'point 1, c' in text
+    assert '-3.2' in text
+    assert '-3 … 3' in text
+
+
+def test_a_step_that_needs_more_than_the_velocity_limit():
+    text = rejection(lambda: checked(point(0, (0, 0, 0)), point(0.1, (0.5, 0, 0))))
+    assert 'points 0 to 1, a' in text
+    assert '5 rad/s would be needed' in text
+    assert 'limit is 1 rad/s' in text
+
+
+def test_exactly_at_the_limits_is_fine():
+    checked(point(0, (0, 0, 0)), point(1, (1, 2, 3)), point(3, (-1, -2, -3)))
+
+
+def test_one_bad_number_in_one_goal_names_one_thing():
+    text = rejection(lambda: checked(point(0, (0, 0, 0)), point(9, (0, 2.5, 0))))
+    assert ';' not in text
+
+
+def test_many_violations_are_listed_then_counted():
+    points = [point(9 * t, (0, 5, 0)) for t in range(20)]
+    text = rejection(lambda: checked(*points))
+    assert text.count('point ') == MAX_MENTIONED_PROBLEMS
+    assert text.endswith(f'and {20 - MAX_MENTIONED_PROBLEMS} more')
+    exactly = [point(9 * t, (0, 5, 0)) for t in range(MAX_MENTIONED_PROBLEMS)]
+    assert 'more' not in rejection(lambda: checked(*exactly))
+
+
+def test_the_last_velocity_must_be_zero_unless_allowed():
+    points = [point(0, (0, 0, 0), (0, 0, 0)), point(1, (0.1, 0, 0), (0, 0.2, 0))]
+    with pytest.raises(GoalRejectedError, match=r'point 1, b: .*0\.2 rad/s') as caught:
+        checked(*points)
+    assert caught.value.outcome.remedy is Remedy.ALLOW_END_VELOCITY
+    checked(*points, may_end_moving=True)
+
+
+# --- the start --------------------------------------------------------------------------------
+
+
+def starting(time, positions):
+    return trajectory_of(point(time, positions))
+
+
+def test_a_start_within_tolerance():
+    check_start(starting(0, (0.02, -0.02, 0)), np.zeros(3), LIMITS, 0.02)
+
+
+def test_a_start_elsewhere_names_joint_places_and_tolerance():
+    trajectory = starting(0, (0.0, 0.5, 0.0))
+    text = rejection(lambda: check_start(trajectory, np.array([0.0, 0.1, 0.0]), LIMITS, 0.02))
+    assert text.startswith('b: ')
+    assert 'starts at 0.5 rad' in text
+    assert 'is at 0.1 rad' in text
+    assert '0.4 rad apart' in text
+    assert 'limit is 0.02 rad' in text
+    assert 'a:' not in text
+
+
+def test_a_later_first_point_must_be_reachable_in_its_time():
+    check_start(starting(0.5, (0.5, 1.0, 1.5)), np.zeros(3), LIMITS, 0.02)
+    trajectory = starting(0.5, (0.6, 0.0, 0.0))
+    text = rejection(lambda: check_start(trajectory, np.zeros(3), LIMITS, 0.02))
+    assert '1.2 rad/s' in text
+    assert 'limit is 1 rad/s' in text
+
+
+@pytest.mark.parametrize(
+    ('angles', 'seen'),
+    [
+        ((45.0, -30.0, 20.0), True),
+        ((0.5, 0.0, 90.0), True),
+        ((4.0, 0.0, 0.0), False),  # more than the limit, less than a turn
+        ((0.5, 0.0, 9.0), False),  # less than two turns
+        ((0.0, 0.0, 9000.0), False),  # too much as degrees, too
+    ],
+)
+def test_angles_in_degrees_are_one_sentence(angles, seen):
+    with pytest.raises(GoalRejectedError) as caught:
+        checked(point(0, (0, 0, 0)), point(90, angles), point(180, angles))
+    text = str(caught.value)
+    assert 'position' in text
+    assert 'is outside the limits' in text
+    if seen:
+        assert text.count('outside') == 1
+        assert text.endswith('rad; these look like degrees: positions are in rad')
+    else:
+        assert 'degrees' not in text
+
+
+@pytest.mark.invariant(2)
+def test_angles_beyond_a_turn_that_the_limits_allow_are_no_degrees():
+    wide = replace(LIMITS, position_min=np.full(3, -40.0), position_max=np.full(3, 40.0))
+    trajectory = Trajectory(
+        LIMITS.names, np.array([0.0, 100.0]), np.array([[0.0, 0.0, 0.0], [7.0, 0.0, -30.0]])
+    )
+    check_limits(trajectory, wide)
+
+
+def test_a_violation_names_joint_error_and_limit_of_the_worst():
+    limits = Tolerances(np.array([0.1, 0.1, np.inf]), np.array([np.inf, 1.0, np.inf]))
+    still = np.zeros(3)
+    assert limits.checked
+    assert limits.violation(NAMES, np.array([0.1, -0.1, 9.0]), still) is None
+    text = limits.violation(NAMES, np.array([0.2, -0.3, 9.0]), still)
+    assert text == 'b: the position error is 0.3 rad, the tolerance is 0.1 rad'
+    text = limits.violation(NAMES, still, np.array([5.0, -1.5, 5.0]))
+    assert text == 'b: the velocity error is 1.5 rad/s, the tolerance is 1 rad/s'
+
+
+def test_nothing_is_checked_where_nothing_is_limited():
+    unlimited = np.full(3, np.inf)
+    assert not Tolerances(unlimited, unlimited).checked

@@ -1,0 +1,133 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A plan that is executed at another speed than planned says so, or is rejected."""
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.driver_harness import HOME, JOINTS, LIMITS, Harness, Submitted, pose, simulated
+from support.event_loop import run
+
+from epson_driver.driver.delivery.delivery import DeliveryRules
+from epson_driver.driver.delivery.delivery_factory import delivery_rules
+from epson_driver.driver.delivery.trajectory_points import trajectory_points
+from epson_driver.driver.goal.goal import Goal, GoalSettings
+from epson_driver.driver.goal.planned_speed import PlannedSpeed, Timing
+from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError
+from epson_driver.driver.state.joint_mapping import unmapped
+from epson_driver.motion import Trajectory
+from epson_driver.profiles import load_controller_profile
+from epson_driver.profiles.point_fields import FieldsUsed
+
+OWN_SPEED = DeliveryRules(uses=FieldsUsed.NOTHING, speed=0.2)
+SLOW = 3.0
+"""How long the plan takes, s: the controllers' own speed takes much less."""
+
+
+def plan(duration=SLOW, way=0.2):
+    return Trajectory(LIMITS.names, np.array([0.0, duration]), np.array([HOME, pose(way)]))
+
+
+async def executed(profile, trajectory, **settings):
+    """Return harness and outcome of a plan on the simulated controller of a profile."""
+    rules = delivery_rules(profile, 'streaming', 'joint_traj_pt')
+    async with (
+        simulated(profile=profile) as (controller, ports),
+        Harness(
+            ports,
+            delivery=rules,
+            usual_byte_order=profile.byte_order,
+            settings=GoalSettings(**settings),
+        ) as harness,
+    ):
+        await harness.ready()
+        await harness.commands.enable()
+        goal = Submitted(Goal(trajectory, np.full(JOINTS, 0.01), goal_time=0.0))
+        harness.driver.goal_queue.submit(goal.handle)
+        outcome = await goal.end()
+        return harness, outcome, np.array(controller.joint_position().joints[:JOINTS])
+
+
+@pytest.mark.invariant(5)
+def test_inv5_a_plan_at_another_speed_is_a_warning_with_both_times_and_why(caplog):
+    async def check():
+        fanuc = load_controller_profile('fanuc')
+        with caplog.at_level(logging.WARNING):
+            harness, outcome, _ = await executed(fanuc, plan())
+        assert outcome.end is End.SUCCEEDED
+        assert 'planned 3 s: this kind of controller ignores the velocities' in outcome.text
+        timing = harness.driver.goal_queue.last_timing
+        assert timing.planned == SLOW
+        assert timing.executed < SLOW / 2
+        assert f'executed in {timing.executed:.3g} s' in outcome.text
+        warnings = [line for line in caplog.messages if 'at another speed' in line]
+        assert len(warnings) == 1
+        assert harness.driver.goal_queue.other_speed == 1
+
+    run(check())
+
+
+def test_a_plan_that_its_controller_keeps_is_no_warning():
+    async def check():
+        harness, outcome, _ = await executed(load_controller_profile('generic'), plan(1.0))
+        assert outcome.end is End.SUCCEEDED
+        timing = harness.driver.goal_queue.last_timing
+        assert timing.executed > 0.9
+        if not timing.deviates:  # a machine that sees the standstill late says so, too
+            assert 'planned' not in outcome.text
+            assert harness.driver.goal_queue.other_speed == 0
+
+    run(check())
+
+
+def test_such_a_goal_is_rejected_on_request_before_anything_is_sent():
+    async def check():
+        fanuc = load_controller_profile('fanuc')
+        _, outcome, at = await executed(fanuc, plan(), require_planned_speed=True)
+        assert outcome.code is ErrorCode.INVALID_GOAL
+        assert 'the plan takes 3 s, but this kind of controller ignores' in outcome.text
+        np.testing.assert_array_equal(at, HOME)
+
+    run(check())
+
+
+@pytest.mark.parametrize(
+    ('planned', 'executed_in', 'deviates'),
+    [(4.0, 1.03, True), (4.0, 4.7, False), (4.0, 4.9, True), (0.1, 0.3, False), (1.0, 1.35, True)],
+)
+def test_what_counts_as_another_speed(planned, executed_in, deviates):
+    assert Timing(planned, executed_in).deviates is deviates
+
+
+@pytest.mark.parametrize('uses', FieldsUsed)
+def test_only_a_kind_with_a_speed_of_its_own_is_known_to_miss_the_plan(uses):
+    speed = PlannedSpeed(replace(OWN_SPEED, uses=uses), LIMITS)
+    if uses is FieldsUsed.NOTHING:
+        with pytest.raises(GoalRejectedError, match='it would take about'):
+            speed.check(plan(), HOME)
+    else:
+        speed.check(plan(), HOME)
+    its_own = 0.2 / LIMITS.velocity[0] / OWN_SPEED.speed
+    speed.check(plan(its_own), HOME)
+    full = replace(OWN_SPEED, point_message='joint_traj_pt_full')
+    PlannedSpeed(full, LIMITS).check(plan(), HOME)
+
+
+def test_a_kind_that_goes_by_velocities_gets_those_that_take_the_plans_time():
+    """With the fastest of a segment's velocities, it would take half of the time."""
+    share = np.linspace(0.0, 1.0, 9)
+    smooth, rate = 3 * share**2 - 2 * share**3, 6 * share - 6 * share**2
+    way = pose(0.5, -0.2)
+    made = Trajectory(LIMITS.names, share * 2.0, np.outer(smooth, way), np.outer(rate, way) / 2.0)
+
+    def takes(uses):
+        points = trajectory_points(made, HOME, LIMITS, unmapped(len(LIMITS.names)), uses=uses)
+        steps = np.abs(np.diff(made.positions, axis=0)) / LIMITS.velocity
+        return sum(
+            step.max() / point.velocity for step, point in zip(steps, points[1:], strict=True)
+        )
+
+    assert takes(FieldsUsed.VELOCITY) == pytest.approx(2.0, rel=1e-6)
+    assert takes(FieldsUsed.BOTH) < 1.9

@@ -1,0 +1,126 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Goals that are still being planned: who ends them has an answer at once; none begins later."""
+
+import asyncio
+import logging
+import threading
+
+import pytest
+from support.driver_harness import cell, pose
+from support.event_loop import run, until
+
+from epson_driver.driver.goal.planning_scope import (
+    PlanningEndedError,
+    PlanningScope,
+    PlanningScopes,
+)
+from epson_driver.sim_controller.condition.states import Event
+
+
+@pytest.mark.invariant(5)
+def test_who_ends_a_plan_has_its_answer_while_the_thread_still_works():
+    """Not even a thread that never looks whether it is wanted keeps anybody waiting."""
+    begun, go_on = threading.Event(), threading.Event()
+    asked = []
+
+    def work(given_up):
+        begun.set()
+        go_on.wait()
+        asked.append(given_up())
+        return 'planned'
+
+    async def scenario():
+        plan = PlanningScope()
+        task = asyncio.create_task(plan.in_thread(work))
+        await until(begun.is_set)
+        assert not task.done()
+        plan.end('canceled')
+        plan.end('something else')
+        with pytest.raises(PlanningEndedError, match=r'^canceled$'):
+            await task
+        assert asked == []
+        go_on.set()
+        await until(lambda: asked)
+        assert asked == [True]
+        with pytest.raises(PlanningEndedError, match=r'^canceled$'):
+            await plan.in_thread(work)
+
+    run(scenario())
+
+
+def test_a_plan_that_nobody_ends_gives_what_the_thread_returns_or_raises():
+    def fails(_given_up):
+        raise ValueError('out of reach')
+
+    async def scenario():
+        assert await PlanningScope().in_thread(lambda given_up: given_up()) is False
+        with pytest.raises(ValueError, match='out of reach'):
+            await PlanningScope().in_thread(fails)
+
+    run(scenario())
+
+
+def test_what_fails_after_everybody_left_is_logged(caplog):
+    begun, go_on = threading.Event(), threading.Event()
+
+    def work(_given_up):
+        begun.set()
+        go_on.wait()
+        raise RuntimeError('broken')
+
+    async def scenario():
+        task = asyncio.create_task(PlanningScope().in_thread(work))
+        await until(begun.is_set)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        go_on.set()
+        await until(lambda: caplog.records)
+
+    with caplog.at_level(logging.WARNING, 'epson_driver'):
+        run(scenario())
+    assert "RuntimeError('broken')" in caplog.text
+
+
+def test_plans_end_together_and_none_is_kept():
+    plans = PlanningScopes()
+    first, second = plans.begin(), plans.begin(PlanningScope())
+    plans.end('stopped')
+    assert first.why == second.why == 'stopped'
+    del first, second
+    assert len(plans._plans) == 0
+    assert plans.begin().why is None
+
+
+async def estop(harness, controller):
+    controller.apply(Event.ESTOP_PRESS)
+    await until(lambda: harness.gate is not None)
+    controller.apply(Event.ESTOP_RELEASE)
+    await harness.commands.reset_error()
+
+
+async def stop(harness, _controller):
+    await harness.commands.stop()
+
+
+async def disable(harness, _controller):
+    await harness.commands.disable()
+
+
+async def move(harness, _controller):
+    await harness.submit(pose(0.05)).end()
+
+
+@pytest.mark.invariant(4)
+@pytest.mark.parametrize('happens', [estop, stop, disable, move])
+def test_whatever_stops_or_moves_the_arm_ends_plans_though_it_is_enabled_again(happens):
+    async def scenario():
+        async with cell() as (harness, controller):
+            plan = harness.driver.goal_queue.plans.begin()
+            await happens(harness, controller)
+            await harness.commands.enable()
+            assert plan.why is not None
+            assert harness.driver.goal_queue.plans.begin().why is None
+
+    run(scenario())

@@ -1,0 +1,73 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""An arm that rests at a limit, as its controller tells it: encoder pulses, sent as float32.
+
+MoveIt plans from there, within the URDF's limits, and the driver takes what it plans. Any model.
+"""
+
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from epson_driver.driver.goal.goal import Goal, checked_goal
+from epson_driver.driver.outcome import GoalRejectedError
+from epson_driver.motion import Array, Trajectory
+from epson_driver.robots import RobotModel, load_robot_model, robot_models
+from epson_driver.robots.urdf import urdf
+
+each_model = pytest.mark.parametrize('name', robot_models())
+
+MOST = {'rad': 1e-4, 'm': 1e-5}
+"""The URDF's limits may be so much wider than the arm's."""
+
+
+def told(model: RobotModel, limit: Array, outwards: float) -> Array:
+    """Return what a controller may tell of joints at a limit: a pulse and a float32 step beyond.
+
+    A pulse that is not known counts as 0.
+    """
+    pulse = np.nan_to_num(1.0 / np.abs(model.pulses_per_unit))
+    beyond = (limit + np.copysign(pulse, outwards)).astype(np.float32)
+    return np.nextafter(beyond, np.float32(outwards)).astype(float)
+
+
+def goal(model: RobotModel, joints: Array) -> Goal:
+    positions = np.array([joints, joints])
+    return Goal(
+        Trajectory(model.joint_names, np.array([0.0, 1.0]), positions),
+        np.full(len(joints), 0.1),
+        0,
+    )
+
+
+@each_model
+def test_a_plan_from_a_limit_is_within_the_urdf_and_a_goal_on_the_limit(name: str) -> None:
+    model = load_robot_model(name)
+    limits = model.limits
+    root = ElementTree.fromstring(urdf(name))
+    rows = {joint.get('name'): joint.find('limit') for joint in root.findall('joint')}
+    for key, limit, outwards in (
+        ('lower', limits.position_min, -np.inf),
+        ('upper', limits.position_max, np.inf),
+    ):
+        wide = np.array([float(rows[joint].get(key)) for joint in model.joint_names])
+        measured = told(model, limit, outwards)
+        beyond = np.abs(wide - limit)
+        assert np.all(np.abs(measured - limit) <= beyond)
+        assert np.all((wide <= measured) == (outwards < 0))
+        assert np.all(beyond <= [MOST[unit] for unit in limits.units])
+        for at in (measured, wide):
+            taken = checked_goal(goal(model, at), limits).trajectory.positions
+            assert np.all(taken == limit)
+
+
+@each_model
+def test_farther_out_is_refused_with_joint_and_limit(name: str) -> None:
+    model = load_robot_model(name)
+    limits = model.limits
+    for joint, unit in enumerate(limits.units):
+        joints = np.clip(np.zeros(len(limits.names)), limits.position_min, limits.position_max)
+        joints[joint] = limits.position_max[joint] + MOST[unit]
+        with pytest.raises(GoalRejectedError, match=f'{limits.names[joint]}: position'):
+            checked_goal(goal(model, joints), limits)

@@ -1,0 +1,373 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A stopped stream moves nothing until it was let go of, whoever else sends on its topic."""
+
+import asyncio
+import contextlib
+from collections import deque
+
+import numpy as np
+import pytest
+from support.driver_harness import HOME, Harness, ScriptedController, cell, pose
+from support.event_loop import now, run, until
+from support.examples import one_in
+from support.streams import JOG, SERVO, going_on, positions, velocities, window
+
+from epson_driver.driver.servo.restart_interlock import RELEASE_S, RestartInterlock
+from epson_driver.node.diagnostics import Diagnostics
+from epson_driver.sim_controller.condition.states import Event
+
+ALL_STILL = velocities(HOME)
+
+
+def jog(_time):
+    return velocities(pose(0.3))
+
+
+def zero_each(period):
+    """Return a velocity stream with a zero instead of a velocity, once in a period, s."""
+    return lambda time: ALL_STILL if time % period < 0.02 else velocities(pose(0.3))
+
+
+def swing(time):
+    return positions(pose(0.25 * np.sin(0.5 * np.pi * time)))
+
+
+def swinging_window(time):
+    def state(ahead):
+        phase = 0.5 * np.pi * (time + ahead)
+        return pose(0.25 * np.sin(phase)), pose(0.125 * np.pi * np.cos(phase))
+
+    return window(state)
+
+
+def moving_window(begin, speed):
+    return window(lambda ahead: (pose(begin + speed * ahead), pose(speed)))
+
+
+async def estop_and_back(harness, controller):
+    controller.apply(Event.ESTOP_PRESS)
+    await asyncio.sleep(1.0)
+    for event in (Event.ESTOP_RELEASE, Event.RESET, Event.MOTORS_ON):
+        controller.apply(event)
+        await asyncio.sleep(0.1)
+    await asyncio.sleep(0.3)
+    await harness.commands.enable()
+
+
+async def disabled_and_back(harness, controller):
+    await harness.commands.stop()
+    await harness.commands.disable()
+    controller.apply(Event.MOTORS_ON)
+    await asyncio.sleep(0.3)
+    await harness.commands.enable()
+
+
+async def cut_and_back(harness, _controller):
+    harness.driver.motion_link.reconnect('for the test')
+    await until(lambda: harness.gate is not None)
+    await harness.ready()
+    await asyncio.sleep(0.5)
+    await harness.commands.enable()
+
+
+async def only_stopped(harness, _controller):
+    await harness.commands.stop()
+
+
+STOPS = [only_stopped, estop_and_back, disabled_and_back, cut_and_back]
+STREAMS = {
+    'a key': (jog,),
+    'a key and an idle stick': (jog, lambda _: ALL_STILL),
+    'a key that flickers': (zero_each(0.5),),
+    'positions': (swing,),
+    'windows': (swinging_window,),
+    'two of positions': (swing, lambda time: positions(pose(0.1))),
+}
+
+
+@pytest.mark.invariant(4)
+@pytest.mark.parametrize('stop', STOPS)
+@pytest.mark.parametrize('streams', one_in(1, STREAMS))
+def test_inv4_a_stream_that_goes_on_moves_nothing_after_a_stop_or_an_enable(streams, stop):
+    async def check():
+        async with cell(smooth=True) as (harness, controller), contextlib.AsyncExitStack() as on:
+            for stream in STREAMS[streams]:
+                await on.enter_async_context(going_on(harness, stream))
+            await asyncio.sleep(1.1)
+            await stop(harness, controller)
+            assert harness.gate is None
+            there = harness.at
+            seen = len(harness.events.samples)
+            await asyncio.sleep(6.0)
+            moved = [s.positions - there for _, s in harness.events.samples[seen:]]
+            assert np.abs(moved).max() < 1e-4
+
+    run(check())
+
+
+@pytest.mark.invariant(4)
+def test_inv4_the_second_of_silence_counts_from_the_stop_on():
+    async def check():
+        async with cell(smooth=True) as (harness, _):
+            await asyncio.sleep(3.0)
+            await harness.commands.stop()
+            async with going_on(harness, jog):
+                await asyncio.sleep(2.0)
+            assert abs(harness.at[0]) < 1e-6
+            await asyncio.sleep(1.1 * RELEASE_S)
+            async with going_on(harness, jog):
+                await until(lambda: harness.at[0] > 0.05)
+
+    run(check())
+
+
+@pytest.mark.invariant(4)
+def test_inv4_a_stick_that_was_let_go_for_a_second_moves_the_arm_again():
+    async def check():
+        async with cell(smooth=True) as (harness, _):
+            begin = now()
+
+            def stick(_time):
+                return ALL_STILL if 1.0 < now() - begin < 2.2 else velocities(pose(0.3))
+
+            async with going_on(harness, stick):
+                await asyncio.sleep(0.8)
+                await harness.commands.stop()
+                there = harness.at[0]
+                await asyncio.sleep(1.2)
+                assert harness.at[0] == pytest.approx(there, abs=1e-4)
+                await until(lambda: harness.at[0] > there + 0.1)
+                assert now() - begin > 2.2
+
+    run(check())
+
+
+def test_ros2_control_goes_on_after_an_estop_without_a_restart():
+    """Its controller holds a position that the arm has left; the next goal begins at the arm."""
+
+    async def check():
+        async with cell(smooth=True) as (harness, controller):
+            to = pose(0.05)
+            async with going_on(harness, lambda _: positions(to)):
+                await until(lambda: harness.at[0] > 0.02)
+                await estop_and_back(harness, controller)
+                there = harness.at
+                assert there[0] < 0.045
+                await asyncio.sleep(2.0)
+                np.testing.assert_allclose(harness.at, there, atol=1e-4)
+                to = there + pose(0.01)
+                await until(lambda: np.abs(harness.at - to).max() < 1e-3)
+
+    run(check())
+
+
+def test_what_is_waited_for_is_told():
+    async def check():
+        async with cell(smooth=True) as (harness, _), going_on(harness, jog):
+            await asyncio.sleep(0.5)
+            assert not harness.driver.servo.blocked(now())
+            await harness.commands.stop()
+            await asyncio.sleep(0.1)
+            ((topic, left),) = harness.driver.servo.blocked(now()).items()
+            assert topic == JOG
+            assert 0.9 < left <= RELEASE_S
+            diagnostics = Diagnostics(harness.driver, 'x', lambda _: 2)
+            values = diagnostics.build(None, now()).status[-1].values
+            (said,) = [each.value for each in values if each.key.endswith(JOG)]
+            assert 's more without a setpoint that asks for motion; publishers: 2' in said
+
+    run(check())
+
+
+def test_silence_that_nobody_saw_releases_nothing():
+    """Who was held up has messages waiting, of which only the newest is left."""
+    interlock = RestartInterlock()
+    interlock.trip(0.0)
+    interlock.hear(JOG, velocities(pose(0.3)), 0.1, missed=False)
+    interlock.hear(JOG, velocities(pose(0.3)), 5.0, missed=True)
+    assert not interlock.permits(JOG)
+    interlock.hear(JOG, velocities(pose(0.3)), 6.1, missed=False)
+    assert interlock.permits(JOG)
+
+
+@pytest.mark.invariant(4)
+def test_inv4_a_stream_that_was_there_before_the_driver_must_be_let_go_of():
+    """A zero is the first that is seen of it: what came before it may have asked for motion."""
+    for first in (ALL_STILL, velocities(pose(0.3))):
+        interlock = RestartInterlock()
+        interlock.hear(JOG, first, 0.0, missed=True)
+        for time in (0.02, 0.5, 1.4):
+            interlock.hear(JOG, velocities(pose(0.3)), time, missed=False)
+            assert not interlock.permits(JOG)
+        interlock.hear(JOG, velocities(pose(0.3)), 2.4, missed=False)
+        assert interlock.permits(JOG)
+
+
+def test_a_message_that_seems_to_have_come_long_ago_releases_nothing():
+    """The system clock was set forward while it waited for its callback."""
+    interlock = RestartInterlock()
+    interlock.trip(0.0)
+    for moment in (0.5, 1.4, 2.3, -2.6, 2.4):
+        interlock.hear(JOG, velocities(pose(0.3)), moment, missed=False)
+        assert not interlock.permits(JOG)
+
+
+def held(time):
+    return window(lambda ahead: (pose(0.03 + 4e-7 * np.sin(37 * (time + ahead))), pose(5e-5)))
+
+
+@pytest.mark.parametrize('hold', [held, lambda _: positions(pose(0.03)), lambda _: ALL_STILL])
+def test_what_holds_still_for_a_second_releases(hold):
+    """A filter leaves something of the velocities of a window; the positions tell."""
+    interlock = RestartInterlock()
+    interlock.trip(0.0)
+    times = np.arange(0.0, 1.2, 0.02)
+    asked = [interlock.hear(SERVO, hold(time), time, missed=False) for time in times]
+    assert not any(asked[1:])
+    interlock.hear(SERVO, swinging_window(1.2), 1.2, missed=False)
+    assert interlock.permits(SERVO)
+
+
+def test_a_position_that_creeps_is_not_held():
+    interlock = RestartInterlock()
+    interlock.trip(0.0)
+    for count in range(500):
+        interlock.hear(SERVO, positions(pose(3e-7 * count)), 0.02 * count, missed=False)
+    assert not interlock.permits(SERVO)
+
+
+# --- any sequence -----------------------------------------------------------------------------
+
+
+class Oracle:
+    """What may be followed, worked out from nothing but messages and stops.
+
+    Every message of a topic in the second before one that is followed must have asked for no
+    motion, and no stop may lie in that second. What was followed since the last stop may go on: a
+    window that ends lets the arm rest, and the next message of that stream begins again.
+    """
+
+    def __init__(self, harness):
+        self._servo = harness.driver.servo
+        self._heard = deque()
+        self._begin = self._servo._begin
+        self._servo._begin = self._checked
+        self.stopped = -np.inf
+        self.begun = 0
+        self._followed = {}
+
+    def send(self, setpoint):
+        while self._heard and now() - self._heard[0][0] > RELEASE_S:
+            self._heard.popleft()
+        self._heard.append((now(), setpoint))
+        self._servo.take(setpoint)
+
+    def send_invalid(self, source):
+        self._heard.append((now(), velocities(np.full(len(HOME), np.inf), source=source)))
+        self._servo.refuse(source, 'for the test')
+
+    def _checked(self, setpoint, sample, moment, came):
+        assert moment - self.stopped >= RELEASE_S
+        held = None
+        followed = self._followed.get(setpoint.source, -np.inf)
+        goes_on = followed > self.stopped
+        for heard, other in list(self._heard)[:-1]:
+            if other.source != setpoint.source or moment - heard >= RELEASE_S - 1e-9:
+                continue
+            if goes_on and heard >= followed:
+                continue
+            assert other.velocities is None or not other.velocities.any()
+            assert other.window is None or not np.ptp(other.window.positions, axis=0).any()
+            if other.positions is not None:
+                held = other.positions if held is None else held
+                np.testing.assert_array_equal(other.positions, held)
+        self.begun += 1
+        self._followed[setpoint.source] = moment
+        self._begin(setpoint, sample, moment, came)
+
+
+async def publisher(oracle, random):
+    """Send on one of two topics in bursts with pauses, zeros and holds among them, and restart.
+
+    Positions, windows that hold or move, velocities, zeros, and what is no setpoint.
+    """
+    while True:
+        topic = random.choice([JOG, SERVO])
+        await asyncio.sleep(random.choice([0.0, 0.3, 0.9, 1.2, 3.0]))
+        kind = random.integers(0, 8)
+        value = random.uniform(-0.09, 0.09)
+        for count in range(random.integers(1, 20)):
+            if random.random() < 0.03:
+                oracle.send_invalid(topic)
+            elif topic == SERVO and kind < 2:
+                oracle.send(positions(pose(value + (1e-3 * count if kind else 0.0))))
+            elif topic == SERVO and kind < 4:
+                speed = 0.05 * (kind - 2)
+                begin = value + 0.2 * speed * count
+                oracle.send(moving_window(begin, speed))
+            elif kind < 6:
+                oracle.send(velocities(HOME, source=topic))
+            else:
+                oracle.send(velocities(pose(value), source=topic))
+            await asyncio.sleep(random.choice([0.05, 0.2, 0.5]))
+
+
+async def stop_somehow(harness, controller, random):
+    """Stop the arm, or close its gate and open it again; return when it was stopped."""
+    how, stopped = random.integers(0, 4), now()
+    if how == 0:
+        await harness.commands.stop()
+        return stopped
+    if how == 1:
+        harness.driver.disable('for the test')
+    elif how == 2:
+        harness.driver.motion_link.reconnect('for the test')
+    else:
+        powered = controller.status
+        controller.status = (1, 1, *powered[2:])
+        await until(lambda: harness.gate is not None)
+        controller.status = powered
+    await until(lambda: harness.gate is not None)
+    stopped = now()
+    await harness.ready()
+    await until(lambda: not harness.driver.robot.status.e_stopped)
+    await harness.commands.enable()
+    return stopped
+
+
+@pytest.mark.invariant(4)
+@pytest.mark.parametrize(
+    ('seed', 'sequences'),
+    [
+        (0, 50),
+        pytest.param(1, 1000, marks=pytest.mark.slow),
+        *(pytest.param(seed, 1000, marks=pytest.mark.soak) for seed in range(2, 11)),
+    ],
+)
+def test_inv4_publishers_in_any_order_move_no_stopped_arm(seed, sequences):
+    """Ten thousand sequences in all. The controller takes points and counts them."""
+
+    async def check():
+        random = np.random.default_rng(seed)
+        controller = ScriptedController(period=0.1)
+        async with controller, Harness(controller.ports) as harness:
+            await harness.ready()
+            await harness.commands.enable()
+            oracle = Oracle(harness)
+            async with asyncio.TaskGroup() as group:
+                senders = [
+                    group.create_task(publisher(oracle, np.random.default_rng([seed, each])))
+                    for each in range(int(random.integers(1, 11)))
+                ]
+                for _ in range(sequences):
+                    await asyncio.sleep(random.choice([0.1, 0.5, 1.5, 3.0]))
+                    oracle.stopped = await stop_somehow(harness, controller, random)
+                    sent = len(controller.received)
+                    await asyncio.sleep(oracle.stopped + 0.99 * RELEASE_S - now())
+                    assert {*controller.received[sent:]} <= {-4}
+                for sender in senders:
+                    sender.cancel()
+            assert oracle.begun >= sequences / 50
+
+    run(check(), patience=3600.0)

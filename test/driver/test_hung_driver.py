@@ -1,0 +1,288 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A driver that hangs in mid-motion: the controller stops the arm, and the driver owns up to it.
+
+The driver hangs as a stopped process does (`event_loop.hanging`), in virtual time: the controller,
+and what the driver has in its sockets, go on.
+"""
+
+import asyncio
+import contextlib
+import re
+import struct
+
+import numpy as np
+import pytest
+from support.driver_harness import Harness, pose, simulated
+from support.event_loop import hanging, now, run, until
+from support.fault_play import cell_of, make_ready
+from support.streams import going_on, positions, velocities
+
+from epson_driver.driver.delivery.delivery_factory import delivery_rules
+from epson_driver.driver.outcome import End
+from epson_driver.link import WireEvent
+from epson_driver.node.parameters import profile_defaults
+from epson_driver.profiles import load_controller_profile
+from epson_driver.share import share_file
+from epson_driver.simple_message import MessageType
+
+TIMEOUT = 0.5
+BRAKING = 0.35
+"""What the arm takes to brake from the speeds here, s, and SPEL+ to see that it must."""
+
+SAID = (
+    'heard nothing from this driver for 0.5 s|this driver hung for [0-9.]+ s|'
+    r'in error 8004 \(the motion client was silent'
+)
+"""What a goal or the gate says then: whichever of the two the driver reads first."""
+
+KINDS = {
+    'smooth': ('rc620', True, 'streaming'),
+    'from point to point': ('rc620', False, 'streaming'),
+    'download': ('rc700a', True, 'download'),
+    'spel': ('spel', False, 'streaming'),
+}
+PROFILES = share_file('config', 'controllers', 'rc620.yaml').parent
+HEARTBEAT = struct.pack('<4i', 12, MessageType.PING, 1, 0)
+STOP = struct.pack('<i', -4)
+FAR = pose(2.0, 0.5, -0.4)
+
+
+class Arm:
+    """Where the controller's arm is, and when it moved last."""
+
+    def __init__(self, controller):
+        self.moved = now()
+        self._controller = controller
+        self._step = controller.step
+        controller.step = self.step
+
+    @property
+    def at(self):
+        return self._controller.arm.commanded.copy()
+
+    def step(self, seconds):
+        before = self.at
+        self._step(seconds)
+        if np.abs(self.at - before).max() > 1e-9:
+            self.moved = now()
+
+
+class Inbox:
+    """A driver that gets setpoints as from ROS: what comes while it hangs waits for it."""
+
+    def __init__(self, harness):
+        self.driver = self.servo = self
+        self._servo = harness.driver.servo
+        self._process = harness.process
+
+    def take(self, setpoint):
+        loop = asyncio.get_running_loop()
+        loop.call_soon(self._servo.take, setpoint, context=self._process.copy())
+
+
+@contextlib.asynccontextmanager
+async def cell(kind, **changes):
+    name, smooth, interface = KINDS[kind]
+    profile = load_controller_profile(name)
+    usual = profile_defaults(profile)
+    async with simulated(profile=profile, smooth=smooth) as (controller, ports):
+        options = {
+            'delivery': delivery_rules(profile, interface, usual['point_message']),
+            'client_timeout': profile.server.client_timeout,
+            'motors': profile.program.motors,
+        }
+        async with Harness(ports, **options | changes) as harness:
+            harness.driver.servo.settings = harness.driver.servo.settings.__class__(
+                period=usual['servo.period']
+            )
+            await harness.ready()
+            await harness.commands.enable()
+            yield harness, controller, Arm(controller)
+
+
+async def closed(harness):
+    """Return why the gate is closed; the driver had its turn."""
+    await until(lambda: harness.gate is not None)
+    return harness.gate
+
+
+async def works_again(harness, arm):
+    """Nothing moves until `~/enable`; after that a goal succeeds."""
+    await asyncio.sleep(0.5)
+    at = arm.at
+    await asyncio.sleep(1.0)
+    assert np.array_equal(arm.at, at)
+    refused = harness.submit(at + 0.05)
+    assert 'not enabled' in (await refused.end()).text
+    await harness.commands.enable()
+    await asyncio.sleep(0.3)
+    assert np.array_equal(arm.at, at)
+    again = harness.submit(at + 0.05)
+    assert (await again.end()).end is End.SUCCEEDED
+
+
+@pytest.mark.invariant(3, 4, 5)
+@pytest.mark.parametrize('points', [1, 12])
+@pytest.mark.parametrize('kind', KINDS)
+def test_an_arm_whose_driver_hangs_stops_and_the_goal_says_why(kind, points):
+    async def scenario():
+        async with cell(kind) as (harness, _, arm):
+            way = np.linspace(FAR / points, FAR, points)
+            goal = harness.submit(*way, step=10.0 / points)
+            await harness.until_moving()
+            await asyncio.sleep(0.8)
+            with hanging():
+                began = now()
+                await asyncio.sleep(2.0)
+                assert arm.moved - began < TIMEOUT + BRAKING
+                at = arm.at
+                assert at[0] < 1.0
+            outcome = await goal.end()
+            assert outcome.end is End.ABORTED
+            assert re.search(SAID, outcome.text), outcome.text
+            assert outcome.text.startswith(await closed(harness))
+            assert np.array_equal(arm.at, at)
+            await works_again(harness, arm)
+
+    run(scenario())
+
+
+@pytest.mark.invariant(3, 4)
+@pytest.mark.parametrize(
+    ('kind', 'stream'),
+    [('smooth', 'positions'), ('from point to point', 'velocities'), ('spel', 'velocities')],
+)
+def test_a_stream_that_goes_on_through_a_hang_is_over(kind, stream):
+    def setpoint_at(t):
+        return velocities(pose(0.3)) if stream == 'velocities' else positions(pose(0.3 * t))
+
+    async def scenario():
+        async with cell(kind) as (harness, _, arm):
+            async with going_on(Inbox(harness), setpoint_at):
+                await until(lambda: arm.at[0] > 0.2)
+                with hanging():
+                    began = now()
+                    await asyncio.sleep(1.5)
+                    assert arm.moved - began < TIMEOUT + BRAKING
+                    at = arm.at
+                assert re.search(SAID, await closed(harness))
+                await asyncio.sleep(1.2)
+                assert np.array_equal(arm.at, at)
+            await works_again(harness, arm)
+
+    run(scenario())
+
+
+@pytest.mark.parametrize('kind', ['smooth', 'spel'])
+def test_a_driver_that_is_held_up_for_a_moment_again_and_again_goes_on(kind):
+    async def scenario():
+        async with cell(kind) as (harness, _, arm):
+            goal = harness.submit(*np.linspace(FAR / 12, FAR, 12), step=0.3)
+            await harness.until_moving()
+            while not goal.outcomes:
+                with hanging():
+                    await asyncio.sleep(0.3)
+                await asyncio.sleep(0.05)
+            assert goal.outcome.end is End.SUCCEEDED, goal.outcome.text
+            assert np.abs(arm.at - FAR).max() < 0.01
+
+    run(scenario())
+
+
+@pytest.mark.parametrize('kind', ['smooth', 'spel'])
+def test_a_motion_longer_than_the_time_out_needs_no_more_than_the_heartbeats(kind):
+    async def scenario():
+        async with cell(kind) as (harness, _, arm):
+            goal = harness.submit(FAR / 2, step=1.5)
+            assert (await goal.end()).end is End.SUCCEEDED
+            sent = harness.driver.motion_link.statistics.frames_sent
+            await asyncio.sleep(1.0)  # an arm that stands needs none
+            assert harness.driver.motion_link.statistics.frames_sent == sent
+            assert (await harness.submit(arm.at + 0.1).end()).end is End.SUCCEEDED
+
+    run(scenario())
+
+
+def test_heartbeats_go_before_the_first_point_and_then_five_times_in_the_time_out():
+    sent = []
+
+    async def scenario():
+        async with cell('from point to point') as (harness, _, _arm):
+            harness.driver.motion_link.trace = lambda event, data: sent.append(
+                (now(), event, data)
+            )
+            goal = harness.submit(FAR, step=4.0)
+            await harness.until_moving()
+            await asyncio.sleep(2.0)
+            harness.driver.goal_queue.cancel(goal.handle)
+            await goal.end()
+            await asyncio.sleep(1.0)
+
+    run(scenario())
+    frames = [(at, data) for at, event, data in sent if event is WireEvent.SENT]
+    beats = [at for at, data in frames if data == HEARTBEAT]
+    assert frames[0][1] == HEARTBEAT
+    assert frames[1][1][4] == MessageType.JOINT_TRAJ_PT
+    assert len(beats) > 15
+    assert max(np.diff(beats)) < TIMEOUT / 5 + 0.01
+    answers = [data for _, event, data in sent if event is WireEvent.RECEIVED]
+    assert all(each[4] == MessageType.JOINT_POSITION for each in answers)
+    ((stopped, _),) = [(at, data) for at, data in frames if data[16:20] == STOP]
+    assert beats[-1] < stopped + 0.3
+
+
+@pytest.mark.parametrize(
+    ('name', 'timeout'), [('rc620', 0.0), ('generic', TIMEOUT), ('thesis', TIMEOUT)]
+)
+def test_no_other_controller_gets_anything_new(name, timeout):
+    """Without the key in the driver's profile, or with a program that does not have it."""
+    sent = []
+
+    async def scenario():
+        options = {'client_timeout': timeout}
+        async with simulated(profile=name) as (_, ports), Harness(ports, **options) as harness:
+            await harness.ready()
+            await harness.commands.enable()
+            harness.driver.motion_link.trace = lambda event, data: sent.append((event, data))
+            goal = harness.submit(pose(0.05), step=0.5)
+            await harness.until_moving()
+            with hanging():
+                await asyncio.sleep(2.0)
+            assert (await goal.end()).end is End.SUCCEEDED
+
+    run(scenario())
+    assert {data[4] for event, data in sent if event is WireEvent.SENT} == {
+        MessageType.JOINT_TRAJ_PT
+    }
+
+
+@pytest.mark.parametrize('name', sorted(path.stem for path in PROFILES.glob('*.yaml')))
+def test_only_programs_of_our_own_get_heartbeats(name):
+    ours = ('rc620', 'rc700a', 'spel')
+    expected = TIMEOUT if name in ours else 0.0
+    assert load_controller_profile(name).server.client_timeout == expected
+
+
+@pytest.mark.parametrize(
+    ('name', 'longest'),
+    [('generic', 1.2), ('fanuc', 0.7), ('abb', 3.5), ('motoman', 1.2)],
+)
+def test_programs_of_others_go_on_with_what_they_have(name, longest):
+    """The table of docs/safety.md; a Motoman's queue is 0.8 s, and one point waits beside it."""
+
+    async def scenario():
+        async with cell_of(load_controller_profile(name)) as (harness, controller, _):
+            await make_ready(harness, controller)
+            await harness.commands.enable()
+            arm = Arm(controller)
+            harness.submit(*np.linspace(FAR / 12, FAR, 12), step=0.3)
+            await harness.until_moving()
+            await asyncio.sleep(0.2)
+            with hanging():
+                began = now()
+                await asyncio.sleep(5.0)
+                assert arm.moved - began < longest
+                assert (np.abs(arm.at - FAR).max() < 0.01) == (name == 'abb')
+
+    run(scenario())

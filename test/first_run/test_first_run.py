@@ -1,0 +1,424 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The first day at simulated controllers, each with one habit of its own, in virtual time."""
+
+import asyncio
+import contextlib
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.driver_harness import MODEL, simulated
+from support.event_loop import run as run_loop
+
+from epson_driver.doctor.controller_checks import Question
+from epson_driver.doctor.findings import Findings
+from epson_driver.first_run.book import DONE, FAILED, SKIPPED, Book, Entry, likeness, load
+from epson_driver.first_run.run import CHOICES, go_through
+from epson_driver.first_run.steps import QUESTIONS, FirstRun, Found, steps
+from epson_driver.inputs import InputError
+from epson_driver.profiles.profile import load_controller_profile
+from epson_driver.sim_controller.condition.states import Event
+from epson_driver.sim_controller.faults.fault_text import parse
+from epson_driver.simple_message import (
+    BIG_ENDIAN,
+    Framer,
+    JointPosition,
+    JointTrajPt,
+    Status,
+    decode,
+    encode,
+)
+
+RC620 = load_controller_profile('rc620')
+START = (0.1, 0.2, -0.3, 0.4, -0.5, 0.6)
+
+
+def changed(**sections):
+    """Return rc620 with other values in some sections."""
+    parts = {
+        name: dataclasses.replace(getattr(RC620, name), **values)
+        for name, values in sections.items()
+    }
+    return dataclasses.replace(RC620, **parts)
+
+
+class Between:
+    """A port that passes messages on, changed: `down` the controller's, `up` ours."""
+
+    def __init__(self, port, down=lambda message: message, up=lambda message: message):
+        self._port, self._down, self._up = port, down, up
+        self._tasks = set()
+
+    async def __aenter__(self):
+        def accept(reader, writer):
+            self._tasks.add(asyncio.create_task(self._attend(reader, writer)))
+
+        self._server = await asyncio.start_server(accept, '127.0.0.1', 0)
+        return self._server.sockets[0].getsockname()[1]
+
+    async def __aexit__(self, *_):
+        self._server.close()
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    async def _attend(self, reader, writer):
+        theirs, ours = await asyncio.open_connection('127.0.0.1', self._port)
+        try:
+            async with asyncio.TaskGroup() as group:
+                group.create_task(self._pass_on(reader, ours, self._up))
+                group.create_task(self._pass_on(theirs, writer, self._down))
+        except* ConnectionError:
+            pass
+        finally:
+            ours.close()
+            writer.close()
+
+    async def _pass_on(self, source, sink, change):
+        framer = Framer()
+        while data := await source.read(65536):
+            framer.receive_data(data)
+            while (frame := framer.next_frame()) is not None:
+                packet = decode(frame)
+                new = packet._replace(message=change(packet.message))
+                sink.write(encode(new, packet.dialect))
+        sink.close()
+
+
+def joints_as(change):
+    """Return what changes the joints of a message, shape (10,), rad."""
+
+    def changed_message(message):
+        if isinstance(message, JointPosition | JointTrajPt):
+            new = change(np.array(message.joints))
+            return dataclasses.replace(message, joints=tuple(map(float, new)))
+        return message
+
+    return changed_message
+
+
+def third_turned(joints):
+    return joints * np.where(np.arange(10) == 2, -1.0, 1.0)
+
+
+def rounded(joints):
+    return np.radians(np.round(np.degrees(joints), 2))
+
+
+def other_number(message):
+    if isinstance(message, Status) and message.error_code:
+        return dataclasses.replace(message, error_code=7777)
+    return message
+
+
+class Person:
+    """Does what is asked for, at a simulated controller, and answers as the arm really moves."""
+
+    def __init__(self, controller, skips=()):
+        self.controller = controller
+        self.skips = skips
+        self.step = ''
+        self.asked = []
+        self.true = np.array(controller.joint_position().joints)
+
+    def see(self, text):
+        """Read what is announced."""
+        self.step = text.partition(':')[0]
+
+    async def ask(self, sentence):
+        self.asked.append((self.step, sentence))
+        controller = self.controller
+        if sentence == CHOICES:
+            self.true = np.array(controller.joint_position().joints)
+            return 's' if self.step in self.skips else ''
+        if sentence.startswith('J1 J2'):
+            return ' '.join(f'{math.degrees(each):.3f}' for each in self.true[:6])
+        if sentence.startswith('Set the power LOW'):
+            self._recover()
+        elif sentence.startswith('Release it'):
+            controller.apply(Event.ESTOP_RELEASE)
+            self._recover()
+        elif sentence.startswith('Close it'):
+            controller.apply(Event.DOOR_CLOSE)
+            self._recover()
+        elif 'press it NOW' in sentence:
+            await asyncio.sleep(1.0)
+            controller.press_estop()
+        elif 'open it NOW' in sentence:
+            await asyncio.sleep(1.0)
+            controller.apply(Event.DOOR_OPEN)
+        elif 'pull the network cable' in sentence:
+            await asyncio.sleep(1.0)
+            controller.faults.start(parse('cut:for=2'))
+            await asyncio.sleep(6.0)
+        return 'y'
+
+    def _recover(self):
+        for event in (Event.CONTINUE, Event.RESET, Event.MOTORS_ON, Event.START):
+            with contextlib.suppress(Exception):
+                self.controller.apply(event)
+
+
+def first_day(
+    tmp_path, profile=RC620, *, smooth=True, faults=(), between=None, only=None, **options
+):
+    """Return the book of a first day at a simulated controller, the person and the findings."""
+    path = Path(tmp_path, f'{profile.name}_{len(list(tmp_path.iterdir()))}.html')
+    findings = Findings(lambda finding: None)
+    made = {}
+
+    async def scenario():
+        arguments = {'profile': profile, 'smooth': smooth, 'start': np.array(START)} | options
+        async with (
+            simulated(**arguments) as (controller, ports),
+            contextlib.AsyncExitStack() as stack,
+        ):
+            for fault in faults:
+                controller.faults.start(parse(fault) if isinstance(fault, str) else fault)
+            state, motion = ports.state, ports.motion
+            if between is not None:
+                state = await stack.enter_async_context(Between(state, *between))
+                motion = await stack.enter_async_context(Between(motion, *between))
+            question = Question(
+                host='127.0.0.1',
+                profile=RC620,
+                model=MODEL,
+                state_port=state,
+                motion_port=motion,
+                io_port=ports.io,
+                remote_port=0,
+                password='',
+                seconds=5.0,
+                may_ask=False,
+                may_use_io=False,
+                once=True,
+            )
+            names = [each.name for each in steps(6)]
+            skips = () if only is None else set(names) - set(only)
+            person = Person(controller, skips)
+            about = {'address': '127.0.0.1', 'controller': 'rc620', 'robot': 'c3_a601s'}
+            book = Book(about | {'when': 'in a test'})
+            run = FirstRun(question, person.ask, findings)
+            made['ended'] = await go_through(run, book, path, person.see)
+            made.update(person=person, book=load(path), path=path)
+
+    run_loop(scenario(), 3000.0)
+    return made | {'findings': findings}
+
+
+@pytest.mark.slow
+def test_a_usual_controller_has_no_habits_and_every_step_is_done(tmp_path):
+    made = first_day(tmp_path)
+    book = made['book']
+    assert made['ended']
+    assert {name: each.why for name, each in book.entries.items() if each.state != DONE} == {}
+    assert book.habits == []
+    assert list(book.entries) == [each.name for each in steps(6)]
+
+
+HABITS = [
+    (['listen'], {'between': (joints_as(rounded),)}, 'joint states are rounded to 0.01 degrees'),
+    (['listen'], {'dialect': BIG_ENDIAN}, 'byte_order is big'),
+    (['listen'], {'profile': changed(state={'period': 0.02})}, 'the profile rc620 says 0.005'),
+    (
+        ['pendant'],
+        {'between': (joints_as(third_turned), joints_as(third_turned))},
+        'the sign of joint_3 is turned',
+    ),
+    (['questions'], {'faults': ['delay:seconds=0.1,port=motion']}, 'replies come 100 ms late'),
+    (['questions'], {'faults': ['lost_reply:count=1,skip=5']}, '1 of 5 requests had no answer'),
+    (
+        ['questions'],
+        {'profile': changed(program={'failure_replies': False})},
+        'a point that cannot be is answered with SUCCESS',
+    ),
+    (['E-stop'], {'between': (other_number,)}, 'error number 7777 is not in the table'),
+    (
+        ['points'],
+        {'profile': changed(motion={'look_ahead_points': 5})},
+        'motion.look_ahead_points is 5',
+    ),
+    (['points'], {'smooth': False}, 'the arm rests at points'),
+    (
+        ['STOP'],
+        {'profile': changed(program={'stop_works': False})},
+        'a STOP does not stop the arm',
+    ),
+    (
+        ['cable'],
+        {'profile': changed(server={'lost_client': 'finish'})},
+        'the arm goes on to its point',
+    ),
+]
+"""Twelve habits: the step in which each shows, the controller, and how it is named."""
+
+
+@pytest.mark.parametrize(('only', 'options', 'habit'), HABITS, ids=[each[2] for each in HABITS])
+def test_the_one_habit_of_a_controller_is_named(tmp_path, only, options, habit):
+    book = first_day(tmp_path, only=only, **options)['book']
+    entries = {name: (each.state, each.why) for name, each in book.entries.items()}
+    assert [each for each in book.habits if habit in each], (book.habits, entries)
+
+
+def simpler(**sections):
+    """Return `changed` with rarer states and fewer clients, for a test of minutes."""
+    return changed(
+        state={'period': 0.01}, server={'state_clients': 2, 'client_timeout': 0.0}, **sections
+    )
+
+
+TIMED = ['listen', 'questions', 'joint 1', 'STOP', 'points', 'E-stop', 'door']
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    'options',
+    [
+        {},
+        {'profile': simpler(motion={'look_ahead_points': 5})},
+        {'profile': simpler(motion={'look_ahead': 0.3})},
+        {'smooth': False},
+        {'faults': ['delay:seconds=0.1,port=motion']},
+        {'faults': ['delay:seconds=0.06,port=state']},
+    ],
+    ids=['usual', 'points ahead', 'time ahead', 'rests', 'late replies', 'late state'],
+)
+def test_a_simulation_made_of_the_file_takes_the_same_times(tmp_path, options):
+    """Every time that was measured, to 5 %; each of the two is known to a period of the state."""
+    book = first_day(tmp_path, only=TIMED, **{'profile': simpler()} | options)['book']
+    alike = likeness(book)
+    again = first_day(
+        tmp_path,
+        alike.profile,
+        smooth=alike.motion == 'smooth',
+        faults=alike.faults,
+        only=TIMED,
+    )['book']
+    assert book.times.keys() == again.times.keys()
+    period = book.times['state period']
+    for name, seconds in book.times.items():
+        near = pytest.approx(
+            seconds, rel=0.05, abs=2.0 * period if name != 'state period' else 0.0
+        )
+        assert again.times[name] == near, name
+
+
+def test_an_interrupted_day_goes_on_where_it_was(tmp_path):
+    path = tmp_path / 'day.html'
+    answers = iter(['s', 'q'])
+    said = []
+
+    async def person(_sentence):
+        return next(answers)
+
+    async def scenario(book):
+        run = FirstRun(None, person, Findings(lambda finding: None))
+        monkeyed = dataclasses.replace(run, question=NOBODY)
+        return await go_through(monkeyed, book, path, said.append)
+
+    book = Book({'address': 'x', 'controller': 'rc620', 'robot': 'c3_a601s', 'when': 'now'})
+    ended = []
+
+    async def once():
+        ended.append(await scenario(book))
+
+    run_loop(once(), 60.0)
+    assert ended == [False]
+    kept = load(path)
+    assert [(name, each.state) for name, each in kept.entries.items()] == [('listen', SKIPPED)]
+    kept.entries['listen'].state = DONE
+    kept.save(path)
+    said.clear()
+    answers = iter(['q'])
+
+    async def again():
+        run = FirstRun(NOBODY, person, Findings(lambda finding: None))
+        ended.append(await go_through(run, load(path), path, said.append))
+
+    run_loop(again(), 60.0)
+    assert said[0].startswith('listen: done')
+    assert said[1].startswith('pendant: ')
+
+
+NOBODY = Question(
+    host='127.0.0.1',
+    profile=RC620,
+    model=MODEL,
+    state_port=1,
+    motion_port=1,
+    io_port=1,
+    remote_port=0,
+    password='',
+    seconds=1.0,
+    may_ask=False,
+    may_use_io=False,
+    once=True,
+)
+
+
+def test_a_step_at_a_controller_that_is_not_there_fails_with_the_reason(tmp_path):
+    path = tmp_path / 'day.html'
+    book = Book({'address': 'x', 'controller': 'rc620', 'robot': 'c3_a601s', 'when': 'now'})
+    findings = Findings(lambda finding: None)
+
+    async def person(sentence):
+        return '' if sentence == CHOICES else 's'
+
+    async def scenario():
+        await go_through(FirstRun(NOBODY, person, findings), book, path, lambda text: None)
+
+    run_loop(scenario(), 60.0)
+    assert load(path).entries['joint 1'].state == FAILED
+    assert 'refused' in load(path).entries['joint 1'].why
+
+
+@pytest.mark.invariant(7)
+@pytest.mark.parametrize(
+    'text', ['', 'x' * 1000, '<script type="application/json" id="first-run">[]</script>']
+)
+def test_another_file_is_refused_with_a_sentence(tmp_path, text):
+    path = tmp_path / 'x.html'
+    path.write_text(text)
+    with pytest.raises(InputError, match=r'x\.html: is no file of first-run: '):
+        load(path)
+
+
+def test_what_a_robot_or_a_person_says_is_text_on_the_page(tmp_path):
+    path = tmp_path / 'x.html'
+    evil = '<script>alert(1)</script><img src=x onerror=alert(2)>'
+    about = {'address': evil, 'controller': 'rc620', 'robot': evil, 'when': evil}
+    book = Book(
+        about, {evil: Entry(DONE, evil, Found({}, {evil: 1.0}, {evil: evil}, [evil]), evil)}
+    )
+    book.save(path)
+    page = path.read_text()
+    assert page.count('<script') == 1
+    assert '<img' not in page
+    assert load(path) == book
+
+
+@pytest.mark.invariant(1)
+def test_every_step_that_moves_says_so_before_it_is_asked_for(tmp_path):
+    moving = [each for each in steps(6) if each.moves]
+    assert [each.name for each in moving] == [
+        *(f'joint {number}' for number in range(1, 7)),
+        'STOP',
+        'points',
+        'E-stop',
+        'door',
+        'cable',
+    ]
+    assert all('THE ARM MOVES' in each.says for each in moving)
+    assert not [each for each in steps(6) if 'MOVES' in each.says and not each.moves]
+
+
+def test_every_program_of_the_open_questions_is_asked_for():
+    folder = Path(__file__).parents[2] / 'docs'
+    page = (folder / 'controller_program.md').read_text(encoding='utf-8')
+    asked = page[page.index('## Open questions') :]
+    assert {each for each in QUESTIONS if f'[{each}]' in asked} == QUESTIONS.keys()
+    for program in QUESTIONS:
+        assert (folder / 'examples' / 'spel' / program).is_file()

@@ -1,0 +1,63 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Descriptions are kept by content, and a cache that does not work costs time only."""
+
+import threading
+from pathlib import Path
+
+import pytest
+
+from epson_driver.robots.cache import cached
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path))
+    return tmp_path / 'epson_driver'
+
+
+def test_a_text_is_made_once_for_the_same_content(folder: Path) -> None:
+    made = []
+
+    def make() -> str:
+        made.append('')
+        return f'text {len(made)}\n'
+
+    assert [cached([b'a', b'b'], make) for _ in range(3)] == ['text 1\n'] * 3
+    assert cached([b'ab', b''], make) == 'text 2\n'
+    assert len(list(folder.iterdir())) == 2
+
+
+@pytest.mark.parametrize('damage', [b'', b'text', b'\xff\xfe', b'0' * 64 + b'\nother'])
+def test_a_damaged_file_is_made_again(folder: Path, damage: bytes) -> None:
+    assert cached([b'a'], lambda: 'first') == 'first'
+    (file,) = folder.iterdir()
+    file.write_bytes(damage)
+    assert cached([b'a'], lambda: 'second') == 'second'
+    assert cached([b'a'], lambda: 'third') == 'second'
+
+
+def test_a_home_that_cannot_be_written_does_not_matter(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / 'file').write_text('')
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'file'))
+    assert cached([b'a'], lambda: 'made') == 'made'
+    monkeypatch.setenv('XDG_CACHE_HOME', 'relative')
+    monkeypatch.setenv('HOME', str(tmp_path / 'file'))
+    assert cached([b'a'], lambda: 'made') == 'made'
+
+
+def test_many_at_once_leave_one_whole_file(folder: Path) -> None:
+    text = 'x' * 1_000_000
+    found: list[str] = []
+    threads = [
+        threading.Thread(target=lambda: found.append(cached([b'a'], lambda: text)))
+        for _ in range(8)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert found == [text] * 8
+    assert len(list(folder.iterdir())) == 1

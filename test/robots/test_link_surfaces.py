@@ -1,0 +1,103 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What arms look like: closed, of the real sizes, joined at their joints, free to move."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from epson_driver.motion import Array
+from epson_driver.robots import RobotModel, load_robot_model, robot_models
+from epson_driver.robots.kinematics import Kinematics
+from epson_driver.robots.link_surfaces import box, cylinder, link_surfaces
+
+NAMES = robot_models()
+each_model = pytest.mark.parametrize('model', [*map(load_robot_model, NAMES)], ids=NAMES)
+
+
+def volume(corners: Array) -> float:
+    """Return the volume inside of a closed surface, m³; below 0 if its faces look inwards."""
+    return float(np.einsum('ki,ki->', corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6)
+
+
+def is_closed(corners: Array) -> bool:
+    """Return whether each edge belongs to two triangles, once in each direction."""
+    _, index = np.unique(corners.reshape(-1, 3).round(9), axis=0, return_inverse=True)
+    edges = {
+        (int(ring[k]), int(ring[(k + 1) % 3])) for ring in index.reshape(-1, 3) for k in range(3)
+    }
+    return all((end, begin) in edges for begin, end in edges)
+
+
+@pytest.mark.parametrize(
+    ('corners', 'expected'),
+    [(box(0.1, 0.2, 0.3), 0.006), (cylinder(0.1, 0.5), np.pi * 0.005), (box(1, 1, 1e-3), 1e-3)],
+)
+def test_solids_are_closed_face_outwards_and_have_their_size(
+    corners: Array, expected: float
+) -> None:
+    assert is_closed(corners)
+    assert volume(corners) == pytest.approx(expected, rel=0.03)
+    middle = corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))
+    assert middle == pytest.approx(np.zeros(3), abs=1e-9)
+
+
+def bounds(model: RobotModel, link: int) -> Array:
+    """Return the smallest and the largest x, y and z of a link, shape (2, 3), m."""
+    corners = np.concatenate([each.corners for each in link_surfaces(model)[link]])
+    return np.array([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))])
+
+
+@each_model
+def test_every_link_has_space_in_common_with_the_next_one(model: RobotModel) -> None:
+    """At zero, where all frames are parallel: no gap is seen at a joint."""
+    assert len(link_surfaces(model)) == len(model.joint_names) + 1
+    for link, origin in enumerate(model.chain.origins):
+        below, above = bounds(model, link), bounds(model, link + 1) + origin
+        common = np.minimum(below[1], above[1]) - np.maximum(below[0], above[0])
+        assert common.min() > 0.0005, link
+
+
+def test_the_c3_has_the_size_of_the_real_one() -> None:
+    """Bounding boxes of the ROS 1 support package's meshes, mm, within a few millimetres."""
+    real = {
+        0: ((-199.5, -90, 0), (90, 90, 196.5)),
+        1: ((-82, -99, -8.5), (158, 99, 181.6)),
+        2: ((-59, -99, -59), (59, 99, 299)),
+        4: ((63, -55.5, -46.4), (281, 55.5, 58.5)),
+        6: ((-4.2, -30, -30), (5, 30, 30)),
+    }
+    model = load_robot_model('c3_a601s')
+    for link, expected in real.items():
+        assert bounds(model, link) * 1e3 == pytest.approx(np.array(expected), abs=5.0), link
+
+
+@each_model
+def test_the_links_are_free_over_each_joints_range(model: RobotModel) -> None:
+    """Other links touch at zero in none of them, nor while one joint alone moves."""
+    pytest.importorskip('pinocchio')
+    from support.self_collision import CollisionBodies
+
+    bodies = CollisionBodies(model)
+    limits = model.limits
+    count = len(model.joint_names)
+    assert bodies.distance(np.zeros(count)) > 0.005
+    for joint, share in itertools.product(range(count), np.linspace(0.0, 1.0, 25)):
+        if count == 6 and joint == 1:  # it alone brings the forearm down to the base
+            continue
+        position = np.zeros(count)
+        low, high = limits.position_min[joint], limits.position_max[joint]
+        position[joint] = low + share * (high - low)
+        touching = {bodies.pairs[pair] for pair in bodies.touching(position)}
+        assert touching == set(), (model.joint_names[joint], position[joint])
+
+
+@pytest.mark.parametrize('name', ['gx4_c251s', 'gx8_c652s', 'rs4_c351s', 'rs6_c552s'])
+def test_the_shaft_of_a_scara_stays_in_its_housing_over_the_whole_stroke(name: str) -> None:
+    model = load_robot_model(name)
+    housing, shaft = bounds(model, 2)[:, 2], bounds(model, 3)[1, 2]
+    for height in np.linspace(model.limits.position_min[2], model.limits.position_max[2], 5):
+        frames = Kinematics(model).link_frames(np.array([0.0, 0.0, height, 0.0]))
+        top = (np.linalg.inv(frames[1]) @ frames[2])[2, 3] + shaft
+        assert housing[0] + 0.01 < top < housing[1], height

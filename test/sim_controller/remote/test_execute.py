@@ -1,0 +1,323 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""$Execute: what it takes, what it answers and when, and whose the arm is meanwhile."""
+
+import numpy as np
+import pytest
+from support.controller_harness import (
+    LIMITS,
+    PROFILE,
+    RC620,
+    Harness,
+    InlinePlanner,
+    Remote,
+    point,
+)
+from support.spel_program_harness import SpelProgramHarness
+
+from epson_driver.sim_controller.condition.spel_settings import SETTINGS
+from epson_driver.sim_controller.condition.states import Motors, Power, RejectedError
+from epson_driver.simple_message import IoType
+
+BENT = np.radians([0.0, -10.0, 20.0, 0.0, -60.0, 0.0])
+STEP_S = 0.004
+
+
+def free(**options):
+    """Return a remote client of a controller whose motion port has no client; motors on."""
+    remote = Remote(Harness(BENT, motors=False, connect=False, **options))
+    remote.harness.do('motors on')
+    return remote
+
+
+@pytest.fixture
+def remote():
+    return free()
+
+
+@pytest.fixture
+def execute(remote):
+    return lambda statement: remote(f'Execute,"{statement}"')
+
+
+def later(remote, command='', seconds=20.0, during=lambda _: None):
+    """Return the answers to a command, and after how many s the last one came."""
+    found = remote.answers(f'${command}\r\n'.encode()) if command else []
+    steps = int(seconds / STEP_S)
+    for step in range(steps):
+        if found and found[-1].startswith(('#Execute', '!Execute', '#Home')):
+            return found, step * STEP_S
+        remote.controller.step(STEP_S)
+        during(step)
+        text = remote.peer.take().decode()
+        found += text.split('\r\n')[:-1]
+    raise AssertionError(found)
+
+
+# What it takes
+
+
+@pytest.mark.parametrize(
+    ('statement', 'answer'),
+    [
+        ('Print 1+1', '#Execute,"2"'),
+        ('print 1+1, 2 * 3', '#Execute,"2 6"'),
+        ('Print Sqr(4), Agl(2)', '#Execute,"2 -10"'),
+        ('Speed 20;Print Speed', '#Execute,"20"'),
+        ('print Motor;', '#Execute,"1"'),
+        ('On 3', '#Execute,0'),
+        ('P1 = Here', '#Execute,0'),
+        ('', '#Execute,0'),
+        # There may be quotes within, and the last one may end the whole
+        ('print 1;print "RobotPosHere', '#Execute,"1\r\nRobotPosHere"'),
+        ('print "a"', '#Execute,"a"'),
+    ],
+)
+def test_what_is_executed(remote, statement, answer):
+    remote.connection.receive(f'$Execute,"{statement}"\r\n'.encode())
+    assert remote.peer.take().decode() == f'{answer}\r\n'
+
+
+@pytest.mark.parametrize(
+    ('statement', 'number'),
+    [
+        ('If Sw(1) = On Then Reset', 12),  # p937: programs only
+        ('Xqt main', 12),
+        ('Quit All', 12),
+        ('Integer i', 12),
+        ('Print (1', 12),
+        ('1 + 1', 12),
+        ('Onn 3', 15),
+        ('Print Nothing(1)', 15),
+        ('Print Agl()', 15),
+        ('Motor Maybe', 12),
+        ('On 16', 99),
+        ('Print 1 / 0', 99),
+        ('Speed 120', 99),
+    ],
+)
+def test_what_is_refused(execute, remote, statement, number):
+    assert execute(statement) == f'!Execute,{number}'
+    assert execute('Print 1') == '#Execute,"1"'
+
+
+def test_the_name_comes_back_as_the_client_spells_it(remote):
+    assert remote('execute,"print 1"') == '#execute,"1"'
+    assert remote('getstatus').startswith('#getstatus,')
+    assert remote('eXecute,print 1') == '!eXecute,12'
+
+
+def test_a_point_is_printed_as_on_the_wire(execute):
+    """Each coordinate has 12 characters: clients cut the text by columns."""
+    text = execute('Print RealPos').removeprefix('#Execute,"')
+    assert [text[at : at + 3] for at in range(0, 72, 12)] == [f' {each}:' for each in 'XYZUVW']
+    assert float(text[3:12]) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_points_stay_and_can_be_changed(execute):
+    assert execute('P1 = Here') == execute('P2 = P1 +Z(50)') == '#Execute,0'
+    assert execute('Print CZ(P2) - CZ(P1)') == '#Execute,"50"'
+
+
+def test_settings_statements_and_functions_agree(execute):
+    for name, setting in SETTINGS.items():
+        numbers = ','.join([f'{setting.high:g}'] * setting.least)
+        assert execute(f'{name} {numbers}') == '#Execute,0', name
+        assert execute(f'{name} ' + ','.join(['-1'] * setting.least)) == '!Execute,99', name
+    assert execute('Print Speed, Accel(1), SpeedS') == '#Execute,"100 100 2000"'
+
+
+def test_motors_power_and_outputs(execute, remote):
+    assert execute('Power High') == '#Execute,0'
+    assert remote.controller.condition.power is Power.HIGH
+    assert execute('MOTOR   off') == '#Execute,0'
+    assert remote.controller.condition.motors is Motors.OFF
+    assert execute('Out 1, 129') == '#Execute,0'
+    assert remote.controller.io.read(IoType.DIGITAL_OUTPUT, 8) == 1
+    assert execute('MemOn 7; Print MemSw(7), MemIn(0), Oport(9)') == '#Execute,"1 128 0"'
+
+
+def test_print_in_any_condition_is_of_the_simulation(remote):
+    remote.harness.do('E-stop press', 'door open')
+    assert remote('Sim,print,EStopOn,SafetyOn,SysErr') == '#Sim,-1 -1 2261'
+    assert remote('Execute,"Print EStopOn"') == '!Execute,20'
+
+
+# Motion
+
+
+def angles(remote):
+    return remote.controller.arm.commanded
+
+
+@pytest.mark.parametrize('planner', [None, InlinePlanner()])
+def test_the_answer_comes_when_the_arm_is_there(planner):
+    remote = free(planner=planner)
+    assert remote('Execute,"P1 = Here"') == '#Execute,0'
+    before = angles(remote)
+    found, after = later(remote, 'Execute,"Go P1 +Z(50)"')
+    assert found == ['#Execute,0']
+    assert after > 0.2
+    assert not remote.controller.in_motion
+    assert remote('Execute,"Print CZ(Here) - CZ(P1)"').startswith('#Execute,"50')
+    later(remote, 'Execute,"Move P1"')
+    assert angles(remote) == pytest.approx(before, abs=1e-4)
+
+
+@pytest.mark.invariant(2)
+def test_no_limit_is_exceeded_and_the_built_in_program_goes_on_from_there():
+    remote = free()
+    speeds = []
+    later(
+        remote,
+        'Execute,"Power High; Speed 100; Accel 100, 100; Move Here +X(10); Go Here +X(-20)"',
+        during=lambda _: speeds.append(np.abs(remote.controller.arm.executor.velocity)),
+    )
+    assert np.all(np.max(speeds, axis=0) <= LIMITS.velocity)
+    assert np.max(speeds) > 0.1
+    there = angles(remote)
+    remote.harness.connect()
+    remote.harness.send(point(0, tuple(there[:1] + 0.1)))
+    remote.harness.rest()
+    assert angles(remote)[0] == pytest.approx(there[0] + 0.1, abs=1e-6)
+
+
+def test_the_next_command_may_come_at_once():
+    """Servos lag behind what is commanded: the answer waits for them, as Ready does."""
+    remote = free(profile=RC620)
+    assert later(remote, 'Execute,"Go Here +Z(20)"')[0] == ['#Execute,0']
+    assert remote('Execute,"Print 1"') == '#Execute,"1"'
+
+
+def test_several_statements_are_one_command(remote):
+    found, _ = later(remote, 'Execute,"Go Here +Z(20);Go Here +Z(-20);Print 7"')
+    assert found == ['#Execute,"7"']
+
+
+def test_meanwhile_only_what_the_guide_lists_is_accepted(remote):
+    remote.connection.receive(b'$Execute,"Go Here +Z(50)"\r\n')
+    assert remote('Execute,"Print 1"') == '!Execute,21'
+    assert remote('GetIO,1') == '!GetIO,21'
+    assert remote('Sim,print,1') == '!Sim,21'
+    assert remote('SetIO,1,1') == '#SetIO,0'
+    assert remote('GetStatus').startswith('#GetStatus,')
+    assert later(remote)[0] == ['#Execute,0']
+    assert remote('GetIO,1') == '#GetIO,0'
+
+
+@pytest.mark.invariant(3)
+def test_abort_brakes_and_ends_the_command(remote):
+    remote.connection.receive(b'$Execute,"Go Here +Z(80)"\r\n')
+    for _ in range(50):
+        remote.controller.step(STEP_S)
+    assert remote.controller.in_motion
+    assert remote('Abort') == '#Abort,0'
+    assert later(remote)[0] == ['!Execute,99']
+    for _ in range(100):
+        remote.controller.step(STEP_S)
+    assert not remote.controller.in_motion
+    assert remote('Abort') == '#Abort,0'
+
+
+@pytest.mark.invariant(3, 4)
+@pytest.mark.parametrize('event', ['E-stop press', 'door open', 'motors off', 'stop'])
+def test_what_stops_the_arm_ends_the_command(remote, event):
+    remote.connection.receive(b'$Execute,"Go Here +Z(80);Go Here +Z(-80)"\r\n')
+    for _ in range(50):
+        remote.controller.step(STEP_S)
+    remote.harness.do(event)
+    assert later(remote)[0] == ['!Execute,99']
+    for _ in range(300):
+        remote.controller.step(STEP_S)
+    stands = angles(remote)
+    for back in ('E-stop release', 'door close', 'reset', 'motors on', 'start', 'continue'):
+        try:
+            remote.harness.do(back)
+        except RejectedError:  # what does not apply after this event
+            continue
+    for _ in range(300):
+        remote.controller.step(STEP_S)
+    assert angles(remote).tolist() == stands.tolist()
+
+
+@pytest.mark.invariant(1)
+def test_the_client_of_the_motion_port_has_the_arm():
+    remote = Remote(Harness(BENT))
+    assert remote('Execute,"Go Here +Z(20)"') == '!Execute,20'
+    assert remote('Sim,why') == '#Sim,the client of the motion port has the arm'
+    assert not remote.controller.in_motion
+
+
+@pytest.mark.invariant(1)
+def test_a_new_client_of_the_motion_port_ends_the_command(remote):
+    remote.connection.receive(b'$Execute,"Go Here +Z(80)"\r\n')
+    for _ in range(50):
+        remote.controller.step(STEP_S)
+    remote.harness.connect()
+    remote.harness.send(point(0))
+    assert [reply.reply_code for reply in remote.harness.replies()] == [2]
+    assert later(remote)[0] == ['!Execute,99']
+
+
+def test_a_motion_that_cannot_be_shows_its_number_until_a_reset(remote):
+    assert remote('Execute,"Go XY(0, 0, 5000, 0, 0, 0)"') == '!Execute,99'
+    assert remote('GetStatus').endswith(',4007')
+    assert remote('Execute,"Print 1"') == '!Execute,20'
+    assert remote('Reset') == '#Reset,0'
+    assert remote('Execute,"Print 1"') == '#Execute,"1"'
+
+
+def test_home(remote):
+    assert remote('Home,0') == '!Home,99'
+    assert remote('Sim,why').startswith('#Sim,error 9993: Home: no home position is defined')
+    assert remote('Execute,"HomeSet 0,0,0"') == '!Execute,12'
+    assert remote('Execute,"HomeSet 0,0,0,0,0,100000"') == '#Execute,0'
+    assert later(remote, 'Home,0')[0] == ['#Home,0']
+    assert remote('Execute,"Print Pls(6), AtHome"') == '#Execute,"100000 -1"'
+    assert later(remote, 'Execute,"Pulse 0,0,0,0,0,0"')[0] == ['#Execute,0']
+    assert remote('Execute,"HomeSet 999999999,0,0,0,0,0"') == '!Execute,99'
+
+
+def test_a_client_that_is_gone_is_answered_no_more(remote):
+    remote.connection.receive(b'$Execute,"Go Here +Z(20)"\r\n')
+    remote.connection.closed()
+    for _ in range(1000):
+        remote.controller.step(STEP_S)
+    assert remote.peer.take() == b''
+    again = Remote(remote.harness)
+    assert again('Execute,"Print 1"') == '#Execute,"1"'
+
+
+def test_a_long_motion_does_not_end_the_session():
+    remote = free()
+    found, after = later(remote, 'Execute,"Go Here +Z(20); Wait 70"', seconds=80.0)
+    assert after > 70.0
+    assert found == ['#Execute,0']
+
+
+# With a program
+
+
+def test_globals_and_points_of_the_program_are_those_of_the_command():
+    source = 'Global Integer g\nFunction main\n  g = 3\n  P5 = XY(1, 2, 3, 4)\nFend'
+    harness = SpelProgramHarness(source, start=BENT)
+    remote = Remote(harness)
+    remote.controller.step(STEP_S)
+    assert remote('Execute,"Print g, CY(P5)"') == '#Execute,"3 2"'
+    assert remote('Execute,"g = 4; Print g"') == '#Execute,"4"'
+    assert remote('SetMotorsOn,1') == '#SetMotorsOn,0'
+    found, after = later(remote, 'Execute,"Go Here +Z(20)"')
+    assert found == ['#Execute,0']
+    assert after > 0.1
+
+
+def test_beside_a_running_program_nothing_is_executed():
+    source = 'Function main\n  Do\n    Wait 1\n  Loop\nFend'
+    remote = Remote(SpelProgramHarness(source))
+    remote.controller.step(STEP_S)
+    assert remote('Execute,"Print 1"') == '!Execute,20'
+    assert remote('Sim,why') == '#Sim,the program runs: stop first'
+
+
+def test_profile_defaults_are_what_print_shows(execute):
+    assert execute('Print Speed, SpeedFactor') == f'#Execute,"{PROFILE.motion.speed * 100:g} 100"'

@@ -1,0 +1,160 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Arcs, relative motions, Jump3, Pass, tools, locals, Sense, Find, and what stands in !…!."""
+
+import logging
+
+import numpy as np
+import pytest
+from support.spel_program_harness import SpelProgramHarness
+
+from epson_driver.robots import load_robot_model
+from epson_driver.robots.kinematics import Kinematics
+
+BENT = np.radians([0.0, -10.0, 20.0, 0.0, -60.0, 0.0])
+SCARA = load_robot_model('gx4_c251s')
+FOLDED = np.array([0.3, 0.9, -0.05, 0.0])
+
+
+@pytest.fixture(autouse=True)
+def _all_is_logged(caplog):
+    caplog.set_level(logging.INFO)
+
+
+def ran(caplog, body, more='', **options):
+    """Return a harness in which a main with these statements has printed "there"."""
+    source = f'Function main\n  Motor On; Power High\n{body}\n  Print "there"\nFend\n{more}'
+    harness = SpelProgramHarness(source, caplog, **{'start': BENT, **options})
+    harness.until(lambda: 'there' in harness.printed or harness.controller.error_number)
+    assert harness.controller.error_number == 0, caplog.text
+    velocity, acceleration = harness.within_limits()
+    assert velocity <= 1.001
+    assert acceleration <= 1.01
+    return harness
+
+
+def scara(caplog, body):
+    return ran(caplog, body, start=FOLDED, model=SCARA)
+
+
+@pytest.mark.invariant(2)
+@pytest.mark.parametrize('word', ['Arc', 'Arc3'])
+def test_inv2_an_arc_leads_over_its_point_on_a_circle(caplog, word):
+    harness = ran(
+        caplog,
+        f'  SpeedS 200; AccelS 1000; P1 = Here\n  {word} P1 +X(40) +Z(40), P1 +X(80)\n'
+        '  Print Int(CX(Here) - CX(P1) + 0.5), Int(CZ(Here) - CZ(P1) + 0.5)',
+    )
+    assert harness.printed[0] == '80 0'
+    arm = Kinematics(harness.controller.model)
+    places = np.array([arm.in_base(arm.forward(each))[:3, 3] for each in harness.positions])
+    center = places[0] + [0.04, 0.0, 0.0]
+    assert np.abs(np.linalg.norm(places - center, axis=1) - 0.04).max() < 2e-5
+    assert places[:, 2].max() - places[0, 2] == pytest.approx(0.04, abs=1e-4)
+
+
+def test_relative_motions_by_the_tool_and_by_the_base(caplog):
+    """TMove and TGo in the tool's frame, BMove and BGo in that of the base (p840, p153)."""
+    harness = ran(
+        caplog,
+        '  P1 = Here\n  TMove XY(0, 0, 20, 0, 0, 0)\n  Print Dist(Here, P1 +TLZ(20)) < 0.01\n'
+        '  TGo XY(0, 0, -20, 0, 0, 0)\n  Print Dist(Here, P1) < 0.01\n'
+        '  BMove XY(10, 0, 0, 0, 0, 0)\n  Print Dist(Here, P1 +X(10)) < 0.01\n'
+        '  BGo XY(0, 0, 10, 0, 0, 0)\n  Print Dist(Here, P1 +X(10) +Z(10)) < 0.01\n'
+        '  Move P1 -TLX(15)\n  Print Dist(Here, P1 -TLX(15)) < 0.01',
+    )
+    assert harness.printed[:5] == ['-1'] * 5
+
+
+def test_jump3_goes_straight_up_across_and_straight_down(caplog):
+    harness = ran(
+        caplog,
+        '  P1 = Here; P2 = P1 +Y(60)\n  Jump3 P1 +Z(30), P2 +Z(30), P2\n'
+        '  Print Dist(Here, P2) < 0.01\n  Jump3CP P2 +Z(20), P1 +Z(20), P1\n'
+        '  Print Dist(Here, P1) < 0.01',
+    )
+    assert harness.printed[:2] == ['-1', '-1']
+
+
+def test_pass_goes_near_its_points_without_a_rest(caplog):
+    harness = ran(caplog, '  Speed 30; Accel 30, 30; P1 = Here\n  Pass P1 +X(20), P1 +Y(20), P1')
+    moving = np.any(np.abs(np.diff(harness.positions, axis=0)) > 1e-9, axis=1)
+    first, last = np.flatnonzero(moving)[[0, -1]]
+    assert np.all(moving[first:last])
+
+
+def test_one_joint_by_degrees_and_by_pulses(caplog):
+    harness = ran(
+        caplog,
+        '  Real before; before = Agl(3)\n  JTran 3, 5\n  Print Agl(3) - before\n'
+        '  Long pulses; pulses = Pls(1)\n  PTran 1, 1000\n  Print Pls(1) - pulses',
+    )
+    assert float(harness.printed[0]) == pytest.approx(5.0, abs=1e-3)
+    assert harness.printed[1] == '1000'
+
+
+def test_a_tool_is_what_places_and_lines_are_about(caplog):
+    harness = ran(
+        caplog,
+        '  P1 = Here\n  TLSet 1, XY(0, 0, 100, 0)\n  Tool 1\n'
+        '  Print Dist(Here, P1 +TLZ(100)) < 0.01, Tool, CZ(TLSet(1)), TLDef(2)\n'
+        '  P2 = Here\n  Move P2 +X(30)\n  Print Dist(Here, P2 +X(30)) < 0.01\n'
+        '  TLClr 1\n  Print Tool, Dist(Here, P1 +X(30)) < 0.01\n'
+        '  OnErr GoTo failed\n  Tool 2\nfailed:\n  Print Err',
+    )
+    assert harness.printed[:4] == ['-1 1 100 0', '-1', '0 -1', '9993']
+
+
+def test_a_point_of_a_local_is_where_the_local_says(caplog):
+    harness = ran(
+        caplog,
+        '  P1 = Here\n  Local 2, P1\n  Go XY(0, 0, 15, 0, 0, 0) /2\n'
+        '  Print Dist(Here, P1 +TLZ(15)) < 0.01, Int(CZ(Here @2) + 0.5)\n'
+        '  Print Int(PAgl(XY(0, 0, 15, 0, 0, 0) /2, 1) - Agl(1) + 0.5)',
+    )
+    assert harness.printed[:2] == ['-1 15', '0']
+
+
+def test_limz_of_one_jump_and_sense_above_its_target(caplog):
+    harness = scara(
+        caplog,
+        '  LimZ 0; P1 = Here; P2 = P1 +U(20)\n  Jump P2 LimZ -30\n'
+        '  Jump P1 LimZ -30 Sense Sw(3) = Off\n  Print JS, Int(CZ(Here) - CZ(P1) + 0.5), LimZ\n'
+        '  Jump P2 LimZ -30 Sense Sw(3) = On\n  Print JS, Dist(Here, P2) < 0.01',
+    )
+    assert harness.printed[:2] == ['-1 20 0', '0 -1']
+    assert max(np.array(harness.positions)[:, 2]) == pytest.approx(-0.03, abs=1e-6)
+
+
+def test_find_keeps_where_the_arm_was(caplog):
+    harness = ran(
+        caplog,
+        '  Speed 5; P1 = Here\n  Xqt switch\n  Go P1 -Y(100) Find MemSw(1) = On\n'
+        '  Print PosFound, CY(FindPos) < CY(P1) - 1, CY(FindPos) > CY(Here) + 1\n'
+        '  Go P1 Find MemSw(2) = On\n  Print PosFound',
+        'Function switch\n  Wait 0.5\n  MemOn 1\nFend\n',
+    )
+    assert harness.printed[:2] == ['-1 -1 -1', '0']
+
+
+def test_outputs_beside_a_motion_come_at_their_share_of_the_way(caplog):
+    """!…! (p630): the statement is over when the motion and what stands beside it are."""
+    harness = ran(
+        caplog,
+        '  Speed 20; P1 = Here; TmReset 0\n'
+        '  Go P1 -Y(120) ! D0; On 1; D50; On 2; Wait 0.05; Off 1; D100; On 3 !\n'
+        '  Print Oport(1), Oport(2), Oport(3)\n'
+        '  Xqt watch\n  Go P1 ! D50; MemOn 1 !\n  Wait 0.1',
+        'Function watch\n  Wait MemSw(1) = On\n'
+        '  Print CY(CurPos) < CY(P1) - 40 And CY(CurPos) > CY(P1) - 80\nFend\n',
+    )
+    assert harness.printed[:2] == ['0 1 1', '-1']
+
+
+def test_an_error_beside_a_motion_is_that_of_its_task(caplog):
+    harness = ran(
+        caplog,
+        '  OnErr GoTo failed\n  P1 = Here\n  Go P1 +Y(10) ! D50; Error 8123 !\n  Print "no"\n'
+        'failed:\n  Print Err, Dist(Here, P1 +Y(10)) < 0.01',
+    )
+    assert harness.printed[0] == '8123 -1'

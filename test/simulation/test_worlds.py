@@ -1,0 +1,65 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Worlds of fixed seeds hold; the same seed is the same run; a failure is made short."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from epson_driver.driver.stopping.stopper import Stopper
+from simulation.events import Event, events_of
+from simulation.oracles import BrokenError
+from simulation.shrink import shrunk
+from simulation.world import World
+
+ROOT = Path(__file__).resolve().parents[2]
+QUICK, ALL, BLOCK = 5, 60, 6
+"""Blocks of worlds in the quick tests, and with the slow ones; worlds in a block."""
+
+
+@pytest.mark.invariant(1, 2, 3, 4, 5, 6, 8, 9)
+@pytest.mark.parametrize(
+    'block',
+    [
+        *range(QUICK),
+        *(pytest.param(block, marks=pytest.mark.slow) for block in range(QUICK, ALL)),
+    ],
+)
+def test_a_world_holds_what_is_promised(block):
+    for seed in range(block * BLOCK, (block + 1) * BLOCK):
+        world = World(str(seed))
+        world.play(events_of(str(seed)))
+        assert world.broken is None
+
+
+def test_a_seed_that_was_varied_is_another_world_with_the_same_controller():
+    assert events_of('7.3') != events_of('7')
+    assert World('7.3').profile_name == World('7').profile_name
+
+
+def test_the_same_seed_is_the_same_run_in_every_process():
+    def log(hash_seed):
+        return subprocess.run(
+            [sys.executable, '-m', 'simulation', '--seed', '1004', '--log'],
+            cwd=ROOT,
+            env={'PYTHONHASHSEED': hash_seed, 'PYTHONPATH': str(ROOT)},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout.rpartition('\n1 worlds')[0]  # the last line tells the processor's time
+
+    assert len(log('1').splitlines()) > 20
+    assert log('1') == log('2')
+
+
+def test_a_failure_is_made_as_short_as_it_can_be(monkeypatch):
+    monkeypatch.setattr(Stopper, 'stop', lambda self: None)
+    events = [*events_of('1'), Event(0.1, 'stop', {})]
+    with pytest.raises(BrokenError) as failure:
+        World('1').play(events)
+    fewer = shrunk('1', events, failure.value)
+    assert len(fewer) < len(events) / 4
+    with pytest.raises(BrokenError):
+        World('1').play(fewer)

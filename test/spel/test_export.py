@@ -1,0 +1,71 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`spel export`: a complete project for every robot and controller, as RC+ writes one."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+
+from epson_driver.cli.spel_export import CONTROLLERS
+from epson_driver.robots import load_robot_model, robot_models
+from epson_driver.share import share_folder
+from epson_driver.sim_controller.spel_host.profile_project import robot_defines
+from epson_driver.spel import read_project, with_defines
+from epson_driver.spel.export import exported
+from epson_driver.spel.lint import check
+from epson_driver.spel.rc_files import header_fault, parsed
+
+FILES = read_project(share_folder('controller_program'))
+WHEN = datetime(2026, 1, 1, tzinfo=UTC)
+
+
+def of(robot: str) -> dict[str, str]:
+    return with_defines(FILES, robot_defines(FILES, load_robot_model(robot)))
+
+
+CONFIGS = {of(robot)['config.inc']: robot for robot in robot_models()}
+"""Robots with one and the same program are checked once."""
+
+
+@pytest.mark.parametrize('robot', CONFIGS.values())
+def test_the_program_of_every_robot_is_clean(robot: str) -> None:
+    assert check(of(robot)) == []
+
+
+@pytest.mark.parametrize('version', sorted(set(CONTROLLERS.values())))
+@pytest.mark.parametrize('robot', ['c3_a601s', 'gx4_c251s'])
+def test_the_program_is_clean_for_every_controller(robot: str, version: int) -> None:
+    assert check(of(robot), version) == []
+
+
+@pytest.mark.parametrize('version', [6, 7, 8])
+def test_the_folder_is_a_project_that_can_be_read_again(tmp_path: Path, version: int) -> None:
+    files = of('gx4_c251s')
+    written = exported('cell', files, version, WHEN)
+    for name, content in written.items():
+        (tmp_path / name).write_bytes(content)
+        assert b'\n' not in content.replace(b'\r\n', b'')
+        if not name.endswith(('.prg', '.inc')):
+            assert header_fault(content) == '', name
+    project = parsed('cell.sprj', written['cell.sprj'].decode())
+    listed = [each.text('sName') for each in project.blocks('ProgramFile')]
+    listed += [each.text('sName') for each in project.blocks('IncludeFile')]
+    assert sorted(listed) == sorted(each for each in files if each.endswith(('.prg', '.inc')))
+    named = [*listed, 'robot1.pts', 'IOLabels.dat', 'UserErrors.dat', 'cell.vis', 'cell.sprj']
+    assert sorted(named) == sorted(written)
+    again = read_project(tmp_path)
+    assert {name: again[name] for name in files} == files
+    assert check(again, version) == []
+
+
+def test_the_error_labels_of_the_program_are_those_of_its_file() -> None:
+    errors = parsed('UserErrors.dat', FILES['UserErrors.dat'])
+    assert [each.text('sLabel') for each in errors.blocks('Label')] == [
+        'CORRUPT_MSG', 'NOT_READY', 'STOPPED_BY_BIT', 'CLIENT_SILENT'
+    ]  # fmt: skip
+    assert header_fault((share_folder('controller_program') / 'UserErrors.dat').read_bytes()) == ''
+
+
+def test_two_exports_of_the_same_are_the_same() -> None:
+    assert exported('a', FILES, 7, WHEN) == exported('a', FILES, 7, WHEN)

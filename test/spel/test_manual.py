@@ -1,0 +1,56 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What single pages of EPSON's SPEL+ Language Reference say: page, program, what it prints."""
+
+from pathlib import Path
+from textwrap import dedent, indent
+
+import pytest
+
+from epson_driver.spel import Machine, build
+from epson_driver.spel.bare_host import BareHost
+
+FACTS = (Path(__file__).parent / 'manual_facts.txt').read_text(encoding='utf-8')
+
+PROGRAMS = {
+    'TaskWait: a task that ends wakes who waits for it': (
+        'Function t\n  Print "t"\nFend\n'
+        'Function main\n  Xqt 4, t\n  TaskWait 4\n  Print "over"\nFend',
+        't|over',
+    ),
+    'p758 a signal wakes who waits for it': (
+        'Function t\n  Wait 0.1\n  Signal 1\nFend\n'
+        'Function main\n  Xqt t\n  WaitSig 1\n  Print "woken"\nFend',
+        'woken',
+    ),
+    'p799 a lock is free when its task has ended': (
+        'Function t\n  SyncLock 1\nFend\n'
+        'Function main\n  Xqt t\n  Wait 0.1\n  SyncLock 1\n  Print "mine"\nFend',
+        'mine',
+    ),
+}
+
+
+def facts():
+    for line in FACTS.splitlines():
+        if line.startswith('#'):
+            continue
+        page, rest = line.split(' ', 1)
+        body, wanted = rest.rsplit(' -> ', 1)
+        text = indent(body.replace('; ', '\n'), '  ')
+        yield pytest.param(f'Function main\n{text}\nFend', wanted, id=f'{page} {body}')
+    for name, (source, wanted) in PROGRAMS.items():
+        yield pytest.param(dedent(source), wanted, id=name)
+
+
+@pytest.mark.parametrize(('source', 'wanted'), list(facts()))
+def test_the_manual_says(source: str, wanted: str) -> None:
+    """The machine is advanced when something is due, as controllers do it, and never otherwise."""
+    host = BareHost()
+    machine = Machine(build({'main.prg': source}), host)
+    machine.start()
+    while (due := machine.next_time()) is not None and machine.time < 10.0:
+        machine.advance(due)
+    assert host.failures == []
+    assert '|'.join(''.join(host.printed).splitlines()) == wanted
+    assert 1 not in machine.world.tasks, 'main waits for ever'

@@ -1,0 +1,217 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Files of RC+ projects: read, written back byte by byte, and what programs find in them."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+from support.spel_harness import ScriptedHost
+
+from epson_driver.inputs import InputError
+from epson_driver.spel import Machine, ProgramError, build
+from epson_driver.spel.lint import check
+from epson_driver.spel.project_data import decoded, read_project
+from epson_driver.spel.rc_files import Block, checksum, header_fault, parsed, rendered, sealed
+
+WHEN = datetime(2015, 3, 10, 10, 42, 32, 383000, tzinfo=UTC)
+NO_POINTS = Block('', [('sVersion', '"2.0.0"'), ('nNumberOfPoints', '0')])
+
+
+def point(number: int, label: str, place: tuple[float, ...], **more: int) -> str:
+    axes = ''.join(f'\tr{axis}={value}\n' for axis, value in zip('XYZUVW', place, strict=True))
+    rest = ''.join(f'\t{key}={value}\n' for key, value in more.items())
+    return f'Point{number + 1} {{\n\tnNumber={number}\n\tsLabel="{label}"\n{axes}{rest}}}\n'
+
+
+POINTS = (
+    'sVersion="2.0.0"\nnNumberOfPoints=3\n'
+    + point(0, 'pick', (100, 200, -30, 45, 0, 0), nHand=2, nLocal=0)
+    + point(3, 'place', (1, 2, 3, 4, 0, 0), nHand=1, nLocal=1)
+    + point(5, 'later', (0, 0, 0, 0, 0, 0), nUndefined=262143)
+)
+LABELS = (
+    'InputBitLabels {\n\tnNumberOfLabels=1\n\tLabel1 {\n\t\tnBit=3\n\t\tsLabel="part"\n\t}\n}\n'
+    'OutputWordLabels {\n\tLabel1 {\n\t\tnWord=1\n\t\tsLabel="lamps"\n\t}\n}\n'
+)
+
+
+def project(body: str, **files: str) -> dict[str, str]:
+    return {
+        'main.prg': f'Function main\n{body}\nFend',
+        'robot1.pts': POINTS,
+        'IOLabels.dat': LABELS,
+        **files,
+    }
+
+
+def lines(body: str) -> list[str]:
+    host = ScriptedHost()
+    machine = Machine(build(project(body)), host)
+    machine.start()
+    machine.advance(1.0)
+    assert host.failures == []
+    return host.text.splitlines()
+
+
+def test_an_empty_point_file_has_the_checksum_of_rc_plus() -> None:
+    """Two public projects have this very file, with size 133 and checksum 23853."""
+    text = sealed(NO_POINTS, WHEN, '00-50-56-37-DD-C3')
+    assert 'DS:0000000133,CS:23853,' in text
+    assert text.startswith('ENVT0100,LM:2015/03/10 10:42:32:383,')
+    assert header_fault(text.encode()) == ''
+    assert header_fault(text.replace('\r\n', '\n').encode()) == ''
+    assert header_fault(text.replace('=0', '=1').encode()) == 'its header has another checksum'
+    assert header_fault((text + 'a=1\r\n').encode()) == 'its header has another size'
+    assert 'no header' in header_fault(rendered(NO_POINTS).encode())
+
+
+def test_an_odd_length_is_filled_with_a_zero() -> None:
+    assert checksum(b'\x01\x02\x03') == 0x0201 ^ 0x0003
+
+
+def test_what_is_read_is_written_back_byte_by_byte() -> None:
+    text = sealed(Block('', [Block('A', [('sPath', r'"C:\\X\\"'), Block('B', [])])]), WHEN)
+    assert rendered(parsed('a.sprj', text)) == text
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('a=1\nnonsense\n', r'robot1\.pts:2:1: error: cannot be read: expected key=value'),
+        ('}\n', r'robot1\.pts:1:1: error: cannot be read: \} without a block'),
+        ('A {\n', 'cannot be read: the block A has no end'),
+        ('Point1 {\nnNumber=x\n}\n', 'could not convert'),
+        ('Point1 {\nnNumber=4000\n}\n', r'point number 4000 is not in 0\.\.999'),
+    ],
+)
+def test_what_cannot_be_read_is_told_with_file_and_line(text: str, said: str) -> None:
+    with pytest.raises(ProgramError, match=said):
+        build({'main.prg': 'Function main\nFend', 'robot1.pts': text})
+
+
+def test_points_and_their_labels() -> None:
+    assert lines('Print CX(pick), CZ(P0), CU(place), PDef(1), PDef(3)') == ['100 -30 4 0 -1']
+    assert lines('pick = XY(1, 2, 3, 4)\nPrint CX(P0)') == ['1']
+    assert lines('Integer i\ni = 3\nPrint CX(Pi)') == ['1']  # p345
+    assert lines('Print pick') == [
+        ' X:  100.000 Y:  200.000 Z:  -30.000 U:   45.000 V:    0.000 W:    0.000 /L /0'
+    ]
+
+
+@pytest.mark.parametrize(
+    ('text', 'z'),
+    [('pick :Z(0)', 0), ('pick +Z(5)', -25), ('pick -Z(5) /R', -35), ('pick /R :Z(1)', 1)],
+)
+def test_point_expressions_begin_with_a_label(text: str, z: float) -> None:
+    assert lines(f'P9 = {text}\nPrint CZ(P9)') == [f'{z}']
+
+
+def test_a_label_without_a_place_is_an_undefined_point() -> None:
+    host = ScriptedHost()
+    machine = Machine(build(project('Print CX(later)')), host)
+    machine.start()
+    machine.advance(1.0)
+    assert [each.number for each in host.failures] == [7007]
+
+
+def test_labels_of_inputs_and_outputs_are_numbers() -> None:
+    assert lines('Print Sw(part), part, lamps') == ['0 3 1']
+
+
+def test_only_what_the_project_lists_is_read(tmp_path: Path) -> None:
+    listed = (
+        'ProgramFile1 {\n\tsName="MAIN.prg"\n}\nIncludeFile1 {\n\tsName="a.inc"\n}\n'
+        'PointFile1 {\n\tsName="old.pts"\n\tnRobot=1\n\tbDefault=False\n}\n'
+        'PointFile2 {\n\tsName="robot1.pts"\n\tnRobot=1\n\tbDefault=True\n}\n'
+        'PointFile3 {\n\tsName="robot2.pts"\n\tnRobot=2\n\tbDefault=True\n}\n'
+    )
+    texts = {'p.sprj': listed, 'main.prg': 'Function main\nFend', 'copy.prg': '', 'a.inc': ''}
+    texts |= {'old.pts': POINTS, 'robot1.pts': '', 'robot2.pts': '', 'IOLabels.dat': LABELS}
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+    assert list(read_project(tmp_path)) == [
+        'main.prg', 'a.inc', 'robot1.pts', 'old.pts', 'IOLabels.dat', 'p.sprj'
+    ]  # fmt: skip
+    (tmp_path / 'main.prg').unlink()
+    assert 'copy.prg' in read_project(tmp_path)
+    (tmp_path / 'copy.prg').unlink()
+    with pytest.raises(InputError, match=r'has no \.prg file'):
+        read_project(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ('text', 'encoding'),
+    [
+        ('Print "Größe"', 'cp1252'),
+        ('Print "Größe"', 'utf-8'),
+        ('Print "日本語のテキスト、これはコメントです"', 'shift_jis'),
+        ('Print "机器人开始运动，等待信号"', 'gb18030'),
+        ('Print "機器人開始運動等待訊號"', 'big5'),
+        ('Print "로봇이 움직입니다"', 'cp949'),
+    ],
+)
+def test_the_code_page_is_found_by_content(text: str, encoding: str) -> None:
+    assert decoded(text.encode(encoding)) == text
+
+
+def test_check_tells_of_a_header_that_rc_plus_refuses() -> None:
+    found = [each for each in check(project('')) if each.rule == 'project-file']
+    assert {each.position.file for each in found} == {'robot1.pts', 'IOLabels.dat'}
+    assert all(each.warning for each in found)
+
+
+def found(files: dict[str, str]) -> list[tuple[str, bool]]:
+    return [(each.text.split(':')[0], each.warning) for each in check(files)]
+
+
+ALONE = """Function main
+  Jump Origin +X(5) C0
+  home1 = XY(1, 2, 3, 4)
+  Wait Sw(Part) = On
+  On Gripper
+  Go home1
+Fend
+"""
+
+
+def test_a_program_without_its_files_names_points_and_bits() -> None:
+    taken = [
+        ('Origin is taken for a label of point', True),
+        ('home1 is taken for a label of point', True),
+        ('Part is taken for a label of I/O', True),
+        ('Gripper is taken for a label of I/O', True),
+    ]
+    assert found({'main.prg': ALONE}) == taken
+    assert found({'main.prg': ALONE.replace('Gripper', 'Griper(2)')})[-1][1] is False
+    host = ScriptedHost()
+    machine = Machine(build({'main.prg': ALONE.replace('Jump Origin +X(5) C0', '')}), host)
+    machine.start()
+    machine.advance(1.0)
+    assert 'the I/O label Part has no number' in str(host.failures[0])
+
+
+def test_a_project_with_its_files_names_nothing_that_they_lack() -> None:
+    names = project(ALONE.removeprefix('Function main\n').removesuffix('Fend\n'))
+    assert [warning for _, warning in found(names)].count(False) == 4
+
+
+LIBRARY = """Static Integer m_state
+Global Static UByte mode
+Function Set(value AsInteger)
+  m_state = value; mode = m_state
+  Print m_state, mode
+Fend
+Function main
+  Set(3)
+Fend
+"""
+
+
+def test_what_a_fielded_project_and_a_library_of_epson_write() -> None:
+    """DUNE/CE-RTS is built with AsInteger; SMC_LEHR has Static variables of a file."""
+    host = ScriptedHost()
+    machine = Machine(build({'main.prg': LIBRARY}), host)
+    machine.start()
+    machine.advance(0.1)
+    assert host.text.split() == ['3', '3']

@@ -1,0 +1,148 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Answers to what is not simulated, ports without SetNet, files, and ports that are peers."""
+
+from pathlib import Path
+
+import pytest
+
+from epson_driver.inputs import InputError
+from epson_driver.spel import Machine, NetSettings, Surroundings, build, read_answers
+from epson_driver.spel.bare_host import BareHost
+from epson_driver.spel.files import Files
+
+
+def run(body: str, around: Surroundings | None = None, more: str = '') -> BareHost:
+    """Run a main with these statements for 10 s; return its host."""
+    host = BareHost()
+    files = {'main.prg': f'Function main\n{body}\nFend\n{more}'}
+    machine = Machine(build(files), host, around=around)
+    machine.start()
+    while (due := machine.next_time()) is not None and machine.time < 10.0:
+        machine.advance(due)
+    return host
+
+
+def lines(host: BareHost) -> list[str]:
+    assert host.failures == [], str(host.failures[0])
+    return ''.join(host.printed).splitlines()
+
+
+VISION = """
+  Boolean found
+  Real x, y, u
+  Integer i
+  For i = 1 To 3
+    VRun find
+    VGet find.Geom01.RobotXYU, found, x, y, u
+    Print found, x, y, u, Cnv_QueLen(1)
+  Next
+  VGet find.Geom01.Found, found
+  Print found
+  P1 = Cnv_QueGet(1) +X(1)
+  Print CX(P1), SF_GetParam$(3)
+  Wait Cnv_QueLen(1, 2) = 0, 0.1
+  Print TW
+"""
+
+
+def test_answers_are_given_in_turn_and_the_last_one_stays(tmp_path: Path) -> None:
+    path = tmp_path / 'answers.yaml'
+    path.write_text(
+        'VRun:\n'
+        'vget find.geom01.robotxyu: [[1, 250.0, 40.5, 90], [0, 1, 2, 3]]\n'
+        'VGet: [1]\nCnv_QueLen: [2, 1, 0]\nCnv_QueGet: [[5, 6, 7]]\nSF_GetParam$: name\n'
+    )
+    host = run(VISION, Surroundings(read_answers(path)))
+    assert lines(host) == ['-1 250 40.5 90 2', '0 1 2 3 1', '0 1 2 3 0', '-1', '6 name', '0']
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('- VRun\n', 'must have lines WORD: ANSWERS'),
+        ('VRunn: 1\n', 'VRunn is no word of SPEL.*did you mean VRun'),
+        ('VRun: {a: 1}\n', 'an answer is a value, or a list of values'),
+    ],
+)
+def test_answers_that_cannot_be_used(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / 'answers.yaml'
+    path.write_text(text)
+    with pytest.raises(InputError, match=said):
+        read_answers(path)
+
+
+PEERS = """
+  String s$
+  Xqt served
+  OpenNet #202 As Client
+  WaitNet #202, 1
+  Print #202, "hello"
+  Input #202, s$
+  Print s$
+  CloseNet #202
+"""
+SERVED = """
+Function served
+  String s$
+  OpenNet #201 As Server
+  WaitNet #201
+  Input #201, s$
+  Print #201, s$ + " to you"
+  Wait 0.1
+  Print ChkNet(201)
+Fend
+"""
+
+
+def test_a_port_without_set_net_has_what_the_system_configuration_says() -> None:
+    """And a client of a TCP port that the program itself serves is its peer."""
+    ports = {201: NetSettings('', 2001), 202: NetSettings('192.168.0.1', 2001)}
+    assert lines(run(PEERS, Surroundings(ports=ports), SERVED)) == ['hello to you', '-1']
+
+
+WRITES = """
+  AOpen "data.csv" As #30
+  Print #30, 5
+  Close #30
+  MkDir "new"
+  WOpen "new\\\\b.txt" As #30
+  Print #30, "b"
+  Close #30
+  Print FileLen("DATA.csv"), FolderExists("NEW"), FileExists("new/b.txt")
+  Del "old.txt"
+  Print FileExists("old.txt")
+"""
+
+
+@pytest.mark.parametrize('keep', [True, False])
+def test_files_are_those_of_the_folder_and_written_there_only_if_asked(
+    tmp_path: Path, keep: bool
+) -> None:
+    (tmp_path / 'Data.csv').write_bytes(b'1\r\n')
+    (tmp_path / 'old.txt').write_bytes(b'')
+    host = run(WRITES.replace('\\\\', '\\'), Surroundings(files=Files(tmp_path, keep)))
+    assert lines(host) == ['6 -1 -1', '0']
+    assert (tmp_path / 'Data.csv').read_bytes() == (b'1\r\n5\r\n' if keep else b'1\r\n')
+    assert (tmp_path / 'new').exists() is keep
+    assert (tmp_path / 'old.txt').exists() is not keep
+
+
+@pytest.mark.parametrize('name', ['../a.txt', 'C:\\\\a.txt', '/a.txt', 'main.prg', 'link/a.txt'])
+def test_nothing_is_written_outside_the_folder_or_over_the_project(
+    tmp_path: Path, name: str
+) -> None:
+    project, elsewhere = tmp_path / 'project', tmp_path / 'elsewhere'
+    project.mkdir()
+    elsewhere.mkdir()
+    (project / 'link').symlink_to(elsewhere)
+    host = run(f'  WOpen "{name}" As #30\n', Surroundings(files=Files(project, keep=True)))
+    (failure,) = host.failures
+    assert failure.number == 9993
+    assert {each.name for each in tmp_path.rglob('*')} == {'project', 'elsewhere', 'link'}
+
+
+def test_a_file_cannot_grow_without_end() -> None:
+    body = '  WOpen "a" As #30\n  Do\n    Print #30, Space$(255)\n  Loop\n'
+    (failure,) = run(body).failures
+    assert failure.number in (2556, 9993)

@@ -1,0 +1,86 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The table of SPEL+'s words, what reads it, and what docs/spel.md gets of them."""
+
+import re
+import runpy
+from pathlib import Path
+
+import pytest
+
+from epson_driver.spel import ErrorNumber
+from epson_driver.spel.commands import COMMANDS
+from epson_driver.spel.functions import FUNCTIONS
+from epson_driver.spel.lint import RULES, check
+from epson_driver.spel.words import CONSTANTS, WORDS, is_a, reserved
+
+
+def problems(text: str, version: int = 8) -> list[tuple[str, str]]:
+    return [(p.rule, p.text) for p in check({'main.prg': text}, version)]
+
+
+def test_the_table_has_what_the_manual_lists() -> None:
+    """Appendix A (p929-950) and the summary (p27-50); constants of appendix D (p995-1009).
+
+    Two words more are from a library of EPSON's for a later version.
+    """
+    assert len(WORDS) == 613 + 2
+    assert len(CONSTANTS) == 475
+    assert CONSTANTS['above'] == 1
+    assert CONSTANTS['crlf'] == '\r\n'
+    assert CONSTANTS['vision_imagesize_2560x1920'] == 8
+    assert CONSTANTS['slp_c_zl_pos'] == 76
+    assert not WORDS['move'].background  # p915
+    assert WORDS['hand_on'].since == (7, 5, 1)  # p987
+    assert WORDS['print'].window  # p942
+    assert not WORDS['xqt'].window  # p950
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'Function Flush\nFend',
+        'Function f(Home As Integer)\nFend',
+        'Function f\n  Integer a, below\nFend',
+        'Global Real Speed\nFunction f\nFend',
+        'Function f\nLefty:\nFend',
+    ],
+)
+def test_no_name_may_be_a_word(text: str) -> None:
+    assert {rule for rule, _ in problems(text)} - {'unused'} == {'reserved'}
+
+
+def test_a_word_of_a_later_version_is_none_before() -> None:
+    text = 'Function Hand_On\nFend\nFunction main\n  Hand_On\nFend'
+    assert problems(text, 6) == []
+    assert [rule for rule, _ in problems(text, 7)] == ['reserved']
+
+
+@pytest.mark.parametrize('word', WORDS.values(), ids=lambda word: word.name)
+def test_no_word_is_called_unknown(word) -> None:
+    """Known, or refused by name: as a statement, and as a value."""
+    for text in (f'{word.name} 1', f'x = {word.name}(1)', f'x = {word.name}'):
+        found = problems(f'Function main\n  Real x\n  {text}\nFend')
+        assert 'unknown' not in [rule for rule, _ in found], (text, found)
+
+
+def test_reserved_counts_versions() -> None:
+    assert reserved('DOCKFILL')
+    assert reserved('encTemper')
+    assert not reserved('EncTemper', (7, 99))
+    assert not reserved('place')
+    assert all(is_a('function', name) for name in FUNCTIONS if name != 'p')
+
+
+DOCS = Path(__file__).parents[2] / 'docs'
+MAKE = runpy.run_path(str(DOCS / 'make_tables.py'))
+PAGE = (DOCS / 'spel.md').read_text(encoding='utf-8')
+
+
+def test_the_parts_of_the_page_that_are_made_have_all_of_the_code() -> None:
+    assert '<!-- made: spel_words -->' in PAGE
+    assert any(f'{len(COMMANDS)} statements' in line for line in MAKE['spel_words']())
+    rules = re.findall(r'(?m)^\* `([a-z-]+)`: ', ''.join(MAKE['spel_rules']()))
+    assert rules == list(RULES)
+    numbers = re.findall(r'(?m)^\* `(\d+)`: ', ''.join(MAKE['spel_errors']()))
+    assert [int(number) for number in numbers] == list(ErrorNumber)

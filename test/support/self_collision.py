@@ -1,0 +1,86 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Which links of an arm touch each other: coal tells whether two do, pinocchio where they are."""
+
+from collections.abc import Iterator
+from itertools import combinations
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio
+
+from epson_driver.motion import Array, JointLimits
+from epson_driver.planning.scene import solid_links
+from epson_driver.robots import RobotModel
+from epson_driver.robots.urdf import urdf
+
+LIMIT_PROBABILITY = 0.5
+"""In every other sample, the probability that a joint is at one of its limits."""
+
+
+class CollisionBodies:
+    """The collision geometry of a model, to ask which pairs of links touch.
+
+    Pairs are numbered as in `pairs`; links come in the order of the chain.
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self._model, self._bodies = solid_links(model)
+        self._data = self._model.createData()
+        owners = [
+            self._model.frames[each.parentFrame].name for each in self._bodies.geometryObjects
+        ]
+        self.links = tuple(dict.fromkeys(owners))
+        self.pairs = tuple(combinations(self.links, 2))
+        self.adjacent = frozenset(_neighbours(urdf(model.file))) & frozenset(self.pairs)
+        number = {pair: index for index, pair in enumerate(self.pairs)}
+        self._pair_of_check = []
+        for first, second in combinations(range(len(owners)), 2):
+            pair = number.get((owners[first], owners[second]))
+            # None: two pieces of one link. Neighbours overlap in their joint: not worth a check
+            if pair is not None and self.pairs[pair] not in self.adjacent:
+                self._bodies.addCollisionPair(pinocchio.CollisionPair(first, second))
+                self._pair_of_check.append(pair)
+        self._checks = self._bodies.createData()
+
+    def touching(self, angles: Array) -> set[int]:
+        """Return the numbers of the pairs that touch, neighbours apart; angles in rad, (n,)."""
+        pinocchio.computeCollisions(
+            self._model, self._data, self._bodies, self._checks, angles, False
+        )
+        results = self._checks.collisionResults
+        return {
+            pair
+            for pair, result in zip(self._pair_of_check, results, strict=True)
+            if result.isCollision()
+        }
+
+    def distance(self, angles: Array) -> float:
+        """Return the smallest distance of two links that no joint connects, m."""
+        nearest = pinocchio.computeDistances(
+            self._model, self._data, self._bodies, self._checks, angles
+        )
+        return float(self._checks.distanceResults[nearest].min_distance)
+
+
+def random_configurations(limits: JointLimits, number: int, seed: int) -> Iterator[Array]:
+    """Yield configurations within the limits, shape (n,), the same ones for the same seed.
+
+    The first and every other one is uniform; in the rest each joint may be at one of its
+    limits, as a folded arm does: uniform samples hardly ever come there.
+    """
+    random = np.random.default_rng(seed)
+    low, high = limits.position_min, limits.position_max
+    for index in range(number):
+        angles = random.uniform(low, high)
+        if index % 2:
+            ends = np.where(random.random(low.size) < 0.5, low, high)
+            angles = np.where(random.random(low.size) < LIMIT_PROBABILITY, ends, angles)
+        yield angles
+
+
+def _neighbours(text: str) -> Iterator[tuple[str, str]]:
+    for joint in ElementTree.fromstring(text).findall('joint'):
+        parent, child = joint.find('parent'), joint.find('child')
+        if parent is not None and child is not None:
+            yield parent.get('link', ''), child.get('link', '')

@@ -1,0 +1,29 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A folder in which importing goes wrong: nothing that is started there may import from it."""
+
+import sys
+from pathlib import Path
+
+INSTALLED = ('epson_driver', 'matplotlib', 'numpy', 'rclpy', 'rich', 'ruckig', 'viser', 'yaml')
+TRAP = """
+import os
+with open(os.path.join(os.path.dirname(__file__), 'PWNED'), 'a') as file:
+    print(__name__, file=file)
+raise ImportError('the trap ' + __name__)
+"""
+
+
+def trap_folder(parent: Path) -> Path:
+    """Return a new folder with a module for each of Python's own, and for what we need."""
+    folder = parent / 'traps'
+    folder.mkdir()
+    for name in {*sys.stdlib_module_names, *INSTALLED, 'sitecustomize', 'usercustomize'}:
+        (folder / f'{name}.py').write_text(TRAP, encoding='utf-8')
+    return folder
+
+
+def sprung(folder: Path) -> str:
+    """Return the modules that were executed, a line each."""
+    told = folder / 'PWNED'
+    return told.read_text(encoding='utf-8') if told.exists() else ''

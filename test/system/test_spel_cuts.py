@@ -1,0 +1,169 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The SPEL+ program on real processes: cuts, stops, slow readers, a second client, I/O."""
+
+import socket
+import struct
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from typing import Any
+
+import numpy as np
+import pytest
+from support.cell import LASTS, START, Cell, cell_with
+from support.ros_peer import PATIENCE, trajectory
+from test_io import DI, DO, IoPeer
+from test_motion_primitives import GRIPPER, OPEN, Gripper
+
+pytestmark = pytest.mark.slow
+
+FAR = [1.5, *START[1:]]
+CALLS = 40
+TIMES = pytest.mark.parametrize('times', [5, pytest.param(20, marks=pytest.mark.soak)])
+PORTS = ('', 'port=motion', 'port=state')
+
+
+@pytest.fixture(scope='module')
+def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
+    """One cell whose controller runs the SPEL+ program, and a gripper on its outputs."""
+    one = cell_with(tmp_path_factory.mktemp('cell'), 'spel', io_timeout=1.0, **GRIPPER)
+    try:
+        yield one.ready()
+    finally:
+        one.close()
+
+
+def goes_far(cell: Cell) -> Any:
+    """Return a goal of a minute that has begun to move the arm."""
+    peer = cell.peer
+    here = peer.position()
+    target = FAR if here[0] < 0.75 else [-FAR[0], *FAR[1:]]
+    goal = peer.goal(trajectory((LASTS, target)))
+    peer.wait_for_motion()
+    return goal
+
+
+def enabled(cell: Cell) -> None:
+    """Enable the arm as a person does after a cut: again until both links are back."""
+    until = time.monotonic() + PATIENCE
+    while not (answer := cell.peer.call('enable'))[0]:
+        assert time.monotonic() < until, answer
+        time.sleep(0.2)
+
+
+@TIMES
+@pytest.mark.invariant(3, 4)
+def test_inv4_after_a_cut_nothing_moves_until_enable(cell: Cell, times: int) -> None:
+    random = np.random.default_rng(1)
+    enabled(cell)
+    for cut in range(times):
+        goal = goes_far(cell)
+        time.sleep(random.uniform(0.0, 0.5))
+        words = (each for each in (PORTS[cut % 3], f'for={random.uniform(0.1, 1.0):.2f}') if each)
+        cell.pendant('fault', 'cut', *words)
+        ended, _, text = goal.result()
+        assert ended == 'aborted', text
+        cell.peer.wait_for(lambda: 'connected' in cell.peer.link_states[-1:], 'the links')
+        there = cell.peer.wait_until_still()
+        ended, _, text = cell.peer.goal(trajectory((1.0, START))).result()
+        assert (ended, 'enable' in text) == ('aborted', True), text
+        np.testing.assert_array_equal(cell.peer.assert_still(), there)
+        enabled(cell)
+        np.testing.assert_array_equal(cell.peer.assert_still(), there)
+
+
+@TIMES
+@pytest.mark.invariant(4)
+def test_inv4_a_stop_holds_and_the_next_goal_goes_on(cell: Cell, times: int) -> None:
+    random = np.random.default_rng(2)
+    enabled(cell)
+    for _ in range(times):
+        goal = goes_far(cell)
+        time.sleep(random.uniform(0.0, 0.5))
+        success, text = cell.peer.call('stop')
+        assert success, text
+        assert goal.result()[0] == 'aborted'
+        cell.peer.assert_still()
+    assert cell.peer.goal(trajectory((3.0, START))).result()[0] == 'succeeded'
+
+
+def greedy(port: int) -> socket.socket:
+    """Return a connection of somebody who reads nothing, with next to no room for what comes."""
+    connection = socket.socket()
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
+    connection.settimeout(PATIENCE)
+    connection.connect(('127.0.0.1', port))
+    return connection
+
+
+def test_six_clients_that_read_nothing_keep_nobody_out_and_stop_nothing(cell: Cell) -> None:
+    enabled(cell)
+    ports = cell.ports
+    slow = [greedy(port) for port in (ports.state, ports.motion, ports.io) for _ in range(2)]
+    try:
+        ended, _, text = cell.peer.goal(trajectory((3.0, FAR))).result()
+        assert ended == 'succeeded', text
+        assert cell.peer.goal(trajectory((3.0, START))).result()[0] == 'succeeded'
+    finally:
+        for connection in slow:
+            connection.close()
+    cell.peer.assert_still()
+
+
+def test_a_second_motion_client_is_not_heard(cell: Cell) -> None:
+    enabled(cell)
+    point = struct.pack('<4i i 10f 2f', 64, 11, 2, 0, 0, 0.5, *[0.0] * 9, 1.0, 1.0)
+    with closing(greedy(cell.ports.motion)) as second:
+        second.setblocking(False)
+        there = cell.peer.position()
+        for _ in range(30):
+            try:
+                second.send(point)
+            except BlockingIOError:
+                continue
+            except OSError:
+                break
+        np.testing.assert_array_equal(cell.peer.assert_still(), there)
+        ended, _, text = cell.peer.goal(trajectory((2.0, FAR))).result()
+        assert ended == 'succeeded', text
+
+
+def test_io_and_gripper_answer_every_call_while_the_cable_is_cut(cell: Cell) -> None:
+    """A write that failed may have been done: what is read afterwards tells."""
+    random = np.random.default_rng(3)
+    peer = IoPeer(cell.domain)
+    over = threading.Event()
+
+    def cut() -> None:
+        while not over.wait(random.uniform(0.3, 1.0)):
+            cell.pendant('fault', 'cut', f'for={random.uniform(0.1, 0.4):.2f}')
+
+    gripper = Gripper(cell)
+    saboteur = threading.Thread(target=cut)
+    saboteur.start()
+    try:
+        done = failed = 0
+        for call in range(CALLS):
+            read, written = peer.read((DI, 3)), peer.write((DO, 0, call % 2))
+            for answer in (read, written):
+                assert answer.success == (answer.message == ''), answer
+                done, failed = done + answer.success, failed + (not answer.success)
+            handle = gripper.send(OPEN if call % 2 else 0.0)
+            if handle.accepted:
+                handle.cancel_goal_async()
+                gripper.result(handle)
+    finally:
+        over.set()
+        saboteur.join()
+    try:
+        peer.wait_until_valid()
+        until = time.monotonic() + PATIENCE
+        while not peer.write((DO, 0, 1)).success:
+            assert time.monotonic() < until
+        assert peer.read((DO, 0)).points[0].value == 1
+        assert done > 0
+        assert failed > 0
+    finally:
+        peer.close()

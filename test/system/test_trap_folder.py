@@ -1,0 +1,104 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Every executable in a folder full of modules that nobody should import: none of them is."""
+
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from support.examples import one_in
+from support.traps import sprung, trap_folder
+
+from epson_driver.demo.verdict import TOO_BUSY
+from epson_driver.processes.executables import EXECUTABLES
+from epson_driver.processes.processes import free_ros_domain, ros_environment
+
+pytestmark = pytest.mark.invariant(7)
+
+LAUNCHERS = Path(sys.prefix) / 'lib' / 'epson_driver'
+PROGRAM = Path(__file__).parents[1] / 'exercise' / 'programs' / 'good.py'
+FREE = [f'--{port}-port=0' for port in ('motion', 'state', 'io', 'remote')]
+MOVE = """
+from epson_driver import Robot
+with Robot.simulated() as robot:
+    robot.enable()
+    robot.move_joints([0.05] * 6)
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Iterator[Path]:
+    """A folder of traps, none of which may be sprung."""
+    made = trap_folder(tmp_path)
+    yield made
+    assert sprung(made) == ''
+
+
+def started(folder: Path, name: str, *arguments: str) -> subprocess.Popen[str]:
+    """Start what `ros2 run` starts, or another program."""
+    return subprocess.Popen(
+        [str(LAUNCHERS / name), *arguments],
+        cwd=folder,
+        env=ros_environment(free_ros_domain()) | {'MPLBACKEND': 'agg'},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def ended(process: subprocess.Popen[str], *codes: int) -> str:
+    output, errors = process.communicate(timeout=550)
+    assert process.returncode in (codes or (0,)), output + errors
+    return output
+
+
+def test_the_traps_work(tmp_path: Path) -> None:
+    made = trap_folder(tmp_path)
+    ended(started(made, sys.executable, '-m', 'epson_driver.cli', '--help'), 1)
+    assert sprung(made)
+
+
+@pytest.mark.parametrize('name', one_in(4, EXECUTABLES))
+def test_every_executable_says_its_usage(folder: Path, name: str) -> None:
+    assert ended(started(folder, name, '--help')).startswith(f'usage: epson_driver {name} ')
+
+
+def test_the_simulated_controller_starts_with_its_planner(folder: Path) -> None:
+    process = started(folder, 'sim_controller', *FREE)
+    assert process.stdout is not None
+    assert process.stdout.readline().startswith('listening ')
+    process.send_signal(signal.SIGTERM)
+    ended(process)
+
+
+def test_a_program_moves_a_simulated_robot_with_a_motion_that_was_prepared(folder: Path) -> None:
+    ended(started(folder, sys.executable, '-P', '-c', MOVE))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    'words',
+    [
+        ['demo'],
+        ['doctor'],
+        ['exercise', '--fault=pause', '--timeout=150', '--', sys.executable, str(PROGRAM)],
+        ['fleet', '--robots=1', '--seconds=1'],
+    ],
+    ids=lambda words: words[0],
+)
+def test_what_starts_processes_starts_them(folder: Path, words: list[str]) -> None:
+    ended(started(folder, *words), 0, TOO_BUSY)
+
+
+@pytest.mark.slow
+def test_the_panel_starts_beside_the_simulated_controller(folder: Path) -> None:
+    pytest.importorskip('viser')
+    process = started(folder, 'sim_controller', *FREE, '--panel')
+    assert process.stdout is not None
+    while not process.stdout.readline().startswith('panel'):
+        assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    ended(process)

@@ -1,0 +1,190 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Reading planned trajectories, and whether an error says which file and what in it."""
+
+import numpy as np
+import pytest
+
+from epson_driver.inputs import InputError
+from epson_driver.motion import problems
+from epson_driver.robots import load_robot_model, robot_models
+from epson_driver.robots.model import SCARA
+from epson_driver.share import share_file
+from epson_driver.trajectory_file import (
+    read_trajectory,
+    write_trajectory,
+)
+
+FOLDER = share_file('config', 'trajectories', 'around_pillar_11_points.yaml').parent
+FILES = sorted(FOLDER.glob('*.yaml'))
+SCARAS = [name for name in robot_models() if load_robot_model(name).kind == SCARA]
+
+GOOD = """
+joint_names: [a, b]
+points:
+- positions: [0.0, 1.0]
+  velocities: [0.5, -0.5]
+  time_from_start: {sec: 0, nanosec: 0}
+- positions: [0.1, 1.25]
+  velocities: [0.0, 0.0]
+  time_from_start: {sec: 1, nanosec: 250000000}
+"""
+
+
+def written(folder, text):
+    path = folder / 'plan.yaml'
+    path.write_text(text, encoding='utf-8')
+    return path
+
+
+def refusal(path):
+    with pytest.raises(InputError) as caught:
+        read_trajectory(path)
+    return str(caught.value)
+
+
+def test_there_are_trajectories():
+    assert len(FILES) >= 5
+
+
+@pytest.mark.parametrize('path', FILES, ids=lambda path: path.stem)
+def test_every_trajectory_of_the_repository_can_be_executed(path):
+    trajectory = read_trajectory(path)
+    assert trajectory.duration > 0.0
+    scara = path.stem.startswith('scara')
+    for name in SCARAS if scara else ['c3_a601s']:
+        limits = load_robot_model(name).limits
+        assert set(trajectory.joint_names) == set(limits.names)
+        assert list(problems(trajectory.in_order(limits.names), limits)) == []
+
+
+def test_numbers_are_read_as_they_are_written(tmp_path):
+    trajectory = read_trajectory(written(tmp_path, GOOD))
+    assert trajectory.joint_names == ('a', 'b')
+    assert trajectory.times.tolist() == [0.0, 1.25]
+    assert trajectory.positions.tolist() == [[0.0, 1.0], [0.1, 1.25]]
+    assert trajectory.velocities.tolist() == [[0.5, -0.5], [0.0, 0.0]]
+    assert trajectory.accelerations is None
+    assert trajectory.positions.dtype == np.float64
+
+
+def test_what_is_written_is_read_again(tmp_path):
+    given = read_trajectory(written(tmp_path, GOOD))
+    path = tmp_path / 'again.yaml'
+    write_trajectory(path, given, 'a comment')
+    assert path.read_text(encoding='utf-8').startswith('# a comment\n')
+    again = read_trajectory(path)
+    assert again.joint_names == given.joint_names
+    assert again.times.tolist() == given.times.tolist()
+    assert again.positions.tolist() == given.positions.tolist()
+    assert again.velocities.tolist() == given.velocities.tolist()
+    assert again.accelerations is None
+
+
+def test_times_may_be_missing_where_they_do_not_count(tmp_path):
+    text = GOOD.replace('  time_from_start: {sec: 0, nanosec: 0}\n', '')
+    assert read_trajectory(written(tmp_path, text), timed=False).times.tolist() == [0.0, 1.25]
+    refusal(written(tmp_path, text))
+
+
+def test_what_else_a_message_has_is_left_alone(tmp_path):
+    text = 'header: {stamp: {sec: 1, nanosec: 2}, frame_id: base}\n' + GOOD
+    assert read_trajectory(written(tmp_path, text)).duration == 1.25
+
+
+def test_what_ros2_topic_echo_prints_ends_with_three_dashes(tmp_path):
+    assert read_trajectory(written(tmp_path, GOOD + '---\n')).duration == 1.25
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(InputError, match=r'missing\.yaml: No such file'):
+        read_trajectory(tmp_path / 'missing.yaml')
+
+
+@pytest.mark.parametrize(
+    ('change', 'word'),
+    [
+        (('joint_names: [a, b]', ''), 'joint_names'),
+        (('points:', 'waypoints:'), 'points'),
+        (('  time_from_start: {sec: 0, nanosec: 0}\n', ''), 'time_from_start'),
+        (('{sec: 0, nanosec: 0}', '{sec: 0}'), 'nanosec'),
+        (('- positions: [0.0, 1.0]\n  vel', '- vel'), 'positions'),
+        (('velocities: [0.0, 0.0]', 'effort: []'), 'velocities'),
+    ],
+)
+def test_a_key_that_is_missing_is_named_with_the_file(tmp_path, change, word):
+    assert change[0] in GOOD
+    path = written(tmp_path, GOOD.replace(*change))
+    text = refusal(path)
+    assert str(path) in text
+    assert word in text
+
+
+def test_no_points(tmp_path):
+    path = written(tmp_path, 'joint_names: [a]\npoints: []\n')
+    assert refusal(path) == f'{path}: points is empty'
+
+
+@pytest.mark.parametrize('text', ['', '[]', '42', 'points: 3', 'joint_names: 1\npoints: [1]'])
+def test_something_else_than_a_trajectory(tmp_path, text):
+    path = written(tmp_path, text)
+    assert str(path) in refusal(path)
+
+
+@pytest.mark.parametrize('text', ['{', 'a: b: c', '\t- x', 'joint_names: ['])
+def test_not_yaml(tmp_path, text):
+    path = written(tmp_path, text)
+    assert str(path) in refusal(path)
+    assert 'not YAML' in refusal(path)
+
+
+@pytest.mark.parametrize(
+    ('change', 'words'),
+    [
+        (('[0.1, 1.25]', '[0.1]'), ['point 1', '1 positions', '2 joints']),
+        (('velocities: [0.0, 0.0]', 'velocities: [0.0]'), ['point 1', '1 velocities', '2 joints']),
+    ],
+)
+def test_wrong_lengths_are_named_with_the_file(tmp_path, change, words):
+    assert change[0] in GOOD
+    path = written(tmp_path, GOOD.replace(*change))
+    text = refusal(path)
+    assert all(word in text for word in words)
+    assert str(path) in text
+
+
+@pytest.mark.parametrize(
+    'change',
+    [('[0.1, 1.25]', '[0.1, here]'), ('sec: 1', 'sec: soon'), ('[0.1, 1.25]', '[0.1, []]')],
+)
+def test_what_is_no_number_is_named_with_the_file(tmp_path, change):
+    assert change[0] in GOOD
+    path = written(tmp_path, GOOD.replace(*change))
+    assert str(path) in refusal(path)
+
+
+def test_bytes_that_are_no_text(tmp_path):
+    path = tmp_path / 'plan.yaml'
+    path.write_bytes(b'\xff\xfe\x00joint_names')
+    assert str(path) in refusal(path)
+
+
+def test_a_time_may_be_a_number_of_seconds(tmp_path):
+    text = GOOD.replace('{sec: 1, nanosec: 250000000}', '2.5')
+    assert read_trajectory(written(tmp_path, text)).times.tolist() == [0.0, 2.5]
+    for bad in ('-1.0', 'soon', '[1]', '.inf'):
+        with pytest.raises(InputError, match=r'point 1\.time_from_start'):
+            read_trajectory(written(tmp_path, text.replace('2.5', bad)))
+
+
+@pytest.mark.parametrize('text', ['', '# nothing\n', '---\n'])
+def test_an_empty_file_is_told_its_form(tmp_path, text):
+    with pytest.raises(InputError, match=r'is empty: must have joint_names: .*time_from_start'):
+        read_trajectory(written(tmp_path, text))
+
+
+@pytest.mark.parametrize('points', ['3', '{a: 1}', 'none'])
+def test_points_that_are_no_list_are_shown(tmp_path, points):
+    path = written(tmp_path, f'joint_names: [a]\npoints: {points}\n')
+    assert refusal(path).startswith(f'{path}: points = ')
+    assert refusal(path).endswith(': must be a list')

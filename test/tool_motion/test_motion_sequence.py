@@ -1,0 +1,329 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Sequences of motions as one trajectory: rests, times, limits, and what is refused as a whole."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from epson_driver.api.moves import PathPoint, path_runs
+from epson_driver.api.poses import Target
+from epson_driver.motion.smoothed import smoothed
+from epson_driver.motion.trajectory import problems
+from epson_driver.robots import load_robot_model
+from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw
+from epson_driver.tool_motion.motion_sequence import Kind, Primitive, SequenceError, plan_sequence
+from epson_driver.tool_motion.tool_trajectory import ToolLimits, runs_trajectory
+
+ARM = Kinematics(load_robot_model('c3_a601s'))
+LIMITS = ARM.model.limits
+READY = np.array([0.0, 0.2, 0.2, 0.0, -1.9, 0.0])
+ASIDE = READY + np.array([0.3, 0.1, 0.0, 0.0, 0.0, 0.5])
+
+
+def to_joints(target=ASIDE, **more):
+    return Primitive(Kind.LINEAR_JOINT, np.asarray(target), **more)
+
+
+def to_pose(xyz=(0.0, 0.05, 0.0), via=None, begin=READY, **more):
+    """Return a line from where joints have the flange, or an arc through a place beside that."""
+    pose = ARM.forward(begin)
+    place = None if via is None else pose[:3, 3] + via
+    pose[:3, 3] += xyz
+    kind = Kind.LINEAR_CARTESIAN if via is None else Kind.CIRCULAR_CARTESIAN
+    return Primitive(kind, pose, place, **more)
+
+
+def to_arc(**more):
+    return to_pose(via=(0.03, 0.03, 0.0), **more)
+
+
+def test_the_arm_rests_at_the_end_of_each_motion_and_goes_on_from_there():
+    arc = to_pose((0.0, 0.0, 0.0), via=(0.03, -0.05, 0.0))
+    line = to_pose((0.0, 0.06, 0.02))
+    arc.target[:3, 3] -= [0.0, 0.1, 0.0]
+    back = to_joints(READY)
+    planned = plan_sequence(ARM, READY, [line, back, arc, to_joints()])
+    trajectory = planned.trajectory
+    assert list(problems(trajectory, LIMITS)) == []
+    assert np.allclose(trajectory.positions[0], READY)
+    assert trajectory.times[0] == 0.0
+    assert planned.ends[-1] == pytest.approx(trajectory.duration)
+    rows = np.searchsorted(trajectory.times, planned.ends - 1e-9)
+    assert np.allclose(trajectory.times[rows], planned.ends)
+    assert np.allclose(trajectory.velocities[rows], 0.0)
+    assert np.allclose(ARM.forward(trajectory.positions[rows[0]]), line.target, atol=1e-9)
+    assert np.allclose(trajectory.positions[rows[1]], READY)
+    assert np.allclose(ARM.forward(trajectory.positions[rows[2]]), arc.target, atol=1e-9)
+    assert np.allclose(trajectory.positions[-1], ASIDE)
+
+
+def test_the_index_is_that_of_the_motion_under_way():
+    planned = plan_sequence(ARM, READY, [to_joints(), to_joints(READY), to_joints()])
+    first, second, _ = planned.ends / planned.ends[-1]
+    expected = {0.0: 0, 0.9 * first: 0, 1.1 * first: 1, 1.01 * second: 2, 0.99: 2, 1.0: 2}
+    assert {share: planned.index(share) for share in expected} == expected
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'velocity'),
+    [({}, None), ({'velocity': 0.2}, 0.2), ({'velocity': 0.2, 'acceleration': 1.0}, 0.2)],
+)
+def test_velocity_and_acceleration_of_joints_are_at_most_those_asked_for(arguments, velocity):
+    trajectory = plan_sequence(ARM, READY, [to_joints(**arguments)]).trajectory
+    fastest = np.abs(trajectory.velocities).max()
+    assert fastest == pytest.approx(velocity) if velocity else fastest > 0.5
+    steps = np.diff(trajectory.velocities, axis=0) / np.diff(trajectory.times)[:, None]
+    allowed = arguments.get('acceleration', LIMITS.acceleration)
+    assert (np.abs(steps) <= allowed * (1.0 + 1e-9)).all()
+
+
+def test_more_than_a_joint_can_is_as_much_as_it_can():
+    fast = plan_sequence(ARM, READY, [to_joints(velocity=100.0, acceleration=1e4)])
+    assert fast.ends == pytest.approx(plan_sequence(ARM, READY, [to_joints()]).ends)
+
+
+def test_a_line_is_as_fast_as_asked_for():
+    line = to_pose((0.0, 0.1, 0.0), velocity=0.05, acceleration=0.5)
+    trajectory = plan_sequence(ARM, READY, [line]).trajectory
+    places = np.array([ARM.forward(row)[:3, 3] for row in trajectory.positions])
+    speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(trajectory.times)
+    assert speeds.max() == pytest.approx(0.05, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ('make', 'seconds'),
+    [(to_joints, 0.4), (to_joints, 3.0), (to_pose, 0.4), (to_pose, 3.0), (to_arc, 1.0)],
+)
+def test_a_move_time_is_kept_whatever_velocity_says(make, seconds):
+    planned = plan_sequence(ARM, READY, [make(move_time=seconds, velocity=1e-3)])
+    assert planned.ends == pytest.approx([seconds])
+    assert list(problems(planned.trajectory, LIMITS)) == []
+
+
+REFUSED = {
+    'joints, then the tool': (
+        to_pose(blend_radius=0.01),
+        r'blend_radius = 0.01 m: must be 0, as motions\[2\] is LINEAR_JOINT',
+    ),
+    'a time of its own': (
+        to_joints(blend_radius=0.01, move_time=1.0),
+        'move_time = 1 s: a motion that is blended does not begin and end at a time of its own',
+    ),
+    'only the wrist turns': (
+        to_joints(READY + np.eye(6)[5], blend_radius=0.01),
+        r'a blend of 0.01 m is longer than the way of the tool, which is .* m at most',
+    ),
+    'joints there already': (
+        to_joints(READY, blend_radius=0.01),
+        'the joints are there already',
+    ),
+    'longer than the way': (
+        to_joints(READY + 0.1 * np.eye(6)[0], blend_radius=0.2),
+        'a blend of 0.2 m is longer than the way of the tool, which is 0.0',
+    ),
+    'too short': (
+        to_joints(move_time=0.01),
+        r'move_time = 0.01 s: the joint limits allow no less',
+    ),
+    'tool, too short': (to_pose(move_time=0.02), r'LINEAR_CARTESIAN: '),
+    'out of reach': (to_pose((2.0, 0.0, 0.0)), 'out of reach'),
+    'there already': (to_pose((0.0, 0.0, 0.0)), 'the tool is there already'),
+    'no arc': (to_pose((0.0, 0.1, 0.0), via=(0.0, 0.05, 0.0)), 'no arc leads'),
+    'outside': (to_joints(READY + np.eye(6)[0] * 9.0), 'joint_1: target 9 is outside'),
+}
+
+
+@pytest.mark.parametrize('name', REFUSED)
+def test_one_motion_that_cannot_be_refuses_the_whole_sequence_and_is_named(name):
+    bad, words = REFUSED[name]
+    with pytest.raises(SequenceError, match=r'^motions\[1\], ' + bad.kind.name) as caught:
+        plan_sequence(ARM, READY, [to_joints(READY), bad, to_joints()])
+    with pytest.raises(AssertionError, match=words):
+        raise AssertionError(str(caught.value))
+
+
+def test_a_scara_goes_straight_too_and_does_not_lean():
+    scara = Kinematics(load_robot_model('gx4_c251s'))
+    start = np.zeros(4)
+    target = np.array([0.2, 0.3, -0.05, 0.1])
+    assert len(plan_sequence(scara, start, [to_joints(target)]).ends) == 1
+    pose = scara.forward(target)
+    pose[0, 3] -= 0.02
+    (end,) = plan_sequence(scara, target, [Primitive(Kind.LINEAR_CARTESIAN, pose)]).ends
+    assert end > 0.0
+    pose[:3, :3] = pose[:3, :3] @ rotation_of_uvw(np.array([0.0, 0.2, 0.0]))
+    with pytest.raises(SequenceError, match='stays upright'):
+        plan_sequence(scara, target, [Primitive(Kind.LINEAR_CARTESIAN, pose)])
+
+
+def test_it_is_given_up_in_the_middle_of_a_motion():
+    asked = []
+
+    def given_up():
+        asked.append(None)
+        return len(asked) > 20
+
+    with pytest.raises(SequenceError, match='given up'):
+        plan_sequence(ARM, READY, [to_pose()], given_up=given_up)
+    assert len(asked) == 21
+    asked.clear()
+    corner = [to_joints(blend_radius=0.02), to_joints(READY + 0.2)]
+    with pytest.raises(SequenceError, match='given up'):
+        plan_sequence(ARM, READY, corner, given_up=given_up)
+    assert len(asked) == 21
+
+
+def test_it_is_given_up_between_two_motions():
+    asked = iter([False, True])
+    with pytest.raises(SequenceError, match='given up'):
+        plan_sequence(ARM, READY, [to_joints(), to_joints(READY)], given_up=lambda: next(asked))
+
+
+def test_a_single_motion_may_be_its_end_alone():
+    trajectory = plan_sequence(ARM, READY, [to_joints()], sampled=False).trajectory
+    assert trajectory.positions.shape == (1, 6)
+    sampled = plan_sequence(ARM, READY, [to_joints()]).trajectory
+    assert trajectory.duration == pytest.approx(sampled.duration)
+
+
+STEPS = [(0.0, 0.06, 0.0), (-0.05, 0.06, 0.02), (-0.05, 0.0, 0.02)]
+RADII = [0.02, 0.01, 0.0]
+
+
+def path(**more):
+    """Return lines with blends between them, and the same as way points of the API."""
+    lines = [
+        to_pose(step, blend_radius=radius, **more)
+        for step, radius in zip(STEPS, RADII, strict=True)
+    ]
+    points = [PathPoint(Target(each.target), None, each.blend_radius) for each in lines]
+    return lines, points
+
+
+def test_blended_lines_are_the_path_that_way_points_with_these_blends_are():
+    lines, points = path(velocity=0.2)
+    planned = plan_sequence(ARM, READY, lines)
+    runs = path_runs(points, ARM.forward(READY))
+    expected = runs_trajectory(ARM, READY, runs, ToolLimits(speed=0.2))
+    assert np.array_equal(planned.trajectory.times, expected.times)
+    assert np.array_equal(planned.trajectory.positions, expected.positions)
+    assert np.array_equal(planned.trajectory.velocities, expected.velocities)
+    resting = plan_sequence(ARM, READY, [replace(each, blend_radius=0.0) for each in lines])
+    assert planned.trajectory.duration < 0.8 * resting.trajectory.duration
+
+
+def test_each_blended_line_has_its_own_velocity_and_ends_at_its_corner():
+    lines, _ = path()
+    speeds = [0.05, 0.1, 0.08]
+    lines = [replace(each, velocity=speed) for each, speed in zip(lines, speeds, strict=True)]
+    planned = plan_sequence(ARM, READY, lines)
+    motion = smoothed(planned.trajectory, LIMITS)
+    places = np.array([ARM.forward(row)[:3, 3] for row in motion.positions])
+    seen = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(motion.times)
+    for index, (begin, end) in enumerate(pairwise([0.0, *planned.ends])):
+        during = (motion.times[1:] > begin + 0.02) & (motion.times[1:] < end - 0.02)
+        assert seen[during].max() == pytest.approx(speeds[index], rel=0.05)
+        share = (begin + end) / 2.0 / planned.trajectory.duration
+        assert planned.index(share) == index
+    for end, line, radius in zip(planned.ends[:-1], lines, RADII, strict=False):
+        place = places[np.searchsorted(motion.times, end)]
+        corner = line.target[:3, 3]
+        nearest = np.linalg.norm(places - corner, axis=1).min()
+        assert np.linalg.norm(place - corner) < nearest + 0.1 * radius
+
+
+CORNER = READY + np.array([0.5, 0.2, -0.2, 0.1, 0.2, 0.5])
+BEHIND = CORNER + np.array([-0.1, 0.3, 0.2, 0.4, 0.0, -0.8])
+
+
+@pytest.mark.invariant(2)
+@pytest.mark.parametrize(
+    'radius', [0.02, *(pytest.param(each, marks=pytest.mark.slow) for each in (0.002, 0.1))]
+)
+@pytest.mark.parametrize('arguments', [{}, {'velocity': 0.5, 'acceleration': 2.0}])
+def test_blended_joint_moves_cut_the_corner_within_the_radius_and_keep_every_limit(
+    radius, arguments
+):
+    moves = [to_joints(CORNER, blend_radius=radius, **arguments), to_joints(BEHIND, **arguments)]
+    planned = plan_sequence(ARM, READY, moves)
+    trajectory = planned.trajectory
+    assert list(problems(trajectory, LIMITS)) == []
+    assert np.allclose(trajectory.positions[0], READY)
+    assert np.allclose(trajectory.positions[-1], BEHIND)
+    assert planned.ends[-1] == pytest.approx(trajectory.duration)
+    motion = smoothed(trajectory, LIMITS)
+    slack = 1.0 + 1e-6
+    assert np.all(np.abs(motion.velocities) <= LIMITS.velocity * slack)
+    assert np.all(np.abs(motion.accelerations) <= LIMITS.acceleration * slack)
+    if arguments:
+        assert np.abs(motion.velocities).max() <= 0.5 * 1.01
+    corner = ARM.forward(CORNER)[:3, 3]
+    away = [np.linalg.norm(ARM.forward(each)[:3, 3] - corner) for each in motion.positions]
+    assert 0.0 < min(away) < radius
+    for index, (at, place) in enumerate(zip(motion.positions, away, strict=True)):
+        if place > radius * 1.05:  # straight in joint space there
+            begin, end = (
+                (READY, CORNER)
+                if motion.times[index] < planned.ends[0]
+                else (
+                    CORNER,
+                    BEHIND,
+                )
+            )
+            share = (at - begin) @ (end - begin) / ((end - begin) @ (end - begin))
+            assert np.abs(at - begin - share * (end - begin)).max() < 0.1 * radius
+    resting = plan_sequence(ARM, READY, [replace(moves[0], blend_radius=0.0), moves[1]])
+    if radius > 0.01:  # as tight as that a blend at full speed takes as long as a rest
+        assert trajectory.duration < resting.trajectory.duration
+    assert planned.index(0.0) == 0
+    assert planned.index(1.0) == 1
+
+
+@pytest.mark.invariant(2)
+@pytest.mark.parametrize('count', [2, pytest.param(100, marks=pytest.mark.slow)])
+def test_random_joint_blends_are_refused_with_the_reason_or_keep_every_limit(count):
+    random = np.random.default_rng(18)
+    driven, reasons = 0, []
+    for _ in range(count):
+        corners = READY + random.uniform(-0.6, 0.6, (4, 6))
+        radii = random.uniform(0.001, 0.15, 2)
+        start, *targets = np.clip(corners, LIMITS.position_min, LIMITS.position_max)
+        moves = [
+            to_joints(target, blend_radius=radius)
+            for target, radius in zip(targets, [*radii, 0.0], strict=True)
+        ]
+        try:
+            planned = plan_sequence(ARM, start, moves)
+        except SequenceError as error:
+            reasons.append(str(error))
+            continue
+        driven += 1
+        assert list(problems(planned.trajectory, LIMITS)) == []
+        assert np.all(np.diff(planned.ends) > 0.0)
+        motion = smoothed(planned.trajectory, LIMITS)
+        assert np.all(np.abs(motion.velocities) <= LIMITS.velocity * (1.0 + 1e-6))
+        assert np.all(np.abs(motion.accelerations) <= LIMITS.acceleration * (1.0 + 1e-6))
+        for target, radius in zip(targets[:-1], radii, strict=True):
+            corner = ARM.forward(target)[:3, 3]
+            places = (ARM.forward(each)[:3, 3] for each in motion.positions)
+            assert min(np.linalg.norm(place - corner) for place in places) < radius
+    assert count < 10 or driven >= count / 2
+    assert all('longer than the way' in each or 'overlap' in each for each in reasons)
+
+
+def test_nothing_follows_the_last_motion():
+    with pytest.raises(SequenceError, match=r'^motions\[1\], .*blend_radius = 0.1 m: must be 0'):
+        plan_sequence(ARM, READY, [to_joints(), to_joints(READY, blend_radius=0.1)])
+
+
+def test_two_blends_may_not_overlap():
+    moves = [
+        to_joints(CORNER, blend_radius=0.05),
+        to_joints(CORNER + 0.1 * np.eye(6)[0], blend_radius=0.03),
+        to_joints(BEHIND),
+    ]
+    with pytest.raises(SequenceError, match=r'^motions\[1\], LINEAR_JOINT: .*(overlap|longer)'):
+        plan_sequence(ARM, READY, moves)

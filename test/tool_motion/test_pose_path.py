@@ -1,0 +1,108 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Lines and arcs that go over into each other: smooth seams, cut corners, what is refused."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from epson_driver.tool_motion.pose_path import BlendError, arc, line, runs
+from epson_driver.tool_motion.tool_pose import homogeneous, rotation
+
+
+def pose(*place, turn=(0.0, 0.0, 0.0)):
+    """Return a pose at x y z, m, turned by a rotation vector, rad."""
+    return homogeneous(rotation(np.array(turn, dtype=float)), np.array(place, dtype=float))
+
+
+START = pose(0.0, 0.0, 0.0)
+CORNER = pose(0.2, 0.0, 0.0, turn=(0.0, 0.4, 0.0))
+END = pose(0.2, 0.2, 0.05, turn=(0.3, 0.0, 0.2))
+SEGMENTS = {
+    'line, line': [line(START, CORNER), line(CORNER, END)],
+    'line, arc': [line(START, CORNER), arc(CORNER, np.array([0.25, 0.1, 0.0]), END)],
+    'arc, line': [arc(START, np.array([0.1, 0.04, 0.0]), CORNER), line(CORNER, END)],
+    'there and back': [line(START, CORNER), line(CORNER, pose(0.05, 0.0, 0.0))],
+}
+
+
+@pytest.mark.parametrize('segments', SEGMENTS.values(), ids=SEGMENTS)
+def test_place_and_turn_have_two_continuous_derivatives_at_the_seams(segments):
+    (run,) = runs(segments, [0.03])
+    assert len(run.parts) == 3
+    for before, after in zip(run.parts[:-1], run.parts[1:], strict=True):
+        np.testing.assert_allclose(before.pose(1.0), after.pose(0.0), atol=1e-12)
+        scales = [path.length ** np.arange(1, 4)[:, None] for path in (before, after)]
+        there = before.derivatives(1.0) / scales[0]
+        here = after.derivatives(0.0) / scales[1]
+        np.testing.assert_allclose(there[:2], here[:2], atol=1e-9)
+
+
+@pytest.mark.parametrize('segments', SEGMENTS.values(), ids=SEGMENTS)
+def test_the_derivatives_are_those_of_the_poses(segments):
+    (run,) = runs(segments, [0.03])
+    step = 1e-4
+    for part in run.parts:
+        for share in (0.2, 0.5, 0.7):
+            first, second, third = part.derivatives(share)[:, :3]
+            places = [part.pose(share + k * step)[:3, 3] for k in (-2, -1, 0, 1, 2)]
+            assert np.allclose((places[3] - places[1]) / (2 * step), first, atol=1e-6)
+            assert np.allclose(
+                (places[3] - 2 * places[2] + places[1]) / step**2, second, atol=1e-5
+            )
+            by_third = (places[4] - 2 * places[3] + 2 * places[1] - places[0]) / (2 * step**3)
+            assert np.allclose(by_third, third, atol=1e-2)
+
+
+@pytest.mark.parametrize('radius', [0.001, 0.05, 0.19])
+def test_a_blend_cuts_the_corner_within_its_radius_and_no_faster_than_the_way(radius):
+    (run,) = runs(SEGMENTS['line, line'], [radius])
+    corner = CORNER[:3, 3]
+    blend = run.parts[1]
+    places = np.array([blend.pose(share)[:3, 3] for share in np.linspace(0, 1, 200)])
+    away = np.linalg.norm(places - corner, axis=1)
+    assert away.max() <= radius * (1 + 1e-9)
+    assert 0.1 * radius < away.min() < radius
+    for share in np.linspace(0.0, 1.0, 50):
+        assert np.linalg.norm(blend.derivatives(share)[0, :3]) <= blend.length * (1 + 1e-9)
+    # the rest of the way is that of the segments
+    assert run.seams[-1] == pytest.approx(0.2 + SEGMENTS['line, line'][1].length)
+
+
+def test_without_a_blend_the_tool_rests_at_the_corner():
+    first, second = runs(SEGMENTS['line, line'], [0.0])
+    assert (first.last, second.last) == (0, 1)
+    np.testing.assert_allclose(first.pose(first.seams[-1]), CORNER, atol=1e-12)
+    np.testing.assert_allclose(second.pose(0.0), CORNER, atol=1e-12)
+
+
+def test_blends_may_use_up_the_way_between_two_corners():
+    square = [pose(0, 0, 0), pose(0.1, 0, 0), pose(0.1, 0.1, 0), pose(0, 0.1, 0)]
+    segments = [line(a, b) for a, b in itertools.pairwise(square)]
+    (run,) = runs(segments, [0.05, 0.05])
+    assert [round(part.length, 9) for part in run.parts] == [0.05, 0.1, 0.1, 0.05]
+
+
+def test_a_blend_that_is_longer_than_the_way_is_refused_with_both_lengths():
+    with pytest.raises(BlendError, match=r'the way there is 0\.2 m: a blend of 0\.21 m is longer'):
+        runs(SEGMENTS['line, line'], [0.21])
+    back = [*SEGMENTS['line, line'], line(END, START)]
+    with pytest.raises(BlendError, match=r'a blend of 0\.15 m and 0\.06 m is longer') as caught:
+        runs(back, [0.15, 0.06])
+    assert caught.value.index == 1
+    spot = [line(START, pose(0.0, 0.0, 0.0, turn=(0.5, 0.0, 0.0))), line(START, CORNER)]
+    with pytest.raises(BlendError, match=r'the way there is 0 m'):
+        runs(spot, [0.01])
+
+
+def test_no_way_and_no_turn_is_refused():
+    with pytest.raises(BlendError, match='there already') as caught:
+        runs([line(START, CORNER), line(CORNER, CORNER)], [0.0])
+    assert caught.value.index == 1
+
+
+def test_a_turn_on_the_spot_is_a_run_of_its_own():
+    turned = pose(0.2, 0.0, 0.0, turn=(0.0, 0.4, 0.5))
+    found = runs([line(START, CORNER), line(CORNER, turned)], [0.0])
+    assert found[1].seams[-1] == pytest.approx(found[1].parts[0].angle)
