@@ -144,8 +144,11 @@ def test_io_and_gripper_answer_every_call_while_the_cable_is_cut(cell: Cell) -> 
     saboteur = threading.Thread(target=cut)
     saboteur.start()
     try:
-        done = failed = 0
-        for call in range(CALLS):
+        done = failed = call = 0
+        until = time.monotonic() + PATIENCE
+        while min(done, failed) < CALLS:  # a cut takes hundreds of answers
+            assert time.monotonic() < until, (done, failed)
+            call += 1
             read, written = peer.read((DI, 3)), peer.write((DO, 0, call % 2))
             for answer in (read, written):
                 assert answer.success == (answer.message == ''), answer
@@ -163,7 +166,5 @@ def test_io_and_gripper_answer_every_call_while_the_cable_is_cut(cell: Cell) -> 
         while not peer.write((DO, 0, 1)).success:
             assert time.monotonic() < until
         assert peer.read((DO, 0)).points[0].value == 1
-        assert done > 0
-        assert failed > 0
     finally:
         peer.close()
