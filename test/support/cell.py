@@ -35,16 +35,22 @@ class Cell:
     """One controller, one driver, one peer, on ports and a domain of their own.
 
     The driver is patient with a machine that is busy (patient.py), unless `patience` is False.
+    `run`: words before its command.
     """
 
     def __init__(
-        self, folder: Path, *controller_arguments: str, patience: bool = True, **parameters: Any
+        self,
+        folder: Path,
+        *controller_arguments: str,
+        patience: bool = True,
+        run: tuple[str, ...] = (),
+        **parameters: Any,
     ) -> None:
         self._folder = folder
         self._controller_arguments = controller_arguments
         self.spel = SPEL in controller_arguments
         self._parameters = (TIMEOUTS if patience else {}) | parameters
-        self._run = patient.COMMAND if patience else processes.EXECUTABLE
+        self._run = [*run, *(patient.COMMAND if patience else processes.EXECUTABLE)]
         self.domain = processes.free_ros_domain()
         self.start = START
         self.controller = self._start_controller(None)

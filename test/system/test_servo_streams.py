@@ -9,6 +9,8 @@ import subprocess
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -142,34 +144,77 @@ def test_windows_of_moveit_servo_are_followed(servo_cell: Cell, rate: float) -> 
     go_home(servo_cell)
 
 
-@pytest.mark.slow
-@pytest.mark.invariant(1, 4)
-def test_inv1_steps_of_the_sender_s_clock_never_make_the_arm_faster(servo_cell: Cell) -> None:
-    """Windows whose stamps jump by milliseconds, seconds and hours, to and fro."""
-    peer = servo_cell.peer
+STEPS = (0.0, 0.05, -0.05, 0.5, -0.5, 3600.0, -3600.0, 1e8, -1e8)
+"""By which a clock is wrong, s, one after the other."""
+
+FAKE_CLOCK = next(Path('/usr/lib').glob('*/faketime/libfaketimeMT.so.1'), None)
+"""Sets the system clock of one process (Debian's package faketime)."""
+
+
+def windows_through_steps(cell: Cell, step_to: Callable[[float], float]) -> None:
+    """Send windows for six seconds while a clock is set; the arm is never faster for it.
+
+    `step_to` sets the clock to be wrong by so much, s, and returns what that adds to stamps, s.
+    """
+    peer = cell.peer
     publisher = peer.node.create_publisher(JointTrajectory, 'epson_driver/servo', 10)
     peer.wait_for(publisher.get_subscription_count, '~/servo')
-    servo, steps = MoveItServo(), (0.0, 0.05, -0.05, 0.5, -0.5, 3600.0, -3600.0, 1e8, -1e8)
+    servo, received = MoveItServo(), int(values(cell)['setpoints received'])
     begin, first = peer.position(), len(peer.joint_states)
     way = WAY if begin[0] < 0.2 else -WAY
     started = time.time()
     while (elapsed := time.time() - started) < 6.0:
+        added = step_to(STEPS[int(elapsed / 0.3) % len(STEPS)])
         at, velocity = reference(begin, elapsed % 3.0, way)
         message = servo.cycle(time.time(), at, [velocity] + [0.0] * 5)
         if message is not None:
-            message.header.stamp.sec += int(steps[int(elapsed / 0.3) % len(steps)])
-            step = steps[int(elapsed / 0.3) % len(steps)] % 1.0
-            nanoseconds = message.header.stamp.nanosec + int(step * 1e9)
-            message.header.stamp.sec += nanoseconds // 10**9
-            message.header.stamp.nanosec = nanoseconds % 10**9
+            stamp = message.header.stamp
+            nanoseconds = stamp.sec * 10**9 + stamp.nanosec + round(added * 1e9)
+            stamp.sec, stamp.nanosec = divmod(nanoseconds, 10**9)
             publisher.publish(message)
         time.sleep(0.02)
-    there = rest(servo_cell)
-    assert values(servo_cell)['arm gate'] == 'open'
+    step_to(0.0)
+    there = rest(cell)
+    after = values(cell)
+    assert after['arm gate'] == 'open'
+    assert int(after['setpoints received']) > received
     assert min(begin[0], begin[0] + way) - 0.05 < there[0] < max(begin[0], begin[0] + way) + 0.05
     fastest = max(abs(state.velocity[0]) for state in peer.joint_states[first:])
     assert fastest < 0.27 * FASTEST  # servo.scale is 0.25
-    go_home(servo_cell)
+    go_home(cell)
+
+
+@pytest.mark.slow
+@pytest.mark.invariant(1, 4)
+def test_inv1_steps_of_the_sender_s_clock_never_make_the_arm_faster(servo_cell: Cell) -> None:
+    windows_through_steps(servo_cell, lambda wrong: wrong)
+
+
+@pytest.mark.slow
+@pytest.mark.invariant(1, 4)
+@pytest.mark.skipif(FAKE_CLOCK is None, reason='no libfaketime (Debian: apt install faketime)')
+def test_inv1_steps_of_the_driver_s_clock_never_make_the_arm_faster(tmp_path: Path) -> None:
+    file = tmp_path / 'clock'
+    settings = {
+        'LD_PRELOAD': FAKE_CLOCK,
+        'FAKETIME_TIMESTAMP_FILE': file,
+        'FAKETIME_NO_CACHE': 1,
+        'FAKETIME_DONT_FAKE_MONOTONIC': 1,
+    }
+    run = ('env', *(f'{name}={value}' for name, value in settings.items()))
+
+    def set_clock(wrong: float) -> float:
+        file.with_suffix('.new').write_text(f'{wrong:+f}')
+        file.with_suffix('.new').replace(file)
+        return 0.0
+
+    set_clock(0.0)
+    cell = Cell(tmp_path, '--motion=smooth', run=run, **LENIENT)
+    try:
+        cell.ready().peer.enable()
+        windows_through_steps(cell, set_clock)
+    finally:
+        cell.close()
 
 
 @pytest.mark.slow
