@@ -228,14 +228,17 @@ class Connection:
 
     def _missing(self, driver: Driver) -> list[str]:
         """Return what is not there yet, each in a clause with what to do about it."""
-        down = [link for link in (driver.state_link, driver.motion_link) if not link.connected]
+        links = (driver.state_link, driver.motion_link)
+        down = [link for link in links if not link.connected]
+        missing = []
         if down:
             verb = 'is' if len(down) == 1 else 'are'
-            return [
+            missing.append(
                 f'the {_named(down)} {verb} not connected ({self._link_reason}): start the '
                 'controller, or check host and ports'
-            ]
-        missing = []
+            )
+        if driver.state_link in down:
+            return missing
         if (why := driver.robot.why_not_ready(asyncio.get_running_loop().time())) is not None:
             missing.append(f'{why}: is the state server of the controller running?')
         if driver.robot.status is None:

@@ -128,6 +128,7 @@ class Driver:
             on_packet=self._on_motion_packet,
             on_state=self._on_motion_link,
             byte_order=order,
+            before_connecting=self._before_motion_link,
         )
         turns = RemoteTurns()
         self.io = make_io(
@@ -199,9 +200,10 @@ class Driver:
         self._dropped_throttle = LogThrottle()
         self._unsaid: asyncio.TimerHandle | None = None
         self._link_state = LinkState.DISCONNECTED
-        self._dialect_known = order is not None
+        self._dialect_known = asyncio.Event()
+        if order is not None:
+            self._dialect_known.set()
         self.stop_due = False
-        """STOP is to be sent on this motion connection before anything else."""
         kind = configuration.configured_as
         self._reports = {link.name: LinkReports(link, kind) for link in links}
 
@@ -292,6 +294,8 @@ class Driver:
             return None
         cause = Cause.NO_STATE_LINK if link is self.state_link else Cause.NO_MOTION_LINK
         state = link.state.value.replace('_', ' ')
+        if link is self.motion_link and self._connects_later:
+            state = 'waiting for joints, which show the byte order'
         text = f'the {link.name} link to {link.host}:{link.port} is {state}'
         return Inhibit(cause, Remedy.CONNECT, f'no link to the controller: {text}')
 
@@ -366,7 +370,7 @@ class Driver:
         came = self.state_link.last_received
         message = packet.message
         if isinstance(message, DIALECT_MESSAGES):
-            self._dialect_known = True
+            self._dialect_known.set()
             self.motion_link.follow(self.state_link.dialect)
             self._stop_first()
             self.io.follow(self.state_link.dialect)
@@ -447,10 +451,20 @@ class Driver:
         if state is not LinkState.CONNECTED:
             self.robot.clear()
             self._heartbeat.forget()
-            self._dialect_known = self.configuration.byte_order is not None
+            if self.configuration.byte_order is None:
+                self._dialect_known.clear()
             self._feedback_leads = False
             self._positions_since_feedback = 0
         self._on_link(self.state_link, why)
+
+    async def _before_motion_link(self) -> None:
+        """Wait until STOP can leave at once, if the arm may go on as soon as a client connects."""
+        if self._connects_later:
+            await self._dialect_known.wait()
+
+    @property
+    def _connects_later(self) -> bool:
+        return self.stopper.keeps_points and not self._dialect_known.is_set()
 
     def _on_motion_link(self, state: LinkState, why: str) -> None:
         if state is LinkState.CONNECTED:
@@ -467,7 +481,7 @@ class Driver:
         then, which show it. So does all else, as nothing is sent to a controller without a state.
         If the joints show another one later, the connection is opened again (Link.follow).
         """
-        if self.stop_due and self._dialect_known:
+        if self.stop_due and self._dialect_known.is_set():
             self.stop_due = False
             self.stopper.stop()
 

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import logging
 import socket
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 
 from epson_driver.inputs import HOST
 from epson_driver.link.connection import Connection, Receivers
@@ -64,7 +64,8 @@ class Link:
     detects the peer's from its first bytes, anew for each connection. The attribute `dialect` is
     how requests are written; it follows what is received, and may be set. `trace` is called with
     each step of a connection; it may be set or taken away at any time. `quiet` logs bad frames
-    for debugging only: for a port where something else may listen.
+    for debugging only: for a port where something else may listen. `before_connecting` is awaited
+    before each attempt.
     """
 
     def __init__(
@@ -79,6 +80,7 @@ class Link:
         receive_timeout: float | None = None,
         trace: Tap | None = None,
         quiet: bool = False,
+        before_connecting: Callable[[], Awaitable[object]] | None = None,
     ) -> None:
         self.name = name
         self.host: str = HOST.checked(host, f'{name} link: host')
@@ -92,6 +94,7 @@ class Link:
         self._receive_timeout = receive_timeout
         self.trace = trace
         self._quiet = quiet
+        self._before_connecting = before_connecting
         self._log_throttle = LogThrottle()
         self._pending = PendingReplies()
         self._receivers = Receivers(
@@ -142,6 +145,8 @@ class Link:
         self._step(LinkEvent.OPEN, f'connecting to {self.host}:{self.port}')
         try:
             while True:
+                if self._before_connecting is not None:
+                    await self._before_connecting()
                 began = loop.time()
                 established = await self._connect_and_receive()
                 if established and loop.time() - established > MIN_PROVEN_UPTIME_S:

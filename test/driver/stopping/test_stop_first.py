@@ -6,12 +6,15 @@ import asyncio
 import struct
 
 import pytest
-from support.driver_harness import Harness, ScriptedController, frame
+from support.driver_harness import Harness, ScriptedController, frame, pose
 from support.event_loop import run, until
+from support.fault_play import cell_of, make_ready, standing, where
 
 from epson_driver.driver.arm_commands import CommandError
 from epson_driver.driver.delivery.delivery import DeliveryRules
 from epson_driver.driver.stopping import stopper
+from epson_driver.profiles import load_controller_profile
+from epson_driver.sim_controller.faults.faults import parse
 from epson_driver.simple_message import ByteOrder
 from epson_driver.simple_message.motoman import Command, Result
 
@@ -76,7 +79,7 @@ def test_inv4_a_motoman_gets_stop_motion_first_on_every_connection():
 
 @pytest.mark.invariant(4)
 @pytest.mark.parametrize('status', [False, True], ids=['no state', 'STATUS alone'])
-def test_inv4_stop_motion_waits_for_the_byte_order_and_nothing_is_sent_before_it(status):
+def test_inv4_a_motoman_is_not_connected_to_before_stop_motion_can_be_written(status):
     async def check():
         async with Motoman() as controller:
             controller.shows_joints, controller.shows_status = False, status
@@ -86,18 +89,37 @@ def test_inv4_stop_motion_waits_for_the_byte_order_and_nothing_is_sent_before_it
                 motors='motoman',
                 usual_byte_order=ByteOrder.BIG,
             ) as harness:
-                await until(lambda: controller.connections)
+                await until(lambda: harness.driver.state_link.connected)
                 await until(
                     lambda: harness.driver.state_link.statistics.frames_received or not status
                 )
-                for command in (harness.commands.reset_error, harness.commands.enable):
-                    with pytest.raises(CommandError, match=r'sends no|silent for'):
-                        await command()
-                assert harness.driver.motion_link.statistics.frames_sent == 0
-                assert controller.connections == [[]]
+                why = r'sends no STATUS|waiting for joints, which show the byte order'
+                with pytest.raises(CommandError, match=why):
+                    await harness.commands.enable()
+                assert controller.connections == []
                 controller.shows_joints = controller.shows_status = True
-                await until(lambda: controller.connections[0])
+                await until(lambda: controller.connections and controller.connections[0])
                 assert controller.connections[0][0] == Command.STOP_MOTION
+
+    run(check())
+
+
+@pytest.mark.invariant(4)
+def test_inv4_a_motoman_stands_still_also_when_its_state_comes_back_last():
+    async def check():
+        async with cell_of(load_controller_profile('motoman')) as (harness, controller, _):
+            await make_ready(harness, controller)
+            await harness.commands.enable()
+            goal = harness.submit(*(pose(angle / 10.0) for angle in range(1, 11)), step=0.3)
+            await until(lambda: where(controller)[0] > 0.3)
+            for fault in ('cut for=0.5 port=motion', 'cut for=0.9 port=state'):
+                controller.faults.start(parse(fault))
+            assert 'link was lost' in (await goal.end()).text
+            await standing(controller)
+            stands = where(controller)
+            await until(lambda: harness.driver.motion_link.connected)
+            await asyncio.sleep(0.5)
+            assert abs(where(controller) - stands).max() < 1e-9
 
     run(check())
 
