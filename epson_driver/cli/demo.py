@@ -44,7 +44,7 @@ INSTALL = (
 ROBOT = 'c3_a601s'
 TRAJECTORY = share_file('config', 'trajectories', 'around_pillar_11_points.yaml')
 TRAJECTORY_OF_SCARAS = share_file('config', 'trajectories', 'scara_pick_and_place.yaml')
-"""What is executed if nothing is said: the first for ROBOT, the second for all SCARAs."""
+"""What is executed if nothing is said: the first by six axes, the second by SCARAs."""
 
 NATIVE = 'rc620'
 """The profile that a SPEL+ program is compared with: its program is built in."""
@@ -107,8 +107,7 @@ def _arguments() -> argparse.Namespace:
         '--robot',
         default=ROBOT,
         metavar='MODEL',
-        help='the robot model, six-axis or SCARA (%(default)s); other six-axis ones need --plan '
-        'or --trajectory',
+        help='the robot model, six-axis or SCARA (%(default)s)',
     )
     parser.add_argument(
         '--trajectory',
@@ -191,11 +190,6 @@ def _arguments() -> argparse.Namespace:
         parser.error('--plan makes a trajectory of its own: leave out --trajectory')
     if arguments.trajectory is None:
         scara = arguments.model.kind == SCARA
-        if not (arguments.plan or scara or arguments.model.name == ROBOT):
-            parser.error(
-                f'--robot: the trajectory of the demo is for the {ROBOT}; add --plan, which plans '
-                f'one for the {arguments.model.name}, or name a file with --trajectory'
-            )
         arguments.trajectory = TRAJECTORY_OF_SCARAS if scara else TRAJECTORY
     if arguments.model.kind not in (SIX_AXIS, SCARA):
         parser.error(f'--robot: {arguments.model.name} is neither a six-axis arm nor a SCARA')

@@ -23,7 +23,8 @@ REACH_OF_SIZE_1_M = {SIX_AXIS: 0.665, SCARA: 0.6}
 """Reach of an arm whose size is 1, m: the C3's, and that of a SCARA for the same table."""
 
 HOME_RAD = (0.0, pi / 6, -pi / 12, 0.0, -7 * pi / 12, 0.0)
-"""Where a six-axis arm begins and ends, rad: leaning back, the tool down."""
+"""Where a six-axis arm begins and ends, rad, if its upper arm is upright at zero: leaning back,
+the tool down."""
 
 HUNG_SHOULDER_M = 0.45
 """How high joint 2 of a six-axis arm that hangs is above the table, m, for an arm of size 1."""
@@ -107,7 +108,10 @@ def _six_axis(model: RobotModel) -> Workspace:
     shoulder = float(model.chain.origins[:2, 2].sum())
     hand = Hand(size * GRIPPER_LENGTH_M, size * GRIPPER_RADIUS_M, np.eye(4))
     if shoulder > 0.0:
-        home, table, pillars = np.array(HOME_RAD), 0.0, PILLAR_HEIGHTS_M
+        upper = model.chain.origins[2]
+        lean = float(np.arctan2(upper[0], upper[2]))  # of a folding arm
+        home = np.array(HOME_RAD) + lean * np.array((0.0, 1.0, -1.0, 0.0, 0.0, 0.0))
+        table, pillars = 0.0, PILLAR_HEIGHTS_M
         fixed: tuple[Box, ...] = (_table(size, (x + 0.15 * size, y, table), 1.3),)
     else:
         table, pillars = shoulder - size * HUNG_SHOULDER_M, HUNG_PILLAR_HEIGHTS_M

@@ -3,6 +3,7 @@
 """What arms look like: closed, of the real sizes, joined at their joints, free to move."""
 
 import itertools
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from epson_driver.motion import Array
 from epson_driver.robots import RobotModel, load_robot_model, robot_models
 from epson_driver.robots.kinematics import Kinematics
 from epson_driver.robots.link_surfaces import box, cylinder, link_surfaces
+from epson_driver.robots.urdf import srdf
 
 NAMES = robot_models()
 each_model = pytest.mark.parametrize('model', [*map(load_robot_model, NAMES)], ids=NAMES)
@@ -75,18 +77,21 @@ def test_the_c3_has_the_size_of_the_real_one() -> None:
 
 @each_model
 def test_the_links_are_free_over_each_joints_range(model: RobotModel) -> None:
-    """Other links touch at zero in none of them, nor while one joint alone moves."""
+    """Other links touch neither where the arm points up (SCARA: at 0) nor as one joint moves."""
     pytest.importorskip('pinocchio')
     from support.self_collision import CollisionBodies
 
     bodies = CollisionBodies(model)
     limits = model.limits
     count = len(model.joint_names)
-    assert bodies.distance(np.zeros(count)) > 0.005
+    poses = ElementTree.fromstring(srdf(model.file)).findall('group_state')
+    named = {pose.get('name'): [float(each.get('value', '')) for each in pose] for pose in poses}
+    start = np.array(named.get('upright', named['zero']))
+    assert bodies.distance(start) > 0.005
     for joint, share in itertools.product(range(count), np.linspace(0.0, 1.0, 25)):
         if count == 6 and joint == 1:  # it alone brings the forearm down to the base
             continue
-        position = np.zeros(count)
+        position = start.copy()
         low, high = limits.position_min[joint], limits.position_max[joint]
         position[joint] = low + share * (high - low)
         touching = {bodies.pairs[pair] for pair in bodies.touching(position)}

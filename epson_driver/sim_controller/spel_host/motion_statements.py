@@ -140,7 +140,7 @@ def _one_joint(robot: Robot, request: MotionRequest) -> Sequence[Point]:
     """JTran and PTran: one joint by degrees (mm) or pulses."""
     joint = robot.joint(request.name, request.numbers['joint'])
     model = robot.controller.model
-    unit = model.shown_per_unit if request.name == 'jtran' else model.pulses_per_unit
+    unit = model.shown_per_unit if request.name == 'jtran' else robot.points.pulses_per_unit
     angles = robot.motion.start.copy()
     angles[joint] += request.numbers['step'] / unit[joint]
     shown = SpelPoint('angles', tuple((angles * model.shown_per_unit).tolist()))

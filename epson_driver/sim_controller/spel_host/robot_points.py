@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Points of a SPEL+ program as joint angles of the arm, and the way back."""
 
+import logging
 import math
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -37,14 +39,10 @@ _IGNORED_FLAGS = frozenset({'0', 'r', 'a', 'nf', 'j1f0', 'j2f0', 'j4f0', 'j6f0'}
 _HANDS = {'r': 1.0, 'l': -1.0}
 """The side to which joint 2 of a SCARA is bent."""
 
+ASSUMED_PULSES = 10_000.0
+"""Per degree or mm, where a model does not say: no program could count its pulses otherwise."""
 
-def known_pulses(model: RobotModel) -> Array:
-    """Return the pulses per rad or m, shape (n,). Raises SpelError where one is not known."""
-    for name, per_unit in zip(model.joint_names, model.pulses_per_unit, strict=True):
-        if np.isnan(per_unit):
-            text = f'the encoder pulses of {name} of the {model.name} are not known'
-            raise SpelError(SpelNumber.ARGUMENT, text)
-    return model.pulses_per_unit
+_log = logging.getLogger(__name__)
 
 
 class RobotPoints:
@@ -56,6 +54,17 @@ class RobotPoints:
         self.tool = 0
         self.tools: dict[int, Point] = {}
         """Tools by number, as TLSet has defined them."""
+
+    @cached_property
+    def pulses_per_unit(self) -> Array:
+        """Encoder pulses per rad or m, shape (n,). A warning names those that are assumed."""
+        model = self._model
+        unknown = np.isnan(model.pulses_per_unit)
+        if unknown.any():
+            names = ', '.join(np.array(model.joint_names)[unknown])
+            text = 'the encoder pulses of %s of the %s are not known: %g per degree or mm assumed'
+            _log.warning(text, names, model.name, ASSUMED_PULSES)
+        return np.where(unknown, ASSUMED_PULSES * model.shown_per_unit, model.pulses_per_unit)
 
     def use(self, tool: int) -> None:
         """Lead another tool from now on (Tool n). Raises SpelError."""
@@ -89,7 +98,7 @@ class RobotPoints:
 
     def pulses(self, point: Point, near: Array) -> Array:
         """Return the encoder pulses of a point, shape (n,), in the range or not."""
-        return np.rint(self._angles(point, near) * known_pulses(self._model))
+        return np.rint(self._angles(point, near) * self.pulses_per_unit)
 
     def degrees(self, point: Point, near: Array) -> Array:
         """Return the angles of a point in degrees (or mm), shape (n,)."""
@@ -113,9 +122,8 @@ class RobotPoints:
     def _angles(self, point: Point, near: Array) -> Array:
         if point.kind == 'xy':
             return self._reaching(point, near)
-        per_unit = self._model.shown_per_unit
-        if point.kind == 'pulses' and any(point.values):  # at 0 pulses every joint is at 0
-            per_unit = known_pulses(self._model)
+        counted = point.kind == 'pulses'
+        per_unit = self.pulses_per_unit if counted else self._model.shown_per_unit
         count = len(per_unit)
         if len(point.values) < count or any(point.values[count:]):
             text = f'{len(point.values)} values for {count} joints'

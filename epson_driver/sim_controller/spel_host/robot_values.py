@@ -12,7 +12,7 @@ from epson_driver.sim_controller.condition.states import Mode
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.remote import status_words
 from epson_driver.sim_controller.spel_host.robot_motion import RobotMotion
-from epson_driver.sim_controller.spel_host.robot_points import RobotPoints, known_pulses
+from epson_driver.sim_controller.spel_host.robot_points import RobotPoints
 from epson_driver.spel import ErrorNumber, Point, SpelError
 
 Arguments = Sequence[int | float | Point]
@@ -125,7 +125,7 @@ def _pulses(name: str, real: bool) -> Callable[[Robot, Arguments], int]:
     def read(robot: Robot, arguments: Arguments) -> int:
         joint = robot.joint(name, arguments[0])
         angles = robot.encoders if real else robot.here
-        return round(float(angles[joint] * known_pulses(robot.controller.model)[joint]))
+        return round(float(angles[joint] * robot.points.pulses_per_unit[joint]))
 
     return read
 
@@ -134,7 +134,7 @@ def _range(robot: Robot, arguments: Arguments) -> int:
     joint = robot.joint('JRange', arguments[0])
     if arguments[1] not in (1, 2):
         raise SpelError(ErrorNumber.ARGUMENT, f'JRange: {arguments[1]} is not 1 or 2')
-    limits, per_unit = robot.controller.model.limits, known_pulses(robot.controller.model)
+    limits, per_unit = robot.controller.model.limits, robot.points.pulses_per_unit
     ends = (limits.position_min[joint], limits.position_max[joint])
     low, high = sorted(float(end * per_unit[joint]) for end in ends)
     return int(np.ceil(low) if arguments[1] == 1 else np.floor(high))
@@ -200,7 +200,7 @@ def _at_home(robot: Robot, _: Arguments) -> int:
     home = robot.controller.spel.home
     if home is None:
         return 0
-    now = np.rint(robot.encoders * known_pulses(robot.controller.model))
+    now = np.rint(robot.encoders * robot.points.pulses_per_unit)
     return -1 if now.tolist() == list(home) else 0
 
 
