@@ -5,10 +5,11 @@
 import numpy as np
 import pytest
 
+from epson_driver.cli.demo import ROBOT, TRAJECTORY, TRAJECTORY_OF_SCARAS
 from epson_driver.inputs import InputError
 from epson_driver.motion import problems
 from epson_driver.robots import load_robot_model, robot_models
-from epson_driver.robots.model import SCARA
+from epson_driver.robots.model import SCARA, SIX_AXIS
 from epson_driver.share import share_file
 from epson_driver.trajectory_file import (
     read_trajectory,
@@ -17,7 +18,7 @@ from epson_driver.trajectory_file import (
 
 FOLDER = share_file('config', 'trajectories', 'around_pillar_11_points.yaml').parent
 FILES = sorted(FOLDER.glob('*.yaml'))
-SCARAS = [name for name in robot_models() if load_robot_model(name).kind == SCARA]
+MODELS = [load_robot_model(name) for name in robot_models()]
 
 GOOD = """
 joint_names: [a, b]
@@ -51,9 +52,12 @@ def test_there_are_trajectories():
 def test_every_trajectory_of_the_repository_can_be_executed(path):
     trajectory = read_trajectory(path)
     assert trajectory.duration > 0.0
-    scara = path.stem.startswith('scara')
-    for name in SCARAS if scara else ['c3_a601s']:
-        limits = load_robot_model(name).limits
+    kind = SCARA if path == TRAJECTORY_OF_SCARAS else SIX_AXIS
+    of_all = path in (TRAJECTORY, TRAJECTORY_OF_SCARAS)
+    for model in MODELS:
+        if model.kind != kind or not (of_all or model.name == ROBOT):
+            continue
+        limits = model.limits
         assert set(trajectory.joint_names) == set(limits.names)
         assert list(problems(trajectory.in_order(limits.names), limits)) == []
 

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every model: a SPEL+ point at zero, a plan and a line of its tool, within its limits."""
 
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +13,7 @@ from support.event_loop import run
 from support.examples import one_in
 
 from epson_driver.api.moves import straight
+from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.goal import Goal
 from epson_driver.driver.outcome import End
 from epson_driver.motion import Array
@@ -46,9 +48,14 @@ def test_spel_has_the_arm_at_zero_where_its_data_put_it(name: str) -> None:
         assert float(shown[1]) == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize('name', one_in(6, robot_models()))
-def test_the_driver_drives_it_through_a_plan_and_a_line_of_its_tool(name: str) -> None:
-    """With the simulated controller, over TCP, in virtual time."""
+EACH_WAY = product(robot_models(), ['rc620', 'spel'])
+
+
+@pytest.mark.parametrize(('name', 'profile'), one_in(13, EACH_WAY, several=True))
+def test_the_driver_drives_it_through_a_plan_and_a_line_of_its_tool(
+    name: str, profile: str
+) -> None:
+    """With the simulated controller, its built-in program or SPEL+, over TCP, in virtual time."""
     model = load_robot_model(name)
     arm, limits = Kinematics(model), model.limits
     zero, bent = np.zeros(len(limits.names)), _bent(model)
@@ -57,11 +64,17 @@ def test_the_driver_drives_it_through_a_plan_and_a_line_of_its_tool(name: str) -
     tool = ToolLimits(0.1, 1.0, 0.5, 5.0, 1e-4)
     down = runs_trajectory(arm, bent, runs([line(arm.forward(bent), there)], []), tool)
     plan = straight(zero, bent, limits, 0.3, 0.3, sampled=False)
+    controlled_by = load_controller_profile(profile)
+    options = {
+        'limits': limits,
+        'motors': controlled_by.program.motors,
+        'delivery': delivery_rules(controlled_by, 'streaming', 'joint_traj_pt'),
+    }
 
     async def check() -> None:
         async with (
-            simulated(model=name) as (controller, ports),
-            Harness(ports, limits=limits) as harness,
+            simulated(model=name, profile=profile) as (controller, ports),
+            Harness(ports, **options) as harness,
         ):
             await harness.ready()
             await harness.commands.enable()

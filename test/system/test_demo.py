@@ -8,12 +8,15 @@ import signal
 import subprocess
 import sys
 import time
+from itertools import cycle
 from pathlib import Path
 
 import pytest
 from support.examples import one_in
 
 from epson_driver.demo.verdict import TOO_BUSY
+from epson_driver.robots import load_robot_model, robot_models
+from epson_driver.robots.model import SCARA
 from epson_driver.share import share_file
 
 
@@ -48,14 +51,21 @@ def test_demo_executes_the_plan_and_draws_it(tmp_path: Path) -> None:
         assert motion['waypoint_deviation'] < 0.02
 
 
+ONE_OF_EACH_SERIES = {name.partition('_')[0]: name for name in robot_models()}.values()
+
+
 @pytest.mark.slow
-def test_demo_of_a_scara(tmp_path: Path) -> None:
-    picture = tmp_path / 'scara.png'
-    run = demo('--robot=gx8_c652s', f'--picture={picture}')
+@pytest.mark.parametrize(
+    ('name', 'controller'), zip(ONE_OF_EACH_SERIES, cycle(['spel', 'rc620']), strict=False)
+)
+def test_demo_of_every_series(name: str, controller: str, tmp_path: Path) -> None:
+    picture = tmp_path / 'arm.png'
+    run = demo(f'--robot={name}', f'--controller={controller}', f'--picture={picture}')
     assert_judged(run)
-    assert re.search(r'highest velocity.* rad/s, 0\.\d+ m/s', run.stdout)
+    scara = load_robot_model(name).kind == SCARA
+    assert bool(re.search(r'highest velocity.* rad/s, 0\.\d+ m/s', run.stdout)) == scara
     figures = json.loads(picture.with_suffix('.json').read_text(encoding='utf-8'))
-    assert figures['robot_model'] == 'gx8_c652s'
+    assert figures['robot_model'] == name
     assert run.returncode or figures['motions'][0]['stops'] == 0
 
 
@@ -80,7 +90,6 @@ def test_demo_moves_through_the_spel_program_beside_the_built_in_one(tmp_path: P
             (['--controller=spel', '--motion=ptp'], '--motion: a SPEL+ program moves as its'),
             (['--controller=spel', '--plan'], '--plan is for rc620'),
             (['--controller=rc1'], 'no rc1.yaml'),
-            (['--robot=c8_c901s'], 'add --plan, which plans one for the c8_c901s'),
             (['--robot=gx9'], 'no robot model gx9'),
             (['--plan', '--trajectory=a.yaml'], '--plan makes a trajectory of its own'),
         ],

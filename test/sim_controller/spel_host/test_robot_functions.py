@@ -177,3 +177,15 @@ def test_an_arm_without_closed_form_goes_by_angles_only(caplog, tmp_path):
     number, sentence = refusal(caplog, 'Motor On\nGo XY(300, 0, 300, 0, 90, 0)', model=model)
     assert number == 9993
     assert 'xy(300.000, 0.000, 300.000, 0.000, 90.000, 0.000): ' in sentence
+
+
+def test_pulses_that_are_not_known_are_assumed_with_one_warning(caplog):
+    body = 'Print Pls(1), Pls(3), JRange(3, 1)\nPrint PPls(JA(0, 0, -20, 0), 3)'
+    start = np.array([0.1, 0.0, -0.01, 0.0])
+    harness = ran(caplog, body, model=load_robot_model('t6_602s'), start=start)
+    known = round(0.1 * 3640.89 * 180.0 / np.pi)
+    assert [each for each in caplog.messages if 'pulses' in each] == [
+        'the encoder pulses of joint_3, joint_4 of the t6_602s are not known: '
+        '10000 per degree or mm assumed'
+    ]
+    assert harness.printed == [f'{known} -100000 -2000000', '-200000']
