@@ -146,7 +146,7 @@ def navigation() -> Iterator[tuple[str, list[str]]]:
             place = (ROOT / INDEX).parent / target
             name = place.resolve().relative_to(ROOT).as_posix()
             pages.append(name if place.suffix == '.md' else f'{name}.md')
-        if pages and title != 'The executables':
+        if pages and title.startswith('You '):
             yield title, list(dict.fromkeys(pages))
 
 
