@@ -173,7 +173,7 @@ async def reading() -> tuple[float, float]:
             done.set_result(None)
 
     receivers = Receivers(lambda _: None, taken, lambda _: None, lambda _: None)
-    connection = Connection(receivers, None, 1.0)
+    connection = Connection(receivers, PacketFramer(), 1.0)
     await asyncio.get_running_loop().create_connection(lambda: connection, sock=ours)
     connection.begin()
     begin = time.thread_time()

@@ -395,7 +395,12 @@ class Robot(Unique):
         trajectory = moves.straight(
             start, positions, limits, speed, acceleration, sampled=self._connection.interpolates
         )
-        return await self._connection.execute(trajectory, plan, wait=wait)
+        return await self._connection.execute(
+            trajectory,
+            plan,
+            wait=wait,
+            move=lambda moves: moves.joints(positions, speed, acceleration),
+        )
 
     @motion
     async def move_waypoints(
@@ -482,7 +487,7 @@ class Robot(Unique):
             speed, acceleration, turn_speed, turn_acceleration, accuracy, jerk=jerk, slow=slow
         )
         point = moves.PathPoint(self._frames.target('pose', pose, frame))
-        return await self._move_tool(point.run, tool, wait)
+        return await self._move_tool(point.run, tool, wait, point)
 
     @motion
     async def move_arc(
@@ -509,7 +514,7 @@ class Robot(Unique):
         )
         middle = self._frames.point('via', via, frame, pose)
         point = moves.PathPoint(self._frames.target('pose', pose, frame), middle)
-        return await self._move_tool(point.run, tool, wait)
+        return await self._move_tool(point.run, tool, wait, point)
 
     @motion
     async def move_path(
@@ -544,7 +549,11 @@ class Robot(Unique):
         return await self._move_tool(partial(moves.path_runs, ways), tool, wait)
 
     async def _move_tool(
-        self, path: Callable[[Array], list[Run]], limits: ToolLimits, wait: bool
+        self,
+        path: Callable[[Array], list[Run]],
+        limits: ToolLimits,
+        wait: bool,
+        point: moves.PathPoint | None = None,
     ) -> Motion:
         tool, arm = self._hand
         tool.check(limits.speed, limits.acceleration)
@@ -552,12 +561,18 @@ class Robot(Unique):
         way = path(arm.forward(start))
         if not way:  # the tool is there
             trajectory = moves.straight(start, start, self.model.limits, 1.0, 1.0, sampled=False)
-            return await self._connection.execute(trajectory, plan, wait=wait)
+            return await self._connection.execute(
+                trajectory, plan, wait=wait, move=lambda written: written.joints(start, 0.01, 0.01)
+            )
         with refusals():
             trajectory = await plan.in_thread(partial(runs_trajectory, arm, start, way, limits))
-        return await self._connection.execute(
-            trajectory, plan, wait=wait, path=(moves.deviation(arm, way), limits.accuracy)
-        )
+        written = None
+        if point is not None:
+            written = partial(
+                moves.tool_statement, arm, tool.pose, point, start, trajectory, limits
+            )
+        held = (moves.deviation(arm, way), limits.accuracy)
+        return await self._connection.execute(trajectory, plan, wait=wait, path=held, move=written)
 
     # --- streams ----------------------------------------------------------------------------
 

@@ -29,8 +29,8 @@ ROOMS = {
     'robots': 'inputs motion numpy share xacro',
     'tool_motion': 'motion numpy robots',
     'spel': 'inputs share',
-    'link': 'inputs log_lines simple_message socket_errors',
     'remote_ethernet': 'inputs socket_errors',
+    'link': 'inputs log_lines remote_ethernet simple_message socket_errors',
     'trace': 'inputs link simple_message socket_errors',
     'sim_controller': 'error_texts inputs log_lines motion numpy processes profiles '
     'remote_ethernet robots share simple_message socket_errors spel tool_motion',

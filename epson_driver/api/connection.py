@@ -22,6 +22,12 @@ from epson_driver.api.settings import Setup
 from epson_driver.api.simulation import SimulatedController
 from epson_driver.api.status import RobotStatus, Sample, robot_status
 from epson_driver.driver.arm_commands import ArmCommands, CommandError
+from epson_driver.driver.delivery.statements import (
+    FIXED_SPEED,
+    NO_PLANS,
+    Moves,
+    last_point,
+)
 from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal import Goal
 from epson_driver.driver.goal.planning_scope import PlanningScope
@@ -32,6 +38,7 @@ from epson_driver.driver.tasks.notification import Notification
 from epson_driver.driver.tasks.task_group import report_error
 from epson_driver.link import Link
 from epson_driver.link.link_reports import MAX_SHORT, TURNED_AWAY
+from epson_driver.link.statement import Statement
 from epson_driver.motion import Array, Trajectory
 from epson_driver.profiles.point_fields import FieldsUsed
 from epson_driver.simple_message import Status
@@ -128,7 +135,7 @@ class Connection:
                     io_port=there.io or 0,
                     remote_port=there.remote or 0,
                 )
-            await self._take_over((configuration.host, configuration.motion_port), timeout)
+            await self._take_over(configuration.address, timeout)
             driver = Driver(configuration, self, self._setup.goals)
             driver.goal_queue.start_tolerance = self._setup.start_tolerance
             driver.servo.settings = self._setup.servo
@@ -186,7 +193,7 @@ class Connection:
     def files(self) -> list[int]:
         """The descriptors of the sockets and pipes that are open."""
         driver, simulation = self.driver, self.simulation
-        links = [] if driver is None else [driver.state_link, driver.motion_link, driver.io.link]
+        links = [] if driver is None else [*driver.links, driver.io.link]
         sockets = [
             link.transport.get_extra_info('socket') for link in links if link and link.transport
         ]
@@ -206,10 +213,10 @@ class Connection:
 
         A controller that serves one client accepts a second one, too, and turns it away then.
         """
-        links = (driver.state_link, driver.motion_link)
+        links = driver.links
         try:
             async with asyncio.timeout(timeout):
-                looks, connections = 0, [0, 0]
+                looks, connections = 0, [0 for _ in links]
                 while looks < LOOKS:
                     self._connected()
                     before, connections = connections, [_count(link) for link in links]
@@ -228,8 +235,7 @@ class Connection:
 
     def _missing(self, driver: Driver) -> list[str]:
         """Return what is not there yet, each in a clause with what to do about it."""
-        links = (driver.state_link, driver.motion_link)
-        down = [link for link in links if not link.connected]
+        down = [link for link in driver.links if not link.connected]
         missing = []
         if down:
             verb = 'is' if len(down) == 1 else 'are'
@@ -341,10 +347,12 @@ class Connection:
         *,
         wait: bool,
         path: HeldPath | None = None,
+        move: Callable[[Moves], Statement] | None = None,
     ) -> Motion:
         """Begin a motion, and with `wait`, wait for its end, and stop it when cancelled meanwhile.
 
-        path: what it is held against, as in Motion.
+        path: what it is held against, as in Motion. move: writes it as a statement for a
+        controller that takes no points; None: there is none.
 
         Raises MotionError if it was ended while it was planned, is not begun, or fails.
         """
@@ -354,9 +362,16 @@ class Connection:
             plan.check()
         setup = self._setup
         units = setup.model.limits.units
-        if (sample := driver.robot.sample) is not None:
+        sample, statement = driver.robot.sample, None
+        if driver.moves is not None:
+            if move is None:
+                raise not_begun(NO_PLANS.format(len(trajectory.times)))
+            statement, trajectory = move(driver.moves), last_point(trajectory)
+        elif sample is not None:
             trajectory = divided(trajectory, sample.positions)
-        goal = Goal(trajectory, setup.goal_tolerance, setup.goal_time, units=units)
+        goal = Goal(
+            trajectory, setup.goal_tolerance, setup.goal_time, units=units, message=statement
+        )
         motion = Motion(driver.goal_queue, goal, path)
         motion.begin()
         if wait:
@@ -367,6 +382,8 @@ class Connection:
         """Run motions at a share of their speed. Raises RobotError where that cannot be."""
         driver, delivery = self.running, self._setup.configuration.delivery
         scaling = driver.goal_queue.scaling
+        if delivery.interface == 'statements' and factor != 1.0:
+            raise RobotError(f'factor = {factor:g}: {FIXED_SPEED}')
         slower = factor < scaling.target
         if delivery.interface == 'download' and driver.goal_queue.busy and slower:
             raise RobotError(

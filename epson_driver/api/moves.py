@@ -10,10 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from epson_driver.api.poses import Frames, Pose, Target, Waypoint
+from epson_driver.driver.delivery.statements import Moves, Pace
 from epson_driver.driver.goal.goal import check_limits, untimed
 from epson_driver.driver.goal.reference import MIN_FACTOR, ReferenceTrajectory
 from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.inputs import Rule, number
+from epson_driver.link.statement import Statement
 from epson_driver.motion import Array, JointLimits, Trajectory, go
 from epson_driver.motion.point_to_point import check_fractions
 from epson_driver.robots.kinematics import Kinematics
@@ -27,6 +29,7 @@ from epson_driver.tool_motion.pose_path import (
     line,
     runs,
 )
+from epson_driver.tool_motion.statement_points import only_turns, passing, tool_frame
 from epson_driver.tool_motion.tool_trajectory import JERK_PER_ACCELERATION, ToolLimits
 
 SAMPLE_PERIOD_S = 0.05
@@ -160,6 +163,28 @@ class PathPoint:
         """
         segment = self.segment(start, start)
         return [] if _is_none(segment) else runs([segment], [])
+
+
+def tool_statement(
+    arm: Kinematics,
+    tool: Array,
+    point: PathPoint,
+    start: Array,
+    planned: Trajectory,
+    limits: ToolLimits,
+    statements: Moves,
+) -> Statement:
+    """Return a planned line or arc from the joints `start` as a statement.
+
+    tool: in the flange, shape (4, 4), m.
+    """
+    end, frame = planned.positions[-1], tool_frame(tool)
+    pace = Pace(limits.speed, limits.acceleration, limits.turn_speed, limits.turn_acceleration)
+    if point.via is None:
+        turns = only_turns(arm, start, end)
+        return statements.line(end, pace, tool=frame, turns=turns)
+    via = point.via.seen_from(arm.forward(start))[:3, 3]
+    return statements.arc(passing(arm, planned.positions, via), end, pace, tool=frame)
 
 
 def path_points(

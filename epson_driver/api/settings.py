@@ -42,7 +42,7 @@ class Settings:
     joint_offsets: tuple[float, ...] = (0.0,)
     j23_factor: int = 0
     error_texts: str | None = None
-    interface: Literal['streaming', 'download'] | None = None
+    interface: Literal['streaming', 'download', 'statements'] | None = None
     point_message: Literal['joint_traj_pt', 'joint_traj_pt_full'] | None = None
     byte_order: Literal['auto', 'little', 'big'] = 'auto'
     state_timeout: float = 1.0
@@ -80,7 +80,7 @@ _RULES: dict[str, Rule] = {
 }
 
 _CHOICES = {
-    'interface': ('streaming', 'download'),
+    'interface': ('streaming', 'download', 'statements'),
     'point_message': ('joint_traj_pt', 'joint_traj_pt_full'),
     'byte_order': tuple(BYTE_ORDERS),
 }
@@ -165,6 +165,7 @@ def make_setup(host: str, controller: str, model_name: str, ports: Ports, more: 
             usual_byte_order=profile.byte_order,
             motors=profile.program.motors,
             client_timeout=profile.server.client_timeout,
+            password=profile.remote.password,
             state_period=profile.state.period,
             smoothing=usual_smoothing(profile.program),
             configured_as=f'{profile.name}, {model.name}',

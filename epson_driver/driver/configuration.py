@@ -32,7 +32,7 @@ class Configuration:
     joints may be. `configured_as`: what kind of controller and robot that is, for people.
     `on_the_way`: a goal is left without a stop for a new one; see `check_on_the_way`.
     `client_timeout`: how long the controller lets the arm move without a word from the driver, s;
-    0: as long as it has points.
+    0: as long as it has points. `password`: of Remote Ethernet where that moves the arm.
     """
 
     host: str
@@ -56,6 +56,21 @@ class Configuration:
     configured_as: str = ''
     on_the_way: bool = False
     client_timeout: float = 0.0
+    password: str = ''
+
+    def __post_init__(self) -> None:
+        if self.statements and not self.remote_port:
+            raise ValueError('remote_port = 0: this controller is reached by nothing else')
+
+    @property
+    def statements(self) -> bool:
+        """Whether all goes by Remote Ethernet, as no program is in the controller."""
+        return self.delivery.interface == 'statements'
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """Host and port of what moves the arm."""
+        return self.host, self.remote_port if self.statements else self.motion_port
 
 
 def check_on_the_way(

@@ -8,10 +8,12 @@ told what happened through `DriverEvents`.
 
 import asyncio
 import logging
+from dataclasses import replace
 from typing import Protocol
 
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery_factory import make_delivery
+from epson_driver.driver.delivery.statements import StatementDelivery
 from epson_driver.driver.goal.goal import GoalSettings
 from epson_driver.driver.goal.goal_queue import GoalQueue
 from epson_driver.driver.goal.planned_speed import PlannedSpeed
@@ -41,10 +43,13 @@ from epson_driver.link import Link, LinkState
 from epson_driver.link.link import DIALECT_MESSAGES
 from epson_driver.link.link_reports import LinkReports
 from epson_driver.link.receive_timeout import ReceiveTimeout, silent
+from epson_driver.link.remote_link import RemoteLink
 from epson_driver.log_lines import LogThrottle
 from epson_driver.processes.worker import until_done
+from epson_driver.remote_ethernet.client import Login
 from epson_driver.remote_ethernet.turns import RemoteTurns
 from epson_driver.simple_message import (
+    ByteOrder,
     CommType,
     Dialect,
     JointFeedback,
@@ -99,6 +104,8 @@ class Driver:
     def __init__(
         self, configuration: Configuration, events: DriverEvents, settings: GoalSettings
     ) -> None:
+        if configuration.statements:
+            configuration = replace(configuration, byte_order=ByteOrder.LITTLE)  # text has none
         self.configuration = configuration
         self.gate = ArmGate()
         joints = len(configuration.limits.names)
@@ -108,28 +115,53 @@ class Driver:
             configuration.limits,
             configuration.margins,
             configuration.state_timeout,
+            configuration.statements,
         )
-        self.robot = RobotState(joints, configuration.errors, mapping, rules)
+        self.robot = RobotState(
+            joints,
+            configuration.errors,
+            mapping,
+            rules,
+            lambda: self.state_link.joints_withheld,
+        )
         self._events = events
         order = configuration.byte_order
-        self.state_link = Link(
-            'state',
-            configuration.host,
-            configuration.state_port,
-            on_packet=self._on_state_packet,
-            on_state=self._on_state_link,
-            receive_timeout=configuration.state_timeout,
-            byte_order=order,
-        )
-        self.motion_link = Link(
-            'motion',
-            configuration.host,
-            configuration.motion_port,
-            on_packet=self._on_motion_packet,
-            on_state=self._on_motion_link,
-            byte_order=order,
-            before_connecting=self._before_motion_link,
-        )
+        login: Login | None = None
+        if configuration.statements:
+            remote = RemoteLink(
+                configuration.host,
+                configuration.remote_port,
+                configuration.limits.units,
+                on_packet=self._on_state_packet,
+                on_state=self._on_remote_link,
+                password=configuration.password,
+                period=configuration.state_period,
+                timeout=configuration.state_timeout,
+            )
+            self.state_link: Link = remote
+            self.motion_link: Link = remote
+            login = remote.session
+        else:
+            self.state_link = Link(
+                'state',
+                configuration.host,
+                configuration.state_port,
+                on_packet=self._on_state_packet,
+                on_state=self._on_state_link,
+                receive_timeout=configuration.state_timeout,
+                byte_order=order,
+            )
+            self.motion_link = Link(
+                'motion',
+                configuration.host,
+                configuration.motion_port,
+                on_packet=self._on_motion_packet,
+                on_state=self._on_motion_link,
+                byte_order=order,
+                before_connecting=self._before_motion_link,
+            )
+        self.links = tuple(dict.fromkeys((self.state_link, self.motion_link)))
+        """Those of state and motion: one, where one is both."""
         turns = RemoteTurns()
         self.io = make_io(
             configuration.io,
@@ -138,11 +170,11 @@ class Driver:
             byte_order=order,
             timeout=configuration.io_timeout,
             turns=turns,
+            login=login,
         )
-        links = [self.state_link, self.motion_link]
-        self.trace = Trace([*links, *([] if self.io.link is None else [self.io.link])])
+        self.trace = Trace([*self.links, *([] if self.io.link is None else [self.io.link])])
         if order is None:
-            for link in links:
+            for link in self.links:
                 link.dialect = Dialect(configuration.usual_byte_order)
         self.changed = Notification()
         """Notified when a status came, a goal or a stop ended, or STOP was answered."""
@@ -153,6 +185,7 @@ class Driver:
                 configuration.remote_port,
                 self.motion_link,
                 turns,
+                login,
             )
         )
         self._heartbeat = Heartbeat(
@@ -162,8 +195,13 @@ class Driver:
             lambda: self.stopper.ours,
             self.fault,
         )
+        delivery = make_delivery(
+            configuration.delivery, self.motion_link, configuration.limits, mapping
+        )
+        self.moves = delivery.moves if isinstance(delivery, StatementDelivery) else None
+        """What writes the statements of motions for a controller that takes no points."""
         self.stopper = Stopper(
-            make_delivery(configuration.delivery, self.motion_link, configuration.limits, mapping),
+            delivery,
             self.robot,
             joints,
             self.changed,
@@ -205,7 +243,7 @@ class Driver:
             self._dialect_known.set()
         self.stop_due = False
         kind = configuration.configured_as
-        self._reports = {link.name: LinkReports(link, kind) for link in links}
+        self._reports = {link.name: LinkReports(link, kind) for link in self.links}
 
     async def run(self) -> None:
         """Keep the links alive until cancelled. On the way out the arm is stopped.
@@ -216,8 +254,7 @@ class Driver:
             self.goal_queue.make_ready()
             await run_task_group(
                 {
-                    'the state link': self.state_link.run,
-                    'the motion link': self.motion_link.run,
+                    **{f'the {link.name} link': link.run for link in self.links},
                     'the I/O': self.io.run,
                     'following setpoints': self.servo.run,
                     'watching the status': self._watch_status,
@@ -302,6 +339,8 @@ class Driver:
     def _silence(self, now: float) -> Inhibit | None:
         robot = self.robot
         joints = None if robot.sample is None else robot.sample.measured
+        if self.state_link.joints_withheld:
+            joints = now
         status = None if robot.status is None else robot.status_time
         for cause, what, measured, timeout in (
             (Cause.NO_JOINTS, 'joint state', joints, self.configuration.state_timeout),
@@ -423,6 +462,8 @@ class Driver:
         now = self._now()
         self.robot.on_status(status, came)
         self._status_missing.heard(now)
+        if self.state_link.joints_withheld:
+            self._joints_missing.heard(now)
         if status.drives_powered == TriState.TRUE:
             self.gate.see_motors_on()
         self.stopper.see(now)
@@ -447,7 +488,16 @@ class Driver:
             self.goal_queue.withdraw()
             self.servo.withdraw()
 
+    def _on_remote_link(self, state: LinkState, why: str) -> None:
+        """The one link that is both has come or gone."""
+        self._see_state_link(state)
+        self._on_motion_link(state, why)
+
     def _on_state_link(self, state: LinkState, why: str) -> None:
+        self._see_state_link(state)
+        self._on_link(self.state_link, why)
+
+    def _see_state_link(self, state: LinkState) -> None:
         if state is not LinkState.CONNECTED:
             self.robot.clear()
             self._heartbeat.forget()
@@ -455,7 +505,6 @@ class Driver:
                 self._dialect_known.clear()
             self._feedback_leads = False
             self._positions_since_feedback = 0
-        self._on_link(self.state_link, why)
 
     async def _before_motion_link(self) -> None:
         """Wait until STOP can leave at once, if the arm may go on as soon as a client connects."""
@@ -489,8 +538,7 @@ class Driver:
         if link.state is LinkState.BACKING_OFF and link.statistics.connections:
             self.fault(f'the {link.name} link was lost: {why}')
         self._reports[link.name].tell(why)
-        links = (self.state_link, self.motion_link)
-        combined = min((each.state for each in links), key=WORST_FIRST.index)
+        combined = min((each.state for each in self.links), key=WORST_FIRST.index)
         if combined is not self._link_state:
             self._link_state = combined
             self._events.on_link_state(combined.value, why)

@@ -9,21 +9,32 @@ nothing waits for a task to be woken.
 import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 from epson_driver.link.receive_timeout import READING_TURNS, ReceiveTimeout
 from epson_driver.link.wire_events import WireEvent
-from epson_driver.simple_message import (
-    ByteOrder,
-    FrameError,
-    Packet,
-    PacketFramer,
-    SimpleMessageError,
-)
+from epson_driver.simple_message import ByteOrder, FrameError, SimpleMessageError
 
 READ_SIZE_BYTES = 65536
 MAX_FRAMES_PER_TURN = 50
 """Frames that are handled before others in the event loop have their turn: a controller that sends
 without a pause must not keep another robot of this process waiting."""
+
+
+class AnyFramer(Protocol):
+    """Bytes in, packets out. `byte_order`: what the bytes have shown, or None."""
+
+    byte_order: ByteOrder | None
+
+    @property
+    def unread(self) -> bytes:
+        """What has come of a packet that is not complete."""
+
+    def receive_data(self, data: bytes) -> None:
+        """Take bytes."""
+
+    def next_packet(self) -> Any | None:
+        """Return the next packet, or None if none is complete. Raises SimpleMessageError."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +47,7 @@ class Receivers:
     """
 
     data: Callable[[bytes], None]
-    packet: Callable[[Packet], None]
+    packet: Callable[[Any], None]
     bad_frame: Callable[[SimpleMessageError], None]
     event: Callable[[WireEvent], None]
 
@@ -50,9 +61,9 @@ class Connection(asyncio.BufferedProtocol):
     transport: asyncio.Transport
 
     def __init__(
-        self, receivers: Receivers, byte_order: ByteOrder | None, receive_timeout: float | None
+        self, receivers: Receivers, framer: AnyFramer, receive_timeout: float | None
     ) -> None:
-        self.framer = PacketFramer(byte_order)
+        self.framer = framer
         self.ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
         """Why it ended, as a sentence."""
         self._loop = asyncio.get_running_loop()

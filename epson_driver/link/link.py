@@ -9,7 +9,7 @@ import socket
 from collections.abc import Awaitable, Callable
 
 from epson_driver.inputs import HOST
-from epson_driver.link.connection import Connection, Receivers
+from epson_driver.link.connection import AnyFramer, Connection, Receivers
 from epson_driver.link.replies import PendingReplies, PendingRequest, command_of, sequence_of
 from epson_driver.link.states import TRANSITIONS, LinkEvent, LinkState, back_off
 from epson_driver.link.statistics import LinkStatistics
@@ -25,6 +25,7 @@ from epson_driver.simple_message import (
     Message,
     Opaque,
     Packet,
+    PacketFramer,
     Ping,
     ReplyCode,
     SimpleMessageError,
@@ -108,6 +109,8 @@ class Link:
         """What was sent last on this connection was written in it; None before that."""
         self.attempt = 0
         """Attempts to connect since a connection has lasted."""
+        self.joints_withheld = False
+        """The controller tells no joints in its present condition, and that is as it should be."""
         self.last_received = 0.0
         """When the newest bytes were read, loop time, s: what was read at once came no later."""
 
@@ -222,7 +225,7 @@ class Link:
     async def _connect_and_receive(self) -> float | None:
         """Return when the connection was established (loop time, s), or None if it was not."""
         loop = asyncio.get_running_loop()
-        connection = Connection(self._receivers, self._byte_order, self._receive_timeout)
+        connection = Connection(self._receivers, self._new_framer(), self._receive_timeout)
         try:
             async with asyncio.timeout(CONNECT_TIMEOUT_S):
                 await loop.create_connection(lambda: connection, self.host, self.port)
@@ -239,17 +242,25 @@ class Link:
         self._written = None
         try:
             self._on_event(WireEvent.OPENED)
-            self._step(LinkEvent.ESTABLISHED, f'{self.host}:{self.port}')
-            connection.begin()
-            why = await connection.ended
+            why = await self._serve(connection)
         finally:
             self._on_event(WireEvent.CLOSED)
             self._connection = None
             self.statistics.connected_since = None
             self._pending.clear()
             connection.end('closed')
-        self._step(LinkEvent.LOST, f'{self.host}:{self.port}: {why}')
+        event = LinkEvent.LOST if self.connected else LinkEvent.FAILED
+        self._step(event, f'{self.host}:{self.port}: {why}')
         return established
+
+    def _new_framer(self) -> AnyFramer:
+        return PacketFramer(self._byte_order)
+
+    async def _serve(self, connection: Connection) -> str:
+        """Receive on a connection until it ends, and return why it did."""
+        self._step(LinkEvent.ESTABLISHED, f'{self.host}:{self.port}')
+        connection.begin()
+        return await connection.ended
 
     def _received(self, data: bytes) -> None:
         self.last_received = self._now()

@@ -49,8 +49,7 @@ class Diagnostics:
         message = DiagnosticArray()
         message.header.stamp = stamp
         message.status = [
-            self._link(self._driver.state_link, now),
-            self._link(self._driver.motion_link, now),
+            *(self._link(link, now) for link in self._driver.links),
             *self._io(now),
             self._arm(now),
         ]

@@ -68,6 +68,7 @@ def driver_configuration(
         usual_byte_order=profile.byte_order,
         motors=profile.program.motors,
         client_timeout=profile.server.client_timeout,
+        password=profile.remote.password,
         state_period=profile.state.period,
         margins=Margins(values['state_position_margin'], values['state_velocity_margin']),
         configured_as=f'{profile.name}, {model.name}',

@@ -19,6 +19,7 @@ from epson_driver.remote_ethernet.client import (
     Ask,
     HungUpError,
     RemoteError,
+    connected,
     logged_in,
 )
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
@@ -63,19 +64,37 @@ async def ask_controller(
 
 async def _once(asked: Request | None, host: str, port: int, password: str, timeout: float) -> str:
     address = f'{host}:{port}'
+    if asked is not None and asked.commands[0].startswith('Sim,'):
+        async with connected(host, port, timeout) as ask:
+            if await _simulated(ask):
+                return await _done(ask, asked, address)
     logins = max(MAX_LOGINS, ceil(timeout / LOGIN_RETRY_PERIOD_S))  # as long as there is time
     async with logged_in(host, port, timeout, password, logins) as ask:
-        try:
-            if asked is None:
-                return await status(ask, await identity(ask, address))
-            value = await _first_known(ask, asked.commands)
-            done = asked.done if isinstance(asked.done, str) else asked.done(value)
-        except (RemoteError, RejectedError) as error:
-            raise RejectedError(f'{error} [{await _who(ask, address)}]') from error
-        except (ValueError, KeyError) as error:
-            raise ConnectionError(f'{address}: an answer makes no sense: {error}') from error
-        between = '\n' if '\n' in done else ' '
-        return f'{done}{between}[{await _who(ask, address)}]'
+        return await _done(ask, asked, address)
+
+
+async def _simulated(ask: Ask) -> bool:
+    """Return whether it is a simulation, which needs no login for what a hand does."""
+    try:
+        await ask('Sim,identity')
+    except RemoteError:
+        return False
+    return True
+
+
+async def _done(ask: Ask, asked: Request | None, address: str) -> str:
+    """Do it, and return what was done, or found out, and by whom."""
+    try:
+        if asked is None:
+            return await status(ask, await identity(ask, address))
+        value = await _first_known(ask, asked.commands)
+        done = asked.done if isinstance(asked.done, str) else asked.done(value)
+    except (RemoteError, RejectedError) as error:
+        raise RejectedError(f'{error} [{await _who(ask, address)}]') from error
+    except (ValueError, KeyError) as error:
+        raise ConnectionError(f'{address}: an answer makes no sense: {error}') from error
+    between = '\n' if '\n' in done else ' '
+    return f'{done}{between}[{await _who(ask, address)}]'
 
 
 async def _who(ask: Ask, address: str) -> str:

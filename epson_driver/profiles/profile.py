@@ -101,7 +101,8 @@ class ProgramProfile:
     """The program on the motion port: which messages it takes, and how it answers.
 
     * `kind`: JOINT_TRAJ_PT ('points'), or Motoman's messages.
-    * `interface`: how a driver hands trajectories over unless it is told otherwise.
+    * `interface`: how a driver hands trajectories over unless it is told otherwise; 'statements':
+      by Remote Ethernet, as no program is loaded, and no port but that one is served.
     * `reply`: JOINT_POSITION with the request's sequence, all zero, or only a header of the
       request's type.
     * `acknowledge`: when a streamed point is answered: when the arm has taken it, when it is
@@ -133,7 +134,7 @@ class ProgramProfile:
     """
 
     kind: Literal['points', 'motoman']
-    interface: Literal['streaming', 'download']
+    interface: Literal['streaming', 'download', 'statements']
     reply: Literal['sequence', 'zero', 'header']
     acknowledge: Literal['default', 'taken', 'done']
     failure_replies: bool
@@ -210,11 +211,12 @@ class ServerProfile:
 class RemoteProfile:
     """The Remote Ethernet port. A session ends `session_timeout` s after the last word, 0: never.
 
-    An empty `password`: any is taken.
+    An empty `password`: any is taken. `clients`: how many may be logged in at once.
     """
 
     session_timeout: float
     password: str
+    clients: int
 
 
 @dataclass(frozen=True, slots=True)

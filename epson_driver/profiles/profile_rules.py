@@ -83,7 +83,7 @@ RULES: dict[str, Rule] = {
     'servo.lag': number(0.0, 1.0),
     'servo.encoder': _YES_OR_NO,
     'program.kind': choice('points', 'motoman'),
-    'program.interface': choice('streaming', 'download'),
+    'program.interface': choice('streaming', 'download', 'statements'),
     'program.reply': choice('sequence', 'zero', 'header'),
     'program.acknowledge': choice('default', 'taken', 'done'),
     'program.failure_replies': _YES_OR_NO,
@@ -127,6 +127,7 @@ RULES: dict[str, Rule] = {
     'io': Rule(_mapping, 'must be a mapping'),
     'remote.session_timeout': number(0.0, 86_400.0),
     'remote.password': _TEXT,
+    'remote.clients': _CLIENTS,
 }
 """Every key, with the sections it is in, and what it must hold. All are needed."""
 

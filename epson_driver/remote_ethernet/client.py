@@ -10,7 +10,7 @@ has no such port.
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
-from contextlib import asynccontextmanager, suppress
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
 from functools import partial
 
 from epson_driver.inputs import printable
@@ -20,7 +20,7 @@ from epson_driver.socket_errors import reason
 _MAX_LINE_BYTES = 65_536
 _MAX_SHOWN_CHARACTERS = 100
 """How much of a wrong answer an error text shows, characters."""
-_MAX_ERROR_DIGITS = 5
+MAX_ERROR_DIGITS = 5
 """At most, of an error number. (`int` raises ValueError for more than 4,300.)"""
 
 MAX_LOGINS = 5
@@ -40,6 +40,10 @@ The value is printable, as `inputs.printable` has it, whatever the controller se
 """
 
 
+Login = Callable[[float], AbstractAsyncContextManager[Ask]]
+"""Lets one ask for so long, s, as `logged_in` does."""
+
+
 class RemoteError(Exception):
     """The controller's refusal: `command` as it was sent, `number`, and its `meaning` in words.
 
@@ -47,7 +51,7 @@ class RemoteError(Exception):
     """
 
     def __init__(self, command: str, number: int) -> None:
-        command = _without_password(command)
+        command = without_password(command)
         self.command = command
         self.number = number
         self.meaning = MEANINGS.get(number, 'unknown error number')
@@ -64,6 +68,17 @@ async def execute(
     """
     async with logged_in(host, port, timeout, password) as ask:
         return [await ask(command) for command in commands]
+
+
+@asynccontextmanager
+async def connected(host: str, port: int, timeout: float) -> AsyncIterator[Ask]:
+    """Be connected without a login, as `$Sim` needs none. Raises as `logged_in`."""
+    async with asyncio.timeout(timeout):
+        reader, writer = await _connected(host, port)
+        try:
+            yield partial(_ask_at, f'{host}:{port}', reader, writer)
+        finally:
+            writer.close()
 
 
 @asynccontextmanager
@@ -129,30 +144,31 @@ async def _ask_at(
 
 async def _ask(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, command: str) -> str:
     if not command.isprintable():
-        raise ValueError(f'{_without_password(command)!r} is not one command')
+        raise ValueError(f'{without_password(command)!r} is not one command')
     writer.write(f'${command}\r\n'.encode())
     await writer.drain()
     try:
         line = await reader.readline()
     except ValueError as error:
-        shown = _without_password(command)
+        shown = without_password(command)
         raise ConnectionError(f'the answer to {shown} does not end') from error
     answer = printable(line.decode(errors='replace').strip())
     if not line.endswith(b'\n'):
-        shown = _without_password(command)
+        shown = without_password(command)
         raise HungUpError(f'closed by the controller before it answered {shown}')
     name, _, value = answer[1:].partition(',')
     if name.lower() == command.partition(',')[0].lower():
         if answer.startswith('#'):
             return value
-        if answer.startswith('!') and value.isdecimal() and len(value) <= _MAX_ERROR_DIGITS:
+        if answer.startswith('!') and value.isdecimal() and len(value) <= MAX_ERROR_DIGITS:
             raise RemoteError(command, int(value))
     shown = (
         answer if len(answer) <= _MAX_SHOWN_CHARACTERS else f'{answer[:_MAX_SHOWN_CHARACTERS]}…'
     )
-    raise ConnectionError(f"'{shown}' is no answer to {_without_password(command)}")
+    raise ConnectionError(f"'{shown}' is no answer to {without_password(command)}")
 
 
-def _without_password(command: str) -> str:
+def without_password(command: str) -> str:
+    """Return a command as it may be shown."""
     name = command.partition(',')[0]
     return name if name.lower() == 'login' else command

@@ -74,7 +74,7 @@ class ClientConnection(Session):
             self.hang_up,
             byte_by_byte=by_byte,
         )
-        self._session = clients.session(port, self._transport.send, client)
+        self.session = clients.session(port, self._transport.send, client)
         self._open = True
 
     @property
@@ -85,7 +85,7 @@ class ClientConnection(Session):
         logged in, then the one that was heard last. No command is ever under way: each is answered
         when it has come.
         """
-        session = self._session
+        session = self.session
         if not isinstance(session, RemoteSession):
             raise TypeError(f'a client of the {self.port} port keeps its place')
         new = self._controller.clock.now < self._begun + GRACE_S
@@ -100,7 +100,7 @@ class ClientConnection(Session):
         if not data or not self._open or self._clients.silent(self.port):
             return
         try:
-            self._session.receive(data)
+            self.session.receive(data)
         except ProgramQuit as reason:
             self._quit(reason)
         except FrameError as error:
@@ -128,7 +128,7 @@ class ClientConnection(Session):
         if self._open:
             self._open = False
             self._clients.gone(self)
-            self._session.closed()  # a client that has only shut its own side gets its answers
+            self.session.closed()  # a client that has only shut its own side gets its answers
             self._transport.close()
 
 
@@ -239,6 +239,13 @@ class ClientConnections:
     def _remote(self) -> list[ClientConnection]:
         return [connection for connection in self._connections if connection.port == 'remote']
 
+    def check_login(self) -> None:
+        """Raise ConnectionRefusedError if a client is logged in where one alone is served."""
+        sessions = [connection.session for connection in self._remote]
+        one = self._controller.profile.remote.clients == 1
+        if one and any(isinstance(each, RemoteSession) and each.logged_in for each in sessions):
+            raise ConnectionRefusedError('a client is logged in, and one is served')
+
     def boot(self, seconds: float) -> None:
         """Close all connections, refuse others for `seconds`, and serve all ports again."""
         if self._boot is not None:
@@ -262,6 +269,8 @@ class ClientConnections:
             return 'its task does not run'
         if self._spel is not None and port != 'remote':
             return self._spel.rejection(port)
+        if port != 'remote' and self._controller.profile.program.interface == 'statements':
+            return 'no program is loaded'
         if port == 'motion' and self.attended(port):
             return 'there is a motion client already'
         return None
@@ -308,7 +317,9 @@ def _open(controller: Controller, port: str, send: Send, client: Client) -> Sess
                 lambda: _no_io(controller),
             )
         case 'remote':
-            return RemoteSession(controller, controller.clock, send, client.close)
+            return RemoteSession(
+                controller, controller.clock, send, client.close, controller.clients.check_login
+            )
     raise ValueError(f'{port} is no port')
 
 

@@ -99,6 +99,9 @@ class Clients(Protocol):
     def make_room(self, port: str) -> None:
         """Close the connection of the port's oldest client, unless the arm has somewhere to go."""
 
+    def check_login(self) -> None:
+        """Raise ConnectionRefusedError if another client is logged in and is served alone."""
+
     def dismiss_remote(self, why: str) -> None:
         """Close the connection of the remote client with the least claim to it, if any."""
 

@@ -7,7 +7,9 @@ same for all deliveries, and so are STOP and the end of a goal:
 
 * streaming (streaming.py): each point is a request, and its reply is the answer;
 * download (download.py): points are topics; each counts as answered when it is sent;
-* Motoman (motoman_delivery.py): as streaming, in Motoman's messages.
+* Motoman (motoman_delivery.py): as streaming, in Motoman's messages;
+* statements (statements.py): SPEL+ by Remote Ethernet, one for all of a motion, answered when it
+  is over.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,16 +30,17 @@ class DeliveryRules:
 
     motoman: its points need Motoman's commands. uses: which fields of a JOINT_TRAJ_PT count;
     speed: a fraction, of a controller that uses none of them. buffer, dead_time (s per point): of
-    a download. All as in the profile (docs/controllers.md).
+    a download. power: what statements ask for. All as in the profile (docs/controllers.md).
     """
 
-    interface: Literal['streaming', 'download'] = 'streaming'
+    interface: Literal['streaming', 'download', 'statements'] = 'streaming'
     point_message: Literal['joint_traj_pt', 'joint_traj_pt_full'] = 'joint_traj_pt'
     motoman: bool = False
     uses: FieldsUsed = FieldsUsed.BOTH
     speed: float = 1.0
     buffer: int = 1000
     dead_time: float = 0.0
+    power: Literal['high', 'low'] = 'low'
 
 
 @dataclass(frozen=True)

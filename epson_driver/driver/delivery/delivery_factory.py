@@ -2,15 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """Chooses and makes the delivery that suits a controller and the parameters."""
 
+from typing import Literal
+
 from epson_driver.driver.delivery.delivery import Delivery, DeliveryRules
 from epson_driver.driver.delivery.download import Download
 from epson_driver.driver.delivery.motoman_delivery import MotomanDelivery
+from epson_driver.driver.delivery.statements import StatementDelivery
 from epson_driver.driver.delivery.streaming import FullStreaming, Streaming
 from epson_driver.driver.state.joint_mapping import JointMapping
 from epson_driver.link import Link
 from epson_driver.motion import JointLimits
 from epson_driver.profiles import ControllerProfile
 from epson_driver.profiles.point_fields import FieldsUsed
+
+_INTERFACES: dict[str, Literal['streaming', 'download', 'statements']] = {
+    'streaming': 'streaming',
+    'download': 'download',
+    'statements': 'statements',
+}
 
 
 def delivery_rules(profile: ControllerProfile, interface: str, message: str) -> DeliveryRules:
@@ -20,6 +29,11 @@ def delivery_rules(profile: ControllerProfile, interface: str, message: str) -> 
     """
     motoman = profile.program.kind == 'motoman'
     full = message == 'joint_traj_pt_full'
+    usual = profile.program.interface
+    if 'statements' in (interface, usual) and interface != usual:
+        raise ValueError(
+            f'parameter interface = {interface}: the controller {profile.name} takes {usual}'
+        )
     if interface == 'download' and full:
         raise ValueError(
             'parameter interface = download: points are downloaded as joint_traj_pt only, but '
@@ -32,13 +46,14 @@ def delivery_rules(profile: ControllerProfile, interface: str, message: str) -> 
         )
     download = profile.program.download
     return DeliveryRules(
-        interface='download' if interface == 'download' else 'streaming',
+        interface=_INTERFACES[interface],
         point_message='joint_traj_pt_full' if full else 'joint_traj_pt',
         motoman=motoman,
         uses=FieldsUsed(profile.program.uses),
         speed=profile.motion.speed,
         buffer=download.buffer,
         dead_time=download.dead_time,
+        power=profile.motion.power,
     )
 
 
@@ -46,6 +61,8 @@ def make_delivery(
     rules: DeliveryRules, link: Link, limits: JointLimits, mapping: JointMapping
 ) -> Delivery:
     """Return the delivery over a motion link for joints within the limits."""
+    if rules.interface == 'statements':
+        return StatementDelivery(link, limits, mapping, rules)
     if rules.interface == 'download':
         return Download(link, limits, mapping, rules)
     if rules.motoman:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether a reply rejects its request, and why, in words."""
 
+from epson_driver.link.statement import StatementReply
 from epson_driver.simple_message import MotionReply, Packet, ReplyCode
 from epson_driver.simple_message.motoman import Invalid, NotReady, Result
 
@@ -54,6 +55,8 @@ def reply_rejection(packet: Packet) -> str | None:
     The header of Motoman's replies always says SUCCESS; the result in the body counts.
     """
     message = packet.message
+    if isinstance(message, StatementReply):
+        return message.why or None
     if packet.reply_code is not ReplyCode.SUCCESS:
         return 'FAILURE reply'
     if not isinstance(message, MotionReply) or message.result == Result.SUCCESS:

@@ -13,6 +13,7 @@ from epson_driver.driver.inhibit import Remedy
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.motion import Array, JointLimits, Trajectory, problems
 from epson_driver.profiles.profile import StateProfile
+from epson_driver.simple_message import Message
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,7 +66,8 @@ class Goal:
     below which each joint counts as standing at the end, if that is less than what holds for all;
     None: no such. path_tolerance: on the way, against the plan at that moment; None: not checked.
     units: 'rad' or 'm', one per joint; all rad where nothing is said. may_end_moving: its last
-    point may have a velocity; the arm comes to rest there anyway.
+    point may have a velocity; the arm comes to rest there anyway. message: what makes a controller
+    do all of it that takes statements; None: what its delivery makes of the trajectory.
 
     The goal queue checks every goal before anything of it is sent.
     """
@@ -77,6 +79,7 @@ class Goal:
     path_tolerance: Tolerances | None = None
     units: tuple[str, ...] = ()
     may_end_moving: bool = False
+    message: Message | None = None
 
     def unit(self, joint: int) -> str:
         """Return the unit of a joint's position, by its index."""

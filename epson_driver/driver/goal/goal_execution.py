@@ -480,7 +480,8 @@ class GoalExecution:
 
     def _other_speed(self, timing: Timing) -> str:
         """Return what to add to the outcome of a goal that ran at another speed than planned."""
-        why = '' if self._planned_speed is None else self._planned_speed.deviation(timing)
+        own = self.goal.message is not None  # the controller's own pace
+        why = '' if self._planned_speed is None or own else self._planned_speed.deviation(timing)
         if not why:
             return ''
         _log.warning('a goal ran at another speed than planned: %s', why)

@@ -15,6 +15,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+from epson_driver.driver.delivery.delivery import PreparedTrajectory
 from epson_driver.driver.goal.goal import Goal, GoalSettings, checked_goal
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_states import AT_REST, GoalState
@@ -85,7 +86,9 @@ class GoalQueue:
         on_the_way: bool = False,
     ) -> None:
         self.start_tolerance = 0.05
-        self.scaling = SpeedScaling(by_velocity=planned_speed.by_velocity)
+        self.scaling = SpeedScaling(
+            by_velocity=planned_speed.by_velocity, fixed=planned_speed.fixed
+        )
         self.unsmoothed = 0
         """Goals for which no smooth motion inside every limit was found."""
         self.last_timing: Timing | None = None
@@ -181,7 +184,8 @@ class GoalQueue:
             return
         self.plans.end(REPLACED)
         now = _now()
-        if self._gate.reason is None and self._robot.stale(now):
+        replaces = self._running is not None and self._robot.withheld
+        if self._gate.reason is None and self._robot.stale(now) and not replaces:
             if self._unread is not None:
                 self._end_unstarted(self._unread, REPLACED)
             self._unread = handle
@@ -207,7 +211,9 @@ class GoalQueue:
         At one moment in all checks: this process may be held up between two of them.
         """
         try:
-            self.check_ready(now)
+            self._check_allowed()
+            if self._running is None or not self._robot.withheld:  # else when the arm stands
+                self.check_ready(now)
         except GoalRejectedError as rejection:
             handle.on_end(rejection.outcome)
             return
@@ -343,11 +349,7 @@ class GoalQueue:
 
     def check_ready(self, now: float) -> JointSample:
         """Return where the arm is. Raises GoalRejectedError unless it may move at `now`, s."""
-        if self._gate.reason is not None:
-            raise _inhibited(not_enabled(self._gate.reason))
-        self._check_not_stopping()
-        if (why := self.occupied()) is not None:
-            raise GoalRejectedError(ErrorCode.INVALID_GOAL, why, Remedy.END_STREAM)
+        self._check_allowed()
         if (why := self._robot.why_not_ready(now)) is not None:
             raise GoalRejectedError(ErrorCode.INVALID_GOAL, why)
         if self._robot.paused and not self._stopper.resumes:
@@ -355,6 +357,13 @@ class GoalQueue:
         sample = self._robot.sample
         assert sample is not None  # noqa: S101 - for the type checker: why_not_ready says so
         return sample
+
+    def _check_allowed(self) -> None:
+        if self._gate.reason is not None:
+            raise _inhibited(not_enabled(self._gate.reason))
+        self._check_not_stopping()
+        if (why := self.occupied()) is not None:
+            raise GoalRejectedError(ErrorCode.INVALID_GOAL, why, Remedy.END_STREAM)
 
     def _check_not_stopping(self) -> None:
         if self._stops:
@@ -445,7 +454,10 @@ class GoalQueue:
         try:
             if self._settings.require_planned_speed:
                 self._planned_speed.check(trajectory, sample.positions)
-            prepared = self._stopper.prepare(trajectory, sample.positions)
+            if (message := execution.goal.message) is not None:
+                prepared = PreparedTrajectory(trajectory, [message])
+            else:
+                prepared = self._stopper.prepare(trajectory, sample.positions)
         except GoalRejectedError as rejection:
             execution.fault(str(rejection), rejection.code)
             return

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from epson_driver.driver.delivery.delivery import DeliveryRules
+from epson_driver.driver.delivery.statements import FIXED_SPEED
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.motion import Array, JointLimits, Trajectory
 from epson_driver.profiles.point_fields import FieldsUsed
@@ -50,6 +51,12 @@ class PlannedSpeed:
         self._uses = FieldsUsed.DURATION if points_have_times else rules.uses
         self.by_velocity = self._uses is not FieldsUsed.DURATION
         """Whether it may go by the velocities of points."""
+        statements = rules.interface == 'statements'
+        self.fixed = FIXED_SPEED if statements else ''
+        """Why the speed of a motion cannot be changed any more, or ''."""
+        self._why = WHY[self._uses]
+        if statements:
+            self._why = f'the controller plans motions by itself (power {rules.power})'
         self._speed = rules.speed
         self._limits = limits
 
@@ -57,10 +64,7 @@ class PlannedSpeed:
         """Return a clause with both times and why they differ, or '' if they hardly do."""
         if not timing.deviates:
             return ''
-        return (
-            f'executed in {timing.executed:.3g} s, planned {timing.planned:.3g} s: '
-            f'{WHY[self._uses]}'
-        )
+        return f'executed in {timing.executed:.3g} s, planned {timing.planned:.3g} s: {self._why}'
 
     def check(self, trajectory: Trajectory, start: Array) -> None:
         """Raise GoalRejectedError for a plan that is known to run at another speed.
@@ -75,6 +79,6 @@ class PlannedSpeed:
         if timing.deviates:
             raise GoalRejectedError(
                 ErrorCode.INVALID_GOAL,
-                f'the plan takes {timing.planned:.3g} s, but {WHY[self._uses]}: it would take '
+                f'the plan takes {timing.planned:.3g} s, but {self._why}: it would take '
                 f'about {expected:.3g} s, and the planned speed is required',
             )

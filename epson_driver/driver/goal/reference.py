@@ -36,11 +36,13 @@ M = TypeVar('M', bound=Message)
 class SpeedScaling:
     """A factor that goes to its target in a ramp. Times (`now`) are monotonic, s.
 
-    `by_velocity`: points are for a controller that goes by their velocities.
+    `by_velocity`: points are for a controller that goes by their velocities. `fixed`: why there is
+    no other factor than 1, or ''.
     """
 
-    def __init__(self, *, by_velocity: bool = True) -> None:
+    def __init__(self, *, by_velocity: bool = True, fixed: str = '') -> None:
         self._by_velocity = by_velocity
+        self._fixed = fixed
         self._from = 1.0
         self._target = 1.0
         self._since = 0.0
@@ -56,6 +58,8 @@ class SpeedScaling:
             raise ValueError(
                 f'the factor {factor:g} must be 0 (pause) or from {MIN_FACTOR:g} to 1 (as planned)'
             )
+        if self._fixed and factor != 1.0:
+            raise ValueError(f'factor = {factor:g}: {self._fixed}')
         self._from, self._target, self._since = self.factor(now), factor, now
 
     def factor(self, now: float) -> float:

@@ -12,6 +12,7 @@ from epson_driver.driver.io.remote_ethernet_io import RemoteEthernetIo
 from epson_driver.driver.tasks.notification import Notification
 from epson_driver.link import Link
 from epson_driver.profiles.io_profile import IoProfile
+from epson_driver.remote_ethernet.client import Login
 from epson_driver.remote_ethernet.turns import RemoteTurns
 from epson_driver.simple_message import (
     ByteOrder,
@@ -66,11 +67,15 @@ def make_io(
     byte_order: ByteOrder | None,
     timeout: float,
     turns: RemoteTurns,
+    login: Login | None = None,
 ) -> Io:
-    """Return the way to the I/O that a profile names. `ports`: I/O port, remote port."""
+    """Return the way to the I/O that a profile names. `ports`: I/O port, remote port.
+
+    login: how to be logged in at the latter; None: anew for each request.
+    """
     io_port, remote_port = ports
     if profile.access == 'server':
         return IoDriver(host, io_port, byte_order=byte_order, timeout=timeout)
     if profile.access == 'motoman':
         return PolledIo(MotomanIo(host, io_port, byte_order), profile, timeout)
-    return PolledIo(RemoteEthernetIo(host, remote_port, turns), profile, timeout)
+    return PolledIo(RemoteEthernetIo(host, remote_port, turns, login), profile, timeout)

@@ -40,7 +40,14 @@ _log = logging.getLogger(__name__)
 
 
 class RefusedPointError(Exception):
-    """The controller did not do what was asked for one point, with the reason as its text."""
+    """The controller did not do what was asked for one point, with the reason as its text.
+
+    `passing`: it will again by itself, as when the arm stands.
+    """
+
+    def __init__(self, text: str, *, passing: bool = False) -> None:
+        super().__init__(text)
+        self.passing = passing
 
 
 T = TypeVar('T', IoAddress, IoSetting)
@@ -102,7 +109,7 @@ class PolledIo:
         self.changed = Notification()
         self._points = points
         self._period = profile.publish_period
-        self._told = False
+        self._told = self._passing = False
         self._wake = asyncio.Event()
         shown = [IoType.DIGITAL_INPUT, *[IoType.DIGITAL_OUTPUT] * points.outputs_shown]
         self._shown = [held for held in self.ranges if held.io_type in shown]
@@ -143,7 +150,7 @@ class PolledIo:
             return
 
         async def serve() -> None:
-            await self._points.run(self._wake.set, self._lost)
+            await self._points.run(self._wake.set, lambda why: self._lost(IoUnavailableError(why)))
 
         async def nothing() -> None:
             """What keeps asking has failed: there is nothing to stop."""
@@ -211,7 +218,7 @@ class PolledIo:
                 self._take(await self._values())
                 attempt, pause = 0, self._period
             except IoUnavailableError as error:
-                self._lost(str(error))
+                self._lost(error)
                 pause = max(self._period, RETRIES[min(attempt, len(RETRIES) - 1)])
                 attempt += 1
             self._wake.clear()
@@ -239,7 +246,7 @@ class PolledIo:
     def _take(self, states: tuple[IoValues, ...]) -> None:
         if states == self.states:
             return
-        if not self.states:
+        if not self.states and not self._passing:
             points = sum(len(item.values) for item in states)
             _log.info('I/O: %d points in %d ranges', points, len(states))
         self.states = states
@@ -248,8 +255,11 @@ class PolledIo:
         self.on_states()
         self.changed.notify_all()
 
-    def _lost(self, why: str) -> None:
-        self._lose(why, logging.WARNING if self.states else logging.INFO)
+    def _lost(self, error: IoUnavailableError) -> None:
+        cause = error.__cause__
+        self._passing = isinstance(cause, RefusedPointError) and cause.passing
+        level = logging.WARNING if self.states else logging.INFO
+        self._lose(str(error), logging.DEBUG if self._passing else level)
 
     def _lose(self, why: str, level: int) -> None:
         """Take note that the values are not known. Said once, until they are known again."""

@@ -9,12 +9,13 @@ setting anything are refused while a task runs or the arm moves (docs/io.md).
 
 import asyncio
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from epson_driver.driver.io.io_driver import IoUnavailableError
 from epson_driver.driver.io.io_results import WORD_GROUPS
 from epson_driver.driver.io.polled_io import RefusedPointError, Told
 from epson_driver.link import Link
-from epson_driver.remote_ethernet.client import Ask, RemoteError, logged_in
+from epson_driver.remote_ethernet.client import Ask, Login, RemoteError, logged_in
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 from epson_driver.remote_ethernet.turns import RemoteTurns
 from epson_driver.simple_message import Dialect, IoAddress, IoSetting, IoType
@@ -53,12 +54,13 @@ class RemoteEthernetIo:
     outputs_shown = False
     link: Link | None = None
 
-    def __init__(self, host: str, port: int, turns: RemoteTurns) -> None:
+    def __init__(
+        self, host: str, port: int, turns: RemoteTurns, login: Login | None = None
+    ) -> None:
         self.timeout = 1.0
         self.missing = '' if port else NOT_USED
         self.place = f'{host}:{port}'
-        self._host = host
-        self._port = port
+        self._login = login or partial(logged_in, host, port, max_logins=1)
         self._turns = turns
 
     def follow(self, dialect: Dialect) -> None:
@@ -81,7 +83,7 @@ class RemoteEthernetIo:
     async def _give(self, commands: Sequence[str], unsure: str) -> list[Told]:
         async def dialogue() -> list[Told]:
             patience = self.timeout * (1 + len(commands))
-            async with logged_in(self._host, self._port, patience, max_logins=1) as ask:
+            async with self._login(patience) as ask:
                 return [await self._told(ask, command) for command in commands]
 
         try:
@@ -97,7 +99,8 @@ class RemoteEthernetIo:
         except RemoteError as error:
             if error.number == RemoteErrorNumber.NOT_READY:
                 return RefusedPointError(NOT_READY)
-            return RefusedPointError(str(error))
+            passing = error.number == RemoteErrorNumber.EXECUTING
+            return RefusedPointError(str(error), passing=passing)
         base = DECIMAL if command.startswith('Execute') else HEXADECIMAL
         try:
             return int(answer.strip('" '), base)

@@ -4,6 +4,7 @@
 
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from epson_driver.driver.state.controller_pause import PauseDetector
 from epson_driver.driver.state.joint_mapping import JointMapping, unmapped
 from epson_driver.driver.state.joint_velocity import VELOCITY_WINDOW_S, JointVelocity, Values
 from epson_driver.driver.state.plausibility import DEFAULT_MARGINS, JointBounds, Margins
+from epson_driver.driver.state.question_clock import QuestionClock
 from epson_driver.driver.state.sender_clock import LATE_SLOTS, SenderClock
 from epson_driver.error_texts import ErrorTexts, load_error_texts
 from epson_driver.motion import Array, JointLimits
@@ -32,6 +34,8 @@ holds up a controller's program may do so between measuring and sending."""
 
 DISTRUST_TIME_S = 1.0
 """How long nothing may begin after something impossible was reported, s."""
+
+WITHHELD = 'the controller tells no joints now, as it moves the arm or cannot move it: '
 
 MAX_TIME_RESOLUTION_S = 0.0004
 """The coarsest time that a controller may tell, s: 1 % of the window of velocities."""
@@ -57,13 +61,15 @@ class StateRules:
 
     Every message takes a slot of the controller's clock, those with a STATUS, too. The period is
     what to begin with; it follows what comes. Without `limits` joints may be anything. A pose that
-    is older than `timeout` s says nothing, however seldom one comes.
+    is older than `timeout` s says nothing, however seldom one comes. `asked`: the controller tells
+    its state when it is asked, and not while the arm moves.
     """
 
     period: float = 0.005
     limits: JointLimits | None = None
     margins: Margins = DEFAULT_MARGINS
     timeout: float = math.inf
+    asked: bool = False
 
 
 NO_RULES = StateRules()
@@ -74,7 +80,8 @@ class RobotState:
 
     Emptied when the link is lost: nothing stale can be taken for fresh (docs/invariants.md, 6).
     `errors` says what the controller's error numbers mean; EPSON's, unless it is given.
-    What comes in is counted as the controller does, `sample` as ROS does, by `mapping`.
+    What comes in is counted as the controller does, `sample` as ROS does, by `mapping`. `withheld`
+    returns whether the controller tells no joints now, as while it moves the arm.
 
     There is no `sample` until it is known how fast the joints move: of joints that came once
     nobody can say that they stand.
@@ -86,11 +93,13 @@ class RobotState:
         errors: ErrorTexts | None = None,
         mapping: JointMapping | None = None,
         rules: StateRules = NO_RULES,
+        withheld: Callable[[], bool] = lambda: False,
     ) -> None:
         self._joints = joints
         self._mapping = unmapped(joints) if mapping is None else mapping
         self.errors = load_error_texts() if errors is None else errors
         self._rules = rules
+        self._withheld = withheld
         self._bounds = JointBounds(joints, rules.limits, rules.margins)
         self.clear()
 
@@ -107,7 +116,8 @@ class RobotState:
         """How often positions and times gave more than a joint can do, and it was published as
         moving as fast as it can."""
         self._pause = PauseDetector()
-        self._clock = SenderClock(self._rules.period)
+        clock = QuestionClock if self._rules.asked else SenderClock
+        self._clock: SenderClock | QuestionClock = clock(self._rules.period)
         self._velocity = JointVelocity()
         self._before: Values | None = None
         self._measured = 0.0
@@ -139,6 +149,8 @@ class RobotState:
         except ValueError as error:
             self._impossible = now, str(error)
             raise
+        if self._rules.asked and elapsed > MAX_POSE_AGE_S:  # nobody looked in between
+            self._velocity = JointVelocity()
         clock, velocity = self._clock, self._velocity
         if rates is None:
             rates = velocity.fitted(clock.time, positions, clock.gap, elapsed)
@@ -185,14 +197,22 @@ class RobotState:
         if self.sample is None:
             return 'no joint state from the controller'
         if self.stale(now):
-            return f'the newest joint state is {now - self.sample.measured:.3g} s old'
+            why = WITHHELD if self.withheld else ''
+            return f'{why}the newest joint state is {now - self.sample.measured:.3g} s old'
         return None
+
+    @property
+    def withheld(self) -> bool:
+        """Whether the controller tells no joints in its present condition."""
+        return self._withheld()
 
     def stale(self, now: float) -> bool:
         """Return whether there are joints, but too old ones to say where the arm is."""
         usual = max(MAX_POSE_AGE_S, MAX_POSE_AGE_SLOTS * self._clock.period)
         allowed = min(usual, self._rules.timeout)
-        return self.sample is not None and now - self.sample.measured > allowed
+        if self.sample is None:
+            return False
+        return self.withheld or now - self.sample.measured > allowed
 
     def why_not_standing(self, stopped_velocity: float) -> str | None:
         """Return what shows that the arm moves, or None if it stands, by all that is known.

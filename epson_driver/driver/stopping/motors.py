@@ -15,11 +15,12 @@ import asyncio
 import logging
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 from typing import Literal, Protocol
 
 from epson_driver.driver.delivery.reply_rejection import reply_rejection
 from epson_driver.link import Link
-from epson_driver.remote_ethernet.client import Ask, RemoteError, logged_in
+from epson_driver.remote_ethernet.client import Ask, Login, RemoteError, logged_in
 from epson_driver.remote_ethernet.turns import RemoteTurns
 from epson_driver.simple_message import MotionCtrl, Packet
 from epson_driver.simple_message.motoman import Command
@@ -102,24 +103,27 @@ class RemoteEthernetMotors:
     missing = ''
     restarts = False
 
-    def __init__(self, host: str, port: int, turns: RemoteTurns | None = None) -> None:
-        self._host = host
-        self._port = port
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        turns: RemoteTurns | None = None,
+        login: Login | None = None,
+    ) -> None:
+        self._place = f'{host}:{port}'
+        self._login = login or partial(logged_in, host, port)
         self._turns = turns or RemoteTurns()
 
     async def act(self, action: Action, timeout: float) -> None:
         """Log in and give the command. Raises MotorsError."""
         commands = action.value
         try:
-            async with (
-                self._turns.urgent(),
-                logged_in(self._host, self._port, timeout) as ask,
-            ):
+            async with self._turns.urgent(), self._login(timeout) as ask:
                 await self._give(ask, action, timeout)
         except (RemoteError, OSError, TimeoutError) as error:
             why = str(error) or 'no answer'
             raise MotorsError(
-                f'remote port {self._host}:{self._port}: {why}: {commands.by_hand}',
+                f'remote port {self._place}: {why}: {commands.by_hand}',
                 unanswered=isinstance(error, TimeoutError),
             ) from error
 
@@ -252,8 +256,12 @@ def make_motors(
     remote_port: int,
     motion_link: Link,
     turns: RemoteTurns | None = None,
+    login: Login | None = None,
 ) -> Motors:
-    """Return the way that a controller's profile and its port of Remote Ethernet leave."""
+    """Return the way that a controller's profile and its port of Remote Ethernet leave.
+
+    login: how to be logged in there; None: anew for each action.
+    """
     if kind == 'motoman':
         return MotomanMotors(motion_link)
     if kind == 'none':
@@ -262,4 +270,4 @@ def make_motors(
         return MotorsByHand('the port of Remote Ethernet is 0')
     if kind == 'restart':
         return RestartingMotors(host, remote_port, turns)
-    return RemoteEthernetMotors(host, remote_port, turns)
+    return RemoteEthernetMotors(host, remote_port, turns, login)

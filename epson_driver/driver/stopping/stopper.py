@@ -189,16 +189,20 @@ class Stopper:
             return 'no reply to STOP'
         if self._since is None:
             return None
-        if self._robot.sample is None:
+        if self._unseen:
             return 'no joint state shows whether the arm stands'
         return 'the arm moves' if self._moves() else 'no STATUS shows that the arm stands'
 
     @property
     def stands(self) -> str:
         """Whether the arm stands, as a clause."""
-        if self._robot.sample is None:
+        if self._unseen:
             return 'no joint state shows whether the arm stands'
         return 'the arm still moves' if self._moves() else 'the arm stands'
+
+    @property
+    def _unseen(self) -> bool:
+        return self._robot.sample is None or self._robot.withheld
 
     def stop(self) -> None:
         """Send STOP and see it through, or put into `doubt` that it could not be sent."""

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.sim_controller.condition.errors import ErrorNumber as Shown
 from epson_driver.sim_controller.condition.errors import Rejection
 from epson_driver.sim_controller.condition.states import Event, Power, RejectedError
 from epson_driver.sim_controller.io.io_points import BYTE_BITS, WORD_BITS, IoError
@@ -56,6 +57,8 @@ class Dialogue:
 
     controller: ControllerInterface
     send: Callable[[str], None]
+    enter: Callable[[], None] = lambda: None
+    """Called at a login. Raises ConnectionRefusedError where another client is served alone."""
     logged_in: bool = False
     why: str = ''
     spelt: str = ''
@@ -118,7 +121,7 @@ def _obey(dialogue: Dialogue, line: str, name: str, rest: str | None) -> str:
     command = COMMANDS.get(name)
     if command is None:
         raise CommandError(RemoteErrorNumber.BAD_COMMAND, f'there is no command {name}')
-    if not dialogue.logged_in and name != 'Login':
+    if not dialogue.logged_in and name not in ('Login', 'Sim'):
         raise CommandError(RemoteErrorNumber.BAD_COMMAND, 'nobody is logged in')
     needed = command.requirements
     if dialogue.controller.window.executes:
@@ -144,6 +147,7 @@ def _login(dialogue: Dialogue, parameters: list[str]) -> None:
     password = dialogue.controller.profile.remote.password
     if password and ''.join(parameters) != password:
         raise CommandError(RemoteErrorNumber.PASSWORD, 'the password is wrong')
+    dialogue.enter()
     dialogue.logged_in = True
 
 
@@ -252,7 +256,7 @@ def _printed(dialogue: Dialogue, value: str | SpelError) -> str | None:
     if isinstance(value, SpelError):
         if value.number == ErrorNumber.TASK_TYPE:
             raise CommandError(RemoteErrorNumber.NOT_READY, value.text)
-        if value.number not in OWN_NUMBERS:
+        if value.number not in (*OWN_NUMBERS, Shown.MOTION_ABORTED):
             dialogue.controller.show(Rejection(value.number, value.text))
         raise CommandError(RemoteErrorNumber.SYSTEM, f'error {value.number}: {value.text}')
     return f'"{value[:MOST_CHARACTERS]}"' if value else None

@@ -36,8 +36,9 @@ class RemoteSession:
         clock: Clock,
         send: Send,
         hang_up: Callable[[], None],
+        enter: Callable[[], None] = lambda: None,
     ) -> None:
-        self._dialogue = Dialogue(controller, self._reply)
+        self._dialogue = Dialogue(controller, self._reply, enter)
         self._clock = clock
         self._timeout = controller.profile.remote.session_timeout
         self._send = send
@@ -87,7 +88,11 @@ class RemoteSession:
         self._heard = self._clock.now
         if not text:  # some clients end a line with CR CR LF
             return
-        reply = answer(self._dialogue, text)
+        try:
+            reply = answer(self._dialogue, text)
+        except ConnectionRefusedError as error:
+            self._end(str(error))
+            return
         if reply is not None:
             self._reply(reply)
 

@@ -1,0 +1,141 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Motions as SPEL+ statements, for a controller without a program: Go, Move, Arc3 by `$Execute`.
+
+The controller plans them by itself: what it takes is where to go and how fast, not when to be
+where. So plans of points and streams are refused, in one sentence that says what to use.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from epson_driver.driver.delivery.delivery import DeliveryRules, OnReply, PreparedTrajectory
+from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
+from epson_driver.driver.state.joint_mapping import JointMapping
+from epson_driver.link import Link
+from epson_driver.link.statement import Statement
+from epson_driver.motion import Array, JointLimits, Trajectory
+from epson_driver.simple_message import Message
+
+TOOL_NUMBER = 15
+"""The controller's tool that is set, with TLSet, where a motion of a tool needs one."""
+
+NO_PLANS = (
+    'a plan of {} points: by Remote Ethernet alone the controller takes no points and times: send '
+    'its last point alone, or motion primitives (move_joints, move_line, move_arc in Python), or '
+    'load the controller program'
+)
+
+NO_STREAMS = (
+    'by Remote Ethernet alone the arm follows no streams: each statement begins and ends at rest; '
+    'send motions one by one, or load the controller program'
+)
+
+FIXED_SPEED = (
+    'by Remote Ethernet alone the controller takes no other speed while it moves, and no pause: '
+    'give each motion its speed, or stop it'
+)
+
+ToolFrame = tuple[float, float, float, float, float, float]
+"""A tool in the flange as TLSet has it: x, y, z in mm, u, v, w in degrees."""
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How fast the tool goes: m/s, m/s², and its turn, rad/s, rad/s²."""
+
+    speed: float
+    acceleration: float
+    turn_speed: float = 1.0
+    turn_acceleration: float = 10.0
+
+
+class Moves:
+    """Writes statements, for joints within limits as a controller counts them.
+
+    Where to go is given as joint positions, shape (n,), rad (m), as ROS counts them: they tell
+    the arm's configuration, too.
+    """
+
+    def __init__(self, limits: JointLimits, mapping: JointMapping, power: str) -> None:
+        self._limits = limits
+        self._mapping = mapping
+        self._power = f'Power {power.capitalize()}'
+
+    def joints(self, target: Array, speed: float, acceleration: float) -> Statement:
+        """Return a joint move. speed, acceleration: shares of the controller's, (0, 1]."""
+        percent, ramp = _percent(speed), _percent(acceleration)
+        text = f'Speed {percent}; Accel {ramp}, {ramp}; Go {self._point(target)}'
+        return Statement(f'{self._power}; {text}')
+
+    def line(
+        self, target: Array, pace: Pace, *, tool: ToolFrame | None, turns: bool = False
+    ) -> Statement:
+        """Return a line of the flange, or of a tool. turns: it only turns about itself."""
+        return self._path(f'Move {self._point(target)}{" ROT" if turns else ""}', pace, tool)
+
+    def arc(self, via: Array, target: Array, pace: Pace, *, tool: ToolFrame | None) -> Statement:
+        """Return a circle through `via` of the flange, or of a tool."""
+        return self._path(f'Arc3 {self._point(via)}, {self._point(target)}', pace, tool)
+
+    def _path(self, text: str, pace: Pace, tool: ToolFrame | None) -> Statement:
+        chosen = 'Tool 0'
+        if tool is not None:
+            frame = ', '.join(f'{value:.4f}' for value in tool)
+            chosen = f'TLSet {TOOL_NUMBER}, XY({frame}); Tool {TOOL_NUMBER}'
+        speeds = (
+            f'SpeedS {pace.speed * 1e3:.4g}; AccelS {pace.acceleration * 1e3:.4g}; '
+            f'SpeedR {np.degrees(pace.turn_speed):.4g}; '
+            f'AccelR {np.degrees(pace.turn_acceleration):.4g}'
+        )
+        return Statement(f'{self._power}; {speeds}; {chosen}; {text}')
+
+    def _point(self, joints: Array) -> str:
+        counted = self._mapping.positions_to_controller(joints)
+        scales = [np.degrees(1.0) if unit == 'rad' else 1e3 for unit in self._limits.units]
+        return f'JA({", ".join(f"{value:.5f}" for value in counted * scales)})'
+
+
+def last_point(trajectory: Trajectory) -> Trajectory:
+    """Return the last point of a trajectory, which is all that a statement reaches at a time."""
+    return Trajectory(trajectory.joint_names, trajectory.times[-1:], trajectory.positions[-1:])
+
+
+class StatementDelivery:
+    """A trajectory with one end as `Go`. Of `rules`, the power counts."""
+
+    resumes = False
+    keeps_points = False
+
+    def __init__(
+        self, link: Link, limits: JointLimits, mapping: JointMapping, rules: DeliveryRules
+    ) -> None:
+        self._link = link
+        self._limits = limits
+        self.moves = Moves(limits, mapping, rules.power)
+
+    def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
+        """Return a joint move to its only point, no faster than its time asks for.
+
+        Raises GoalRejectedError for more points.
+        """
+        if len(trajectory.times) > 1:
+            text = NO_PLANS.format(len(trajectory.times))
+            raise GoalRejectedError(ErrorCode.INVALID_GOAL, text)
+        target, duration = trajectory.positions[0], max(trajectory.duration, 1e-3)
+        needed = np.abs(target - start) / self._limits.velocity / duration
+        share = min(max(float(needed.max()), 0.01), 1.0)
+        return PreparedTrajectory(trajectory, [self.moves.joints(target, share, share)])
+
+    def setpoint(self, way: Trajectory, sequence: int) -> Message:
+        """Raise GoalRejectedError: there is nothing to follow with."""
+        raise GoalRejectedError(ErrorCode.INVALID_GOAL, NO_STREAMS)
+
+    def post(self, message: Message, on_reply: OnReply) -> None:
+        """Send a statement, or STOP. Raises ConnectionError."""
+        self._link.post(message, on_reply)
+
+
+def _percent(share: float) -> int:
+    return min(max(round(share * 100), 1), 100)

@@ -1,0 +1,355 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""One connection to the remote port, through which an arm is moved without a program.
+
+It stands where the motion and the state link do for other controllers:
+
+* A Statement goes out as `$Execute`, and is answered when it is over; STOP goes out as `$Abort`,
+  which is answered at once. Until the aborted statement is answered too, the arm may move.
+* The state is asked for, `period` s after the last answer: `$GetStatus`, then
+  `$Execute,"Print Agl(1), …"`. The controller takes the second only while it executes nothing,
+  in AUTO, without E-stop, error or open door; otherwise there are no joints, and `joints_withheld`
+  says that this is as it should be. Nobody makes any up.
+* Answers carry the name of their command, so that `$GetStatus` and `$Abort` pass a statement that
+  is under way. An answer to nothing that was asked ends the connection: what follows is not to be
+  trusted either.
+* The controller serves one client. It goes on to the end of its command when that is gone.
+"""
+
+import asyncio
+import contextlib
+from collections import deque
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from math import radians
+
+from epson_driver.link import Link, LinkState, WireEvent
+from epson_driver.link.connection import AnyFramer, Connection
+from epson_driver.link.lines import LineFramer
+from epson_driver.link.replies import PendingRequest
+from epson_driver.link.statement import Statement, StatementReply
+from epson_driver.link.states import LinkEvent
+from epson_driver.remote_ethernet.client import (
+    MAX_ERROR_DIGITS,
+    Ask,
+    RemoteError,
+    without_password,
+)
+from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.remote_ethernet.status_flags import ask_flags
+from epson_driver.simple_message import (
+    Dialect,
+    JointPosition,
+    Message,
+    Mode,
+    Packet,
+    ReplyCode,
+    Status,
+    TriState,
+    joint_data,
+    reply,
+    topic,
+)
+
+ABORTED_TIMEOUT_S = 2.0
+"""How long an aborted statement may go unanswered before the connection is opened anew, s."""
+
+GOES_ON = (
+    'the controller goes on to the end of the command that it has: the E-stop stops it, or the '
+    '$Abort that is sent first when the connection is back'
+)
+
+ONE_CLIENT = 'it serves one client of Remote Ethernet and has one, or does not serve yet'
+
+_FORBID_EXECUTE = {'Test', 'Teach', 'SError', 'Safeguard', 'EStop', 'Error', 'Paused', 'Running'}
+"""Flags with which the controller executes no statement."""
+
+_SHOWN_CHARACTERS = 60
+
+OnReply = Callable[[Packet, float], None]
+
+
+@dataclass(eq=False)
+class _Question:
+    """A command without its `$`. `answered` gets the answer's value, or why there is none."""
+
+    command: str
+    answered: Callable[[str | Exception], None]
+    sent: float = 0.0
+
+    @property
+    def name(self) -> str:
+        return self.command.partition(',')[0].lower()
+
+
+class RemoteLink(Link):
+    """A Link to the remote port. `units`: 'rad' or 'm', one per joint.
+
+    What it makes of the state goes to `on_packet` as STATUS and JOINT_POSITION. A controller that
+    says nothing for `timeout` s is lost.
+    """
+
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        units: Sequence[str],
+        *,
+        on_packet: Callable[[Packet], None],
+        on_state: Callable[[LinkState, str], None],
+        password: str = '',
+        period: float = 0.1,
+        timeout: float = 1.0,
+    ) -> None:
+        super().__init__(
+            'remote',
+            host,
+            port,
+            on_packet=on_packet,
+            on_state=on_state,
+            receive_timeout=max(timeout, 2.0 * period),
+        )
+        self._scales = [radians(1.0) if unit == 'rad' else 1e-3 for unit in units]
+        angles = ', '.join(f'Agl({joint})' for joint in range(1, len(units) + 1))
+        self._question = f'Execute,"Print {angles}, Motor"'
+        self._password = password
+        self._period = period
+        self._asked: list[_Question] = []
+        self._executes: deque[_Question] = deque()
+        self._motion: _Question | None = None
+        self._aborted: float | None = None
+        self._wake = asyncio.Event()
+
+    @property
+    def moving(self) -> bool:
+        """Whether a statement that moves the arm is under way, as far as was answered."""
+        return self._motion is not None
+
+    # --- as a Link --------------------------------------------------------------------------
+
+    def post(self, message: Message, on_reply: OnReply) -> PendingRequest:
+        """Send a Statement, or anything else as `$Abort`. Raises ConnectionError."""
+        if not self.connected:
+            raise ConnectionError(f'remote link is {self.state.value}')
+
+        def answered(value: str | Exception) -> None:
+            if isinstance(value, ConnectionError):
+                return  # the link tells of its end
+            why = ''
+            if isinstance(value, RemoteError):
+                why = f'{value.meaning} (error {value.number})'
+            code = ReplyCode.FAILURE if why else ReplyCode.SUCCESS
+            on_reply(reply(StatementReply(why), code), self.last_received)
+
+        if isinstance(message, Statement):
+            self._motion = _Question(f'Execute,"{message.text}"', answered)
+            self.joints_withheld = True
+            self._execute(self._motion)
+        else:
+            self._abort(answered)
+        return PendingRequest(0, 0, self._now(), on_reply)
+
+    def tell(self, message: Message) -> None:
+        """Raise ConnectionError: nothing here goes without an answer."""
+        raise ConnectionError(f'{message} is nothing for a remote port')
+
+    def follow(self, dialect: Dialect) -> None:
+        """Nothing: it is text."""
+
+    async def ask(self, command: str) -> str:
+        """Return the value of the answer to a command, without its `$`.
+
+        Raises RemoteError if the controller refuses it, also for a statement while another one
+        moves the arm, and ConnectionError.
+        """
+        if not command.isprintable():
+            raise ValueError(f'{without_password(command)!r} is not one command')
+        answer: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+
+        def answered(value: str | Exception) -> None:
+            if answer.done():
+                return
+            if isinstance(value, str):
+                answer.set_result(value)
+            else:
+                answer.set_exception(value)
+
+        question = _Question(command, answered)
+        if question.name != 'execute':
+            self._send(question)
+        elif self._motion is not None:
+            raise RemoteError(command, RemoteErrorNumber.EXECUTING)
+        else:
+            self._execute(question)
+        return await answer
+
+    @asynccontextmanager
+    async def session(self, timeout: float) -> AsyncIterator[Ask]:
+        """Ask within `timeout` s, as `client.logged_in` has it. Raises TimeoutError, and as `ask`.
+
+        What needs the arm's standstill is refused while it moves.
+        """
+        if not self.connected:
+            raise ConnectionError(f'remote link is {self.state.value}')
+        async with asyncio.timeout(timeout):
+            yield self.ask
+        self._wake.set()
+
+    # --- the dialogue -----------------------------------------------------------------------
+
+    def _new_framer(self) -> AnyFramer:
+        return LineFramer()
+
+    async def _serve(self, connection: Connection) -> str:
+        connection.begin()
+        talk = asyncio.create_task(self._talk())
+        moving = False
+        try:
+            await asyncio.wait((connection.ended, talk), return_when=asyncio.FIRST_COMPLETED)
+            why = connection.ended.result() if connection.ended.done() else talk.result()
+        finally:
+            moving, established = self.moving, self.connected
+            self._motion, self._aborted, self.joints_withheld = None, None, False
+            unanswered, self._asked = [*self._asked, *self._executes], []
+            self._executes.clear()
+            for question in unanswered:
+                question.answered(ConnectionError('the connection ended before it was answered'))
+            talk.cancel()
+            await asyncio.gather(talk, return_exceptions=True)
+        if not established and why == 'closed by the controller':
+            why += f' at the login: {ONE_CLIENT}'
+        return f'{why}; {GOES_ON}' if moving else why
+
+    async def _talk(self) -> str:
+        """Log in, then ask for the state. Return why that cannot go on."""
+        try:
+            await self.ask(f'Login,{self._password}')
+            self._step(LinkEvent.ESTABLISHED, f'{self.host}:{self.port}')
+            while True:
+                await self._look()
+                self._wake.clear()
+                with contextlib.suppress(TimeoutError):
+                    async with asyncio.timeout(self._period):
+                        await self._wake.wait()
+                if self._aborted and self._now() - self._aborted > ABORTED_TIMEOUT_S:
+                    return 'the aborted command is not answered'
+        except (RemoteError, ConnectionError) as error:
+            return str(error)
+
+    async def _look(self) -> None:
+        """Ask for the state, and tell it."""
+        flags, number = await ask_flags(self.ask)
+        told: list[float] | None = None
+        if self._motion is None and not _FORBID_EXECUTE.intersection(flags):
+            with contextlib.suppress(RemoteError):  # what forbids it is in the next flags
+                told = self._numbers(await self.ask(self._question))
+        if self._motion is None:
+            self.joints_withheld = told is None
+        self._on_packet(topic(_status(flags, number, told, moving=self.moving)))
+        if told is not None:
+            joints = [value * scale for value, scale in zip(told, self._scales, strict=False)]
+            self._on_packet(topic(JointPosition(0, joint_data(joints))))
+
+    def _numbers(self, value: str) -> list[float]:
+        """Return what was printed of joints and motors. Raises ConnectionError."""
+        words = value.strip('" ').split()
+        try:
+            numbers = [float(word) for word in words]
+        except ValueError:
+            numbers = []
+        if len(numbers) != len(self._scales) + 1:
+            shown = f"'{value[:_SHOWN_CHARACTERS]}'"
+            raise ConnectionError(f'{shown} is no answer to {self._question}')
+        return numbers
+
+    def _execute(self, question: _Question) -> None:
+        """Send it when nothing is executed any more. A controller does not queue commands."""
+        self._executes.append(question)
+        self._send_next()
+
+    def _send_next(self) -> None:
+        if self._executes and all(each.name != 'execute' for each in self._asked):
+            self._send(self._executes.popleft())
+
+    def _abort(self, answered: Callable[[str | Exception], None]) -> None:
+        """Send `$Abort`, and drop a motion that was not sent yet."""
+        motion = self._motion
+        if motion is not None and motion in self._executes:
+            self._executes.remove(motion)
+            self._motion = None
+            motion.answered(RemoteError('Abort', RemoteErrorNumber.SYSTEM))
+        if self._motion is not None and self._aborted is None:
+            self._aborted = self._now()
+        self._send(_Question('Abort', answered))
+
+    def _send(self, question: _Question) -> None:
+        connection = self._connection
+        if connection is None:
+            raise ConnectionError(f'remote link is {self.state.value}')
+        question.sent = self._now()
+        self._asked.append(question)
+        tap, self.trace = self.trace, None  # no password in a trace
+        try:
+            self._write(connection, f'${question.command}\r\n'.encode())
+        finally:
+            self.trace = tap
+        if tap is not None:
+            tap(WireEvent.SENT, f'${without_password(question.command)}\r\n'.encode())
+
+    def _dispatch(self, packet: object) -> None:
+        """Give an answer to whoever asked: the first with its name."""
+        line = str(packet)
+        self.statistics.frames_received += 1
+        name, _, value = line[1:].partition(',')
+        question = next((each for each in self._asked if each.name == name.lower()), None)
+        number = value.strip()
+        refused = number.isdecimal() and len(number) <= MAX_ERROR_DIGITS
+        if question is None or not (line[:1] == '#' or (line[:1] == '!' and refused)):
+            self.statistics.bad_frames['answer'] += 1
+            if self._connection is not None:
+                shown = line[:_SHOWN_CHARACTERS]
+                self._connection.end(f"'{shown}' is no answer to what was asked")
+            return
+        self._asked.remove(question)
+        self.statistics.reply_latencies.append(self.last_received - question.sent)
+        if question is self._motion:
+            self._motion = self._aborted = None
+            self._wake.set()
+        answer: str | Exception = value
+        if line[0] == '!':
+            answer = RemoteError(question.command, int(number))
+        question.answered(answer)
+        self._send_next()
+
+
+def _status(
+    flags: Sequence[str], number: int, told: Sequence[float] | None, *, moving: bool
+) -> Status:
+    """Return the STATUS that the flags of GetStatus say, and whether the motors are on.
+
+    That is printed with the joints; without them an E-stop says that they are off.
+    """
+
+    def said(*names: str) -> TriState:
+        return TriState.TRUE if any(name in flags for name in names) else TriState.FALSE
+
+    motors = TriState.UNKNOWN
+    if 'EStop' in flags:
+        motors = TriState.FALSE
+    elif told is not None:
+        motors = TriState.TRUE if told[-1] else TriState.FALSE
+    rest = TriState.UNKNOWN if 'Running' in flags else TriState.FALSE
+    possible = motors
+    if _FORBID_EXECUTE.intersection(flags) - {'Running'}:
+        possible = TriState.FALSE
+    manual = 'Teach' in flags or 'Test' in flags
+    return Status(
+        drives_powered=motors,
+        e_stopped=said('EStop'),
+        error_code=number,
+        in_error=said('Error', 'SError'),
+        in_motion=TriState.TRUE if moving else rest,
+        mode=Mode.MANUAL if manual else Mode.AUTO if 'Auto' in flags else Mode.UNKNOWN,
+        motion_possible=possible,
+    )
