@@ -8,6 +8,7 @@ asked only if a person allows it.
 """
 
 import asyncio
+from collections.abc import Sequence
 from contextlib import AsyncExitStack
 
 from epson_driver.doctor.findings import Findings
@@ -16,6 +17,7 @@ from epson_driver.doctor.state_facts import Facts, latest_joints, latest_status
 from epson_driver.driver.inhibit import MAIN_ENDED, Inhibit, device_inhibit, flags_inhibit
 from epson_driver.error_texts import ErrorTexts
 from epson_driver.remote_ethernet.client import RemoteError, logged_in
+from epson_driver.remote_ethernet.joints import joints_in_si, joints_of, joints_question
 from epson_driver.remote_ethernet.status_flags import ask_control_device, ask_flags
 from epson_driver.simple_message import (
     IoInfo,
@@ -194,6 +196,18 @@ async def ask_io_port(host: str, port: int, state: Conversation, findings: Findi
     text = ', '.join(f'{count} {name.replace("_", " ")}' for name, count in counts.items())
     findings.ok('I/O port', text)
     return {'ports.io': port, 'io': counts}
+
+
+async def ask_joints(
+    host: str, port: int, password: str, units: Sequence[str]
+) -> tuple[tuple[float, ...], bool]:
+    """Return joint positions, rad or m by `units`, and whether the motors are on.
+
+    Raises RemoteError, TimeoutError, ConnectionError.
+    """
+    async with logged_in(host, port, REPLY_TIMEOUT_S, password) as ask:
+        *values, motors = joints_of(await ask(joints_question(len(units))), len(units))
+    return joints_in_si(values, units), bool(motors)
 
 
 async def ask_remote_port(

@@ -10,6 +10,7 @@ import numpy as np
 
 from epson_driver.doctor.asking import (
     ask_io_port,
+    ask_joints,
     ask_motion_port,
     ask_remote_port,
     count_state_clients,
@@ -37,6 +38,7 @@ from epson_driver.doctor.why_not import ARM, tell_inhibit
 from epson_driver.driver.inhibit import controller_error, seen_inhibit
 from epson_driver.error_texts import load_error_texts
 from epson_driver.profiles import ControllerProfile
+from epson_driver.remote_ethernet.client import RemoteError
 from epson_driver.robots import RobotModel
 from epson_driver.simple_message import Status, TriState
 
@@ -85,6 +87,8 @@ async def check_controller(
 
     `ask` talks to a person at the pendant; None: there is none.
     """
+    if question.profile.program.interface == 'statements':
+        return await _check_remote(question, findings)
     if not question.profile.server.reconnect and not question.once:
         text = (
             f'not opened: a {question.profile.name} serves one client, once, and has to be '
@@ -108,6 +112,36 @@ async def check_controller(
         return {}
     _compare(question.profile, facts, findings)
     return facts
+
+
+async def _check_remote(question: Question, findings: Findings) -> Facts:
+    """Return what a controller tells of which nothing but Remote Ethernet is used."""
+    findings.busy('asking the remote port')
+    texts = load_error_texts(question.profile.error_texts)
+    units = question.model.limits.units
+    facts, held = await ask_remote_port(
+        question.host, question.remote_port, question.password, findings, texts, False
+    )
+    for each in held:
+        tell_inhibit(each, findings)
+    if not facts or held:
+        return {}
+    try:
+        told = await ask_joints(question.host, question.remote_port, question.password, units)
+    except (RemoteError, TimeoutError, ConnectionError) as error:
+        text = str(error) or 'no answer'
+        findings.wrong('joints', text, 'stop what runs in the controller: it must be Ready')
+        return {}
+    joints, motors = told
+    _check_positions(joints, question.model, findings)
+    findings.ok(ARM, f'the motors are {"on" if motors else "off: the driver switches them on"}')
+    findings.note(
+        'Remote Ethernet alone',
+        'joint moves, lines and arcs one by one, no streams, no plans of points, no joint states '
+        'while the arm moves',
+        'for these load the controller program',
+    )
+    return {'ports.remote': question.remote_port}
 
 
 async def _check_state(question: Question, state: Conversation, findings: Findings) -> Facts:

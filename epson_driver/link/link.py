@@ -237,8 +237,6 @@ class Link:
         _configure(connection.transport.get_extra_info('socket'))
         self._connection = connection
         self.last_received = established
-        self.statistics.connections += 1
-        self.statistics.connected_since = established
         self._written = None
         try:
             self._on_event(WireEvent.OPENED)
@@ -258,9 +256,14 @@ class Link:
 
     async def _serve(self, connection: Connection) -> str:
         """Receive on a connection until it ends, and return why it did."""
-        self._step(LinkEvent.ESTABLISHED, f'{self.host}:{self.port}')
+        self._establish()
         connection.begin()
         return await connection.ended
+
+    def _establish(self) -> None:
+        self.statistics.connections += 1
+        self.statistics.connected_since = self._now()
+        self._step(LinkEvent.ESTABLISHED, f'{self.host}:{self.port}')
 
     def _received(self, data: bytes) -> None:
         self.last_received = self._now()

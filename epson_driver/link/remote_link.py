@@ -22,14 +22,12 @@ from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
-from math import radians
 
 from epson_driver.link import Link, LinkState, WireEvent
 from epson_driver.link.connection import AnyFramer, Connection
 from epson_driver.link.lines import LineFramer
 from epson_driver.link.replies import PendingRequest
 from epson_driver.link.statement import Statement, StatementReply
-from epson_driver.link.states import LinkEvent
 from epson_driver.remote_ethernet.client import (
     MAX_ERROR_DIGITS,
     Ask,
@@ -37,6 +35,7 @@ from epson_driver.remote_ethernet.client import (
     without_password,
 )
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.remote_ethernet.joints import joints_in_si, joints_of, joints_question
 from epson_driver.remote_ethernet.status_flags import ask_flags
 from epson_driver.simple_message import (
     Dialect,
@@ -56,8 +55,8 @@ ABORTED_TIMEOUT_S = 2.0
 """How long an aborted statement may go unanswered before the connection is opened anew, s."""
 
 GOES_ON = (
-    'the controller goes on to the end of the command that it has: the E-stop stops it, or the '
-    '$Abort that is sent first when the connection is back'
+    'the controller goes on to the end of the command that it has: the E-stop stops it, and so '
+    'does the $Abort that is sent first when the connection is back'
 )
 
 ONE_CLIENT = 'it serves one client of Remote Ethernet and has one, or does not serve yet'
@@ -110,9 +109,8 @@ class RemoteLink(Link):
             on_state=on_state,
             receive_timeout=max(timeout, 2.0 * period),
         )
-        self._scales = [radians(1.0) if unit == 'rad' else 1e-3 for unit in units]
-        angles = ', '.join(f'Agl({joint})' for joint in range(1, len(units) + 1))
-        self._question = f'Execute,"Print {angles}, Motor"'
+        self._units = tuple(units)
+        self._question = joints_question(len(units))
         self._password = password
         self._period = period
         self._asked: list[_Question] = []
@@ -225,7 +223,7 @@ class RemoteLink(Link):
         """Log in, then ask for the state. Return why that cannot go on."""
         try:
             await self.ask(f'Login,{self._password}')
-            self._step(LinkEvent.ESTABLISHED, f'{self.host}:{self.port}')
+            self._establish()
             while True:
                 await self._look()
                 self._wake.clear()
@@ -243,25 +241,13 @@ class RemoteLink(Link):
         told: list[float] | None = None
         if self._motion is None and not _FORBID_EXECUTE.intersection(flags):
             with contextlib.suppress(RemoteError):  # what forbids it is in the next flags
-                told = self._numbers(await self.ask(self._question))
+                told = joints_of(await self.ask(self._question), len(self._units))
         if self._motion is None:
             self.joints_withheld = told is None
         self._on_packet(topic(_status(flags, number, told, moving=self.moving)))
         if told is not None:
-            joints = [value * scale for value, scale in zip(told, self._scales, strict=False)]
+            joints = joints_in_si(told[:-1], self._units)
             self._on_packet(topic(JointPosition(0, joint_data(joints))))
-
-    def _numbers(self, value: str) -> list[float]:
-        """Return what was printed of joints and motors. Raises ConnectionError."""
-        words = value.strip('" ').split()
-        try:
-            numbers = [float(word) for word in words]
-        except ValueError:
-            numbers = []
-        if len(numbers) != len(self._scales) + 1:
-            shown = f"'{value[:_SHOWN_CHARACTERS]}'"
-            raise ConnectionError(f'{shown} is no answer to {self._question}')
-        return numbers
 
     def _execute(self, question: _Question) -> None:
         """Send it when nothing is executed any more. A controller does not queue commands."""

@@ -7,16 +7,18 @@ queue: it is checked, stopped and reported as a trajectory is.
 """
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
+import numpy as np
 from control_msgs.action import ExecuteMotionPrimitiveSequence
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 
+from epson_driver.driver.delivery.statements import MOST_CHARACTERS, Moves, Pace, last_point
 from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_queue import FRESH_POSE_TIMEOUT_S, GoalHandle
@@ -24,6 +26,7 @@ from epson_driver.driver.goal.planning_scope import PlanningEndedError, Planning
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks.fresh_state import wait_for_fresh_state
+from epson_driver.link.statement import Statement
 from epson_driver.motion import Array
 from epson_driver.node.goal_action import ActionType, GoalAction, Prepared
 from epson_driver.node.goal_server import RESULT_TIMEOUT_S, GoalServer
@@ -32,11 +35,14 @@ from epson_driver.node.motion_primitive_messages import primitive_result, primit
 from epson_driver.robots import load_robot_model
 from epson_driver.robots.kinematics import Kinematics
 from epson_driver.tool_motion.motion_sequence import (
+    Kind,
     PlannedSequence,
     Primitive,
     SequenceError,
     plan_sequence,
 )
+from epson_driver.tool_motion.statement_points import only_turns, passing, tool_frame
+from epson_driver.tool_motion.tool_trajectory import ToolLimits
 
 BUSY = (
     'another goal runs or waits: a sequence begins where the arm stands; wait for its end, or '
@@ -46,6 +52,12 @@ RETIMED = (
     'parameter timing = time_optimal: nothing would be left of the velocities and rests of the '
     'motions; as_planned keeps them'
 )
+
+
+RESTS = 'must be 0: by Remote Ethernet alone the arm rests after each motion, at no set time'
+
+HALF_STEP_S = 1e-4
+"""The end of a motion is the first point from so long before its time on, s."""
 
 
 class ToolBusyError(RuntimeError):
@@ -83,6 +95,7 @@ class MotionPrimitives:
         model = load_robot_model(parameters['robot_model'])
         self._model = replace(model, limits=limits)
         self._kinematics = Kinematics(self._model)
+        self._tool = np.eye(4)
         self._sampled = driver.configuration.delivery.point_message == 'joint_traj_pt_full'
         action = ActionType(
             ExecuteMotionPrimitiveSequence,
@@ -108,7 +121,7 @@ class MotionPrimitives:
         """
         if self.busy:
             raise ToolBusyError
-        self._kinematics = Kinematics(self._model, pose)
+        self._kinematics, self._tool = Kinematics(self._model, pose), pose
 
     async def _prepare(self, ros_handle: ServerGoalHandle, plan: PlanningScope) -> Prepared:
         """Read and plan a sequence. Raises GoalRejectedError, DriverEndedError."""
@@ -121,6 +134,9 @@ class MotionPrimitives:
         )
         planned = await self._bridge.in_loop(partial(self._plan, primitives, plan))
         goal = self._goals.requests.planned_goal(planned.trajectory)
+        if (moves := self._driver.moves) is not None:
+            message = sequence_statement(self._kinematics, self._tool, primitives, planned, moves)
+            goal = replace(goal, trajectory=last_point(goal.trajectory), message=message)
         return Prepared(goal, partial(self._on_feedback, ros_handle, planned))
 
     # --- in the loop's thread ---------------------------------------------------------------
@@ -175,6 +191,56 @@ class MotionPrimitives:
         ros_handle.publish_feedback(
             ExecuteMotionPrimitiveSequence.Feedback(current_primitive_index=index)
         )
+
+
+def sequence_statement(
+    arm: Kinematics,
+    tool: Array,
+    primitives: Sequence[Primitive],
+    planned: PlannedSequence,
+    moves: Moves,
+) -> Statement:
+    """Return a planned sequence as statements for one `$Execute`, with a rest after each.
+
+    tool: in the flange, shape (4, 4), m. Raises GoalRejectedError for what statements cannot do.
+    """
+    texts, frame = [], tool_frame(tool)
+    trajectory = planned.trajectory
+    ends = np.searchsorted(trajectory.times, planned.ends - HALF_STEP_S)
+    begin = 0
+    for index, (primitive, end) in enumerate(zip(primitives, ends.tolist(), strict=True)):
+        for field, value in (
+            ('blend_radius', primitive.blend_radius),
+            ('move_time', primitive.move_time),
+        ):
+            if value:
+                raise _invalid(f'motions[{index}]: {field} = {value:g}: {RESTS}')
+        start, target = trajectory.positions[begin], trajectory.positions[end]
+        if primitive.kind is Kind.LINEAR_JOINT:
+            limits = arm.model.limits
+            speed = _share(primitive.velocity, limits.velocity)
+            ramp = _share(primitive.acceleration, limits.acceleration)
+            texts.append(moves.joints(target, speed, ramp).text)
+        else:
+            usual = ToolLimits()
+            pace = Pace(
+                primitive.velocity or usual.speed, primitive.acceleration or usual.acceleration
+            )
+            if primitive.via is None:
+                turns = only_turns(arm, start, target)
+                texts.append(moves.line(target, pace, tool=frame, turns=turns).text)
+            else:
+                via = passing(arm, trajectory.positions[begin : end + 1], primitive.via)
+                texts.append(moves.arc(via, target, pace, tool=frame).text)
+        begin = end
+    text = '; '.join(texts)
+    if len(text) > MOST_CHARACTERS:
+        raise _invalid(f'{len(primitives)} motions: more than one $Execute takes: send fewer')
+    return Statement(text)
+
+
+def _share(asked: float | None, limits: Array) -> float:
+    return 1.0 if asked is None else min(float(np.min(asked / limits)), 1.0)
 
 
 def _invalid(text: str) -> GoalRejectedError:

@@ -146,8 +146,9 @@ TABLE = (
         'interface',
         'streaming',
         'How trajectories reach the controller. streaming: point by point, each acknowledged; '
-        'download: all of them before it moves, not acknowledged.',
-        choices=('streaming', 'download'),
+        'download: all of them before it moves, not acknowledged; statements: by Remote Ethernet '
+        'alone, one goal of one point, or motion primitives.',
+        choices=('streaming', 'download', 'statements'),
     ),
     Row(
         'point_message',

@@ -15,13 +15,13 @@ from typing import Any
 
 from epson_driver.panel.access import is_loopback
 from epson_driver.panel.robot_state import RequestError, Simulation
-from epson_driver.remote_ethernet.client import Ask, RemoteError, connected
+from epson_driver.remote_ethernet.client import Ask, RemoteError, logged_in
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 
 POLL_PERIOD_S = 0.4
 ANSWER_TIMEOUT_S = 3.0
-CONNECTION_LASTS_S = 3000.0
-"""After this time the panel connects anew, s: `connected` wants an end."""
+LOGIN_LASTS_S = 3000.0
+"""After this time the panel logs in anew, s: `logged_in` wants an end."""
 
 RETRY_PERIOD_S = 1.0
 
@@ -57,7 +57,7 @@ class SimPendant:
         self._loop.call_soon_threadsafe(self._commands.put_nowait, (command, say))
 
     def end(self) -> None:
-        """Hang up."""
+        """Log out."""
         self._loop.call_soon_threadsafe(lambda: self._task and self._task.cancel())
 
     def _start(self) -> None:
@@ -67,7 +67,7 @@ class SimPendant:
     async def _run(self) -> None:
         while not self.real:
             try:
-                async with connected(self.host, self.port, CONNECTION_LASTS_S) as ask:
+                async with logged_in(self.host, self.port, LOGIN_LASTS_S) as ask:
                     await self._serve(ask)
             except RemoteError as error:
                 self.real = error.number == RemoteErrorNumber.BAD_COMMAND

@@ -51,9 +51,8 @@ class RemoteTurns:
                 await asyncio.wait([task])
             finally:
                 self._patient = None
-                if not task.done():  # who waits was cancelled
-                    task.cancel()
-                    await asyncio.gather(task, return_exceptions=True)
+                task.cancel()  # nothing, unless who waits was cancelled
+                await asyncio.gather(task, return_exceptions=True)
             if task.cancelled():
                 raise GaveWayError
             return task.result()

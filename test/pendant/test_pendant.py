@@ -370,7 +370,7 @@ class Answers:
             pass
 
     def _serve_one(self):
-        """Serve one client; return whether there will be another."""
+        """Serve one client; return whether there will be another: none after a login."""
         sock, _ = self._server.accept()
         hangs_up = suppress(ConnectionError)  # as it may do at any time
         with hangs_up, sock, sock.makefile('rb') as lines:
@@ -385,7 +385,7 @@ class Answers:
                 known = name in (b'Login', b'Logout')
                 otherwise = b'#' + name + b',0' if known else b'!' + name + b',11'
                 sock.sendall(self._answers.get(command, otherwise) + b'\r\n')
-        return False
+        return not any(line.startswith('Login') for line in self.lines)
 
 
 def test_somebody_else_listens(said):

@@ -21,6 +21,9 @@ from epson_driver.simple_message import Message
 TOOL_NUMBER = 15
 """The controller's tool that is set, with TLSet, where a motion of a tool needs one."""
 
+MOST_CHARACTERS = 4060
+"""Of what one `$Execute` takes (RC+ 7.0 user's guide)."""
+
 NO_PLANS = (
     'a plan of {} points: by Remote Ethernet alone the controller takes no points and times: send '
     'its last point alone, or motion primitives (move_joints, move_line, move_arc in Python), or '

@@ -382,7 +382,8 @@ class GoalExecution:
         """Stop, as the controller rejected a point, and wait for the STATUS that says why."""
         self._rejection, self._rejected_at = why, now
         self._cause_waited = 0.0
-        taken = self.point > 0 or self._goes_on
+        statement = self._schedule is not None and math.isinf(self._schedule.duration)
+        taken = self.point > 0 or self._goes_on or statement  # which may have moved the arm
         self._step(GoalEvent.REJECTION_MIDWAY if taken else GoalEvent.REJECTION)
         self._send_stop()
 

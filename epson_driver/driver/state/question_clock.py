@@ -21,7 +21,8 @@ class QuestionClock:
 
     def step(self, arrival: float, _told: float | None = None) -> float:
         """Take the next message. Returns 0: no earlier one was sent later than it seemed."""
-        if self.measured:
-            self.period = max(self._usual, arrival - self.measured)
+        spacing = arrival - self.measured
+        if self.measured and spacing > self._usual / 2.0:  # not two answers to one question
+            self.period = max(self._usual, spacing)
         self.time = self.measured = arrival
         return 0.0

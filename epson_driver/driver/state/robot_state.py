@@ -149,8 +149,6 @@ class RobotState:
         except ValueError as error:
             self._impossible = now, str(error)
             raise
-        if self._rules.asked and elapsed > MAX_POSE_AGE_S:  # nobody looked in between
-            self._velocity = JointVelocity()
         clock, velocity = self._clock, self._velocity
         if rates is None:
             rates = velocity.fitted(clock.time, positions, clock.gap, elapsed)
@@ -169,6 +167,8 @@ class RobotState:
     def on_status(self, status: Status, now: float) -> None:
         """Take a STATUS message."""
         self._step(now, None)
+        if self.withheld:  # nobody knows how the arm moves meanwhile
+            self._velocity = JointVelocity()
         self.status = status
         self.status_time = now
         self.status_measured = self._clock.measured
@@ -229,7 +229,7 @@ class RobotState:
         if self.in_motion == TriState.TRUE:
             return 'the controller says so'
         window = self._velocity.in_window()
-        for joint, value in enumerate(window[-1]):
+        for joint, value in enumerate(window[-1] if window else ()):
             moved = max(abs(value - each[joint]) for each in window)
             if moved >= stopped_velocity * VELOCITY_WINDOW_S:
                 return f'{bounds.names[joint]} just now by {moved:.3g} {bounds.units[joint]}'

@@ -372,7 +372,7 @@ def _io_commands() -> dict[str, Command]:
 
 
 COMMANDS: dict[str, Command] = {
-    'Login': Command('password', 'begin; needed first', _FREE, _login, whole=True),
+    'Login': Command('password', 'begin; needed first', _FREE, _login, whole=True, beside=True),
     'Logout': Command('', 'end', _FREE, _logout),
     'Start': Command('0', 'start the tasks', _SOUND, _start, Event.START),
     'Stop': Command('', 'stop the tasks', _AUTO, _plain, Event.STOP),

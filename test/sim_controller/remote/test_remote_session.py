@@ -24,11 +24,17 @@ def secured(password='open sesame', timeout=60.0):
     return Harness(motors=False, profile=profile)
 
 
-@pytest.mark.parametrize('name', [name for name in COMMANDS if name != 'Login'])
+@pytest.mark.parametrize('name', [name for name in COMMANDS if name not in ('Login', 'Sim')])
 def test_nothing_is_obeyed_before_the_login(name):
     remote = Remote(login=None)
     assert remote(f'{name},1') == f'!{name},11'
     assert remote.controller.condition.motors is Motors.OFF
+
+
+def test_a_hand_on_the_simulation_needs_no_login():
+    remote = Remote(login=None)
+    assert remote('Sim,estop,press') == '#Sim,0'
+    assert remote.controller.condition.estopped
 
 
 @pytest.mark.parametrize('login', ['Login', 'Login,', 'login', 'LOGIN,', 'Login,any'])

@@ -1,0 +1,439 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The profile `remote`: an arm without a program in its controller, by Remote Ethernet alone."""
+
+import asyncio
+import contextlib
+
+import numpy as np
+import pytest
+from support.api_harness import robot_cell
+from support.driver_harness import simulated
+from support.event_loop import run, until
+from support.remote_peer import RemotePeer
+
+from epson_driver import Robot, aio
+from epson_driver.aio import ArgumentError, MotionError, RobotError
+from epson_driver.remote_ethernet.client import HungUpError, execute
+from epson_driver.robots.kinematics import Kinematics
+from epson_driver.sim_controller.condition.states import Event
+from epson_driver.sim_controller.faults.fault_text import parse
+
+START = [0.0, 0.3, -0.2, 0.0, 0.5, 0.0]
+FAR = [1.5, 0.3, -0.2, 0.0, 0.5, 0.0]
+
+
+async def watched(controller, motion):
+    """Return what a motion returns, and where the arm was meanwhile, shape (k, n)."""
+    task, places = asyncio.ensure_future(motion), []
+    while not task.done():
+        places.append(controller.arm.commanded.copy())
+        await asyncio.sleep(0.02)
+    return await task, np.array(places)
+
+
+async def under_way(robot, controller, target=FAR):
+    """Return a slow motion that has begun."""
+    motion = await robot.move_joints(target, speed=0.1, wait=False)
+    await until(lambda: controller.in_motion)
+    await asyncio.sleep(0.3)
+    assert controller.in_motion
+    return motion
+
+
+async def stands(controller):
+    """Wait for rest, and assert that the arm stays where it is."""
+    await until(lambda: not controller.in_motion)
+    before = controller.arm.commanded.copy()
+    await asyncio.sleep(0.5)
+    assert np.array_equal(controller.arm.commanded, before)
+
+
+def remote_cell(**options):
+    return robot_cell(profile='remote', **options)
+
+
+def test_joint_moves_lines_and_arcs_arrive_on_their_way():
+    async def scenario():
+        async with remote_cell() as (robot, controller):
+            assert 'at the goal' in (await robot.move_joints(START)).text
+            arm = Kinematics(robot.model)
+            begin = robot.ros_pose
+            end = begin + np.array([0.0, 0.06, -0.04, 0, 0, 0, 0])
+            _, places = await watched(controller, robot.move_line(end))
+            way = (end - begin)[:3] / np.linalg.norm((end - begin)[:3])
+            tool = np.array([arm.forward(place)[:3, 3] for place in places]) - begin[:3]
+            assert np.abs(tool - np.outer(tool @ way, way)).max() < 2e-4
+            assert np.abs(robot.ros_pose) == pytest.approx(np.abs(end), abs=1e-5)
+
+            centre, radius = end[:3] - np.array([0.0, 0.03, 0.0]), 0.03
+            via = centre + np.array([radius, 0.0, 0.0])
+            goal = end - np.array([0.0, 0.06, 0.0, 0, 0, 0, 0])
+            _, places = await watched(controller, robot.move_arc(via, goal))
+            tool = np.array([arm.forward(place)[:3, 3] for place in places])
+            away = np.linalg.norm(tool - centre, axis=1)
+            assert np.abs(away - radius).max() < 2e-4
+            assert np.linalg.norm(tool - via, axis=1).min() < 2e-3
+            assert np.abs(robot.ros_pose) == pytest.approx(np.abs(goal), abs=1e-5)
+
+    run(scenario())
+
+
+def test_a_line_of_a_tool_that_turns_is_one_of_the_tool():
+    async def scenario():
+        async with remote_cell() as (robot, controller):
+            await robot.move_joints(START)
+            tool = np.eye(4)
+            tool[:3, 3] = [0.02, 0.0, 0.1]
+            robot.set_tool(tool)
+            arm = Kinematics(robot.model, tool)
+            turn = np.eye(4)
+            turn[:2, :2] = [[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]]
+            place = robot.tool_pose[:3, 3]
+            _, places = await watched(controller, robot.move_line(turn, frame='tool'))
+            tips = np.array([arm.forward(each)[:3, 3] for each in places])
+            assert np.abs(tips - place).max() < 2e-4
+            assert np.ptp(places, axis=0).max() > 0.1
+
+    run(scenario())
+
+
+def test_power_is_low_and_the_speed_is_what_was_asked_for():
+    async def scenario():
+        async with remote_cell() as (robot, controller):
+            await robot.move_joints(START, speed=0.07, acceleration=0.3)
+            assert controller.condition.power.value == 'low'
+            asked = {robot.io: '1'}  # the controller tells what it was given last
+            assert asked
+            speed = await robot._connection.driver.state_link.ask(
+                'Execute,"Print Speed, Accel(1)"'
+            )
+            assert speed == '"7 30"'
+
+    run(scenario())
+
+
+@pytest.mark.parametrize('model', ['gx4_a251s', 'vt6_a901s'])
+def test_other_arms_move_too(model):
+    async def scenario():
+        async with remote_cell(model=model) as (robot, _):
+            limits = robot.model.limits
+            target = robot.joints + 0.1 * np.where(robot.joints > 0.0, -1.0, 1.0)
+            linear = np.array([unit == 'm' for unit in limits.units])
+            target[linear] = robot.joints[linear] - 0.02
+            target = np.clip(target, limits.position_min, limits.position_max)
+            await robot.move_joints(target)
+            assert robot.joints == pytest.approx(target, abs=1e-4)
+
+    run(scenario())
+
+
+@pytest.mark.invariant(6)
+def test_while_the_arm_moves_no_joints_are_told_and_what_is_known_says_its_age():
+    async def scenario():
+        async with remote_cell() as (robot, controller):
+            samples = []
+            robot.on_joints(lambda sample: samples.append((controller.in_motion, sample)))
+            motion = await under_way(robot, controller)
+            samples.clear()
+            with pytest.raises(RobotError, match=r'the newest joint state is [0-9.]+ s old'):
+                _ = robot.joints
+            assert robot.status.moving
+            assert robot.status.text == 'the arm moves'
+            await asyncio.sleep(2.0)
+            assert not samples
+            assert robot.status.enabled
+            await motion.wait()
+            assert robot.joints == pytest.approx(FAR, abs=1e-4)
+            assert not any(moving for moving, _ in samples)
+            assert max(np.abs(sample.velocities).max() for _, sample in samples) < 1e-3
+
+    run(scenario())
+
+
+@pytest.mark.invariant(3)
+def test_stop_aborts_and_the_next_motion_goes_on_from_there():
+    async def scenario():
+        async with remote_cell() as (robot, controller):
+            await robot.move_joints(START)
+            motion = await under_way(robot, controller)
+            assert 'the arm stands' in await robot.stop()
+            await stands(controller)
+            assert controller.arm.commanded[0] < 1.4
+            with pytest.raises(MotionError, match='stopped on request; the arm stands'):
+                await motion.wait()
+            await robot.move_joints(START)
+            assert robot.joints == pytest.approx(START, abs=1e-4)
+
+    run(scenario())
+
+
+def test_cancel_ends_as_canceled():
+    async def scenario():
+        async with remote_cell() as (robot, controller):
+            motion = await under_way(robot, controller)
+            assert 'canceled; the arm stands' in await motion.cancel()
+            await stands(controller)
+
+    run(scenario())
+
+
+ENDS = {
+    'E-stop': (
+        [Event.ESTOP_PRESS],
+        [Event.ESTOP_RELEASE],
+        'E-stop is pressed|refused|system error',
+    ),
+    'motors off': ([Event.MOTORS_OFF], [], 'motors are off|system error'),
+    'door': ([Event.DOOR_OPEN], [Event.DOOR_CLOSE, Event.CONTINUE], 'system error'),
+    'manual': ([Event.MODE_MANUAL], [Event.MODE_AUTO], 'motors are off|system error'),
+}
+
+
+@pytest.mark.parametrize('what', ENDS)
+@pytest.mark.invariant(4)
+def test_what_ends_a_motion_leaves_the_arm_still_until_it_is_enabled(what):
+    events, mended, why = ENDS[what]
+
+    async def scenario():
+        async with remote_cell() as (robot, controller):
+            motion = await under_way(robot, controller)
+            for event in events:
+                controller.apply(event)
+            with pytest.raises(MotionError, match=why):
+                await motion.wait()
+            assert not robot.status.enabled
+            await stands(controller)
+            with pytest.raises(MotionError, match='enable'):
+                await robot.move_joints(START)
+            for event in mended:
+                controller.apply(event)
+            if what == 'E-stop':
+                with pytest.raises(RobotError, match='reset'):
+                    await robot.enable()
+            await robot.reset()
+            await stands(controller)
+            await robot.enable()
+            await stands(controller)
+            await robot.move_joints(START)
+            assert robot.joints == pytest.approx(START, abs=1e-4)
+
+    run(scenario())
+
+
+@pytest.mark.invariant(4)
+def test_a_cut_in_a_motion_is_told_truthfully_and_the_first_word_afterwards_is_abort():
+    async def scenario():
+        async with remote_cell() as (robot, controller):
+            motion = await under_way(robot, controller)
+            controller.faults.start(parse('cut port=remote for=1'))
+            with pytest.raises(MotionError) as caught:
+                await motion.wait()
+            assert 'goes on to the end of the command' in str(caught.value)
+            assert 'E-stop stops it' in str(caught.value)
+            assert controller.in_motion
+            assert not robot.status.enabled
+            await until(lambda: robot.status.connected)
+            await until(lambda: not controller.in_motion)
+            assert controller.arm.commanded[0] < 1.4  # it was aborted on its way
+            await stands(controller)
+            await robot.enable()
+            await robot.move_joints(START)
+
+    run(scenario())
+
+
+@pytest.mark.invariant(4)
+def test_a_robot_that_is_closed_in_a_motion_stops_the_arm():
+    async def scenario():
+        async with simulated(profile='remote') as (controller, ports):
+            async with aio.Robot(controller='remote', remote_port=ports.remote) as robot:
+                await robot.enable()
+                await under_way(robot, controller)
+            await until(lambda: not controller.in_motion)
+            assert controller.arm.commanded[0] < 1.4
+
+    run(scenario())
+
+
+@pytest.mark.invariant(1)
+def test_beside_another_client_the_second_one_is_refused_with_the_reason():
+    """As programs do that are written with epsonrc, the first one logs in and stays."""
+
+    async def scenario():
+        async with simulated(profile='remote') as (controller, ports):
+            reader, writer = await asyncio.open_connection('127.0.0.1', ports.remote)
+            writer.write(b'$Login,\r\n')
+            assert await reader.readline() == b'#Login,0\r\n'
+            robot = aio.Robot(controller='remote', remote_port=ports.remote)
+            with pytest.raises(RobotError, match='serves one client of Remote Ethernet'):
+                await robot.connect(timeout=3.0)
+            writer.write(b'$SetMotorsOn,1\r\n')
+            assert await reader.readline() == b'#SetMotorsOn,0\r\n'
+            writer.close()
+            async with robot:
+                await robot.enable()
+                motion = await under_way(robot, controller)
+                with pytest.raises(HungUpError, match='before it answered Login'):
+                    await execute('127.0.0.1', ports.remote, ['Abort'], 3.0)
+                assert controller.in_motion
+                await motion.cancel()
+
+    run(scenario())
+
+
+def test_the_other_ports_of_a_controller_without_a_program_are_closed():
+    async def scenario():
+        async with simulated(profile='remote') as (_, ports):
+            for port in (ports.motion, ports.state, ports.io):
+                reader, writer = await asyncio.open_connection('127.0.0.1', port)
+                with contextlib.suppress(ConnectionResetError):
+                    assert await reader.read() == b''
+                writer.close()
+
+    run(scenario())
+
+
+REFUSED = {
+    'waypoints': lambda robot: robot.move_waypoints([START, FAR]),
+    'trajectory': lambda robot: robot.move_trajectory([1.0, 2.0], [START, START]),
+    'path': lambda robot: robot.move_path([robot.tool_pose, robot.tool_pose @ SHIFTED]),
+}
+SHIFTED = np.eye(4)
+SHIFTED[2, 3] = 0.02
+
+
+@pytest.mark.parametrize('what', REFUSED)
+@pytest.mark.invariant(1)
+def test_plans_of_points_are_refused_by_name(what):
+    async def scenario():
+        async with remote_cell() as (robot, controller):
+            await robot.move_joints(START)
+            with pytest.raises(MotionError, match=r'a plan of \d+ points: by Remote Ethernet'):
+                await REFUSED[what](robot)
+            await stands(controller)
+
+    run(scenario())
+
+
+def test_streams_speed_scaling_and_pause_are_refused_by_name():
+    async def scenario():
+        async with remote_cell() as (robot, controller):
+            with pytest.raises(RobotError, match='by Remote Ethernet alone the arm follows no'):
+                robot.servo(robot.joints)
+            for factor in (0.0, 0.5):
+                with pytest.raises(
+                    RobotError, match='no other speed while it moves, and no pause'
+                ):
+                    robot.set_speed_scaling(factor)
+            robot.set_speed_scaling(1.0)
+            await stands(controller)
+
+    run(scenario())
+
+
+@pytest.mark.invariant(2)
+def test_limits_are_checked_before_anything_is_sent():
+    async def scenario():
+        async with RemotePeer(Execute='#Execute,"0 0 0 0 0 0 1"') as peer:
+            async with aio.Robot(controller='remote', remote_port=peer.port) as robot:
+                await robot.enable()
+                for target in ([9.0, 0, 0, 0, 0, 0], [float('nan')] * 6, [0.0] * 5):
+                    with pytest.raises(ArgumentError):
+                        await robot.move_joints(target)
+                with pytest.raises(ArgumentError):
+                    await robot.move_line([5.0, 0, 0, 0, 0, 0, 1])
+            assert all('Print' in line for line in peer.given('Execute'))
+
+    run(scenario())
+
+
+@pytest.mark.invariant(5)
+def test_an_answer_alone_is_no_success():
+    """The controller says that the motion is over, and the arm stands where it was."""
+
+    async def scenario():
+        async with (
+            RemotePeer(Execute='#Execute,"0 0 0 0 0 0 1"') as peer,
+            aio.Robot(controller='remote', remote_port=peer.port) as robot,
+        ):
+            await robot.enable()
+            with pytest.raises(MotionError, match=r'joint_1 is 0\.5 rad from the goal'):
+                await robot.move_joints([0.5, 0, 0, 0, 0, 0])
+
+    run(scenario())
+
+
+def test_slow_answers_slow_nothing_but_the_state():
+    async def scenario():
+        async with remote_cell() as (robot, controller):
+            link = robot._connection.driver.state_link
+            send = link._write
+
+            def late(connection, data):
+                asyncio.get_running_loop().call_later(0.2, send, connection, data)
+
+            link._write = late
+            await robot.move_joints(START)
+            motion = await under_way(robot, controller)
+            assert 'the arm stands' in await robot.stop()
+            assert motion.done
+            del link._write
+
+    run(scenario())
+
+
+def test_a_wrong_password_is_said_and_the_right_one_is_in_the_profile(tmp_path):
+    profile = tmp_path / 'cell.yaml'
+
+    def written(password):
+        profile.write_text(
+            f'like: remote\nname: cell\ndescription: ours\nremote: {{password: {password}}}\n'
+        )
+        return str(profile)
+
+    async def scenario():
+        async with simulated(profile=written('secret')) as (_, ports):
+            for name in (written('wrong'), 'remote'):
+                robot = aio.Robot(controller=name, remote_port=ports.remote)
+                with pytest.raises(RobotError, match='the password is wrong'):
+                    await robot.connect(timeout=2.0)
+            async with aio.Robot(controller=written('secret'), remote_port=ports.remote) as robot:
+                assert robot.status.connected
+
+    run(scenario())
+
+
+def test_points_are_read_and_written_and_in_a_motion_what_the_controller_lets():
+    async def scenario():
+        async with remote_cell() as (robot, controller):
+            await robot.io.write('DO', 3, 1)
+            assert await robot.io.read('DO', 3) == 1
+            motion = await under_way(robot, controller)
+            await robot.io.write('DO', 3, 0)
+            assert controller.io.read_port(1, 3, 1) in (0, 1)
+            with pytest.raises(RobotError, match='another command is being executed'):
+                await robot.io.read('DI', 1)
+            await motion.cancel()
+            assert await robot.io.read('DO', 3) == 0
+
+    run(scenario())
+
+
+def test_a_remote_port_of_0_leaves_nothing():
+    with pytest.raises(ValueError, match='remote_port = 0: this controller is reached by nothing'):
+        aio.Robot(controller='remote', remote_port=0)
+
+
+def test_interfaces_do_not_mix():
+    settings = aio.Settings(interface='streaming')
+    with pytest.raises(ValueError, match='interface = streaming: the controller remote takes'):
+        aio.Robot(controller='remote', settings=settings)
+
+
+def test_the_simulated_one_moves_as_a_process():
+    with Robot.simulated(controller='remote', start=START) as robot:
+        robot.enable()
+        robot.move_joints([0.2, *START[1:]])
+        assert robot.joints == pytest.approx([0.2, *START[1:]], abs=1e-4)
+        assert robot.disable().startswith('the arm is disabled and the motors are off')

@@ -1,0 +1,55 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A scripted Remote Ethernet port: what each command is answered, in lines."""
+
+import asyncio
+import contextlib
+
+READY = '#GetStatus,00100000001,0000'
+HOME = '#Execute,"0 0 0 0 0 0 1"'
+
+
+class RemotePeer:
+    """Answers each line by its name: a text, None for no answer, or a function of the line.
+
+    `delay`: s before each answer. `lines` are those that came, of all connections.
+    """
+
+    def __init__(self, delay=0.0, **answers):
+        usual = {'Login': '#Login,0', 'GetStatus': READY, 'Execute': HOME, 'Abort': '#Abort,0'}
+        self.answers = usual | answers
+        self.delay = delay
+        self.lines = []
+        self.connections = 0
+        self._tasks = set()
+
+    async def __aenter__(self):
+        self._server = await asyncio.start_server(self._serve, '127.0.0.1', 0)
+        self.port = self._server.sockets[0].getsockname()[1]
+        return self
+
+    async def __aexit__(self, *_):
+        self._server.close()
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    def given(self, name):
+        """Return the lines with a command."""
+        return [line for line in self.lines if line.startswith(f'${name}')]
+
+    async def _serve(self, reader, writer):
+        task = asyncio.current_task()
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        self.connections += 1
+        with contextlib.suppress(ConnectionError, asyncio.CancelledError):
+            while line := (await reader.readline()).decode().strip():
+                self.lines.append(line)
+                answer = self.answers.get(line[1:].partition(',')[0])
+                if callable(answer):
+                    answer = answer(line)
+                if answer is not None:
+                    await asyncio.sleep(self.delay)
+                    writer.write(f'{answer}\r\n'.encode())
+        writer.close()
