@@ -16,7 +16,7 @@ from epson_driver.doctor.listening import Conversation, NoConnectionError, conve
 from epson_driver.doctor.state_facts import Facts, latest_joints, latest_status
 from epson_driver.driver.inhibit import MAIN_ENDED, Inhibit, device_inhibit, flags_inhibit
 from epson_driver.error_texts import ErrorTexts
-from epson_driver.remote_ethernet.client import RemoteError, logged_in
+from epson_driver.remote_ethernet.client import HungUpError, RemoteError, logged_in
 from epson_driver.remote_ethernet.joints import joints_in_si, joints_of, joints_question
 from epson_driver.remote_ethernet.status_flags import ask_control_device, ask_flags
 from epson_driver.simple_message import (
@@ -232,6 +232,8 @@ async def ask_remote_port(
     except (TimeoutError, ConnectionError) as error:
         text = str(error) or f'no answer within {REPLY_TIMEOUT_S:g} s'
         remedy = 'enable Remote Ethernet in RC+ (an RC620 has none: remote_port 0)'
+        if isinstance(error, HungUpError):
+            remedy = 'it serves one client: stop the other one, which may be the driver'
         findings.wrong('remote port', text, remedy)
         return {}, []
     said = f'Remote Ethernet answers: {", ".join(flags) or "no flag set"}'

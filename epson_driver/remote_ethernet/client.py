@@ -63,10 +63,14 @@ async def execute(
 ) -> list[str]:
     """Log in, give the commands in order, log out, and return the value of each answer.
 
-    Commands are written without their `$`, as in `'SetMotorsOn,1'`. Raises what `logged_in` does;
+    Without the login if all of them are for a simulation (`Sim,…`). Commands are written without their `$`, as in `'SetMotorsOn,1'`. Raises what `logged_in` does;
     nothing is given any more after the first command that is refused.
     """
-    async with logged_in(host, port, timeout, password) as ask:
+    if all(command.startswith('Sim,') for command in commands):
+        session = connected(host, port, timeout)
+    else:
+        session = logged_in(host, port, timeout, password)
+    async with session as ask:
         return [await ask(command) for command in commands]
 
 

@@ -15,8 +15,10 @@ from epson_driver.doctor.asking import IO_KEYS
 from epson_driver.doctor.controller_checks import Question, check_controller
 from epson_driver.doctor.findings import Findings, Level
 from epson_driver.doctor.learning import profile_text, unknown, value_of, why_not
+from epson_driver.doctor.why_not import ARM
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.profiles.profile_rules import RULES
+from epson_driver.remote_ethernet.client import logged_in
 from epson_driver.share import share_file
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.faults.fault_text import parse
@@ -114,7 +116,37 @@ def told(findings, level):
 
 def test_every_profile_is_learned():
     folder = share_file('config', 'controllers', 'rc620.yaml').parent
-    assert sorted(path.stem for path in folder.glob('*.yaml')) == sorted(NAMES)
+    there = {path.stem for path in folder.glob('*.yaml')}
+    assert there - {'remote'} == set(NAMES)  # of that there is nothing to learn
+
+
+def test_an_owner_who_has_only_remote_ethernet_is_told_what_there_is():
+    facts, findings = examined('remote')
+    assert facts == {'ports.remote': facts['ports.remote']}
+    assert told(findings, Level.OK)['joints'].startswith('within the limits of a c3_a601s: 0.0')
+    assert 'off: the driver switches them on' in told(findings, Level.OK)[ARM]
+    assert 'no streams, no plans of points' in told(findings, Level.NOTE)['Remote Ethernet alone']
+
+
+def test_with_nothing_but_remote_ethernet_an_open_door_is_found():
+    _, findings = examined('remote', prepare=lambda controller: controller.apply(Event.DOOR_OPEN))
+    assert any('door is open' in each.found for each in findings.all)
+
+
+def test_a_driver_that_has_the_only_place_is_named():
+    held, findings = load_controller_profile('remote'), Findings(lambda finding: None)
+
+    async def scenario():
+        async with (
+            simulated(profile='remote') as (_, ports),
+            logged_in('127.0.0.1', ports.remote, 1000.0),
+        ):
+            await check_controller(question(held, ports), findings)
+
+    run(scenario(), 120.0)
+    (wrong,) = [each for each in findings.all if each.level is Level.WRONG]
+    assert 'closed by the controller before it answered Login' in wrong.found
+    assert 'stop the other one, which may be the driver' in wrong.remedy
 
 
 @pytest.mark.parametrize('name', KINDS)

@@ -40,6 +40,7 @@ class RemotePeer:
 
     async def _serve(self, reader, writer):
         task = asyncio.current_task()
+        assert task is not None
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
         self.connections += 1

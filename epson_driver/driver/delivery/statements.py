@@ -21,6 +21,9 @@ from epson_driver.simple_message import Message
 TOOL_NUMBER = 15
 """The controller's tool that is set, with TLSet, where a motion of a tool needs one."""
 
+AT_START = 0.02
+"""A first point that is so near to where the arm stands, rad or m, is no way point."""
+
 MOST_CHARACTERS = 4060
 """Of what one `$Execute` takes (RC+ 7.0 user's guide)."""
 
@@ -106,7 +109,7 @@ def last_point(trajectory: Trajectory) -> Trajectory:
 
 
 class StatementDelivery:
-    """A trajectory with one end as `Go`. Of `rules`, the power counts."""
+    """A trajectory straight to its end as `Go`. Of `rules`, the power counts."""
 
     resumes = False
     keeps_points = False
@@ -119,17 +122,18 @@ class StatementDelivery:
         self.moves = Moves(limits, mapping, rules.power)
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
-        """Return a joint move to its only point, no faster than its time asks for.
+        """Return a joint move to its last point, no faster than its time asks for.
 
-        Raises GoalRejectedError for more points.
+        Points before that may only be where the arm stands. Raises GoalRejectedError for others.
         """
-        if len(trajectory.times) > 1:
+        if np.any(np.abs(trajectory.positions[:-1] - start) > AT_START):
             text = NO_PLANS.format(len(trajectory.times))
             raise GoalRejectedError(ErrorCode.INVALID_GOAL, text)
-        target, duration = trajectory.positions[0], max(trajectory.duration, 1e-3)
+        target, duration = trajectory.positions[-1], max(trajectory.duration, 1e-3)
         needed = np.abs(target - start) / self._limits.velocity / duration
         share = min(max(float(needed.max()), 0.01), 1.0)
-        return PreparedTrajectory(trajectory, [self.moves.joints(target, share, share)])
+        move = self.moves.joints(target, share, share)
+        return PreparedTrajectory(last_point(trajectory), [move])
 
     def setpoint(self, way: Trajectory, sequence: int) -> Message:
         """Raise GoalRejectedError: there is nothing to follow with."""
