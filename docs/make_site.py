@@ -44,6 +44,7 @@ MADE: dict[str, Callable[..., Iterable[str]]] = {
     'parameters': make_tables.parameters,
     'remote_commands': make_tables.remote_commands,
     'remote_errors': make_tables.remote_errors,
+    'sim_commands': make_tables.sim_commands,
     'spel_errors': make_tables.spel_errors,
     'spel_rules': make_tables.spel_rules,
     'spel_words': make_tables.spel_words,

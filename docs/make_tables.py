@@ -21,6 +21,7 @@ from epson_driver.robots import RobotModel, load_robot_model, robot_models
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
 from epson_driver.sim_controller.faults.fault_text import parameter_texts
 from epson_driver.sim_controller.remote.remote_commands import COMMANDS as REMOTE_COMMANDS
+from epson_driver.sim_controller.remote.sim_commands import SIM_COMMANDS
 from epson_driver.spel.commands import COMMANDS
 from epson_driver.spel.errors import TEXTS
 from epson_driver.spel.functions import FUNCTIONS
@@ -98,6 +99,11 @@ def remote_commands() -> Iterator[str]:
 def remote_errors() -> Iterator[str]:
     """Yield an item for each error number of Remote Ethernet."""
     yield from (item(f'`{number:d}`: {text}') for number, text in MEANINGS.items())
+
+
+def sim_commands() -> Iterator[str]:
+    """Yield an item for each command that only the simulation has."""
+    yield from (item(f'`$Sim,{row.usage}`: {row.text}') for row in SIM_COMMANDS.values())
 
 
 def models() -> Iterator[str]:

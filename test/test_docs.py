@@ -13,7 +13,6 @@ from support.pages import items
 
 from epson_driver.error_texts import ErrorText, ErrorTexts, load_error_texts, read_error_texts
 from epson_driver.share import share_file
-from epson_driver.sim_controller.remote.sim_commands import SIM_COMMANDS
 from epson_driver.sim_controller.remote.status_words import FLAGS
 
 ROOT = Path(__file__).parents[1]
@@ -155,15 +154,6 @@ DOCS = Path(__file__).parents[1] / 'docs' / 'remote.md'
 def section(heading):
     """Return the text under a heading."""
     return DOCS.read_text(encoding='utf-8').split(f'## {heading}\n')[1].split('\n## ')[0]
-
-
-def usage(name, *rest):
-    return '`' + ','.join(part for part in (name, *rest) if part) + '`'
-
-
-def test_the_documented_simulation_commands_are_those_of_the_code():
-    expected = [(f'{usage("$Sim", row.usage)}: {row.text}', []) for row in SIM_COMMANDS.values()]
-    assert items(section('What only the simulation has')) == expected
 
 
 def test_the_documented_flags_are_those_of_the_code():

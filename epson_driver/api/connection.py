@@ -245,7 +245,9 @@ class Connection:
             )
         if driver.state_link in down:
             return missing
-        if (why := driver.robot.why_not_ready(asyncio.get_running_loop().time())) is not None:
+        now = asyncio.get_running_loop().time()
+        why = None if driver.state_link.joints_withheld else driver.robot.why_not_ready(now)
+        if why is not None:
             missing.append(f'{why}: is the state server of the controller running?')
         if driver.robot.status is None:
             missing.append('the controller sends no STATUS')

@@ -63,8 +63,9 @@ async def execute(
 ) -> list[str]:
     """Log in, give the commands in order, log out, and return the value of each answer.
 
-    Without the login if all of them are for a simulation (`Sim,…`). Commands are written without their `$`, as in `'SetMotorsOn,1'`. Raises what `logged_in` does;
-    nothing is given any more after the first command that is refused.
+    Without the login if all of them are for a simulation (`Sim,…`). Commands are written without
+    their `$`, as in `'SetMotorsOn,1'`. Raises what `logged_in` does; nothing is given any more
+    after the first command that is refused.
     """
     if all(command.startswith('Sim,') for command in commands):
         session = connected(host, port, timeout)
