@@ -23,6 +23,10 @@ JOINTS_OF_A_FREE_TOOL = 6
 MARGIN_SHARE = 0.05
 """Of a joint's range: MoveIt Servo's margin at each limit at most, as of a SCARA's shaft."""
 
+SCARA_CORNERS = 0.01
+"""How far TOTG may cut the corners of a SCARA's plan, rad and m alike. Its default, 0.1, would be
+10 cm of a shaft's stroke."""
+
 OWN_ACTION = 'epson_driver'
 """The driver, whose action executes what MoveIt plans."""
 
@@ -71,13 +75,14 @@ def move_group_parameters(
 
 def rviz_parameters(model: str, prefix: str = '') -> dict[str, Any]:
     """Return the parameters of MoveIt's panel in RViz: kinematics, limits, and planners."""
-    limits = joint_limits(load_robot_model(model), prefix)
+    robot = load_robot_model(model)
+    limits = joint_limits(robot, prefix)
     pipelines = _load('planning_pipelines.yaml')
     return {
-        'robot_description_kinematics': _load(_kinematics(len(limits['joint_limits']))),
+        'robot_description_kinematics': _load(_kinematics(robot)),
         'robot_description_planning': {**limits, **_load('pilz_cartesian_limits.yaml')},
         **pipelines,
-        **{name: _load(f'{name}_planning.yaml') for name in pipelines['planning_pipelines']},
+        **{name: _planner(name, robot) for name in pipelines['planning_pipelines']},
     }
 
 
@@ -123,8 +128,9 @@ def write_moveit_package(name: str, folder: Path) -> list[Path]:
     for file in share_folder('config', 'moveit').glob('*.yaml'):
         if not file.name.startswith(('kinematics', 'joint_limits')):
             shutil.copyfile(file, config / file.name)
-    kinematics = _kinematics(len(model.joint_names))
-    shutil.copyfile(share_file('config', 'moveit', kinematics), config / 'kinematics.yaml')
+    shutil.copyfile(share_file('config', 'moveit', _kinematics(model)), config / 'kinematics.yaml')
+    if not _free_tool(model):
+        (config / 'ompl_planning.yaml').write_text(_text(_planner('ompl', model)), 'utf-8')
     controllers = _controllers(list(model.joint_names))
     origins = ''.join(
         f'# {quantity} ({each.worst}): {each.source}\n'
@@ -151,8 +157,18 @@ def _controllers(joints: list[str], controller: str = OWN_ACTION) -> dict[str, A
     return controllers
 
 
-def _kinematics(joints: int) -> str:
-    return 'kinematics.yaml' if joints >= JOINTS_OF_A_FREE_TOOL else 'kinematics_scara.yaml'
+def _free_tool(model: RobotModel) -> bool:
+    return len(model.joint_names) >= JOINTS_OF_A_FREE_TOOL
+
+
+def _kinematics(model: RobotModel) -> str:
+    return 'kinematics.yaml' if _free_tool(model) else 'kinematics_scara.yaml'
+
+
+def _planner(name: str, model: RobotModel) -> dict[str, Any]:
+    values = _load(f'{name}_planning.yaml')
+    cuts_corners = name == 'ompl' and not _free_tool(model)
+    return values | {'totg': {'path_tolerance': SCARA_CORNERS}} if cuts_corners else values
 
 
 def _text(values: dict[str, Any]) -> str:

@@ -184,6 +184,7 @@ def test_a_scara_has_its_four_joints_and_a_solver_that_keeps_the_turn() -> None:
         assert manager[name]['joints'] == ['joint_1', 'joint_2', 'joint_3', 'joint_4']
     assert values['robot_description_kinematics'] == load('kinematics_scara.yaml')
     assert values['robot_description_kinematics'][GROUP]['position_only_ik'] is False
+    assert values['ompl'] == {**load('ompl_planning.yaml'), 'totg': {'path_tolerance': 0.01}}
 
 
 @pytest.mark.parametrize('model', ['c4_a901s', 'gx8_c552s'])
@@ -205,6 +206,8 @@ def test_a_package_of_ones_own_has_what_moveit_configs_builder_looks_for(
     read = {name: yaml.safe_load(path.read_text('utf-8')) for name, path in config.items()}
     values = rviz_parameters(model)
     assert read['kinematics.yaml'] == values['robot_description_kinematics']
+    for pipeline in values['planning_pipelines']:
+        assert read[f'{pipeline}_planning.yaml'] == values[pipeline]
     planning = read['joint_limits.yaml'] | read['pilz_cartesian_limits.yaml']
     assert planning == values['robot_description_planning']
     controllers = move_group_parameters(model)['moveit_simple_controller_manager']
