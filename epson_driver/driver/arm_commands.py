@@ -62,13 +62,13 @@ class ArmCommands:
     async def _stop(self) -> str:
         goals, stopper = self._driver.goal_queue, self._driver.stopper
         ends = _now() + ANSWER_TIMEOUT_S
-        said = 'no goal was running; the controller acknowledged STOP'
+        said = 'no motion was running; the controller acknowledged STOP'
         source = self._driver.servo.source
         if goals.busy:
             self._driver.servo.stop(STOPPED)  # one that waits for its turn
             outcome = await goals.stop(STOPPED, ANSWER_TIMEOUT_S)
             if outcome is not None:
-                said = f'the running goal ended: {outcome.text}'
+                said = f'the running motion ended: {outcome.text}'
         elif self._driver.servo.stop(STOPPED):
             said = f'the stream of setpoints on {source} was stopped'
         else:

@@ -256,8 +256,14 @@ class ControllerProfile:
     remote: RemoteProfile
 
 
+ALIKE = {name: 'rc700a' for name in ('rc700', 'rc90', 'rc90b', 'rc800', 't', 'vt')}
+"""Controllers that do as another one, of which nothing else is known: name → profile."""
+
+
 def load_controller_profile(name: str) -> ControllerProfile:
     """Read config/controllers/NAME.yaml, or the file itself if `name` is a path to a .yaml file.
+
+    Names are taken as EPSON writes them, too (RC700-A), and those of controllers that are ALIKE.
 
     A profile that says `like: OTHER` holds only what differs from that one: a name, or a .yaml
     file beside it. Raises FileNotFoundError (which lists the profiles there are) or InputError.
@@ -282,7 +288,8 @@ def load_controller_profile(name: str) -> ControllerProfile:
 def _path(name: str, folder: Path) -> Path:
     if name.endswith('.yaml'):
         return folder / name
-    return share_file('config', 'controllers', name + '.yaml')
+    plain = name.lower().replace('-', '')
+    return share_file('config', 'controllers', ALIKE.get(plain, plain) + '.yaml')
 
 
 def _read(path: Path) -> dict[str, Any]:

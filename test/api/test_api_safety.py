@@ -111,7 +111,7 @@ def test_stop_in_mid_move_brings_the_arm_to_rest_and_leaves_it_enabled():
         async with robot_cell() as (robot, controller):
             motion = await robot.move_joints(FAR, speed=SLOW, wait=False)
             await until(lambda: robot.joints[0] > 0.01)
-            assert 'the running goal ended' in await robot.stop()
+            assert 'the running motion ended' in await robot.stop()
             there = controller.arm.commanded
             assert there[0] < 1.0
             with pytest.raises(MotionError, match=r'stopped on request'):

@@ -78,7 +78,7 @@ robot.move_joints({FAR}, speed=0.02, wait=False)
 while robot.joints[0] < 0.01:
     pass
 """
-    assert 'leaving: the running goal ended: stopped on request; the arm stands' in output(
+    assert 'leaving: the running motion ended: stopped on request; the arm stands' in output(
         program(code)
     )
 

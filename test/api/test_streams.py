@@ -242,7 +242,7 @@ def test_a_move_beside_a_stream_and_a_stream_beside_a_move_are_refused():
                 await robot.move_joints(np.zeros(6))
             await robot.servo_end()
             motion = await robot.move_joints(np.full(6, 0.5), speed=0.1, wait=False)
-            with pytest.raises(RobotError, match='a goal runs'):
+            with pytest.raises(RobotError, match='a motion runs'):
                 robot.servo(np.full(6, 0.07))
             await motion.wait()
 

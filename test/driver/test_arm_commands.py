@@ -203,7 +203,7 @@ def test_stop_without_a_goal_is_acknowledged_by_the_controller():
     async def scenario():
         async with cell() as (harness, _):
             text = await harness.commands.stop()
-            assert text == 'no goal was running; the controller acknowledged STOP'
+            assert text == 'no motion was running; the controller acknowledged STOP'
             assert harness.gate is None
 
     run(scenario())

@@ -209,7 +209,7 @@ def test_a_stop_that_is_not_answered_is_an_alarm_until_one_is(
     assert control.stop_alarm == (
         'STOP was not delivered: the driver has not answered for 0.5 s. Press the E-stop.'
     )
-    robot.say('~/stop: no goal was running', INFO)
+    robot.say('~/stop: no motion was running', INFO)
     assert control.stop_alarm == ''
     control.stop()
     robot.say('~/stop: no standstill seen within 2 s', ERROR)

@@ -51,6 +51,11 @@ def test_each_profile_loads_and_calls_itself_by_its_file(name):
         assert profile.approximate
 
 
+@pytest.mark.parametrize('name', ['RC700-A', 'rc90', 'RC90-B', 'rc800', 'T', 'vt'])
+def test_controllers_that_are_alike_share_a_profile_under_epsons_names(name):
+    assert load_controller_profile(name) == load_controller_profile('rc700a')
+
+
 def test_the_rc620_is_as_the_thesis_measured_it():
     profile = load_controller_profile('rc620')
     assert profile.byte_order is ByteOrder.LITTLE

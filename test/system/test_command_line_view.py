@@ -290,7 +290,7 @@ def test_service_list_has_the_types_that_are_promised_and_a_call_is_answered(too
     assert services[f'/{NODE}/set_speed_scaling'] == ['epson_msgs/srv/SetSpeedScaling']
     answer = tool.call(Trigger, f'/{NODE}/stop', Trigger.Request())
     assert answer.success
-    assert answer.message == 'no goal was running; the controller acknowledged STOP'
+    assert answer.message == 'no motion was running; the controller acknowledged STOP'
 
 
 def test_node_list_and_info_show_one_node_and_what_it_listens_to(tool: Tool) -> None:

@@ -92,7 +92,7 @@ def test_a_goal_waits_for_a_paused_controller(waiting_cell: Cell) -> None:
     assert (ended, code) == ('succeeded', 0), text
     assert np.abs(peer.assert_still() - A).max() < 1e-3
     log = waiting_cell.client.log_text()
-    assert 'the controller is paused: the goal waits' in log
+    assert 'the controller is paused: the motion waits' in log
     assert 'the controller goes on' in log
 
 

@@ -1,11 +1,12 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`pip install .` into an environment without any ROS package, as a Python user has it."""
+"""The source distribution in an environment without any ROS package, as a Python user has it."""
 
 import os
 import re
 import subprocess
 import sys
+import tarfile
 import venv
 from pathlib import Path
 
@@ -87,7 +88,19 @@ def size_mb(folder: Path) -> float:
 
 
 @pytest.fixture(scope='module')
-def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def sdist(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the source distribution, as a package index has it."""
+    folder = tmp_path_factory.mktemp('sdist')
+    build = 'import sys; from setuptools import build_meta; build_meta.build_sdist(sys.argv[1])'
+    subprocess.run(
+        [sys.executable, '-c', build, folder], cwd=ROOT, check=True, capture_output=True
+    )
+    (made,) = folder.glob('*.tar.gz')
+    return made
+
+
+@pytest.fixture(scope='module')
+def python(sdist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the interpreter of a new environment with this package and what it requires."""
     folder = tmp_path_factory.mktemp('without_ros')
     venv.EnvBuilder(with_pip=True, symlinks=True).create(folder / 'env')
@@ -97,11 +110,18 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pinned = (ROOT / 'requirements' / 'constraints.txt').read_text(encoding='utf-8')
     constraints = folder / 'constraints.txt'
     constraints.write_text(re.sub(r' \\\n\s+--hash=\S+', '', pinned), encoding='utf-8')
-    made = run(interpreter, '-m', 'pip', 'install', '-q', '-c', constraints, ROOT, where=folder)
+    made = run(interpreter, '-m', 'pip', 'install', '-q', '-c', constraints, sdist, where=folder)
     if 'No matching distribution' in made.stderr or 'Failed to establish' in made.stderr:
         pytest.skip(f'no package index: {made.stderr[-300:]}')
     assert made.returncode == 0, made.stderr
     return interpreter
+
+
+def test_a_source_distribution_has_no_part_of_the_tests(sdist: Path) -> None:
+    with tarfile.open(sdist) as archive:
+        tops = {name.split('/')[1] for name in archive.getnames() if '/' in name}
+    assert {'epson_driver', 'config', 'urdf', 'README.md', 'LICENSE'} <= tops
+    assert 'test' not in tops
 
 
 def test_nothing_of_ros_is_installed_and_it_is_small(python: Path) -> None:

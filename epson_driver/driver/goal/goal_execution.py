@@ -117,7 +117,7 @@ class GoalExecution:
 
     @property
     def paused(self) -> bool:
-        """True while the controller is paused: the goal waits for it."""
+        """True while the controller is paused: the motion waits for it."""
         return self._pause.paused
 
     @property
@@ -264,7 +264,7 @@ class GoalExecution:
     def stop_for_next(self, why: str, now: float) -> None:
         """Stop for the next goal, as this one cannot be left on its way."""
         self.keep()
-        _log.info('the running goal is stopped for the new one: %s', why)
+        _log.info('the running motion is stopped for the new one: %s', why)
         self.stop(REPLACED, now)
 
     def end_spliced(self) -> None:
@@ -485,7 +485,7 @@ class GoalExecution:
         why = '' if self._planned_speed is None or own else self._planned_speed.deviation(timing)
         if not why:
             return ''
-        _log.warning('a goal ran at another speed than planned: %s', why)
+        _log.warning('a motion ran at another speed than planned: %s', why)
         return f'; {why}'
 
     def _check_patience(self, now: float) -> None:

@@ -343,9 +343,9 @@ class GoalQueue:
         was_paused = execution.paused
         execution.on_state(self._robot, now)
         if execution.paused and not was_paused:
-            _log.info('the controller is paused: the goal waits %s', execution.where)
+            _log.info('the controller is paused: the motion waits %s', execution.where)
         elif was_paused and not execution.paused and not execution.ended:
-            _log.info('the controller goes on: so does the goal, %s', execution.where)
+            _log.info('the controller goes on: so does the motion, %s', execution.where)
 
     def check_ready(self, now: float) -> JointSample:
         """Return where the arm is. Raises GoalRejectedError unless it may move at `now`, s."""

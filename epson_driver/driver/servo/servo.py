@@ -323,7 +323,7 @@ class Servo:
         if waited > self.settings.timeout:
             return 'old', f'this driver was held up for {waited:.3g} s after it came'
         if not self._goals.idle:
-            return 'goal', 'a goal runs: cancel it, or wait until it has ended'
+            return 'goal', 'a motion runs: cancel it, or wait until it has ended'
         if not self._stopper.over:
             return 'stop', 'the arm is being stopped'
         return None
