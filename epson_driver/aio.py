@@ -48,7 +48,7 @@ from epson_driver.api.poses import (
     quaternion_pose,
 )
 from epson_driver.api.settings import Ports, Settings, make_setup
-from epson_driver.api.simulation import SimulatedController
+from epson_driver.api.simulation import SimulatedController, Simulation
 from epson_driver.api.status import ControllerError, RobotStatus, Sample
 from epson_driver.api.streams import Streams
 from epson_driver.driver.arm_commands import ArmCommands
@@ -59,6 +59,7 @@ from epson_driver.motion import Array
 from epson_driver.robots import RobotModel
 from epson_driver.robots.kinematics import Kinematics
 from epson_driver.tool_motion.pose_path import Run
+from epson_driver.tool_motion.tool_pose import checked_payload
 from epson_driver.tool_motion.tool_trajectory import ToolLimits, runs_trajectory
 
 __all__ = [
@@ -118,6 +119,8 @@ class Robot(Unique):
         """Inputs and outputs."""
         self.gripper = Gripper(lambda: connection.gripper)
         """The gripper that the settings describe."""
+        self.simulation = Simulation(lambda: connection.simulated)
+        """The hand of a person at a simulated controller."""
 
     @classmethod
     def simulated(
@@ -237,20 +240,29 @@ class Robot(Unique):
         """The tool in the flange (tool0): homogeneous, shape (4, 4), m."""
         return self._hand[0].pose.copy()
 
+    @property
+    def payload(self) -> float:
+        """What the arm carries, as `set_tool` was told, kg."""
+        return self._hand[0].payload
+
     def set_tool(
         self,
         pose: Pose,
         *,
         max_speed: float | None = None,
         max_acceleration: float | None = None,
+        payload: float = 0.0,
     ) -> None:
         """Set the tool (TCP) that lines, arcs and poses are about, at first the flange.
 
         pose: in the flange (tool0), in any form that `move_line` takes. max_speed, m/s, and
         max_acceleration, m/s²: a line, an arc or a path that asks for more is refused; None: no
-        limit. Joint moves are not held against them. What runs goes on. Raises ValueError.
+        limit. Joint moves are not held against them. payload: what the arm carries, kg, a note
+        that is checked against the model's and that no controller is told. What runs goes on.
+        Raises ValueError.
         """
-        tool = checked_tool(pose, max_speed, max_acceleration)
+        carried = checked_payload(payload, self.model.payload)
+        tool = checked_tool(pose, max_speed, max_acceleration, carried)
         self._hand = (tool, Kinematics(self.model, tool.pose))
 
     def forward(self, joints: npt.ArrayLike) -> Array:

@@ -24,6 +24,7 @@ from epson_driver.api.synchronous import (
     Gripper,
     Io,
     Motion,
+    Simulation,
     Synchronous,
     calls,
     hears,
@@ -70,6 +71,8 @@ class Robot(Synchronous[aio.Robot]):
         """Inputs and outputs."""
         self.gripper = Gripper(robot.gripper, self._session)
         """The gripper that the settings describe."""
+        self.simulation = Simulation(robot.simulation, self._session)
+        """The hand of a person at a simulated controller."""
 
     @classmethod
     @makes(aio.Robot.simulated)
@@ -122,6 +125,7 @@ class Robot(Synchronous[aio.Robot]):
     wait_for_input = waits(aio.Robot.wait_for_input)
 
     tool = reads(aio.Robot, lambda robot: robot.tool)
+    payload = reads(aio.Robot, lambda robot: robot.payload)
     set_tool = calls(aio.Robot.set_tool)
     forward = calls(aio.Robot.forward)
     inverse = calls(aio.Robot.inverse, measured)

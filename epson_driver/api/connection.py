@@ -104,6 +104,13 @@ class Connection:
         return 'not connected' if self.driver is None else self.status.text
 
     @property
+    def simulated(self) -> int:
+        """The remote port of the simulated controller. Raises RobotError if there is none."""
+        if self.simulation is None:
+            raise RobotError('this controller is not simulated: Robot.simulated() has one that is')
+        return self.running.configuration.remote_port
+
+    @property
     def gripper(self) -> DrivenGripper | None:
         """The gripper, if there is one. Raises as `running`."""
         self._connected()
@@ -136,7 +143,10 @@ class Connection:
                     remote_port=there.remote or 0,
                 )
             await self._take_over(configuration.address, timeout)
+            trace = await self._setup.open_trace()
             driver = Driver(configuration, self, self._setup.goals)
+            if trace is not None:
+                driver.trace.begin(trace)
             driver.goal_queue.start_tolerance = self._setup.start_tolerance
             driver.servo.settings = self._setup.servo
             self.driver, self._commands = driver, ArmCommands(driver)

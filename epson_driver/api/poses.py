@@ -98,12 +98,13 @@ class Target:
 class Tool:
     """A tool: its pose in tool0, shape (4, 4), m, and how fast lines and arcs may move it.
 
-    max_speed: m/s, max_acceleration: m/s²; None: as fast as a motion asks for.
+    max_speed: m/s, max_acceleration: m/s²; None: as fast as a motion asks for. payload: kg.
     """
 
     pose: Array
     max_speed: float | None = None
     max_acceleration: float | None = None
+    payload: float = 0.0
 
     def check(self, speed: float, acceleration: float) -> None:
         """Raise ValueError if a motion asks for more than the tool allows."""
@@ -115,7 +116,9 @@ class Tool:
                 raise ValueError(f'{name} = {value:g} {unit}: the tool allows {most:g} {unit}')
 
 
-def checked_tool(pose: Pose, max_speed: float | None, max_acceleration: float | None) -> Tool:
+def checked_tool(
+    pose: Pose, max_speed: float | None, max_acceleration: float | None, payload: float
+) -> Tool:
     """Return a tool from a user's arguments. Raises ValueError."""
     checked = checked_pose('pose', pose)
     check_tool_distance('pose', checked)
@@ -123,7 +126,7 @@ def checked_tool(pose: Pose, max_speed: float | None, max_acceleration: float | 
     for name, value in limits.items():
         if value is not None:
             limits[name] = _LIMITS[name].checked(_plain(value), name)
-    return Tool(checked, **limits)
+    return Tool(checked, **limits, payload=payload)
 
 
 class Frames:

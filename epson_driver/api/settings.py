@@ -2,11 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """From the arguments of a Robot to the driver's configuration."""
 
+import asyncio
 from dataclasses import dataclass, fields, replace
-from typing import Literal
+from pathlib import Path
+from typing import BinaryIO, Literal
 
 import numpy as np
 
+from epson_driver.api.errors import RobotError
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.goal import GoalSettings, cause_timeout
@@ -19,6 +22,7 @@ from epson_driver.inputs import HOST, JOINT_NAMES, Rule, count, number, shown
 from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import RobotModel, load_robot_model
 from epson_driver.simple_message import MAX_JOINTS, ByteOrder
+from epson_driver.trace import TraceError, open_trace
 
 PORT = count(1, 65_535)
 OPTIONAL_PORT = count(0, 65_535)
@@ -34,7 +38,8 @@ class Settings:
     None: what the controller's profile says, or the robot model. goal_tolerance, start_tolerance:
     rad (m), all joints. Times in s. servo_scale: the share of the joint limits that streams may
     use; servo_timeout: so long after the last setpoint the arm brakes. gripper: how it is wired,
-    if there is one. See docs/ros_interface.md for each.
+    if there is one. trace_file: a new pcap file that `connect` begins (docs/report.md), with its
+    folder; %Y%m%d-%H%M%S in its name is filled in. See docs/ros_interface.md for each.
     """
 
     joint_names: tuple[str, ...] | None = None
@@ -55,6 +60,7 @@ class Settings:
     servo_scale: float = 0.25
     servo_timeout: float = 0.15
     gripper: GripperWiring | None = None
+    trace_file: str | None = None
 
     def __post_init__(self) -> None:
         for name, rule in _RULES.items():
@@ -115,6 +121,17 @@ class Setup:
     goal_time: float
     gripper: GripperWiring | None
     servo: ServoSettings
+    trace_file: str | None
+
+    async def open_trace(self) -> BinaryIO | None:
+        """Open the file for a trace, if one is asked for. Raises RobotError."""
+        if self.trace_file is None:
+            return None
+        path = Path(self.trace_file)
+        try:
+            return await asyncio.to_thread(open_trace, str(path.parent), path.name)
+        except TraceError as error:
+            raise RobotError(str(error)) from error
 
 
 def make_setup(host: str, controller: str, model_name: str, ports: Ports, more: Settings) -> Setup:
@@ -190,4 +207,5 @@ def make_setup(host: str, controller: str, model_name: str, ports: Ports, more: 
             reply_timeout=more.reply_timeout,
             period=profile.program.setpoint_period,
         ),
+        more.trace_file,
     )

@@ -1,15 +1,18 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated controller as a process of its own, for Robot.simulated()."""
+"""A simulated controller as a process of its own, for Robot.simulated(), and a hand at it."""
 
 import asyncio
 import contextlib
 import signal
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from epson_driver.api.errors import RobotError
+from epson_driver.api.ownership import Unique
 from epson_driver.api.settings import Ports
+from epson_driver.inputs import choice, count
 from epson_driver.processes.command import module_command
+from epson_driver.remote_ethernet.client import RemoteError, logged_in
 
 START_TIMEOUT_S = 60.0
 """How long it may take to listen, s: it loads numpy, and starts a planner."""
@@ -19,6 +22,9 @@ END_TIMEOUT_S = 5.0
 
 MAX_CHARACTERS = 4096
 """Of what it says last, so much is kept."""
+
+ANSWER_TIMEOUT_S = 5.0
+"""How long it may take to do what is asked for, s."""
 
 _WORDS = {'motion', 'state', 'io', 'remote'}
 
@@ -98,3 +104,52 @@ class SimulatedController:
             with contextlib.suppress(ProcessLookupError):
                 process.kill()
             await process.wait()
+
+
+INPUT = choice('DI', 'AI')
+INDEX = count(0, 65_535)
+VALUE = count(-(2**31), 2**31 - 1)
+
+
+class Simulation(Unique):
+    """What a person does at a simulated controller. Of another one each is a RobotError.
+
+    `port` returns its remote port, or raises RobotError.
+    """
+
+    def __init__(self, port: Callable[[], int]) -> None:
+        self._port = port
+
+    async def estop(self, pressed: bool = True) -> None:
+        """Press the E-stop button, or release it. It stays latched until `Robot.reset`."""
+        await self._do(f'Sim,estop,{"press" if pressed else "release"}')
+
+    async def door(self, is_open: bool = True) -> None:
+        """Open the safeguard door, or close it: what it has paused waits for `go_on` then."""
+        await self._do(f'Sim,door,{"open" if is_open else "close"}')
+
+    async def go_on(self) -> None:
+        """Continue at the controller what is paused."""
+        await self._do('Continue')
+
+    async def input(self, index: int, value: int = 1, *, kind: str = 'DI') -> None:
+        """Set an input as if wired so: DI (0 or 1) or AI (mV)."""
+        number = VALUE.checked(int(value), 'value')
+        point = f'{INPUT.checked(kind.upper(), "kind")},{INDEX.checked(index, "index")}'
+        await self._do(f'Sim,io,{point},{number}')
+
+    async def fault(self, text: str) -> None:
+        """Begin a fault, such as 'cut for=0.5', or end it: 'clear' (docs/controller.md)."""
+        await self._do(','.join(['Sim,fault', *text.split()]))
+
+    async def _do(self, command: str) -> None:
+        """Give a remote command. Raises RobotError with the controller's reason."""
+        port = self._port()
+        try:
+            async with logged_in('127.0.0.1', port, ANSWER_TIMEOUT_S) as ask:
+                try:
+                    await ask(command)
+                except RemoteError as error:
+                    raise RobotError(await ask('Sim,why') or str(error)) from error
+        except (ConnectionError, TimeoutError, ValueError) as error:
+            raise RobotError(f'the simulated controller does not answer: {error}') from error

@@ -15,6 +15,7 @@ from epson_driver.api.gripper import Gripper as AwaitedGripper
 from epson_driver.api.io import Io as AwaitedIo
 from epson_driver.api.motion import Motion as AwaitedMotion
 from epson_driver.api.ownership import Unique
+from epson_driver.api.simulation import Simulation as AwaitedSimulation
 from epson_driver.api.threads import Session
 
 A = TypeVar('A')
@@ -187,3 +188,13 @@ class Gripper(Synchronous[AwaitedGripper]):
     open = waits(AwaitedGripper.open)
     close = waits(AwaitedGripper.close)
     state = waits(AwaitedGripper.state)
+
+
+class Simulation(Synchronous[AwaitedSimulation]):
+    """What a person does at a simulated controller. Of another one each is a RobotError."""
+
+    estop = waits(AwaitedSimulation.estop)
+    door = waits(AwaitedSimulation.door)
+    go_on = waits(AwaitedSimulation.go_on)
+    input = waits(AwaitedSimulation.input)
+    fault = waits(AwaitedSimulation.fault)

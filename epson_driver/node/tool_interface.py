@@ -18,22 +18,20 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from tf2_msgs.msg import TFMessage
 
-from epson_driver.inputs import FRAME_NAME, InputError, number, shown
+from epson_driver.inputs import FRAME_NAME, InputError, shown
 from epson_driver.motion import Array
 from epson_driver.node.loop_bridge import LoopBridge
 from epson_driver.node.motion_primitives import MotionPrimitives, ToolBusyError
 from epson_driver.robots import RobotModel, load_robot_model
 from epson_driver.tool_motion.tool_pose import (
     check_tool_distance,
+    checked_payload,
     finite_numbers,
     pose_of_quaternion,
 )
 
 BASE, FLANGE = 'base_link', 'tool0'
 """Links of every model: where `frame_id` ends, and what tools hang on."""
-
-MOST_PAYLOAD_KG = 1000.0
-"""Of a model whose data say nothing."""
 
 STATIC_QOS = QoSProfile(
     depth=1,
@@ -80,13 +78,6 @@ def named_tool(
     check_tool_distance(pose_field, pose)
     array[3:] /= np.linalg.norm(array[3:])
     return NamedTool(name, array, pose)
-
-
-def checked_payload(model: RobotModel, payload: float) -> float:
-    """Return a mass that the arm may carry, kg. Raises InputError."""
-    most = MOST_PAYLOAD_KG if model.payload is None else model.payload
-    checked: float = number(0.0, most, 'kg').checked(payload, 'payload')
-    return checked
 
 
 def links(model: RobotModel) -> set[str]:
@@ -139,7 +130,7 @@ class ToolInterface:
         self, request: SetTool.Request, response: SetTool.Response
     ) -> SetTool.Response:
         try:
-            payload = checked_payload(self._model, request.payload)
+            payload = checked_payload(request.payload, self._model.payload)
             tool = named_tool(
                 self._model, pose_values(request.pose), request.name or self._usual_name
             )

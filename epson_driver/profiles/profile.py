@@ -256,7 +256,7 @@ class ControllerProfile:
     remote: RemoteProfile
 
 
-ALIKE = {name: 'rc700a' for name in ('rc700', 'rc90', 'rc90b', 'rc800', 't', 'vt')}
+ALIKE = dict.fromkeys(('rc700', 'rc90', 'rc90b', 'rc800', 't', 'vt'), 'rc700a')
 """Controllers that do as another one, of which nothing else is known: name → profile."""
 
 

@@ -30,9 +30,8 @@ def said(tree: ast.AST) -> Iterator[str]:
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
     }
     for node in ast.walk(tree):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str):
-            if id(node) not in documented:
-                yield node.value
+        if isinstance(node, ast.Constant) and id(node) not in documented:
+            yield str(node.value)
 
 
 @pytest.mark.parametrize('path', FILES, ids=lambda path: path.stem)
