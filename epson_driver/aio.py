@@ -59,7 +59,6 @@ from epson_driver.motion import Array
 from epson_driver.robots import RobotModel
 from epson_driver.robots.kinematics import Kinematics
 from epson_driver.tool_motion.pose_path import Run
-from epson_driver.tool_motion.tool_pose import checked_payload
 from epson_driver.tool_motion.tool_trajectory import ToolLimits, runs_trajectory
 
 __all__ = [
@@ -261,7 +260,7 @@ class Robot(Unique):
         that is checked against the model's and that no controller is told. What runs goes on.
         Raises ValueError.
         """
-        carried = checked_payload(payload, self.model.payload)
+        carried = self.model.checked_payload(payload)
         tool = checked_tool(pose, max_speed, max_acceleration, carried)
         self._hand = (tool, Kinematics(self.model, tool.pose))
 

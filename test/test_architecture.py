@@ -36,8 +36,8 @@ ROOMS = {
     'remote_ethernet robots share simple_message socket_errors spel tool_motion',
     'driver': 'error_texts inputs link log_lines motion numpy processes profiles remote_ethernet '
     'simple_message trace',
-    'api': 'driver error_texts inputs link motion numpy processes profiles robots '
-    'simple_message tool_motion',
+    'api': 'driver error_texts inputs link motion numpy processes profiles remote_ethernet '
+    'robots simple_message tool_motion trace',
     'aio': 'api driver motion numpy robots tool_motion',
     'robot': 'aio api',
     'node': 'ROS driver error_texts inputs link log_lines motion numpy processes profiles robots '

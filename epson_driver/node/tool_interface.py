@@ -25,7 +25,6 @@ from epson_driver.node.motion_primitives import MotionPrimitives, ToolBusyError
 from epson_driver.robots import RobotModel, load_robot_model
 from epson_driver.tool_motion.tool_pose import (
     check_tool_distance,
-    checked_payload,
     finite_numbers,
     pose_of_quaternion,
 )
@@ -130,7 +129,7 @@ class ToolInterface:
         self, request: SetTool.Request, response: SetTool.Response
     ) -> SetTool.Response:
         try:
-            payload = checked_payload(request.payload, self._model.payload)
+            payload = self._model.checked_payload(request.payload)
             tool = named_tool(
                 self._model, pose_values(request.pose), request.name or self._usual_name
             )

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from epson_driver.inputs import number
 from epson_driver.motion import Array, JointLimits
 from epson_driver.robots.catalogue import layers, model_name
 from epson_driver.robots.chain import (
@@ -33,6 +34,9 @@ ANGLE_RANGE: Range = (-600.0, 600.0, 'degrees')
 AXIS_RANGE: Range = (-1.0, 1.0, '')
 PULSES_RANGE: Range = (-1e9, 1e9, 'pulses')
 WEIGHT_RANGE: Range = (1e-3, 1e5, 'kg')
+
+MOST_PAYLOAD_KG = 1000.0
+"""Of a model whose data say nothing."""
 
 XYZ = ('x', 'y', 'z')
 RADIANS = np.pi / 180.0
@@ -113,6 +117,11 @@ class RobotModel:
             for words, origin in found.items()
             if origin is not None and origin.worst in MARKS[2:]
         )
+
+    def checked_payload(self, payload: float) -> float:
+        """Return a mass that the arm may carry, kg. Raises InputError."""
+        rule = number(0.0, MOST_PAYLOAD_KG if self.payload is None else self.payload, 'kg')
+        return float(rule.checked(payload, 'payload'))
 
     @cached_property
     def reach(self) -> Array:

@@ -8,7 +8,6 @@ Errors name the field and the rule.
 import numpy as np
 import numpy.typing as npt
 
-from epson_driver.inputs import number
 from epson_driver.motion import Array
 
 UNIT_TOLERANCE = 1e-3
@@ -16,16 +15,6 @@ UNIT_TOLERANCE = 1e-3
 
 MAX_TOOL_M = 10.0
 """How far a tool may be from the flange."""
-
-
-MOST_PAYLOAD_KG = 1000.0
-"""Of a model whose data say nothing."""
-
-
-def checked_payload(payload: float, most: float | None) -> float:
-    """Return a mass that an arm may carry, kg; `most`: the model's payload. Raises InputError."""
-    rule = number(0.0, MOST_PAYLOAD_KG if most is None else most, 'kg')
-    return float(rule.checked(payload, 'payload'))
 
 
 def finite_numbers(field: str, values: npt.ArrayLike) -> Array:

@@ -3,6 +3,7 @@
 """Tools as `~/set_tool` and the parameters take them: what is refused, and with which words."""
 
 import re
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -11,7 +12,6 @@ from geometry_msgs.msg import Pose
 
 from epson_driver import aio
 from epson_driver.node.tool_interface import (
-    checked_payload,
     link_prefix,
     links,
     named_tool,
@@ -82,11 +82,11 @@ def test_no_link_of_the_urdf_can_be_a_tool(model: str) -> None:
 
 def test_a_payload_is_at_most_what_the_arm_carries() -> None:
     assert MODEL.payload is not None
-    assert checked_payload(MODEL.payload, MODEL.payload) == MODEL.payload
-    assert checked_payload(900.0, None) == 900.0
+    assert MODEL.checked_payload(MODEL.payload) == MODEL.payload
+    assert replace(MODEL, payload=None).checked_payload(900.0) == 900.0
     for payload in (-0.1, NAN, MODEL.payload + 0.1):
         with pytest.raises(ValueError, match=rf'^payload = .* from 0 to {MODEL.payload:g} kg$'):
-            checked_payload(payload, MODEL.payload)
+            MODEL.checked_payload(payload)
 
 
 @pytest.mark.parametrize(
