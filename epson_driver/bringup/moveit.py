@@ -142,7 +142,7 @@ def write_moveit_package(name: str, folder: Path) -> list[Path]:
         config / f'{model.name}.srdf': srdf,
         config / 'joint_limits.yaml': origins + _text(joint_limits(model)),
         config / 'moveit_controllers.yaml': _text(controllers),
-        folder / 'package.xml': PACKAGE_XML.format(name=folder.name, model=model.description),
+        folder / 'package.xml': PACKAGE_XML.format(name=folder.name, model=model.name),
         folder / 'CMakeLists.txt': CMAKE_LISTS.format(name=folder.name),
     }.items():
         path.write_text(text, 'utf-8')

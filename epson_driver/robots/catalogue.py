@@ -55,7 +55,7 @@ def model_name(name: str) -> str:
     alike = [models[each] for each in get_close_matches(wanted, models, MOST_NAMES, ALIKE)]
     series = [each for each in models.values() if wanted.startswith(each.partition('_')[0])]
     raise FileNotFoundError(
-        f'no robot model {printable(name)}{_unknown(wanted)}{_near(begin or alike or series)}; '
+        f'no robot model {printable(name)}{_unknown(wanted) or _near(begin or alike or series)}; '
         f'`epson_driver robots` lists all {len(models)}'
     )
 

@@ -54,6 +54,12 @@ MIN_PULSES_PER_DEGREE = 1e-3
 UNIT_TOLERANCE = 1e-9
 """How far the length of an axis vector may be from 1."""
 
+MOST_IN_RADIANS = 26.0
+"""Degrees. Where no joint turns farther, its range is in radians: 26 are four turns."""
+
+LEAST_LENGTH_M = 0.02
+"""All lengths of a chain together. Shorter ones are in m, not in mm."""
+
 MIN_RANGE = 1e-4
 """The smallest difference between the position limits of a joint, degrees or mm."""
 
@@ -220,6 +226,12 @@ def _limits(reader: Reader, keys: dict[str, str], types: tuple[str, ...]) -> Joi
         if not low <= 0.0 <= high and not zero_outside:
             rule = f'0 is outside {low:g} … {high:g} of {name}; is that so? zero_outside: true'
             raise reader.error(keys['range'], ranges.tolist(), rule)
+    turns = [
+        high - low for (low, high), kind in zip(ranges, types, strict=True) if kind != PRISMATIC
+    ]
+    if turns and max(turns) < MOST_IN_RADIANS:
+        rule = f'no joint turns by more than {max(turns):g} degrees: are these radians?'
+        raise reader.error(keys['range'], ranges.tolist(), rule)
     acceleration = reader.numbers(keys['acceleration'], count, LIMIT_RANGE)
     jerk = acceleration * JERK_PER_ACCELERATION
     if reader.has(keys['jerk']):
@@ -251,7 +263,12 @@ def _chain(reader: Reader, count: int) -> Chain:
     for axis in axes:
         if abs(np.linalg.norm(axis) - 1.0) > UNIT_TOLERANCE:
             raise reader.error('axes', axis.tolist(), 'must have length 1')
-    return Chain(reader.vectors('origins_mm', count, LENGTH_RANGE, XYZ) / 1e3, axes)
+    origins = reader.vectors('origins_mm', count, LENGTH_RANGE, XYZ) / 1e3
+    length = float(np.linalg.norm(origins, axis=1).sum())
+    if 0.0 < length < LEAST_LENGTH_M:
+        rule = f'the whole arm is {length * 1e3:g} mm long: are these metres?'
+        raise reader.error('origins_mm', (origins * 1e3).tolist(), rule)
+    return Chain(origins, axes)
 
 
 def _frame(reader: Reader, key: str) -> Frame:

@@ -71,11 +71,12 @@ class Reader:
         for key, layer in self._from.items():
             if key in known:
                 continue
-            units = [each for each in known if each.startswith(key + '_')]
+            quantity = key.partition('_')[0]
+            units = [each for each in known if each.startswith(quantity + '_')]
             near = near_name(key, known)
             hint = f'; did you mean {near}?' if near else f'; known are {", ".join(known)}'
-            rule = f'has no unit: {units[0]}' if units else f'unknown key{hint}'
-            raise self._error(layer, (key,), f'{key}: {rule}')
+            rule = f'unit missing or wrong: must be {" or ".join(units)}'
+            raise self._error(layer, (key,), f'{key}: {rule if units else f"unknown key{hint}"}')
 
     def check_sources(self, known: Sequence[str]) -> None:
         """Raise InputError for a source of something that is no quantity."""

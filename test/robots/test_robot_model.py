@@ -325,8 +325,22 @@ TWO = 'must have 2 numbers, the lowest and the highest'
         ('world_deg', [True, 0, 0], f' = True: {TURN}'),
         ('payload_kg', '4 kg', f" = '4 kg': {WEIGHT}"),
         ('mass_kg', -1, f' = -1: {WEIGHT}'),
-        ('speed', [1, 2], ': has no unit: speed_deg_s'),
-        ('range_deg_mm', [1, 2], ': unknown key; did you mean range_deg?'),
+        ('speed', [1, 2], ': unit missing or wrong: must be speed_deg_s'),
+        ('range_deg_mm', [1, 2], ': unit missing or wrong: must be range_deg'),
+        ('tool0', [1, 2], ': unit missing or wrong: must be tool0_mm or tool0_deg'),
+        ('pay_load_kg', 3, ': unknown key; did you mean payload_kg?'),
+        (
+            'range_deg',
+            [[-3, 3.5], [-6, 6]],
+            ' = [[-3.0, 3.5], [-6.0, 6.0]]: no joint turns by more than 12 degrees: '
+            'are these radians?',
+        ),
+        (
+            'origins_mm',
+            [[0, 0, 0.4], [0, 0.3, 0]],
+            ' = [[0.0, 0.0, 0.4], [0.0, 0.3, 0.0]]: the whole arm is 0.7 mm long: '
+            'are these metres?',
+        ),
         ('max_speed', 3, ': unknown key; known are name, '),
         ('models', {}, ': unknown key; '),
         ('zero_outside', 'yes', " = 'yes': must be a bool"),
