@@ -154,6 +154,9 @@ class Connection:
             self._gripper = None if wiring is None else DrivenGripper(driver.io, wiring)
             self.task = asyncio.create_task(driver.run())
             self.task.add_done_callback(lambda _: self._heard.notify_all())
+            if self.simulation is None:
+                for sentence in self._setup.model.cautions:
+                    _log.warning('%s', sentence)
             await self._wait_until_ready(driver, timeout)
         except BaseException:
             await self.close()

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.api_harness import robot_cell
 from support.controller_harness import Remote
 from support.driver_harness import Harness, Submitted, simulated
 from support.event_loop import run
@@ -90,3 +91,18 @@ def test_the_driver_drives_it_through_a_plan_and_a_line_of_its_tool(
             )  # a pulse of a T3 is 8e-6 rad
 
     run(check())
+
+
+def test_python_is_told_what_of_a_real_arm_nobody_has_confirmed(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async def connected(model: str) -> None:
+        async with robot_cell(model=model, enabled=False):
+            pass
+
+    run(connected('t6_602s'))
+    said = [each for each in caplog.messages if 'compare them with yours' in each]
+    assert said == list(load_robot_model('t6_602s').cautions)
+    caplog.clear()
+    run(connected('c3_a601s'))
+    assert 'compare' not in caplog.text
