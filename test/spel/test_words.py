@@ -78,7 +78,8 @@ PAGE = (DOCS / 'spel.md').read_text(encoding='utf-8')
 
 
 def test_the_parts_of_the_page_that_are_made_have_all_of_the_code() -> None:
-    assert '<!-- made: spel_words -->' in PAGE
+    for name in ('spel_words', 'spel_rules', 'spel_errors'):
+        assert f'<!-- made: {name} -->' in PAGE
     assert any(f'{len(COMMANDS)} statements' in line for line in MAKE['spel_words']())
     rules = re.findall(r'(?m)^\* `([a-z-]+)`: ', ''.join(MAKE['spel_rules']()))
     assert rules == list(RULES)
