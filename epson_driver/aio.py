@@ -36,6 +36,7 @@ from epson_driver.api.gripper import Gripper, GripperState, GripperWiring
 from epson_driver.api.io import Io
 from epson_driver.api.motion import Motion
 from epson_driver.api.ownership import Unique
+from epson_driver.api.payload import checked_load
 from epson_driver.api.poses import (
     BASE,
     EpsonPoint,
@@ -263,6 +264,22 @@ class Robot(Unique):
         carried = self.model.checked_payload(payload)
         tool = checked_tool(pose, max_speed, max_acceleration, carried)
         self._hand = (tool, Kinematics(self.model, tool.pose))
+
+    def set_payload(
+        self,
+        mass: float,
+        center: npt.ArrayLike = (0.0, 0.0, 0.0),
+        inertia: npt.ArrayLike = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    ) -> None:
+        """Have the controller told what the arm carries, tool and part, from the next motion on.
+
+        As geometry_msgs/Inertia in the flange (tool0): mass, kg; center, shape (3,), m; inertia
+        about the center, kg m², ixx ixy ixz iyy iyz izz, or as a matrix (3, 3). SPEL+'s Weight and
+        Inertia are made of it. Raises ArgumentError, and RobotError where the controller's program
+        has it.
+        """
+        with argument_errors():
+            self._connection.set_load(checked_load(self.model, mass, center, inertia))
 
     def forward(self, joints: npt.ArrayLike) -> Array:
         """Return the tool in base_link at joint positions, shape (n,): shape (4, 4), m.

@@ -127,6 +127,7 @@ class Robot(Synchronous[aio.Robot]):
     tool = reads(aio.Robot, lambda robot: robot.tool)
     payload = reads(aio.Robot, lambda robot: robot.payload)
     set_tool = calls(aio.Robot.set_tool)
+    set_payload = calls(aio.Robot.set_payload)
     forward = calls(aio.Robot.forward)
     inverse = calls(aio.Robot.inverse, measured)
     frames = reads(aio.Robot, lambda robot: robot.frames)

@@ -25,6 +25,7 @@ from epson_driver.driver.arm_commands import ArmCommands, CommandError
 from epson_driver.driver.delivery.statements import (
     FIXED_SPEED,
     NO_PLANS,
+    Load,
     Moves,
     last_point,
 )
@@ -71,6 +72,7 @@ class Connection:
         """That in which it was connected."""
         self._process = Process()
         self._lost = False
+        self._load: Load | None = None
         self._commands: ArmCommands | None = None
         self._gripper: DrivenGripper | None = None
         self._heard = Notification()
@@ -145,6 +147,8 @@ class Connection:
             await self._take_over(configuration.address, timeout)
             trace = await self._setup.open_trace()
             driver = Driver(configuration, self, self._setup.goals)
+            if driver.moves is not None:
+                driver.moves.load = self._load
             if trace is not None:
                 driver.trace.begin(trace)
             driver.goal_queue.start_tolerance = self._setup.start_tolerance
@@ -392,6 +396,17 @@ class Connection:
         if wait:
             await motion.finish()
         return motion
+
+    def set_load(self, load: Load) -> None:
+        """Have each motion say what the arm carries. Raises RobotError where that cannot be."""
+        if not self._setup.configuration.statements:
+            raise RobotError(
+                'this kind of controller takes no payload from here: set Weight and Inertia in '
+                'its program, or in RC+'
+            )
+        self._load = load
+        if self.driver is not None and self.driver.moves is not None:
+            self.driver.moves.load = load
 
     def set_speed_scaling(self, factor: float) -> None:
         """Run motions at a share of their speed. Raises RobotError where that cannot be."""

@@ -12,7 +12,7 @@ from epson_driver.api.ownership import Unique
 from epson_driver.api.settings import Ports
 from epson_driver.inputs import choice, count
 from epson_driver.processes.command import module_command
-from epson_driver.remote_ethernet.client import RemoteError, logged_in
+from epson_driver.remote_ethernet.client import RemoteError, connected, logged_in
 
 START_TIMEOUT_S = 60.0
 """How long it may take to listen, s: it loads numpy, and starts a planner."""
@@ -146,7 +146,8 @@ class Simulation(Unique):
         """Give a remote command. Raises RobotError with the controller's reason."""
         port = self._port()
         try:
-            async with logged_in('127.0.0.1', port, ANSWER_TIMEOUT_S) as ask:
+            way = connected if command.startswith('Sim,') else logged_in  # one may be let in
+            async with way('127.0.0.1', port, ANSWER_TIMEOUT_S) as ask:
                 try:
                     await ask(command)
                 except RemoteError as error:

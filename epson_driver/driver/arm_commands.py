@@ -141,6 +141,7 @@ class ArmCommands:
                     )
             await self._clear_motion()
             if (why := await driver.why_not_ready(ANSWER_TIMEOUT_S)) is not None:
+                self._check_nothing_to_mend(driver.robot.status or Status())
                 raise CommandError(f'nobody knows where the arm is: {why}')
             self._check_links()
             newest = driver.robot.status
@@ -269,7 +270,7 @@ class ArmCommands:
 
     def _check_nothing_to_mend(self, status: Status) -> None:
         """Raise CommandError for what must be mended before the arm can be enabled."""
-        found = status_inhibit(status, self._driver.robot.errors)
+        found = self._driver.condition_inhibit(status)
         if found is not None and found.cause is not Cause.MOTORS_OFF:
             raise _inhibited(found)
 

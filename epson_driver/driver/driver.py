@@ -22,6 +22,7 @@ from epson_driver.driver.inhibit import (
     Cause,
     Inhibit,
     Remedy,
+    flags_inhibit,
     manual_inhibit,
     not_enabled,
     status_inhibit,
@@ -320,10 +321,19 @@ class Driver:
         if (found := self.link_inhibit(self.motion_link)) is not None:
             return found
         status = robot.status or Status()
-        found = status_inhibit(status, robot.errors)
+        found = self.condition_inhibit(status)
         if found is None or found.cause is Cause.MOTORS_OFF:
             found = failed or self._gate_inhibit(status) or found
         return found or (PAUSED if robot.paused else None)
+
+    def condition_inhibit(self, status: Status) -> Inhibit | None:
+        """Return what in the controller's condition keeps the arm from moving, as it tells it."""
+        errors, link = self.robot.errors, self.state_link
+        found = status_inhibit(status, errors)
+        mended = found is None or found.cause is Cause.MOTORS_OFF
+        if isinstance(link, RemoteLink) and mended:
+            found = flags_inhibit(link.flags, status.error_code, errors) or found
+        return found
 
     def link_inhibit(self, link: Link) -> Inhibit | None:
         """Return that a link is not connected, or None if it is."""

@@ -118,6 +118,8 @@ class RemoteLink(Link):
         self._motion: _Question | None = None
         self._aborted: float | None = None
         self._wake = asyncio.Event()
+        self.flags: tuple[str, ...] = ()
+        """Those of GetStatus that were set last."""
 
     @property
     def moving(self) -> bool:
@@ -237,7 +239,8 @@ class RemoteLink(Link):
 
     async def _look(self) -> None:
         """Ask for the state, and tell it."""
-        flags, number = await ask_flags(self.ask)
+        self.flags, number = await ask_flags(self.ask)
+        flags = self.flags
         told: list[float] | None = None
         if self._motion is None and not _FORBID_EXECUTE.intersection(flags):
             with contextlib.suppress(RemoteError):  # what forbids it is in the next flags

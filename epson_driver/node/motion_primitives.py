@@ -18,7 +18,13 @@ from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 
-from epson_driver.driver.delivery.statements import MOST_CHARACTERS, Moves, Pace, last_point
+from epson_driver.driver.delivery.statements import (
+    MOST_CHARACTERS,
+    Load,
+    Moves,
+    Pace,
+    last_point,
+)
 from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_queue import FRESH_POSE_TIMEOUT_S, GoalHandle
@@ -122,6 +128,13 @@ class MotionPrimitives:
         if self.busy:
             raise ToolBusyError
         self._kinematics, self._tool = Kinematics(self._model, pose), pose
+
+    def set_payload(self, mass: float) -> bool:
+        """Have the controller told a mass with each motion, kg, and return whether it is."""
+        if self._driver.moves is None:
+            return False
+        self._driver.moves.load = Load(mass) if mass else None
+        return True
 
     async def _prepare(self, ros_handle: ServerGoalHandle, plan: PlanningScope) -> Prepared:
         """Read and plan a sequence. Raises GoalRejectedError, DriverEndedError."""

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tool (TCP) of motion primitives: `~/set_tool`, and its frame on `/tf_static`.
 
-The tool is where the request or the parameters `tool.…` say, in tool0. The payload is a note: it
-is checked, and goes nowhere.
+The tool is where the request or the parameters `tool.…` say, in tool0. The payload is
+checked, and told to a controller that takes statements; to others it goes not.
 """
 
 from collections.abc import Mapping
@@ -134,11 +134,12 @@ class ToolInterface:
                 self._model, pose_values(request.pose), request.name or self._usual_name
             )
             self._apply(tool)
+            told = self._primitives.set_payload(payload)
         except (ValueError, ToolBusyError) as error:
             response.message = str(error)
             response.success = False
         else:
-            response.message = self._sentence(tool, payload)
+            response.message = self._sentence(tool, payload, told)
             response.success = True
         self._logger.info(f'~/set_tool: {response.message}')
         return response
@@ -161,14 +162,15 @@ class ToolInterface:
                 setattr(part, name, next(values))
         return message
 
-    def _sentence(self, tool: NamedTool, payload: float) -> str:
+    def _sentence(self, tool: NamedTool, payload: float, told: bool) -> str:
         x, y, z = tool.values[:3]
         text = (
             f'motion primitives move {self._prefix}{tool.name} from now on, at {x:g}, {y:g}, '
             f'{z:g} m in {self._prefix}{FLANGE}'
         )
         if payload:
-            text += f'; payload {payload:g} kg: a note, which the controller is not told'
+            note = 'told with each motion' if told else 'a note, which the controller is not told'
+            text += f'; payload {payload:g} kg: {note}'
         return text
 
 

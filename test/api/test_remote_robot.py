@@ -420,6 +420,25 @@ def test_points_are_read_and_written_and_in_a_motion_what_the_controller_lets():
     run(scenario())
 
 
+@pytest.mark.invariant(4)
+def test_with_the_estop_pressed_it_connects_and_says_what_helps():
+    async def scenario():
+        async with simulated(profile='remote') as (controller, ports):
+            controller.apply(Event.ESTOP_PRESS)
+            async with aio.Robot(controller='remote', remote_port=ports.remote) as robot:
+                assert robot.status.e_stopped
+                with pytest.raises(RobotError, match='no joint state from the controller'):
+                    _ = robot.joints
+                with pytest.raises(RobotError, match='E-stop is pressed'):
+                    await robot.enable()
+                controller.apply(Event.ESTOP_RELEASE)
+                await robot.reset()
+                await robot.enable()
+                await robot.move_joints(START)
+
+    run(scenario())
+
+
 def test_a_remote_port_of_0_leaves_nothing():
     with pytest.raises(ValueError, match='remote_port = 0: this controller is reached by nothing'):
         aio.Robot(controller='remote', remote_port=0)

@@ -57,6 +57,22 @@ class Pace:
     turn_acceleration: float = 10.0
 
 
+@dataclass(frozen=True)
+class Load:
+    """What the arm carries: kg, kg m² about the axis of the flange, and how far from it, m."""
+
+    mass: float
+    inertia: float = 0.0
+    eccentricity: float = 0.0
+
+    @property
+    def text(self) -> str:
+        """Return it as statements."""
+        return (
+            f'Weight {self.mass:.4g}; Inertia {self.inertia:.4g}, {self.eccentricity * 1e3:.4g}; '
+        )
+
+
 class Moves:
     """Writes statements, for joints within limits as a controller counts them.
 
@@ -68,12 +84,14 @@ class Moves:
         self._limits = limits
         self._mapping = mapping
         self._power = f'Power {power.capitalize()}'
+        self.load: Load | None = None
+        """What each motion says that the arm carries; None: what the controller has."""
 
     def joints(self, target: Array, speed: float, acceleration: float) -> Statement:
         """Return a joint move. speed, acceleration: shares of the controller's, (0, 1]."""
         percent, ramp = _percent(speed), _percent(acceleration)
         text = f'Speed {percent}; Accel {ramp}, {ramp}; Go {self._point(target)}'
-        return Statement(f'{self._power}; {text}')
+        return Statement(f'{self._settings}; {text}')
 
     def line(
         self, target: Array, pace: Pace, *, tool: ToolFrame | None, turns: bool = False
@@ -85,6 +103,10 @@ class Moves:
         """Return a circle through `via` of the flange, or of a tool."""
         return self._path(f'Arc3 {self._point(via)}, {self._point(target)}', pace, tool)
 
+    @property
+    def _settings(self) -> str:
+        return f'{"" if self.load is None else self.load.text}{self._power}'
+
     def _path(self, text: str, pace: Pace, tool: ToolFrame | None) -> Statement:
         chosen = 'Tool 0'
         if tool is not None:
@@ -95,7 +117,7 @@ class Moves:
             f'SpeedR {np.degrees(pace.turn_speed):.4g}; '
             f'AccelR {np.degrees(pace.turn_acceleration):.4g}'
         )
-        return Statement(f'{self._power}; {speeds}; {chosen}; {text}')
+        return Statement(f'{self._settings}; {speeds}; {chosen}; {text}')
 
     def _point(self, joints: Array) -> str:
         counted = self._mapping.positions_to_controller(joints)

@@ -32,7 +32,7 @@ SETTINGS: dict[str, Setting] = {
     'SpeedR': Setting(1, 1, 0.1, 1000, 'deg/s'),
     'AccelR': Setting(1, 2, 0.1, 5000, 'deg/s²'),
     'Weight': Setting(1, 2, 0, 100, 'kg', (1,)),
-    'Inertia': Setting(1, 2, 0, 100, 'kgm²'),
+    'Inertia': Setting(1, 2, 0, 1000, 'kgm², mm'),
 }
 """Speed and Accel are the driver program's own until something sets them."""
 

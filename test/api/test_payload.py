@@ -1,0 +1,75 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the arm carries, as ROS has it and as SPEL+ has it."""
+
+import pytest
+from support.api_harness import robot_cell
+from support.event_loop import run
+from support.remote_peer import RemotePeer
+
+from epson_driver import Robot, RobotError, aio
+from epson_driver.aio import ArgumentError
+
+HOME = [0.0] * 6
+
+
+def test_payload_and_inertia_are_told_with_each_motion():
+    async def scenario():
+        async with (
+            RemotePeer() as peer,
+            aio.Robot(controller='remote', remote_port=peer.port) as robot,
+        ):
+            await robot.enable()
+            inertia = [0.01, 0.0, 0.0, 0.02, 0.0, 0.03]
+            robot.set_payload(2.0, center=[0.03, 0.04, 0.1], inertia=inertia)
+            await robot.move_joints(HOME)
+            (line,) = [line for line in peer.given('Execute') if 'Go' in line]
+            # about the flange's axis: 0.03 + 2 · 0.05²
+            assert 'Weight 2; Inertia 0.035, 50; Power Low' in line
+
+    run(scenario())
+
+
+def test_the_simulated_controller_takes_them():
+    async def scenario():
+        async with robot_cell(profile='remote') as (robot, controller):
+            robot.set_payload(1.5, [0.0, 0.0, 0.05], [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.2]])
+            await robot.move_joints([0.1, *HOME[1:]])
+            assert controller.spel.values('Weight') == (1.5,)
+            assert controller.spel.values('Inertia') == (0.2, 0.0)
+
+    run(scenario())
+
+
+@pytest.mark.parametrize(
+    ('given', 'why'),
+    [
+        ((-1.0,), 'payload = -1'),
+        ((float('nan'),), 'payload = nan'),
+        ((50.0,), 'payload = 50'),
+        ((1.0, [0.0, 0.0]), r'center has shape \(2,\): must be \(3,\)'),
+        ((1.0, [0.0, 0.0, float('inf')]), 'center .* must be finite'),
+        ((1.0, [0.0, 0.0, 0.0], [1.0]), r'inertia has shape \(1,\): must be \(6,\)'),
+        ((1.0, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0, -1.0]), 'must not be negative'),
+        ((1.0, 'abc'), 'center: must be numbers'),
+    ],
+)
+def test_a_wrong_payload_is_refused_by_name(given, why):
+    robot = aio.Robot(controller='remote')
+    with pytest.raises(ArgumentError, match=why):
+        robot.set_payload(*given)
+
+
+def test_where_a_program_moves_the_arm_the_payload_is_its_own():
+    with pytest.raises(RobotError, match='set Weight and Inertia in its program'):
+        Robot(controller='rc620').set_payload(1.0)
+
+
+def test_a_hand_at_the_only_client_s_controller_needs_no_place_of_its_own():
+    with Robot.simulated(controller='remote') as robot:
+        robot.simulation.estop()
+        with pytest.raises(RobotError, match='E-stop'):
+            robot.enable()
+        robot.simulation.estop(pressed=False)
+        robot.reset()
+        robot.enable()
