@@ -17,7 +17,11 @@ from epson_driver.sim_controller.arm.simulated_arm import SimulatedArm
 from epson_driver.sim_controller.arm.streaming import Planner, Streaming
 from epson_driver.sim_controller.client_connections import ClientConnections
 from epson_driver.sim_controller.condition.spel_settings import SpelSettings
-from epson_driver.sim_controller.condition.states import STARTED_BY_A_PERSON
+from epson_driver.sim_controller.condition.states import (
+    NOTHING_LOADED,
+    REGIONS,
+    STARTED_BY_A_PERSON,
+)
 from epson_driver.sim_controller.core import Controller, Factories
 from epson_driver.sim_controller.programs.motion_program import MotionProgram
 from epson_driver.sim_controller.programs.motoman_program import MotomanProgram
@@ -81,6 +85,7 @@ def new_controller(
             clients=ClientConnections,
             settings=SpelSettings(profile.motion.speed, profile.motion.accel),
             window=_command_window,
+            tables=NOTHING_LOADED if profile.program.interface == 'statements' else REGIONS,
         )
         if spel is None
         else _spel_factories(spel, where),

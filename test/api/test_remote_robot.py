@@ -185,7 +185,7 @@ ENDS = {
         'E-stop is pressed|refused|system error',
     ),
     'motors off': ([Event.MOTORS_OFF], [], 'motors are off|system error'),
-    'door': ([Event.DOOR_OPEN], [Event.DOOR_CLOSE, Event.CONTINUE], 'system error'),
+    'door': ([Event.DOOR_OPEN], [Event.DOOR_CLOSE], 'system error'),
     'manual': ([Event.MODE_MANUAL], [Event.MODE_AUTO], 'motors are off|system error'),
 }
 

@@ -288,6 +288,13 @@ STARTED_BY_A_PERSON: Tables = {
 }
 """The same for a SPEL+ program: a reset does not start it, as it does not on a controller."""
 
+NOTHING_LOADED: Tables = {
+    **REGIONS,
+    'motors': {**MOTORS, (Motors.ON, _E.DOOR_OPEN): Motors.BRAKING},
+    'tasks': {},
+}
+"""The same without a program: no task is paused by the door, and none goes on."""
+
 REJECTIONS: dict[tuple[Event, Enum], str] = {
     (_E.MOTORS_ON, EStop.PRESSED): (
         'the E-stop is pressed: release the E-stop, then reset, then motors on'
