@@ -88,7 +88,10 @@ def arms() -> Array:
 
 def _paint(draw: ImageDraw.ImageDraw, model: RobotModel, foot: tuple[float, float]) -> None:
     """Draw a model's triangles, the farthest first; foot: where its base is, pixels."""
-    shown = [60, 60, -50, 0] if model.kind == SCARA else [-10, 12, -16, 0, -62, 0]
+    if model.kind == SCARA:
+        shown = [60, 60, -50, 0]
+    else:
+        shown = np.degrees(model.bent(np.radians([-10, 12, -16, 0, -62, 0]).tolist())).tolist()
     tilt = rotation_about(np.array([1.0, 0.0, 0.0]), np.radians(15.0))
     triangles, colours = [], []
     for body in bodies(model, shown, (-_foot(model), 0.0, -35.0)):

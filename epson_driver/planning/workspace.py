@@ -108,10 +108,7 @@ def _six_axis(model: RobotModel) -> Workspace:
     shoulder = float(model.chain.origins[:2, 2].sum())
     hand = Hand(size * GRIPPER_LENGTH_M, size * GRIPPER_RADIUS_M, np.eye(4))
     if shoulder > 0.0:
-        upper = model.chain.origins[2]
-        lean = float(np.arctan2(upper[0], upper[2]))  # of a folding arm
-        home = np.array(HOME_RAD) + lean * np.array((0.0, 1.0, -1.0, 0.0, 0.0, 0.0))
-        table, pillars = 0.0, PILLAR_HEIGHTS_M
+        home, table, pillars = model.bent(HOME_RAD), 0.0, PILLAR_HEIGHTS_M
         fixed: tuple[Box, ...] = (_table(size, (x + 0.15 * size, y, table), 1.3),)
     else:
         table, pillars = shoulder - size * HUNG_SHOULDER_M, HUNG_PILLAR_HEIGHTS_M

@@ -54,7 +54,8 @@ def draw_envelope(path: Path, model: RobotModel) -> None:
     for row, column in np.ndindex(STEPS, STEPS):
         joints[[first, first + 1]] = one[row], two[column]
         area[row, column] = seen(joints)[last]
-    shown = seen(np.array(SHOWN[model.kind]) / model.shown_per_unit)
+    shown = np.array(SHOWN[model.kind]) / model.shown_per_unit
+    shown = seen(shown if scara else model.bent(shown.tolist()))
     if not scara:
         shown = np.vstack([[0.0, 0.0], shown])
 

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A robot model read from config/robots/, or from a file of one's own, validated."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -128,6 +129,15 @@ class RobotModel:
         """Return a mass that the arm may carry, kg. Raises InputError."""
         rule = number(0.0, MOST_PAYLOAD_KG if self.payload is None else self.payload, 'kg')
         return float(rule.checked(payload, 'payload'))
+
+    def bent(self, joints: Sequence[float]) -> Array:
+        """Return joints of six axes, shape (6,), rad, given for an arm that is upright at zero.
+
+        The upper arm of one that folds points to the back there, its forearm to the front.
+        """
+        x, _, z = self.chain.origins[2]
+        lean = float(np.arctan2(x, abs(z)))
+        return np.array(joints) + lean * np.array((0.0, 1.0, -1.0, 0.0, 0.0, 0.0))
 
     @cached_property
     def reach(self) -> Array:

@@ -26,14 +26,16 @@ from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.tool_motion.pose_path import line, runs
 from epson_driver.tool_motion.tool_trajectory import ToolLimits, runs_trajectory
 
-BENT = {SCARA: [30.0, 60.0, -40.0, 10.0]}
+BENT = [30.0, 60.0, -40.0, 10.0]
 """Degrees and mm, where an arm is not singular; six axes: the next line."""
 
 SIX = [10.0, -20.0, 20.0, 5.0, -60.0, 10.0]
 
 
 def _bent(model: RobotModel) -> Array:
-    return np.array(BENT.get(model.kind, SIX)) / model.shown_per_unit
+    if model.kind == SCARA:
+        return np.array(BENT) / model.shown_per_unit
+    return model.bent(np.radians(SIX).tolist())
 
 
 @pytest.mark.parametrize('name', robot_models())
