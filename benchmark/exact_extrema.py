@@ -16,9 +16,9 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from epson_driver.motion import Array
+from epson_driver.motion.joint_motion import JointMotion
 from epson_driver.motion.smoother import Smoother
 from epson_driver.motion.smoother.active_plan import ActivePlan
-from epson_driver.motion.smoother.joint_motion import JointMotion
 
 NODES = chebyshev.chebpts1(17)
 _TO_SERIES = np.linalg.inv(chebyshev.chebvander(NODES, 16))

@@ -306,3 +306,11 @@ def test_the_package_loads_nothing_until_it_is_asked_for() -> None:
         'print("numpy" in sys.modules, epson_driver.Robot.__module__, "rclpy" in sys.modules)'
     )
     assert loaded(code) == ['False', f'{PACKAGE}.robot', 'False']
+
+
+def test_the_python_api_leaves_out_what_its_own_process_does_not_need() -> None:
+    code = (
+        f'import sys, {PACKAGE}.robot\n'
+        f'print(*{{"rclpy", "rich", "{PACKAGE}.motion.smoother"}} & set(sys.modules))'
+    )
+    assert loaded(code) == []

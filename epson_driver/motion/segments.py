@@ -10,8 +10,8 @@ from math import ceil
 
 import numpy as np
 
+from epson_driver.motion.joint_motion import JointMotion, State, move_into
 from epson_driver.motion.limits import Array, JointLimits
-from epson_driver.motion.smoother.joint_motion import JointMotion, State, move_into
 from epson_driver.motion.trajectory import Trajectory
 
 SPACING_S = 0.1

@@ -15,15 +15,15 @@ import numpy as np
 from ruckig import InputParameter
 from ruckig import Trajectory as RuckigTrajectory
 
-from epson_driver.motion.joint_stop import stop_joints
-from epson_driver.motion.limits import Array, JointLimits
-from epson_driver.motion.point_to_point import solve
-from epson_driver.motion.smoother.joint_motion import (
+from epson_driver.motion.joint_motion import (
     JointMotion,
     State,
     fastest_stop,
     motion_of,
 )
+from epson_driver.motion.joint_stop import stop_joints
+from epson_driver.motion.limits import Array, JointLimits
+from epson_driver.motion.point_to_point import solve
 
 RANGE_MARGIN = 1e-9
 """Nothing is aimed nearer than this to the end of a joint's range, rad or m: for rounding."""

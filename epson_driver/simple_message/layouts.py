@@ -11,7 +11,7 @@ REPLY_ROWS.
 
 import struct
 from collections.abc import Callable, Iterable
-from dataclasses import fields, make_dataclass
+from dataclasses import fields
 from itertools import product
 from operator import itemgetter
 from typing import Any, Protocol
@@ -67,13 +67,17 @@ class Layout(Protocol):
 
 
 class BodyReader:
-    """Reads bodies of one class, form and dialect where they lie in a buffer."""
+    """Reads bodies of one class, form and dialect where they lie in a buffer.
+
+    `make` is what `_writable` returns for the class.
+    """
 
     __slots__ = ('_fields_of', '_make', '_message_class', '_unpack_from', 'dialect')
 
     def __init__(
         self,
         message_class: type[Message],
+        make: Callable[..., Message],
         dialect: Dialect,
         body: struct.Struct,
         places: Iterable[int | slice],
@@ -81,7 +85,7 @@ class BodyReader:
         self.dialect = dialect
         self._message_class = message_class
         self._unpack_from = body.unpack_from
-        self._make = _writable(message_class)
+        self._make = make
         self._fields_of = _fields_of(tuple(places))
 
     def read(self, buffer: bytes | bytearray, start: int = 0) -> Message:
@@ -101,7 +105,9 @@ def _writable(message_class: type[Message]) -> Callable[..., Message]:
     times as long as one that assigns. This is a subclass that adds nothing, but is not frozen.
     """
     names = [field.name for field in fields(message_class)]  # type: ignore[arg-type]
-    own = {'__slots__': (), '__init__': vars(make_dataclass('Plain', names))['__init__']}
+    assign = '; '.join(f'self.{name} = {name}' for name in names)
+    own: dict[str, Any] = {'__slots__': ()}
+    exec(f'def __init__(self, {", ".join(names)}): {assign}', {}, own)  # noqa: S102 - our own fields
     for name in ('__setattr__', '__delattr__'):
         own[name] = getattr(object, name)
     return type(message_class.__name__, (message_class,), own)
@@ -174,9 +180,10 @@ class FixedLayout:
         self._only_form = self._forms[0] if only else None
         """Where that is all: a wrong count is then a wrong number of values."""
         self._readers: dict[tuple[int, ByteOrder], BodyReader] = {}
+        make = _writable(message_class)
         for form, dialect in product(self._forms, DIALECTS):
             body = form.bodies[dialect.number]
-            reader = BodyReader(message_class, dialect, body, form.places)
+            reader = BodyReader(message_class, make, dialect, body, form.places)
             self._readers.setdefault((body.size, dialect.byte_order), reader)
 
     def size(self, dialect: Dialect) -> int:

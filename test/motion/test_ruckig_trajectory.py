@@ -7,10 +7,10 @@ import pytest
 from ruckig import InputParameter, Ruckig, RuckigError, Synchronization, Trajectory
 
 from epson_driver.motion import ruckig_trajectory
+from epson_driver.motion.joint_motion import fastest_stop
 from epson_driver.motion.point_to_point import solve
 from epson_driver.motion.ruckig_trajectory import calculated
 from epson_driver.motion.smoother import ruckig_move
-from epson_driver.motion.smoother.joint_motion import fastest_stop
 from epson_driver.robots import load_robot_model
 
 LIMITS = load_robot_model('c3_a601s').limits

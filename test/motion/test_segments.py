@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from epson_driver.motion import Trajectory
+from epson_driver.motion.joint_motion import move_into
 from epson_driver.motion.segments import SPACING_S, divided
-from epson_driver.motion.smoother.joint_motion import move_into
 from epson_driver.robots import load_robot_model
 
 LIMITS = load_robot_model('c3_a601s').limits

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from epson_driver.motion import JointLimits
+from epson_driver.motion.joint_motion import fastest_move, fastest_stop
 from epson_driver.motion.smoother import MERGE_TOLERANCE, filtered, optimal, ruckig_move
 from epson_driver.motion.smoother.banded import solve_pentadiagonal, solve_tridiagonal
-from epson_driver.motion.smoother.joint_motion import fastest_move, fastest_stop
 from epson_driver.motion.smoother.limit_usage import limit_usage
 from epson_driver.motion.smoother.path import Knots, Path, through
 from epson_driver.motion.smoother.problem import Problem

@@ -10,8 +10,8 @@ import numpy as np
 from benchmark.exact_extrema import Extrema, Recorded, exact_extrema
 from benchmark.family_members import SCARA
 from epson_driver.motion import Array, JointLimits, Trajectory
+from epson_driver.motion.joint_motion import JointMotion
 from epson_driver.motion.smoother import Mode
-from epson_driver.motion.smoother.joint_motion import JointMotion
 
 MAX_REST_S = 60.0
 """After the last phase it must come to rest within so long, s."""

@@ -1,24 +1,17 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is sent instead of a plan's own points: its smooth motion, or the plan in other times."""
+"""How a plan is changed before it is sent."""
 
 from dataclasses import dataclass
-from itertools import islice
 
 import numpy as np
 
-from epson_driver.motion import Array, JointLimits, Trajectory, problems
-from epson_driver.motion.smoothed import retimed, smoothed, thinned
-from epson_driver.motion.smoother import Mode
 from epson_driver.profiles.profile import ProgramProfile
-
-MAX_MENTIONED_PROBLEMS = 3
-"""How many violations a text mentions."""
 
 
 @dataclass(frozen=True, slots=True)
 class Smoothing:
-    """How a plan is changed before it is sent.
+    """Which motion is sent instead of a plan.
 
     resample_period: time between two points of the smooth motion, s; None for the plan's own
     points. time_optimal: as fast as the limits allow, whatever the plan's times. thin: few points,
@@ -46,40 +39,3 @@ def usual_smoothing(program: ProgramProfile) -> Smoothing:
         thin=program.smoothing == 'thin',
         deviation=program.thin_deviation,
     )
-
-
-def smoothed_trajectory(
-    trajectory: Trajectory, start: Array, limits: JointLimits, smoothing: Smoothing
-) -> Trajectory:
-    """Return what to send for a checked trajectory of an arm that rests at `start`, (n,), rad.
-
-    It begins at the first point, or at `start` if that point has a time. Between the points it is
-    the spline through them: who planned them has checked no path that bends more. Raises
-    ValueError that says why there is no such motion.
-    """
-    if trajectory.times[0] > 0.0:
-        trajectory = Trajectory(
-            trajectory.joint_names,
-            np.concatenate([[0.0], trajectory.times]),
-            np.vstack([start, trajectory.positions]),
-        )
-    if smoothing.resample_period is None:
-        if smoothing.time_optimal:
-            return retimed(trajectory, limits, smoothing.longest)
-        return trajectory
-    mode = Mode.TIME_OPTIMAL if smoothing.time_optimal else Mode.TIME_PRESERVING
-    if smoothing.thin:
-        motion = thinned(
-            trajectory,
-            limits,
-            smoothing.resample_period,
-            smoothing.deviation,
-            mode,
-            refine=False,
-        )
-    else:
-        motion = smoothed(trajectory, limits, mode, period=smoothing.resample_period, refine=False)
-    wrong = list(islice(problems(motion, limits), MAX_MENTIONED_PROBLEMS))
-    if wrong:
-        raise ValueError('; '.join(wrong))
-    return motion

@@ -8,7 +8,8 @@ The result is a Trajectory, or the text of what forbids it.
 import os
 import sys
 
-from epson_driver.driver.smoothing.smoothing import Smoothing, smoothed_trajectory
+from epson_driver.driver.smoothing.smoothed_trajectory import smoothed_trajectory
+from epson_driver.driver.smoothing.smoothing import Smoothing
 from epson_driver.motion import JointLimits, Trajectory
 from epson_driver.processes.values import packed, unpacked
 from epson_driver.processes.worker import answer_file

@@ -6,9 +6,9 @@ import logging
 import math
 from collections.abc import Sequence
 
+from epson_driver.motion.joint_motion import fastest_move
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother.execution import Execution, Observer
-from epson_driver.motion.smoother.joint_motion import fastest_move
 from epson_driver.motion.smoother.output_guard import Motion, OutputGuard, Violation
 from epson_driver.motion.smoother.planner import plan
 from epson_driver.motion.smoother.replanning import Planner, Replanning

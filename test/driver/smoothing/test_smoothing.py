@@ -14,7 +14,8 @@ from epson_driver.driver.goal.goal import check_limits, untimed
 from epson_driver.driver.goal.splice import check_start
 from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.driver.smoothing import smoothing_process
-from epson_driver.driver.smoothing.smoothing import Smoothing, smoothed_trajectory
+from epson_driver.driver.smoothing.smoothed_trajectory import smoothed_trajectory
+from epson_driver.driver.smoothing.smoothing import Smoothing
 from epson_driver.driver.smoothing.smoothing_process import SmoothingError, SmoothingProcess
 from epson_driver.driver.state.joint_mapping import unmapped
 from epson_driver.motion import Trajectory, problems
