@@ -294,13 +294,14 @@ def test_the_other_ports_of_a_controller_without_a_program_are_closed():
     run(scenario())
 
 
+SHIFTED = np.eye(4)
+SHIFTED[2, 3] = 0.02
+
 REFUSED = {
     'waypoints': lambda robot: robot.move_waypoints([START, FAR]),
     'trajectory': lambda robot: robot.move_trajectory([1.0, 2.0], [START, START]),
     'path': lambda robot: robot.move_path([robot.tool_pose, robot.tool_pose @ SHIFTED]),
 }
-SHIFTED = np.eye(4)
-SHIFTED[2, 3] = 0.02
 
 
 @pytest.mark.parametrize('what', REFUSED)
