@@ -29,6 +29,7 @@ from epson_driver.sim_controller.remote.remote_parameters import (
     whole,
     wrong,
 )
+from epson_driver.sim_controller.remote.robot_type import robot_type
 from epson_driver.sim_controller.remote.sim_commands import simulate
 from epson_driver.sim_controller.remote.status_words import flags
 from epson_driver.simple_message import IoType
@@ -40,9 +41,6 @@ _log = logging.getLogger(__name__)
 _MAX_ADDRESS = 65_535
 MOST_CHARACTERS = 4060
 """Of what $Execute is given, and of what it answers (RC+ 7.0 user's guide)."""
-
-_SIX_AXIS, _JOINT_ROBOT = 5, 1
-"""Robot types of GetRobotInfo."""
 
 _SIMULATED = 'simulated'
 """The answer where a real controller has a serial number or a version."""
@@ -276,8 +274,7 @@ def _get_motor(dialogue: Dialogue, parameters: list[str]) -> str:
 def _get_robot_info(dialogue: Dialogue, parameters: list[str]) -> str:
     expect(parameters, 0)
     model = dialogue.controller.model
-    kind = _SIX_AXIS if len(model.joint_names) == 6 else _JOINT_ROBOT
-    return f'1,{kind},{model.name.upper().replace("_", "-")}'
+    return f'1,{robot_type(model)},{model.name.upper().replace("_", "-")}'
 
 
 def _get_robot_name(dialogue: Dialogue, parameters: list[str]) -> str:

@@ -11,6 +11,7 @@ from epson_driver.motion import Array, go
 from epson_driver.sim_controller.condition.states import Mode
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.remote import status_words
+from epson_driver.sim_controller.remote.robot_type import robot_type
 from epson_driver.sim_controller.spel_host.robot_motion import RobotMotion
 from epson_driver.sim_controller.spel_host.robot_points import RobotPoints
 from epson_driver.spel import ErrorNumber, Point, SpelError
@@ -18,7 +19,6 @@ from epson_driver.spel import ErrorNumber, Point, SpelError
 Arguments = Sequence[int | float | Point]
 Result = int | float | Point | str
 
-_SIX_AXIS, _SCARA, _JOINTS = 5, 3, 1
 _CONTROL_DEVICE = 26  # Remote Ethernet
 _TILL_HIT = 0x4000
 _MOST_ACCEL = 100
@@ -109,11 +109,6 @@ def _setting(name: str, usual: float) -> Callable[[Robot, Arguments], float]:
         return values[min(int(which), len(values)) - 1]
 
     return read
-
-
-def _robot_type(robot: Robot, _: Arguments) -> int:
-    kinds = {'six-axis': _SIX_AXIS, 'SCARA': _SCARA}
-    return kinds.get(robot.controller.model.kind, _JOINTS)
 
 
 def _angle(robot: Robot, arguments: Arguments) -> float:
@@ -217,7 +212,7 @@ VALUES: dict[str, Callable[[Robot, Arguments], Result]] = {
     'motor': _one(status_words.motors_on),
     'power': _one(status_words.power_high),
     'athome': _at_home,
-    'robottype': _robot_type,
+    'robottype': lambda robot, _: robot_type(robot.controller.model),
     'inpos': _truth(lambda controller: not controller.in_motion),
     'js': lambda robot, _: -1 if robot.motion.sensed else 0,
     'jt': lambda robot, _: int(robot.motion.sensed),
