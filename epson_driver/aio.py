@@ -240,29 +240,20 @@ class Robot(Unique):
         """The tool in the flange (tool0): homogeneous, shape (4, 4), m."""
         return self._hand[0].pose.copy()
 
-    @property
-    def payload(self) -> float:
-        """What the arm carries, as `set_tool` was told, kg."""
-        return self._hand[0].payload
-
     def set_tool(
         self,
         pose: Pose,
         *,
         max_speed: float | None = None,
         max_acceleration: float | None = None,
-        payload: float = 0.0,
     ) -> None:
         """Set the tool (TCP) that lines, arcs and poses are about, at first the flange.
 
         pose: in the flange (tool0), in any form that `move_line` takes. max_speed, m/s, and
         max_acceleration, m/s²: a line, an arc or a path that asks for more is refused; None: no
-        limit. Joint moves are not held against them. payload: what the arm carries, kg, a note
-        that is checked against the model's and that no controller is told. What runs goes on.
-        Raises ValueError.
+        limit. Joint moves are not held against them. What runs goes on. Raises ValueError.
         """
-        carried = self.model.checked_payload(payload)
-        tool = checked_tool(pose, max_speed, max_acceleration, carried)
+        tool = checked_tool(pose, max_speed, max_acceleration)
         self._hand = (tool, Kinematics(self.model, tool.pose))
 
     def set_payload(

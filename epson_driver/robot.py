@@ -125,7 +125,6 @@ class Robot(Synchronous[aio.Robot]):
     wait_for_input = waits(aio.Robot.wait_for_input)
 
     tool = reads(aio.Robot, lambda robot: robot.tool)
-    payload = reads(aio.Robot, lambda robot: robot.payload)
     set_tool = calls(aio.Robot.set_tool)
     set_payload = calls(aio.Robot.set_payload)
     forward = calls(aio.Robot.forward)

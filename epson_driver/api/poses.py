@@ -98,13 +98,12 @@ class Target:
 class Tool:
     """A tool: its pose in tool0, shape (4, 4), m, and how fast lines and arcs may move it.
 
-    max_speed: m/s, max_acceleration: m/s²; None: as fast as a motion asks for. payload: kg.
+    max_speed: m/s, max_acceleration: m/s²; None: as fast as a motion asks for.
     """
 
     pose: Array
     max_speed: float | None = None
     max_acceleration: float | None = None
-    payload: float = 0.0
 
     def check(self, speed: float, acceleration: float) -> None:
         """Raise ValueError if a motion asks for more than the tool allows."""
@@ -116,9 +115,7 @@ class Tool:
                 raise ValueError(f'{name} = {value:g} {unit}: the tool allows {most:g} {unit}')
 
 
-def checked_tool(
-    pose: Pose, max_speed: float | None, max_acceleration: float | None, payload: float
-) -> Tool:
+def checked_tool(pose: Pose, max_speed: float | None, max_acceleration: float | None) -> Tool:
     """Return a tool from a user's arguments. Raises ValueError."""
     checked = checked_pose('pose', pose)
     check_tool_distance('pose', checked)
@@ -126,7 +123,7 @@ def checked_tool(
     for name, value in limits.items():
         if value is not None:
             limits[name] = _LIMITS[name].checked(_plain(value), name)
-    return Tool(checked, **limits, payload=payload)
+    return Tool(checked, **limits)
 
 
 class Frames:

@@ -95,8 +95,8 @@ UNKNOWN = r"frame = 'tabel': must be base_link, base or tool"
             lambda: frames().target('pose', [400, 0, 500, 0, 0, 0, 1], None),
             r'pose: 640\.3 m away, and the arm reaches .* m: places are in m \(in mm only',
         ),
-        (lambda: checked_tool([0, 0, 120, 0, 0, 0, 1], None, None, 0.0), 'tool is 120 m from the'),
-        (lambda: checked_tool(np.eye(4), 0.0, None, 0.0), r'max_speed = 0\.0: must be a number'),
+        (lambda: checked_tool([0, 0, 120, 0, 0, 0, 1], None, None), 'tool is 120 m from the'),
+        (lambda: checked_tool(np.eye(4), 0.0, None), r'max_speed = 0\.0: must be a number'),
         (
             lambda: Tool(np.eye(4), max_speed=0.2).check(0.25, 1.0),
             r'speed = 0\.25 m/s: the tool allows 0\.2 m/s',

@@ -1,8 +1,7 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The hand at a simulated controller, traces and payload: what is tried before the real arm."""
+"""The hand at a simulated controller, and traces: what is tried before the real arm."""
 
-import numpy as np
 import pytest
 from support.api_patience import be_patient
 from support.sim_process import wait_for
@@ -70,13 +69,3 @@ def test_a_trace_is_written_from_the_connection_to_its_end(tmp_path):
     assert file.stat().st_size > 10_000
     with pytest.raises(RobotError, match='exists'):
         robot.connect()
-
-
-def test_a_payload_is_checked_against_the_models():
-    robot = Robot()
-    assert robot.payload == 0.0
-    robot.set_tool(np.eye(4), payload=1.5)
-    assert robot.payload == 1.5
-    with pytest.raises(ValueError, match=r'payload = 30\.0: must be a number from 0 to 3'):
-        robot.set_tool(np.eye(4), payload=30.0)
-    assert robot.payload == 1.5
