@@ -105,7 +105,7 @@ setup(
     maintainer=MANIFEST.findtext('maintainer'),
     maintainer_email=MANIFEST.find('maintainer').get('email'),
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed', 'report/assets/*']},
+    package_data={NAME: ['py.typed', 'pages/assets/*', 'panel/assets/*', 'report/assets/*']},
     python_requires='>=3.11',
     # No ROS package is needed for the Python API. On a ROS machine rosdep brings them, and they
     # are not Python distributions; the extra `ros` is for an environment without ROS.
@@ -120,7 +120,7 @@ setup(
             'ros-jazzy-trajectory-msgs',
         ],
         'report': ['matplotlib', 'rosbags'],
-        'panel': ['viser==1.1.1'],  # exactly: panel/web_server.py relies on its inside
+        'panel': ['websockets>=14'],
         'planning': ['ompl', 'pin'],  # of demo --plan alone
         # The name that colcon looks for: without it, `colcon test` collects with unittest.
         'test': ['catkin-pkg', 'hypothesis', 'pytest', 'pytest-timeout', 'scipy'],

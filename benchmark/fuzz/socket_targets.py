@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from benchmark.fuzz import messages
 from benchmark.fuzz.messages import Chance
@@ -234,10 +235,15 @@ def panel(inputs: int, seed: int) -> Figures:
     """Fuzz the panel's web server: HTTP requests and frames of a websocket, nearly right."""
     figures = Figures()
     try:
+        from epson_driver.panel.requests import message_of
         from epson_driver.panel.web_server import WebServer
     except ImportError:  # the panel is not installed
         return figures
-    chance, server = random.Random(f'{seed}/panel'), WebServer(HERE, 0, None)
+    visitors = _Visitors(message_of)
+    chance, server = (
+        random.Random(f'{seed}/panel'),
+        WebServer(HERE, 0, None, visitors, visitors.fail),
+    )
     began = time.monotonic()
     try:
         for _ in range(max(inputs // 20, 20)):
@@ -258,12 +264,35 @@ def panel(inputs: int, seed: int) -> Figures:
         connection.close()
         if not server.alive:
             figures.found.append('the thread that serves the page has ended')
+        figures.found += [f'{what}: {error!r}' for what, error in visitors.failed]
     except (OSError, http.client.HTTPException) as error:
         figures.found.append(f'the page does not answer afterwards: {error}')
     finally:
         server.stop()
     figures.seconds = time.monotonic() - began
     return figures
+
+
+class _Visitors:
+    """Reads what windows send, and remembers what has failed."""
+
+    def __init__(self, read: Callable[[str | bytes], object]) -> None:
+        self.failed: list[tuple[str, BaseException]] = []
+        self._read = read
+
+    def came(self, window: Any) -> None:
+        """Take note of nothing."""
+
+    def gone(self, window: Any) -> None:
+        """Take note of nothing."""
+
+    def received(self, _window: Any, text: str | bytes) -> None:
+        """Read a request."""
+        self._read(text)
+
+    def fail(self, what: str, error: BaseException) -> None:
+        """Remember what has failed."""
+        self.failed.append((what, error))
 
 
 def _web_request(chance: Chance, port: int) -> bytes:

@@ -38,7 +38,7 @@ def main() -> int:
         return 1
     logging.basicConfig(level=logging.INFO, format='%(message)s')
     logging.getLogger('websockets').setLevel(logging.ERROR)
-    from epson_driver.panel.panel import Panel, address  # imports viser
+    from epson_driver.panel.panel import Panel, address  # imports websockets
     from epson_driver.panel.web_server import WebServerError
 
     token = None if is_loopback(options.host) else secrets.token_urlsafe(TOKEN_BYTES)

@@ -128,20 +128,16 @@ class Access:
 CONTENT_SECURITY_POLICY = '; '.join(
     (
         "default-src 'none'",
-        "script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:",
-        "worker-src 'self' blob:",
-        "style-src 'self' 'unsafe-inline' blob:",
-        "img-src 'self' data: blob:",
-        "font-src 'self' data:",
-        "connect-src 'self' data: blob:",
+        "script-src 'self'",
+        "style-src 'self'",
+        "img-src 'self'",
+        "connect-src 'self'",
         "base-uri 'none'",
         "form-action 'none'",
         "frame-ancestors 'none'",
     )
 )
-"""The page may ask its own origin only, and no other page may show it in a frame.
-
-viser's page unpacks itself by a script, from a blob."""
+"""The page may ask its own origin only, and no other page may show it in a frame."""
 
 
 def is_upgrade(headers: Mapping[str, str]) -> bool:

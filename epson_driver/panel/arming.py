@@ -16,8 +16,8 @@ from epson_driver.panel.robot_state import RequestError
 
 ALIVE_WITHIN_S = 1.5
 """A page that has given no sign of life for so long is frozen, hidden, asleep or cut off, s. It
-gives one each page_html.ALIVE_PERIOD_S while somebody can see it. The websocket's own pings tell
-nothing: the browser answers them for a page that hangs."""
+gives one each 0.3 s while somebody can see it (panel.js). The websocket's own pings tell nothing:
+the browser answers them for a page that hangs."""
 
 
 class NotArmedError(RequestError):

@@ -1,47 +1,41 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The panel: one loop that samples ROS and draws, for all robots and all browsers."""
+"""The panel: one loop that samples ROS and tells all windows what is new."""
 
 import contextlib
 import logging
-import queue
-import secrets
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-import viser
-
 from epson_driver.motion import Trajectory
-from epson_driver.panel import page_html
-from epson_driver.panel.plots import PERIOD_S as HISTORY_PERIOD_S
-from epson_driver.panel.robot_control import RobotControl
-from epson_driver.panel.robot_page import BrowserControls, RobotPage, attempt
+from epson_driver.panel.requests import Requests, message_of, number, text
+from epson_driver.panel.robot_control import PENDANT, RobotControl
+from epson_driver.panel.robot_state import RequestError
+from epson_driver.panel.robot_view import RobotView
 from epson_driver.panel.ros_discovery import RosDiscovery
 from epson_driver.panel.sim_pendant import PendantThread
 from epson_driver.panel.web_server import WebServer
+from epson_driver.panel.window import BadMessageError, Window, text_of
+from epson_driver.sim_controller.faults.fault_kinds import FAULTS
 
 POSE_PERIOD_S = 0.04
 """What a person sees as motion."""
 
 TEXT_PERIOD_S = 0.2
-CURVE_PERIOD_S = 0.25
 SLOW_PERIOD_S = 0.5
-BEAT_PERIOD_S = 1.0
+BEAT_PERIOD_S = 0.5
 
-IDLE_PERIOD_S = 0.2
+IDLE_PERIOD_S = 0.1
 """Of the loop while no browser is connected, s."""
 
-STOP = 'STOP (Esc)'
-"""Not the space bar, which also presses the button that has the focus."""
+GONE_AFTER_S = 60.0
+"""A robot whose driver is silent for so long is not shown any more, s."""
 
-BETWEEN_ROBOTS_M = 0.9
-
-LOOK_AT_M = np.array([0.1, 0.0, 0.33])
-TO_CAMERA_M = np.array([1.65, -1.05, 0.62])
-FIELD_OF_VIEW_RAD = 0.7
+PENDANT_PART = text_of(
+    {'presses': {what: list(ways) for what, ways in PENDANT.items()}, 'faults': list(FAULTS)}
+)
 
 _log = logging.getLogger(__name__)
 
@@ -68,21 +62,20 @@ class Panel:
         self._failure: BaseException | None = None
         self._allow_motion = allow_motion
         self._trajectories = trajectories
-        self._pages: dict[str, RobotPage] = {}
-        self._browsers: dict[int, tuple[viser.ClientHandle, dict[str, BrowserControls]]] = {}
-        self._news: queue.SimpleQueue[tuple[bool, viser.ClientHandle]] = queue.SimpleQueue()
-        self._windows: dict[str, int] = {}
-        """The browser of each window, by a secret that its page knows."""
-        self.web = WebServer(host, port, token, self._on_alive)
+        self._requests = Requests(trajectories)
+        self._views: dict[str, RobotView] = {}
+        self._windows: dict[int, Window] = {}
+        self._lock = threading.Lock()
+        """Of windows and views: they come and go in the threads of the server and of `run`."""
+        self._new: set[int] = set()
+        self._beat = 0
+        self.web = WebServer(host, port, token, self, self.fail)
         try:
             self.ros = RosDiscovery(ros_arguments, names, self.fail)
         except BaseException:
             self.web.stop()
             raise
         self._pendants = PendantThread(time.monotonic, self.fail)
-        self._furnish(self.web.viser)
-        self.web.viser.on_client_connect(self._on_connect)
-        self.web.viser.on_client_disconnect(self._on_disconnect)
 
     def stop(self) -> None:
         """Have `run` end."""
@@ -105,139 +98,69 @@ class Panel:
             self._close()
         return 0 if self._failure is None else 1
 
-    # --- the page ---------------------------------------------------------------------------
+    # --- windows come, go and ask: in the thread of the web server --------------------------
 
-    def _furnish(self, viewer: viser.ViserServer) -> None:
-        gui, scene = viewer.gui, viewer.scene
-        gui.configure_theme(
-            show_logo=False,
-            show_share_button=False,
-            control_width='large',
-            brand_color=(25, 113, 194),
-        )
-        gui.main_panel.dock_right()
-        gui.main_panel.set_width(400)
-        self._alarm = gui.add_html('', order=0)
-        gui.add_html(page_html.STYLE + page_html.STOP_HTML, order=1)
-        stop = gui.add_button(STOP, color='red', icon=viser.Icon.HAND_STOP, order=2)
-        stop.on_click(self._on_stop)
-        gui.add_command(STOP, hotkey='escape').on_trigger(self._on_stop)
-        self._tabs = gui.add_tab_group(order=10)
-        self._left = gui.add_panel()
-        self._left.dock_left()
-        self._left.set_width(380)
-        scene.set_up_direction('+z')
-        scene.world_axes.visible = False
-        scene.add_grid(
-            '/floor',
-            width=6.0,
-            height=6.0,
-            cell_size=0.1,
-            section_size=0.5,
-            cell_color=(222, 226, 230),
-            section_color=(190, 197, 204),
-            plane_color=(248, 249, 250),
-            plane_opacity=1.0,
-            shadow_opacity=0.25,
-            fade_distance=8.0,
-            position=(0.0, 0.0, -0.001),
-        )
-        viewer.initial_camera.fov = FIELD_OF_VIEW_RAD
-        viewer.initial_camera.look_at = LOOK_AT_M
-        viewer.initial_camera.position = LOOK_AT_M + TO_CAMERA_M
+    def came(self, window: Window) -> None:
+        """Take note of a window."""
+        with self._lock:
+            self._windows[window.number] = window
+            self._new.add(window.number)
+            for view in self._views.values():
+                view.control.arming.connect(window.number)
 
-    def _place_camera(self, client: viser.ClientHandle) -> None:
-        """Have a new window look at the row of robots that there are."""
-        camera, robots = client.camera, max(1, len(self._pages))
-        centre = LOOK_AT_M + np.array([0.0, 0.5 * BETWEEN_ROBOTS_M * (robots - 1), 0.0])
-        camera.position = centre + TO_CAMERA_M * (1.0 + 0.7 * (robots - 1))
-        camera.look_at = centre  # after the position, with which viser moves it
+    def gone(self, window: Window) -> None:
+        """Take note that a window is closed: what it has started ends."""
+        with self._lock:
+            self._windows.pop(window.number, None)
+            self._new.discard(window.number)
+            views = list(self._views.values())
+        for view in views:
+            view.control.arming.disconnect(window.number)
 
-    def _add_pages(self) -> None:
-        for name, robot in self.ros.robots.items():
-            if name in self._pages:
-                continue
-            control = RobotControl(
-                robot,
-                self._pendants,
-                time.monotonic,
-                on_error=self.fail,
-                allow_motion=self._allow_motion,
-            )
-            label = robot.namespace.strip('/') or name.strip('/')
-            tabs = (self._tabs.add_tab(label), self._left.add_tab(label))
-            place = np.array([0.0, BETWEEN_ROBOTS_M * len(self._pages), 0.0])
-            shown = label if robot.namespace else ''
-            page = RobotPage(self.web.viser, control, self._trajectories, tabs, place, shown)
-            self._pages[name] = page
-            for browser in self._browsers:
-                control.arming.connect(browser)
-            for each in self._pages.values():
-                each.stop_one.visible = len(self._pages) > 1
+    def received(self, window: Window, message: str | bytes) -> None:
+        """Do what a window asks for, or say there and in the log why not."""
+        asked = message_of(message)
+        word = asked['do']
+        with self._lock:
+            views = dict(self._views)
+        if word == 'alive':
+            for view in views.values():
+                view.control.arming.alive(window.number)
+        elif word == 'choose':
+            self._choose(window, text(asked, 'robot'))
+        elif word == 'stop':
+            for view in views.values():  # whatever one of them says
+                self._attempt(window, view.control, {'do': 'stop_one'})
+        else:
+            about = views.get(text(asked, 'robot'))
+            if about is None:
+                window.say('Not done: this robot is gone')
+                return
+            if word in ('jog', 'step') and window.late(
+                number(asked, 'at', 0.0, 1e15), time.monotonic()
+            ):
+                return
+            self._attempt(window, about.control, asked)
 
-    def _on_stop(self, event: Any) -> None:
-        """Stop all robots, whatever one of them says."""
-        for page in list(self._pages.values()):
-            attempt(event.client, page.control, page.control.stop)
-
-    def _on_alive(self, window: str) -> None:
-        browser = self._windows.get(window)
-        if browser is not None:
-            for page in list(self._pages.values()):
-                page.control.arming.alive(browser)
-
-    # --- browsers come and go: in viser's event loop ----------------------------------------
-
-    async def _on_connect(self, client: viser.ClientHandle) -> None:
-        self._news.put((True, client))
-
-    async def _on_disconnect(self, client: viser.ClientHandle) -> None:
-        self._news.put((False, client))
+    def _attempt(self, window: Window, control: RobotControl, asked: Mapping[str, Any]) -> None:
+        action = self._requests.table.get(asked['do'])
+        if action is None:
+            raise BadMessageError('there is no such request')
         try:
-            for page in list(self._pages.values()):
-                page.control.arming.disconnect(client.client_id)
-        except BaseException as error:  # noqa: BLE001 - viser would only print it
-            self.fail('disarming failed', error)
+            action(control, window.number, asked)
+        except RequestError as error:
+            control.jog_end()
+            control.robot.log(f'not done: {error}', 30)
+            window.say(f'Not done: {error}')
+        except BadMessageError:
+            raise
+        except BaseException as error:  # noqa: BLE001 - it is told, and ends the panel
+            self.fail('what a button does failed', error)
 
-    def _welcome(self) -> None:
-        """Make the controls of browsers that have come, and forget those that are gone."""
-        while not self._news.empty():
-            came, client = self._news.get()
-            if came:
-                self._browsers[client.client_id] = (client, {})
-                for page in self._pages.values():
-                    page.control.arming.connect(client.client_id)
-                window = secrets.token_urlsafe(16)
-                self._windows[window] = client.client_id
-                with self._unless_gone(client):
-                    client.gui.add_html(page_html.alive_html(window), order=3)
-                    self._place_camera(client)
-            else:
-                self._browsers.pop(client.client_id, None)
-                self._windows = {
-                    window: browser
-                    for window, browser in self._windows.items()
-                    if browser != client.client_id
-                }
-                for page in self._pages.values():
-                    page.control.arming.disconnect(client.client_id)
-        for client, controls in self._browsers.values():
-            with self._unless_gone(client):
-                for name, page in self._pages.items():
-                    if name not in controls:
-                        controls[name] = BrowserControls(page, client)
-
-    @contextlib.contextmanager
-    def _unless_gone(self, client: viser.ClientHandle) -> Iterator[None]:
-        """Do something with the elements of a browser, which may vanish meanwhile.
-
-        viser takes them away in its own thread then, and raises one thing or another.
-        """
-        try:
-            yield
-        except Exception:
-            if client.client_id in self.web.viser.get_clients():
-                raise
+    def _choose(self, window: Window, robot: str) -> None:
+        window.choose(robot)
+        with self._lock:
+            self._new.add(window.number)
 
     # --- the loop ---------------------------------------------------------------------------
 
@@ -256,38 +179,69 @@ class Panel:
             if is_due('slow', SLOW_PERIOD_S):
                 self.ros.sample_slow(now)
                 self.ros.look_around(now)
-                self._add_pages()
+                self._forget_gone(now)
+                self._add_views()
                 if not self.web.alive:
                     raise RuntimeError('nothing serves the page any more')
-            for page in self._pages.values():
-                page.control.look()
-            self._welcome()
-            pages = self._pages.values()
-            if is_due('history', HISTORY_PERIOD_S):
-                for page in pages:
-                    page.remember(now)
+            for view in self._views.values():
+                view.look(now)
             if is_due('beat', BEAT_PERIOD_S):
-                for page in pages:
-                    page.beat()
-            if self._browsers:
-                self._draw(now, is_due('text', TEXT_PERIOD_S), is_due('curves', CURVE_PERIOD_S))
-            period = POSE_PERIOD_S if self._browsers else IDLE_PERIOD_S
+                self._beat += 1
+            with self._lock:
+                windows, new = list(self._windows.values()), self._new
+                self._new = set()
+            if windows:
+                self._show(windows, new, now, is_due('text', TEXT_PERIOD_S))
+            period = POSE_PERIOD_S if windows else IDLE_PERIOD_S
             self._ended.wait(max(0.005, period - (time.monotonic() - now)))
 
-    def _draw(self, now: float, text: bool, curves: bool) -> None:
-        for page in self._pages.values():
-            page.draw_pose(now)
-            if text:
-                page.draw_text(now)
-            if curves:
-                page.draw_curves(now)
-        if text:
-            alarms = [page.control.stop_alarm for page in self._pages.values()]
-            self._alarm.content = page_html.alarms_html([each for each in alarms if each])
-            for client, controls in self._browsers.values():
-                with self._unless_gone(client):
-                    for each in controls.values():
-                        each.refresh()
+    def _show(self, windows: list[Window], new: set[int], now: float, texts: bool) -> None:
+        all_of_it: dict[str, str] = {}
+        if texts or new:
+            alarms = [view.control.stop_alarm for view in self._views.values()]
+            all_of_it = {
+                'robots': text_of([view.summary(now) for view in self._views.values()]),
+                'alarms': text_of([each for each in alarms if each]),
+                'pendant': PENDANT_PART,
+            }
+        all_of_it['beat'] = text_of(self._beat)
+        shown: dict[str, dict[str, str]] = {}
+        for window in windows:
+            name = window.robot
+            view = self._views.get(name)
+            if view is None:
+                window.offer(name, all_of_it)
+                continue
+            if name not in shown:
+                shown[name] = view.pose(now) | (view.parts(now) if texts or new else {})
+            parts = all_of_it | shown[name]
+            if window.number in new:
+                parts['history'] = view.history()
+            if texts or window.number in new:
+                parts['controls'] = view.controls(window.number)
+            window.offer(name, parts)
+
+    def _add_views(self) -> None:
+        for name, robot in self.ros.robots.items():
+            if name in self._views:
+                continue
+            control = RobotControl(
+                robot, self._pendants, time.monotonic, allow_motion=self._allow_motion
+            )
+            label = robot.namespace.strip('/') or name.strip('/')
+            view = RobotView(control, self._trajectories, label)
+            with self._lock:
+                for window in self._windows:
+                    control.arming.connect(window)
+                self._views[name] = view
+
+    def _forget_gone(self, now: float) -> None:
+        """Take away what has been silent for GONE_AFTER_S, unless it was asked for by name."""
+        for name in self.ros.forget_silent(now, GONE_AFTER_S):
+            with self._lock:
+                view = self._views.pop(name, None)
+            if view is not None:
+                view.control.end()
 
     def _close(self) -> None:
         """Let no goal of the panel outlive it, then close everything."""
@@ -296,8 +250,8 @@ class Panel:
             stack.callback(self._pendants.end)
             stack.callback(self.web.stop)
             stack.callback(self._end_goals)
-            for page in self._pages.values():
-                stack.callback(page.control.arming.disarm, 'the panel ends')
+            for view in self._views.values():
+                stack.callback(view.control.arming.disarm, 'the panel ends')
 
     def _end_goals(self) -> None:
         if not self.ros.cancel_goals():

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from epson_driver.motion import Trajectory
+from epson_driver.motion import Array, Trajectory
 from epson_driver.panel.arming import Arming
+from epson_driver.panel.jog import Jog
 from epson_driver.panel.robot_state import RequestError, Simulation
 from epson_driver.panel.ros_robot import ERROR, INFO, WARN, RosRobot
 from epson_driver.panel.sim_pendant import NotSimulatedError, PendantThread, SimPendant
@@ -21,16 +22,6 @@ from epson_driver.robots import RobotModel, load_robot_model
 
 START_TOLERANCE = 0.02
 """Rad or m: the driver's own default of `start_tolerance`; it checks again."""
-
-SLOW_SHARE = 0.2
-"""Of the joints' velocity and acceleration limits, on the way to the start of a trajectory."""
-
-MIN_DURATION_S = 1.0
-POINT_PERIOD_S = 0.1
-
-PEAK_VELOCITY, PEAK_ACCELERATION = 1.875, 5.774
-"""Of the polynomial of fifth degree that rests at both ends, for a way of 1 in 1 s."""
-
 
 STOP_ANSWER_S = 0.5
 """Within which the driver answers a STOP, or it is said that it has not, s."""
@@ -63,8 +54,7 @@ PENDANT: dict[str, dict[str, Press]] = {
 class RobotControl:
     """One robot, for all browsers. Methods may be called in any thread, and wait for nothing.
 
-    They raise RequestError with a sentence for the person. `on_error` is called with anything else
-    that a click has raised.
+    They raise RequestError with a sentence for the person.
     """
 
     def __init__(
@@ -73,12 +63,12 @@ class RobotControl:
         pendants: PendantThread,
         clock: Callable[[], float],
         *,
-        on_error: Callable[[str, BaseException], None],
         allow_motion: bool,
     ) -> None:
-        self.on_error = on_error
         self.robot = robot
         self.model: RobotModel | None = None
+        self.hand: Jog | None = None
+        """Motion by hand, of the model."""
         self.plan: Trajectory | None = None
         """The last trajectory that was sent from here."""
         self.arming = Arming(self._forbidden, self._on_disarmed, clock)
@@ -89,6 +79,7 @@ class RobotControl:
         self._pendant_at: tuple[str, int] | None = None
         self._clock = clock
         self._allow_motion = allow_motion
+        self._jogging = False
         self._speed_wanted: float | None = None
         self._speed_asked = False
         self.stop_alarm = ''
@@ -126,12 +117,19 @@ class RobotControl:
             self._stop_asked = None
             self._raise_alarm(f'the driver has not answered for {STOP_ANSWER_S:g} s')
 
+    def end(self) -> None:
+        """Let go of a robot that is gone."""
+        self.arming.disarm('the robot is gone')
+        if self._pendant is not None:
+            self._pendant.end()
+
     def _load(self, name: str) -> None:
         self._model_name = name
         try:
             self.model = load_robot_model(name)
+            self.hand = Jog(self.model)
         except (OSError, ValueError) as error:
-            self.model = None
+            self.model = self.hand = None
             self.robot.log(f'no picture of the arm: {error}', WARN)
             return
         for sentence in self.model.cautions:
@@ -166,6 +164,7 @@ class RobotControl:
         return None
 
     def _on_disarmed(self, why: str) -> None:
+        self.jog_end()
         self.robot.log(f'panel disarmed: {why}', INFO)
         if self.robot.cancel_goals():
             self.robot.log('the goal of the panel is canceled', WARN)
@@ -254,35 +253,57 @@ class RobotControl:
     def execute(self, browser: int, name: str, trajectory: Trajectory) -> None:
         """Execute a trajectory, whose joints are those of the robot in another name."""
         with self.arming.held(browser):
-            self._send(name, self._renamed(trajectory))
+            self._send(name, trajectory)
 
     def go_to_start(self, browser: int, name: str, trajectory: Trajectory) -> None:
         """Go slowly and straight, in joint space, to where a trajectory begins."""
         with self.arming.held(browser):
-            if self.model is None:
-                raise RequestError('the robot model is not known')
-            here = self.robot.state.positions
-            there = self._renamed(trajectory)
-            goal = there.positions[0]
-            limits = self.model.limits
-            way = np.abs(goal - here)
-            duration = max(
-                MIN_DURATION_S,
-                float(np.max(PEAK_VELOCITY * way / (SLOW_SHARE * limits.velocity))),
-                float(
-                    np.sqrt(np.max(PEAK_ACCELERATION * way / (SLOW_SHARE * limits.acceleration)))
-                ),
-            )
-            s = np.linspace(0.0, 1.0, max(3, round(duration / POINT_PERIOD_S) + 1))[:, None]
-            self._send(
-                f'to the start of {name}',
-                Trajectory(
-                    there.joint_names,
-                    duration * s[:, 0],
-                    here + (goal - here) * s**3 * (10.0 - 15.0 * s + 6.0 * s**2),
-                    (goal - here) * 30.0 * (s * (1.0 - s)) ** 2 / duration,
-                ),
-            )
+            here, there = self._here(), self._renamed(trajectory)
+            self._send(f'to the start of {name}', self._hand().straight(here, there.positions[0]))
+
+    def go_to(self, browser: int, name: str, joints: Array) -> None:
+        """Go slowly and straight, in joint space, to a point: joints, shape (n,), rad or m."""
+        with self.arming.held(browser):
+            here = self._here()
+            if len(joints) != len(here):
+                raise RequestError(f'{name} has {len(joints)} joints, the robot {len(here)}')
+            self._send(f'to {name}', self._hand().straight(here, joints))
+
+    def jog(self, browser: int, axis: str, frame: str, share: float) -> None:
+        """Move on for `servo.timeout` (0.1 s): a joint, or the tool, with a share of full speed.
+
+        0 brakes at once. As `Jog.velocities`.
+        """
+        with self.arming.held(browser):
+            moving = self._hand().velocities(self._here(), axis, frame, share)
+            self.robot.jog(self.robot.state.joint_names, moving)
+            self._jogging = bool(np.any(moving))
+
+    def jog_end(self) -> None:
+        """Brake, if the arm was moved by `jog`: whoever asks."""
+        if self._jogging:
+            self._jogging = False
+            names = self.robot.state.joint_names
+            self.robot.jog(names, np.zeros(len(names)))
+
+    def step(self, browser: int, axis: str, frame: str, size: float, share: float) -> None:
+        """Move by a step, rad or m. As `Jog.step`."""
+        with self.arming.held(browser):
+            if self.robot.goals:
+                raise RequestError('a motion of the panel has not ended yet')
+            trajectory = self._hand().step(self._here(), axis, frame, size, share)
+            self._send(f'step of {axis}', trajectory)
+
+    def _hand(self) -> Jog:
+        if self.hand is None:
+            raise RequestError('the robot model is not known')
+        return self.hand
+
+    def _here(self) -> Array:
+        here = self.robot.state.positions
+        if self.model is None or len(here) != len(self.model.joint_names):
+            raise RequestError('the robot model is not known, or has other joints')
+        return here
 
     def away_from_start(self, trajectory: Trajectory) -> str:
         """Return which joint is too far from a trajectory's start and how far, or ''."""
@@ -315,6 +336,7 @@ class RobotControl:
         )
 
     def _send(self, name: str, trajectory: Trajectory) -> None:
+        trajectory = self._renamed(trajectory)
         self.robot.execute(trajectory, name, self.robot.log)
         self.plan = trajectory
         self.robot.log(f'goal sent: {name}', INFO)

@@ -82,13 +82,14 @@ class Event:
 class RobotState:
     """The last of everything. `times`: when it arrived by the panel's clock, s, by name.
 
-    Joints in the order of `joint_names`: shape (n,), rad or m, and per s. `inhibit`: what keeps
+    Joints in the order of `joint_names`: shape (n,), rad or m. `inhibit`: what keeps
     the arm from moving, as the driver says.
     """
 
     joint_names: tuple[str, ...] = ()
     positions: Array = field(default_factory=lambda: np.zeros(0))
-    velocities: Array = field(default_factory=lambda: np.zeros(0))
+    measured: float = 0.0
+    """When the joints were, by the driver's clock, s."""
     status: Status = field(default_factory=Status)
     link: str = ''
     gate_open: bool | None = None

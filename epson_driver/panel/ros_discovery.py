@@ -127,6 +127,18 @@ class RosDiscovery:
         for robot in self.robots.values():
             robot.look_for_driver(now)
 
+    def forget_silent(self, now: float, after: float) -> list[str]:
+        """Let go of the drivers that were found and have reported nothing for `after` s.
+
+        Returns the names of their nodes.
+        """
+        if not self._find:
+            return []
+        silent = [name for name, each in self.robots.items() if now - each.last_heard(now) > after]
+        for name in silent:
+            self.robots.pop(name).close()
+        return silent
+
     def cancel_goals(self) -> bool:
         """Cancel all goals of the panel and return whether all have ended in time."""
         goals = [goal for robot in self.robots.values() for goal in robot.cancel_goals()]

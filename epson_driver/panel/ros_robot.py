@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from action_msgs.msg import GoalStatus
 from control_msgs.action import FollowJointTrajectory
-from control_msgs.msg import JointTrajectoryControllerState
+from control_msgs.msg import JointJog, JointTrajectoryControllerState
 from diagnostic_msgs.msg import DiagnosticStatus
 from epson_msgs.msg import IoPoint, IoStates
 from epson_msgs.srv import SetSpeedScaling, WriteIo
@@ -31,7 +31,7 @@ from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
 from epson_driver.driver.inhibit import Cause, Inhibit, Remedy
-from epson_driver.motion import Trajectory
+from epson_driver.motion import Array, Trajectory
 from epson_driver.node.trajectory_messages import trajectory_message
 from epson_driver.panel.robot_state import Event, IoRange, RequestError, RobotState, Status, Tri
 
@@ -112,6 +112,8 @@ class RosRobot:
         self._executor = executor
         self.name = name
         self.namespace = name.rpartition('/')[0]
+        self._node, self._sampled = node, sampled
+        self._found: float | None = None
         self.state = RobotState()
         self.parameters: dict[str, Any] = {}
         """Those of PARAMETERS, once the driver has told them. It is asked again and again: another
@@ -120,6 +122,7 @@ class RosRobot:
         self._set_speed = node.create_client(SetSpeedScaling, f'{name}/set_speed_scaling')
         self._write_io = node.create_client(WriteIo, f'{name}/write_io')
         self._get_parameters = node.create_client(GetParameters, f'{name}/get_parameters')
+        self._jog = node.create_publisher(JointJog, f'{name}/joint_jog', LATEST)
         self._asking: Any = None
         self._asked = 0.0
         self._action = ActionClient(node, FollowJointTrajectory, f'{name}/follow_joint_trajectory')
@@ -142,6 +145,24 @@ class RosRobot:
         self._topics = [
             (subscribe(kind, topic, _never, qos), handle) for kind, topic, handle, qos in topics
         ]
+
+    def last_heard(self, now: float) -> float:
+        """Return when the driver was there or heard of last, by the panel's clock, s."""
+        if self._found is None or self._get_parameters.service_is_ready():
+            self._found = now
+        news = (self.state.times.get(each) for each in ('diagnostics', 'joints', 'status'))
+        return max([self._found, *(each for each in news if each is not None)])
+
+    def close(self) -> None:
+        """Let go of a driver that is gone."""
+        self._give_up_asking()
+        for subscription, _ in self._topics:
+            self._sampled.destroy_subscription(subscription)
+        self._action.destroy()
+        clients = [*self._triggers.values(), self._set_speed, self._write_io, self._get_parameters]
+        for client in clients:
+            self._node.destroy_client(client)
+        self._node.destroy_publisher(self._jog)
 
     # --- what the driver reports ------------------------------------------------------------
 
@@ -214,12 +235,11 @@ class RosRobot:
     def _on_joints(self, message: Any, now: float) -> None:
         state = self.state
         names = tuple(message.name)
-        positions, velocities = np.array(message.position), np.array(message.velocity)
+        positions = np.array(message.position)
         if len(positions) != len(names) or not np.all(np.isfinite(positions)):
             return
-        if len(velocities) != len(names):
-            velocities = np.zeros(len(names))
-        state.joint_names, state.positions, state.velocities = names, positions, velocities
+        state.joint_names, state.positions = names, positions
+        state.measured = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
         if not state.fresh('joints', now):
             state.times['first joints'] = now
         state.times['joints'] = now
@@ -277,6 +297,10 @@ class RosRobot:
         """Set a digital output. Raises NoDriverError."""
         point = IoPoint(type=IoPoint.DIGITAL_OUTPUT, index=index, value=value)
         self._call(self._write_io, WriteIo.Request(points=[point]), '~/write_io', say)
+
+    def jog(self, names: Sequence[str], velocities: Array) -> None:
+        """Send velocities of joints, rad/s or m/s, which count for `servo.timeout` (0.1 s)."""
+        self._jog.publish(JointJog(joint_names=list(names), velocities=velocities.tolist()))
 
     def execute(self, trajectory: Trajectory, text: str, say: Say) -> None:
         """Send a trajectory as a goal. Raises NoDriverError."""

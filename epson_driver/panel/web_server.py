@@ -1,62 +1,99 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""viser's server on a port of ours, behind the rules of `access.py`.
+"""The server of the page and its websocket, behind the rules of `access.py`, in a thread."""
 
-viser lets any page connect, takes the next port if the one it was asked for is taken, and has a
-handler that opens a tunnel to the Internet. None of that has a setting, so its server is started
-with a `serve` of websockets that knows better. That is not a public interface of viser: the
-version is pinned and checked here, and a test tries each rule on a running panel.
-"""
-
-import contextlib
+import asyncio
+import errno
 import functools
 import http
-import io
 import socket
 import threading
-import warnings
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Callable
+from importlib.resources import files
+from typing import NamedTuple, Protocol
 
-import viser
-import websockets.asyncio.server
-from viser._messages import ShareUrlDisconnect, ShareUrlRequest
-from websockets.asyncio.server import ServerConnection
+from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
+from epson_driver.pages import asset
 from epson_driver.panel.access import Access, is_loopback, is_upgrade, own_names
-from epson_driver.panel.page_html import ALIVE_PATH
-
-VISER_VERSION = '1.1.1'
+from epson_driver.panel.window import BadMessageError, Window
 
 PING_PERIOD_S = 2.0
 PING_TIMEOUT_S = 10.0
-"""A browser that is silent for so long is taken for gone, s. Long: a page that compiles its
-shaders, or a slow line, may keep an answer waiting for seconds. What it has started ends sooner:
-arming.ALIVE_WITHIN_S."""
+"""A browser that is silent for so long is taken for gone, s. Long, as a slow line may keep an
+answer waiting for seconds. What it has started ends sooner: arming.ALIVE_WITHIN_S."""
 
-MAX_MESSAGE_BYTES = 1_000_000
-"""Of what a browser sends. Clicks and camera poses are far smaller."""
+CLOSE_TIMEOUT_S = 1.0
+"""How long the end waits for a browser to say goodbye, s."""
 
-_patching = threading.Lock()
+MAX_MESSAGE_BYTES = 10_000
+"""Of what a browser sends. Nothing that the page sends is near to it."""
 
-warnings.filterwarnings('ignore', 'Queued a .* on a closed connection', UserWarning)
-"""A browser that goes while its controls are drawn is nothing to warn of."""
+START_TIMEOUT_S = 10.0
+
+KINDS = {
+    'html': 'text/html',
+    'js': 'text/javascript',
+    'css': 'text/css',
+    'svg': 'image/svg+xml',
+}
+"""Of the files of the page, by how their names end."""
+
+POLICY_VIOLATION = 1008
+"""The websocket's code of a close: the browser has sent what the page never sends."""
 
 
 class WebServerError(RuntimeError):
     """The page cannot be served, with the reason and the remedy as text."""
 
 
+class Visitors(Protocol):
+    """Who is told of windows, in the server's thread."""
+
+    def came(self, window: Window) -> None:
+        """Take note of a window, which may send from now on."""
+
+    def gone(self, window: Window) -> None:
+        """Take note that a window is closed."""
+
+    def received(self, window: Window, text: str | bytes) -> None:
+        """Do what a window has sent. Raises BadMessageError for what no page sends."""
+
+
+class Page(NamedTuple):
+    """A file of the page: its kind and its bytes."""
+
+    kind: str
+    body: bytes
+
+
+def page_files() -> dict[str, Page]:
+    """Return the files of the page, by their paths."""
+    kinds = {
+        'html': 'text/html',
+        'js': 'text/javascript',
+        'css': 'text/css',
+        'svg': 'image/svg+xml',
+    }
+    found = {}
+    for each in files('epson_driver.panel').joinpath('assets').iterdir():
+        kind = kinds[each.name.rpartition('.')[2]]
+        found[f'/{each.name}'] = Page(f'{kind}; charset=utf-8', each.read_bytes())
+    for name in ('bundle.js', 'bundle.css', 'arm.js'):
+        kind = kinds[name.rpartition('.')[2]]
+        found[f'/{name}'] = Page(f'{kind}; charset=utf-8', asset(name).encode())
+    found['/'] = found.pop('/index.html')
+    return found
+
+
 class WebServer:
-    """viser's server at an address of this machine. `token`: needed by whoever comes, if not None.
+    """Serves the page at an address of this machine. `token`: needed by whoever comes, if any.
 
-    `on_alive` is called in viser's event loop, with the secret of a window whose page gives a
-    sign of life (page_html.alive_html).
-
-    Raises WebServerError for a port that is taken, an address that is not of this machine, or a
-    viser of another version.
+    `on_error` is called with what ends the thread. Raises WebServerError for a port that is taken
+    or an address that is not of this machine.
     """
 
     def __init__(
@@ -64,35 +101,87 @@ class WebServer:
         host: str,
         port: int,
         token: str | None,
-        on_alive: Callable[[str], object] = lambda _window: None,
+        visitors: Visitors,
+        on_error: Callable[[str, BaseException], None],
     ) -> None:
-        if viser.__version__ != VISER_VERSION:
-            raise WebServerError(
-                f'viser {viser.__version__} is installed: the panel needs viser {VISER_VERSION}, '
-                f'as it relies on its inside (pip install viser=={VISER_VERSION})'
-            )
         if token is None and not is_loopback(host):
             raise WebServerError(f'{host} is reached from other machines: a token is needed')
-        listening = _listening(host, port)
-        self.port: int = listening.getsockname()[1]
+        self._listening = _listening(host, port)
+        self.port: int = self._listening.getsockname()[1]
         self.access = Access(self.port, own_names(host), token)
-        with _serving(listening, self.access, on_alive), contextlib.redirect_stdout(io.StringIO()):
-            self.viser = viser.ViserServer(
-                host=host, port=self.port, label='epson_driver', verbose=False
-            )
-        for message in (ShareUrlRequest, ShareUrlDisconnect):
-            self.viser._websock_server.unregister_handler(message)
+        self._pages = page_files()
+        self._visitors = visitors
+        self._on_error = on_error
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._end: asyncio.Event | None = None
+        self._started = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='web server', daemon=True)
+        self._thread.start()
+        if not self._started.wait(START_TIMEOUT_S):
+            raise WebServerError(f'the server did not start within {START_TIMEOUT_S:g} s')
 
     @property
     def alive(self) -> bool:
         """Whether the thread runs that serves the page."""
-        thread = self.viser._websock_server._server_thread
-        return thread is not None and thread.is_alive()
+        return self._thread.is_alive()
 
     def stop(self) -> None:
         """Close the port and all connections."""
-        with contextlib.redirect_stdout(io.StringIO()):
-            self.viser.stop()
+        if self._loop is not None and self._end is not None and self._thread.is_alive():
+            self._loop.call_soon_threadsafe(self._end.set)
+        self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            asyncio.run(self._serve())
+        except BaseException as error:  # noqa: BLE001 - it is told
+            self._on_error('serving the page failed', error)
+        finally:
+            self._started.set()
+            self._listening.close()
+
+    async def _serve(self) -> None:
+        self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
+        server: Server
+        async with serve(
+            self._talk,
+            sock=self._listening,
+            process_request=functools.partial(_answer, self.access, self._pages),
+            max_size=MAX_MESSAGE_BYTES,
+            ping_interval=PING_PERIOD_S,
+            ping_timeout=PING_TIMEOUT_S,
+            close_timeout=CLOSE_TIMEOUT_S,
+            server_header=None,
+        ) as server:
+            self._started.set()
+            await self._end.wait()
+            server.close()
+
+    async def _talk(self, connection: ServerConnection) -> None:
+        window = Window(asyncio.get_running_loop())
+        writing = asyncio.create_task(window.write(connection.send))
+        writing.add_done_callback(self._on_written)
+        try:
+            self._visitors.came(window)
+            async for message in connection:
+                self._visitors.received(window, message)
+        except BadMessageError as error:
+            await connection.close(POLICY_VIOLATION, str(error)[:100])
+        except ConnectionClosed:
+            pass  # whatever ended it, the window is gone
+        except Exception as error:  # noqa: BLE001 - websockets would only print it
+            self._on_error('what a window asked for failed', error)
+        finally:
+            writing.cancel()
+            try:
+                self._visitors.gone(window)
+            except BaseException as error:  # noqa: BLE001 - websockets would only print it
+                self._on_error('disarming failed', error)
+
+    def _on_written(self, writing: 'asyncio.Task[None]') -> None:
+        error = None if writing.cancelled() else writing.exception()
+        if error is not None and not isinstance(error, ConnectionClosed):
+            self._on_error('writing to a window failed', error)
 
 
 def _listening(host: str, port: int) -> socket.socket:
@@ -107,57 +196,24 @@ def _listening(host: str, port: int) -> socket.socket:
         listening.listen()
     except OSError as error:
         listening.close()
-        raise WebServerError(
-            f'port {port} of {host} cannot be opened: {error.strerror}; end the process that has '
-            'it, or choose another with --port (0: any free one)'
-        ) from error
+        raise WebServerError(f'{_what(host, port)}: {error.strerror}; {_remedy(error)}') from error
     return listening
 
 
-@contextlib.contextmanager
-def _serving(
-    listening: socket.socket, access: Access, on_alive: Callable[[str], object]
-) -> Iterator[None]:
-    """Have websockets serve on a socket and by rules of ours, within the block."""
-    served = []
-    original = websockets.asyncio.server.serve
+def _what(host: str, port: int) -> str:
+    return f'port {port} of {host} cannot be opened'
 
-    def serve(
-        handler: Any, _host: str, _port: int, *, process_request: Any, **options: Any
-    ) -> Any:
-        served.append(True)
-        options |= {
-            'max_size': MAX_MESSAGE_BYTES,
-            'ping_interval': PING_PERIOD_S,
-            'ping_timeout': PING_TIMEOUT_S,
-            'server_header': None,
-        }
-        return original(
-            handler,
-            sock=listening,
-            process_request=functools.partial(_answer, access, on_alive, process_request),
-            **options,
-        )
 
-    with _patching:
-        websockets.asyncio.server.serve = serve  # type: ignore[assignment,misc]
-        try:
-            yield
-        finally:
-            websockets.asyncio.server.serve = original  # type: ignore[misc]
-    if not served:
-        listening.close()
-        raise WebServerError('viser did not start its server as expected')
+def _remedy(error: OSError) -> str:
+    if error.errno == errno.EADDRNOTAVAIL:
+        return 'this machine has no such address: give one of its own with --host'
+    return 'end the process that has it, or choose another with --port (0: any free one)'
 
 
 def _answer(
-    access: Access,
-    on_alive: Callable[[str], object],
-    serve_page: Any,
-    connection: ServerConnection,
-    request: Request,
+    access: Access, pages: dict[str, Page], connection: ServerConnection, request: Request
 ) -> Response | None:
-    """Answer a request with the page or a rejection, or None to open a websocket."""
+    """Answer a request with a file of the page or a rejection, or None to open a websocket."""
     headers = {}
     for name, value in request.headers.raw_items():
         if name.lower() in headers and name.lower() != 'cookie':
@@ -168,23 +224,23 @@ def _answer(
         return _text(rejection.status, rejection.text)
     if is_upgrade(headers):
         return None
-    path, _, window = request.path.partition('?')
-    if path == ALIVE_PATH:
-        on_alive(window)
-        return _text(200, 'noted')
-    page: Response = serve_page(connection, request)
-    for name, value in access.new_headers(request.path).items():
-        page.headers[name] = value
-    return page
+    page = pages.get(request.path.partition('?')[0])
+    if page is None:
+        return _text(404, 'there is no such page')
+    return _response(200, page, access.new_headers(request.path))
 
 
 def _text(status: int, text: str) -> Response:
-    body = f'{text}\n'.encode()
+    return _response(status, Page('text/plain; charset=utf-8', f'{text}\n'.encode()), {})
+
+
+def _response(status: int, page: Page, more: dict[str, str]) -> Response:
     headers = Headers(
         {
-            'Content-Type': 'text/plain; charset=utf-8',
-            'Content-Length': str(len(body)),
+            'Content-Type': page.kind,
+            'Content-Length': str(len(page.body)),
             'Connection': 'close',
+            **more,
         }
     )
-    return Response(status, http.HTTPStatus(status).phrase, headers, body)
+    return Response(status, http.HTTPStatus(status).phrase, headers, page.body)

@@ -1,9 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The report as one HTML file, the arm in it packed into few bytes.
-
-The file needs nothing else, and its policy forbids every request.
-"""
+"""The report as one HTML file, which needs nothing else: its policy forbids every request."""
 
 import base64
 import hashlib
@@ -14,56 +11,13 @@ from importlib.resources import files
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from epson_driver.motion import Array
+from epson_driver.pages import asset
+from epson_driver.pages.packed_arm import packed_arm, text
 from epson_driver.report.figures import Figures, as_json
 from epson_driver.report.run import FLAGS, Condition, Run
 from epson_driver.robots import RobotModel
-from epson_driver.robots.link_surfaces import link_surfaces
-
-
-def packed_arm(model: RobotModel) -> dict[str, Any]:
-    """Return what the page needs to draw the arm at any joint positions."""
-    meshes = [
-        {'link': number, 'colour': list(colour)} | packed(*_indexed(corners))
-        for number, link in enumerate(link_surfaces(model))
-        for corners, colour in link
-    ]
-    return {
-        'origins': model.chain.origins.tolist(),
-        'axes': model.chain.axes.tolist(),
-        'types': list(model.joint_types),
-        'tool0': model.tool0.xyz.tolist(),
-        'meshes': meshes,
-    }
-
-
-def _indexed(corners: npt.NDArray[np.float32]) -> tuple[Array, Any]:
-    """Return the vertices of triangles, shape (v, 3), m, and their indices, shape (f, 3)."""
-    vertices, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-    return vertices.astype(float), index.reshape(-1, 3)
-
-
-def packed(vertices: Array, triangles: Any) -> dict[str, Any]:
-    """Return a mesh as base64: vertices as 16 bit numbers within its box, 16 bit indices."""
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    size = np.where(high > low, high - low, 1.0)
-    steps = np.round((vertices - low) / size * 65535.0).astype('<u2')
-    if len(vertices) > 65535:
-        raise ValueError(f'{len(vertices)} vertices: at most 65535 can be numbered')
-    return {
-        'low': low.tolist(),
-        'size': size.tolist(),
-        'vertices': text(steps),
-        'triangles': text(triangles.astype('<u2')),
-    }
-
-
-def text(values: Any) -> str:
-    """Return an array's bytes as base64."""
-    return base64.b64encode(np.ascontiguousarray(values).tobytes()).decode('ascii')
-
 
 MAX_SAMPLES = 15_000
 """Joint states in a page, of all runs together; of more, every nth is drawn. 82 s at 182 Hz."""
@@ -94,11 +48,10 @@ def page(runs: Sequence[tuple[Run, Figures]], model: RobotModel) -> str:
         'runs': [_run(run, numbers, model, len(runs)) for run, numbers in runs],
     }
     assets = files('epson_driver.report').joinpath('assets')
-    bundle, own, style, more = (
-        assets.joinpath(name).read_text(encoding='utf-8')
-        for name in ('bundle.js', 'page.js', 'bundle.css', 'page.css')
+    own, more = (
+        assets.joinpath(name).read_text(encoding='utf-8') for name in ('page.js', 'page.css')
     )
-    scripts, style = (bundle, own), style + more
+    scripts, style = (asset('bundle.js'), asset('arm.js'), own), asset('bundle.css') + more
     allowed = ' '.join(_hash(each) for each in scripts)
     policy = (
         f"default-src 'none'; script-src {allowed}; style-src {_hash(style)}; "

@@ -270,7 +270,7 @@ def test_inv7_whatever_a_ros_argument_is_it_is_refused_in_a_sentence(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     if name == 'panel':
-        pytest.importorskip('viser')
+        pytest.importorskip('websockets')
     monkeypatch.setattr(sys, 'argv', [name, '--ros-args', *words])
     assert import_module(f'epson_driver.cli.{name}').main() == 1
     said = capsys.readouterr().err

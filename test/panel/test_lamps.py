@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 from epson_driver.driver.inhibit import Cause, Inhibit, Remedy
-from epson_driver.panel import page_html
 from epson_driver.panel.lamps import BAD, CALM, GOOD, UNKNOWN, WARN, WORDS, advice, lamps
 from epson_driver.panel.robot_state import (
     MAX_AGES_S,
     Event,
-    IoRange,
     RobotState,
     Simulation,
     Status,
@@ -40,7 +38,6 @@ def state(status: Status = FINE, **changes: object) -> RobotState:
     found = RobotState(
         joint_names=('a', 'b'),
         positions=np.zeros(2),
-        velocities=np.zeros(2),
         status=status,
         link='connected',
         gate_open=True,
@@ -204,48 +201,12 @@ def test_unknown_is_not_taken_for_no() -> None:
 # --- as HTML ------------------------------------------------------------------------------------
 
 
-def test_the_page_greys_itself_when_nothing_new_comes() -> None:
-    assert 'animation:ed-stale' in page_html.STYLE
-    shown = lamps(state(), NOW)
-    ages = [('joints', 0.0)]
-    first = page_html.lamps_html(shown, advice(state(), NOW), ages, 1)
-    assert 'ed-live' in first
-    assert first != page_html.lamps_html(shown, advice(state(), NOW), ages, 2)  # starts it again
-
-
-def test_what_others_say_is_text_and_no_html() -> None:
-    bad = '<script>alert(1)</script>"'
-    inhibit = Inhibit(Cause.ERROR, Remedy.RESET, bad, bad)
-    found = state(gate_open=False, inhibit=inhibit, link=bad)
-    parts = [
-        page_html.lamps_html(lamps(found, NOW), advice(found, NOW), [], 0),
-        page_html.log_html([Event(0.0, 20, bad)]),
-        page_html.io_html([], bad),
-        page_html.joints_html(
-            [bad], np.zeros(1), -np.ones(1), np.ones(1), np.ones(1), ['°'], True
-        ),
-    ]
-    assert not any('<script' in part for part in parts)
-
-
-def test_io_is_shown_by_its_values() -> None:
-    text = page_html.io_html([IoRange(1, 8, (0, 1)), IoRange(3, 0, (1200,))], '')
-    assert '<span class="off">8</span><span class="on">9</span>' in text
-    assert '1200' in text
-
-
 def test_a_line_that_driver_and_panel_both_say_is_shown_once() -> None:
     found = RobotState()
     found.add_event(Event(10.0, 20, '~/enable: the arm is enabled'))
     found.add_event(Event(10.5, 20, 'enable: the arm is enabled'))
     found.add_event(Event(14.0, 20, '~/enable: the arm is enabled'))
     assert [event.at for event in found.events] == [10.0, 14.0]
-
-
-def test_ages_are_shown() -> None:
-    text = page_html.lamps_html([], advice(state(), NOW), [('joints', 0.04), ('x', None)], 0)
-    assert 'joints 0.0 s' in text
-    assert 'x none yet' in text
 
 
 def test_a_simulated_controller_that_is_paused_says_what_helps() -> None:

@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip('viser')
+pytest.importorskip('websockets')
 
 from support.panel_client import PanelClient
 from support.ros_peer import PATIENCE
 
 from epson_driver.panel import panel as panel_module
-from epson_driver.panel.panel import STOP, Panel, address
+from epson_driver.panel.panel import Panel, address
 from epson_driver.panel.web_server import WebServer
 from epson_driver.processes import processes
 
@@ -40,7 +40,7 @@ class Running:
 
     def window(self) -> PanelClient:
         client = PanelClient(self.panel.web.port)
-        client.wait(lambda: client.buttons('Arm'), 'its controls')
+        client.wait(lambda: 'controls' in client.parts, 'its controls')
         return client
 
 
@@ -72,12 +72,12 @@ def test_a_failure_of_any_part_ends_the_panel(
     part: str, running: Running, caplog: pytest.LogCaptureFixture
 ) -> None:
     client = running.window()
-    page = running.panel._pages[ROBOT]
+    view = running.panel._views[ROBOT]
     ends: dict[str, Callable[[], Any]] = {
-        'drawing': lambda: setattr(page, 'draw_text', fails),
-        'a button': lambda: (setattr(page.control.robot, 'trigger', fails), client.click(STOP)),
+        'drawing': lambda: setattr(view, 'parts', fails),
+        'a button': lambda: (setattr(view.control.robot, 'trigger', fails), client.click('STOP')),
         'serving ROS': lambda: running.panel.ros._thread.executor.create_task(fails),
-        'disarming': lambda: (setattr(page.control.arming, 'disconnect', fails), client.close()),
+        'disarming': lambda: (setattr(view.control.arming, 'disconnect', fails), client.close()),
     }
     ends[part]()
     assert running.end() == 1
@@ -95,23 +95,9 @@ def test_without_a_failure_it_ends_with_0(running: Running) -> None:
     assert closed(running)
 
 
-def test_what_vanishes_with_its_browser_is_no_failure(running: Running) -> None:
-    client = running.window()
-    (handle,) = running.panel.web.viser.get_clients().values()
-    with pytest.raises(KeyError), running.panel._unless_gone(handle):
-        raise KeyError
-    client.close()
-    until = threading.Event()
-    while handle.client_id in running.panel.web.viser.get_clients():
-        until.wait(0.01)
-    with running.panel._unless_gone(handle):
-        raise KeyError
-    running.window().close()
-
-
 def test_a_stop_that_nobody_can_carry_out_is_said_and_no_failure(running: Running) -> None:
     with running.window() as client:
-        client.click(STOP)
+        client.click('STOP')
         client.wait_for_notification('nobody serves /nobody/stop')
         client.click('Arm')
         client.wait_for_notification('the driver does not report')

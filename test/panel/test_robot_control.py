@@ -86,7 +86,6 @@ def controlled(robot: Robot, pendants: PendantThread, *, allow_motion: bool) -> 
         robot,  # type: ignore[arg-type]
         pendants,
         lambda: NOW,
-        on_error=fail,
         allow_motion=allow_motion,
     )
     found.arming.connect(1)
@@ -198,7 +197,6 @@ def test_a_stop_that_is_not_answered_is_an_alarm_until_one_is(
         robot,  # type: ignore[arg-type]
         pendants,
         lambda: now,
-        on_error=fail,
         allow_motion=True,
     )
     control.stop()
@@ -427,7 +425,7 @@ def test_a_click_that_has_begun_is_over_before_the_arming_ends() -> None:
     assert not rules.may(1)
 
 
-pytest.importorskip('viser')
+pytest.importorskip('websockets')
 
 DEMO = (sys.executable, '-m', 'epson_driver.cli', 'demo')
 
@@ -473,7 +471,7 @@ def test_two_runs_cannot_stay() -> None:
 
 def test_demo_with_a_panel_says_what_is_missing() -> None:
     code = (
-        'import sys; sys.modules["viser"] = None; sys.argv = ["", "demo", "--panel"]\n'
+        'import sys; sys.modules["websockets"] = None; sys.argv = ["", "demo", "--panel"]\n'
         'from epson_driver.cli.__main__ import main; sys.exit(main())'
     )
     run = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=False)

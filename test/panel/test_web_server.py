@@ -2,9 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """The panel's web server, and who may use it."""
 
+import asyncio
 import http.client
+import json
+import re
 import socket
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,22 +17,67 @@ import pytest
 
 from epson_driver.panel.access import Access, Rejection, is_loopback, own_names
 
-pytest.importorskip('viser')
+pytest.importorskip('websockets')
 
-from support.panel_client import PanelClient
-from websockets.exceptions import InvalidStatus
+from support.ros_peer import PATIENCE
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
 
-from epson_driver.panel import web_server
+from epson_driver.panel.requests import message_of
 from epson_driver.panel.web_server import WebServer, WebServerError
+from epson_driver.panel.window import MAX_LATE_S, Window
 
 HERE = '127.0.0.1'
 
 
+class Visitors:
+    """Who came, what they sent, and what has failed."""
+
+    def __init__(self) -> None:
+        self.windows: list[Window] = []
+        self.asked: list[dict[str, Any]] = []
+        self.left = threading.Event()
+        self.failed: list[BaseException] = []
+
+    def came(self, window: Window) -> None:
+        self.windows.append(window)
+        window.offer('', {'beat': '1'})
+
+    def gone(self, _window: Window) -> None:
+        self.left.set()
+
+    def received(self, _window: Window, text: str | bytes) -> None:
+        asked = message_of(text)
+        self.asked.append(asked)
+        if asked['do'] == 'fail':
+            raise ZeroDivisionError
+
+    def fail(self, _what: str, error: BaseException) -> None:
+        self.failed.append(error)
+
+
 @pytest.fixture
-def server() -> Iterator[WebServer]:
-    found = WebServer(HERE, 0, None)
+def visitors() -> Visitors:
+    return Visitors()
+
+
+def serving(
+    visitors: Visitors, host: str = HERE, port: int = 0, token: str | None = None
+) -> WebServer:
+    return WebServer(host, port, token, visitors, visitors.fail)
+
+
+@pytest.fixture
+def server(visitors: Visitors) -> Iterator[WebServer]:
+    found = serving(visitors)
     yield found
     found.stop()
+
+
+def opened(port: int, origin: str | None = '', **options: Any) -> Any:
+    """Open a websocket, as the page does unless `origin` says otherwise."""
+    own = f'http://{HERE}:{port}' if origin == '' else origin
+    return connect(f'ws://{HERE}:{port}/', origin=own, open_timeout=PATIENCE, **options)
 
 
 def get(port: int, path: str = '/', **headers: str) -> tuple[int, str, Any]:
@@ -61,15 +110,28 @@ def test_the_own_page_connects(server: WebServer) -> None:
     assert status == 200
     assert '<html' in body
     assert "default-src 'none'" in headers['Content-Security-Policy']
-    server.viser.gui.add_button('there')
-    with PanelClient(server.port) as client:
-        client.wait(lambda: client.buttons('there'), 'a button')
+    with opened(server.port) as client:
+        assert json.loads(client.recv(PATIENCE)) == {'beat': 1, 'robot': ''}
+
+
+def test_every_file_that_the_page_names_is_there_and_none_is_elsewhere(server: WebServer) -> None:
+    page = get(server.port)[1]
+    named = set(re.findall(r'(?:src|href)="([^"]+)"', page))
+    assert {'bundle.js', 'arm.js', 'panel.js', 'panel.css', 'bundle.css'} <= named
+    for name in named:
+        status, body, headers = get(server.port, f'/{name}')
+        assert status == 200
+        assert headers['X-Content-Type-Options'] == 'nosniff'
+        named_inside = re.findall(r"from '\./([^']+)'", body) if name.endswith('panel.js') else []
+        assert all(get(server.port, f'/{each}')[0] == 200 for each in named_inside)
+    assert '//' not in ''.join(named)
+    assert not re.search(r'<script>|\sstyle=|\son\w+=', page)  # the policy forbids them
 
 
 @pytest.mark.parametrize('origin', ['http://evil.example', 'http://127.0.0.1:1', None])
 def test_no_other_page_gets_a_websocket(server: WebServer, origin: str | None) -> None:
     with pytest.raises(InvalidStatus) as refused:
-        PanelClient(server.port, origin)
+        opened(server.port, origin)
     assert refused.value.response.status_code == 403
 
 
@@ -89,71 +151,117 @@ def test_a_header_that_is_there_twice_cannot_be_read_in_two_ways(server: WebServ
         assert connection.recv(100).startswith(b'HTTP/1.1 400 ')
 
 
-def test_the_tunnel_to_the_internet_has_no_handler(
-    server: WebServer, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.invariant(7)
+@pytest.mark.parametrize('text', ['', 'x', '[1]', '{"do": 1}', b'\x00\xff', 'x' * 20_000])
+def test_what_no_page_sends_ends_that_connection_alone(
+    text: str | bytes, server: WebServer, visitors: Visitors
 ) -> None:
-    asked = []
-    for name in ('request_share_url', 'disconnect_share_url'):
-        monkeypatch.setattr(server.viser, name, lambda *_, name=name: asked.append(name))
-    pressed = threading.Event()
-    button = server.viser.gui.add_button('after that')
-    button.on_click(lambda _: pressed.set())
-    with PanelClient(server.port) as client:
-        client.send({'type': 'ShareUrlRequest'})
-        client.send({'type': 'ShareUrlDisconnect'})
-        client.click('after that')
-        assert pressed.wait(60)
-    assert asked == []
+    with opened(server.port) as other, opened(server.port) as client:
+        client.send(text)
+        client.recv(PATIENCE)
+        with pytest.raises(ConnectionClosed) as closed:
+            client.recv(PATIENCE)
+        assert closed.value.rcvd is not None
+        assert closed.value.rcvd.code in (1008, 1009)
+        assert visitors.left.wait(PATIENCE)
+        other.send('{"do": "alive"}')
+        until = time.monotonic() + PATIENCE
+        while not visitors.asked:
+            assert time.monotonic() < until
+            time.sleep(0.01)
+    assert visitors.failed == []
+
+
+@pytest.mark.invariant(9)
+def test_what_fails_in_a_request_is_told(server: WebServer, visitors: Visitors) -> None:
+    with opened(server.port) as client:
+        client.send('{"do": "fail"}')
+        assert visitors.left.wait(PATIENCE)
+    assert [type(each) for each in visitors.failed] == [ZeroDivisionError]
+
+
+def test_a_window_that_does_not_read_keeps_only_what_is_newest(
+    server: WebServer, visitors: Visitors
+) -> None:
+    """Its line is full: what is offered meanwhile takes the place of what waits."""
+    long = 'x' * 100_000
+    with opened(server.port, max_size=None) as client:
+        client.recv(PATIENCE)
+        (window,) = visitors.windows
+        for number in range(1000):
+            window.offer('', {'beat': str(number), 'log': json.dumps(f'{number}{long}')})
+            window.say(str(number))
+        assert sum(map(len, window._waiting.values())) < 2 * len(long)
+        found: dict[str, Any] = {}
+        while found.get('beat') != 999:
+            found |= json.loads(client.recv(PATIENCE))
+        assert found['log'].startswith('999')
+
+
+def test_only_news_are_sent_and_another_robot_is_all_news(
+    server: WebServer, visitors: Visitors
+) -> None:
+    with opened(server.port) as client:
+        client.recv(PATIENCE)
+        (window,) = visitors.windows
+        window.offer('', {'beat': '1'})
+        window.offer('/other', {'beat': '7'})  # a robot that it does not show
+        window.offer('', {'beat': '2', 'io': '3'})
+        assert json.loads(client.recv(PATIENCE)) == {'beat': 2, 'io': 3, 'robot': ''}
+        window.choose('/other')
+        window.offer('/other', {'beat': '2', 'io': '3'})
+        assert json.loads(client.recv(PATIENCE)) == {'beat': 2, 'io': 3, 'robot': '/other'}
+
+
+def test_what_a_line_has_held_up_is_late() -> None:
+    window = Window(asyncio.new_event_loop())
+    assert not window.late(5.0, 100.0)  # the clocks differ by 95 s
+    assert not window.late(6.0, 100.99 + MAX_LATE_S)
+    assert window.late(7.0, 102.01 + MAX_LATE_S)
+    assert not window.late(8.0, 102.9)  # quicker than the first
+    assert window.late(9.0, 103.95 + MAX_LATE_S)
+    window._loop.close()
 
 
 def test_a_port_that_is_taken_is_an_error_and_not_another_port(server: WebServer) -> None:
     with pytest.raises(WebServerError, match=f'port {server.port} .* cannot be opened: .*--port'):
-        WebServer(HERE, server.port, None)
+        serving(Visitors(), port=server.port)
 
 
 @pytest.mark.parametrize('host', ['192.0.2.1', 'no.such.host.invalid'])
 def test_an_address_of_somebody_else_is_an_error(host: str) -> None:
-    with pytest.raises(WebServerError, match=host):
-        WebServer(host, 0, 'secret')
+    with pytest.raises(WebServerError, match=host) as refused:
+        serving(Visitors(), host, token='secret')
+    assert 'end the process' not in str(refused.value)
 
 
-def test_other_machines_are_let_in_with_a_token_only() -> None:
+def test_other_machines_are_let_in_with_a_token_only(visitors: Visitors) -> None:
     with pytest.raises(WebServerError, match='a token is needed'):
-        WebServer('0.0.0.0', 0, None)
-    server = WebServer('0.0.0.0', 0, 'secret')
+        serving(visitors, '0.0.0.0')
+    server = serving(visitors, '0.0.0.0', token='secret')
     try:
-        assert get(server.port)[0] == 403
+        assert get(server.port)[0] == get(server.port, '/panel.js')[0] == 403
         status, _, headers = get(server.port, '/?token=secret')
         assert status == 200
         cookie = headers['Set-Cookie'].partition(';')[0]
-        assert get(server.port, Cookie=cookie)[0] == 200
+        assert get(server.port, '/panel.js', Cookie=cookie)[0] == 200
         with pytest.raises(InvalidStatus):
-            PanelClient(server.port)
-        PanelClient(server.port, headers={'Cookie': cookie}).close()
+            opened(server.port)
+        opened(server.port, additional_headers={'Cookie': cookie}).close()
     finally:
         server.stop()
 
 
-def test_another_viser_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(web_server.viser, '__version__', '1.2.0')
-    with pytest.raises(
-        WebServerError, match=r'1\.2\.0 is installed: .*pip install viser==1\.1\.1'
-    ):
-        WebServer(HERE, 0, None)
-
-
-def test_a_viser_that_serves_in_another_way_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(web_server.viser, 'ViserServer', lambda **_: None)
-    with pytest.raises(WebServerError, match='did not start its server as expected'):
-        WebServer(HERE, 0, None)
-
-
-def test_the_port_is_free_again_afterwards() -> None:
-    server = WebServer(HERE, 0, None)
+def test_the_port_is_free_again_afterwards(visitors: Visitors) -> None:
+    server = serving(visitors)
     assert server.alive
+    client = opened(server.port)
     server.stop()
     assert listens_on(server.port) == set()
     assert not server.alive
+    client.close()
+    assert visitors.left.is_set()
+    assert visitors.failed == []
 
 
 PORT = 8080

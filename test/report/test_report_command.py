@@ -16,10 +16,11 @@ from support.recorded_run import usual_run
 
 from epson_driver.cli import report
 from epson_driver.error_texts import load_error_texts
+from epson_driver.pages.packed_arm import packed
 from epson_driver.processes.interrupt import INTERRUPTED
 from epson_driver.report.derivatives import derivatives
 from epson_driver.report.figures import figures
-from epson_driver.report.page import MAX_SAMPLES, packed, page
+from epson_driver.report.page import MAX_SAMPLES, page
 from epson_driver.report.run import Run
 from epson_driver.report.trace_run import read_trace
 from epson_driver.robots import load_robot_model, robot_models
@@ -137,7 +138,7 @@ MODEL = load_robot_model('c3_a601s')
 
 ROOT = Path(__file__).parents[2]
 
-ASSETS = ROOT / 'epson_driver/report/assets'
+ASSETS = ROOT / 'epson_driver/pages/assets'
 
 
 def made(tmp_path, **options):
@@ -224,7 +225,7 @@ def test_every_robot_can_be_drawn(name):
 
 
 def test_the_bundle_has_its_licences_and_its_versions():
-    wanted = json.loads((ROOT / 'generate/report_bundle/package.json').read_text())['dependencies']
+    wanted = json.loads((ROOT / 'generate/page_bundle/package.json').read_text())['dependencies']
     licences = (ASSETS / 'bundle.LICENSES.txt').read_text()
     for name, version in (('three.js', wanted['three']), ('uPlot', wanted['uplot'])):
         assert f'=== {name} {version} ===' in licences

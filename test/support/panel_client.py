@@ -3,16 +3,16 @@
 """The panel as tests use it: its process, its pages, its clients."""
 
 import contextlib
-import http.client
-import re
+import json
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from websockets.exceptions import ConnectionClosed
 
 from epson_driver.motion import Trajectory
 from epson_driver.processes import processes
@@ -21,45 +21,45 @@ from support import patient
 from support.cell import LASTS, START
 from support.ros_peer import JOINTS, PATIENCE
 
-msgspec = pytest.importorskip('msgspec')
-zstandard = pytest.importorskip('zstandard')
 connect = pytest.importorskip('websockets.sync.client').connect
 
-PROTOCOL = 'viser-v1.1.1'
+ALIVE_S = 0.1
 
-CAMERA: dict[str, Any] = {
-    'type': 'ViewerCameraMessage',
-    'wxyz': (1.0, 0.0, 0.0, 0.0),
-    'position': (1.0, 1.0, 1.0),
-    'fov': 1.0,
-    'near': 0.1,
-    'far': 10.0,
-    'image_height': 100,
-    'image_width': 100,
-    'look_at': (0.0, 0.0, 0.0),
-    'up_direction': (0.0, 0.0, 1.0),
+CLICKS = {
+    'STOP': 'stop',
+    'Disable': 'disable',
+    'Arm': 'arm',
+    'Disarm': 'disarm',
+    'Enable': 'enable',
+    'Reset error': 'reset_error',
+    'Clear all faults': 'clear_faults',
 }
+"""What a button asks for."""
 
 
 class PanelClient:
     """One window of the panel at a port; `headers` are added to those of its request.
 
-    It keeps the elements of the page by their ids. Raises websockets' InvalidStatus if it is not
-    let in.
+    It keeps the parts of the page by their names, and shows the first robot, or the one whose
+    label is given. Raises websockets' InvalidStatus if it is not let in.
     """
 
     def __init__(
-        self, port: int, origin: str | None = '', headers: Mapping[str, str] | None = None
+        self,
+        port: int,
+        origin: str | None = '',
+        headers: Mapping[str, str] | None = None,
+        robot: str = '',
     ) -> None:
-        self.elements: dict[str, dict[str, Any]] = {}
-        self.first: list[dict[str, Any]] = []
-        """Each element as it was when it came."""
+        self.parts: dict[str, Any] = {}
         self.notifications: list[str] = []
-        self.kinds: set[str] = set()
+        self.inputs = {'Input': 0, 'Fault': '', 'Details': ''}
+        self.robot = ''
+        """The node of the robot that it shows."""
+        self._wanted = robot
         own = f'http://127.0.0.1:{port}' if origin == '' else origin
         self._socket = connect(
             f'ws://127.0.0.1:{port}',
-            subprotocols=[PROTOCOL],
             origin=own,
             additional_headers=dict(headers or {}),
             max_size=None,
@@ -67,17 +67,14 @@ class PanelClient:
             compression=None,
         )
         self._news = threading.Condition()
-        self._port = port
-        self._headers = dict(headers or {})
         self._closed = threading.Event()
         self.lives = threading.Event()
-        """Set when it has given a sign of life."""
+        """Set when it has given a sign of life for a robot that it shows."""
         self._threads = [
             threading.Thread(target=each, daemon=True) for each in (self._read, self._live)
         ]
         for thread in self._threads:
             thread.start()
-        self.send(CAMERA)
 
     def __enter__(self) -> 'PanelClient':
         return self
@@ -95,42 +92,47 @@ class PanelClient:
         self._closed.set()
         self._threads[1].join(PATIENCE)
 
-    def send(self, message: Mapping[str, Any]) -> None:
-        self._socket.send(msgspec.msgpack.encode(message))
+    def ask(self, word: str, **more: Any) -> None:
+        """Send a request, as the page does."""
+        self.send({'do': word, 'robot': self.robot} | more)
+
+    def send(self, message: Any) -> None:
+        self._socket.send(json.dumps(message))
 
     # --- what it shows ----------------------------------------------------------------------
 
-    def buttons(self, label: str) -> list[str]:
-        """Return the ids of the buttons with a label."""
-        return [
-            uuid
-            for uuid, each in list(self.elements.items())
-            if each.get('label') == label and each['type'] == 'GuiButtonMessage'
-        ]
+    @property
+    def armed(self) -> bool:
+        """Whether what moves the robot can be pressed."""
+        return bool(self.parts.get('controls', {}).get('armed') == 'yes')
 
     @property
-    def labels(self) -> set[str]:
-        """All labels of inputs and buttons."""
-        return {str(each.get('label')) for each in list(self.elements.values())}
-
-    def disabled(self, label: str) -> bool:
-        """Return whether a button, once it is there, is shown as one that cannot be pressed."""
-        self.wait(lambda: self.buttons(label), f'a button {label}')
-        return bool(self.elements[self.buttons(label)[0]]['disabled'])
-
-    def html(self, part: str) -> str:
-        """Return the part of the page that is named so by data-part."""
-        texts = [each.get('content', '') for each in list(self.elements.values())]
-        return next((text for text in texts if f'data-part="{part}"' in text), '')
+    def log(self) -> list[str]:
+        """The lines of the log, the newest first."""
+        return [text for _, _, text in reversed(self.parts.get('log', []))]
 
     def newest_log(self) -> str:
         """Return the line of the log that came last."""
-        return self.html('log').partition('</div>')[0]
+        return next(iter(self.log), '')
+
+    @property
+    def advice(self) -> str:
+        """What is in the way, and the remedy."""
+        found = self.parts.get('advice', {'reason': '', 'remedy': ''})
+        return f'{found["reason"]} → {found["remedy"]}'
 
     def lamp(self, name: str) -> str:
         """Return the colour of a lamp."""
-        _, found, rest = self.html('lamps').partition(f'data-lamp="{name}" data-colour="')
-        return rest.partition('"')[0] if found else ''
+        return next((each[2] for each in self.parts.get('lamps', []) if each[0] == name), '')
+
+    def point(self, kind: int, index: int) -> int | None:
+        """Return what an input (1) or output (2) is, None if it is not shown."""
+        for each in self.parts.get('io', []):
+            place = index - each['start']
+            if each['type'] == kind and 0 <= place < len(each['values']):
+                found: int = each['values'][place]
+                return found
+        return None
 
     def wait(self, true: Callable[[], object], what: str) -> None:
         """Wait until something is so. Raises AssertionError with what was said meanwhile."""
@@ -138,7 +140,7 @@ class PanelClient:
         with self._news:
             while not true():
                 left = until - time.monotonic()
-                said = f'{self.notifications}, {self.html("log")}'
+                said = f'{self.notifications}, {self.log}'
                 assert left > 0, f'not: {what}; said: {said}'
                 assert self._threads[0].is_alive(), (
                     f'the panel has closed; not: {what}; said: {said}'
@@ -154,11 +156,14 @@ class PanelClient:
         The log is that of the panel: other windows may have written the same line before.
         """
 
-        def newer() -> str:
-            log = self.html('log')  # the newest line is the first
-            return log.partition(after)[0] if after else log
+        def newer() -> list[str]:
+            log = self.log
+            old = next((at for at, line in enumerate(log) if after and after in line), len(log))
+            return log[:old]
 
-        self.wait(lambda: text in newer(), f'{text!r} in the log, after {after!r}')
+        self.wait(
+            lambda: any(text in line for line in newer()), f'{text!r} in the log, after {after!r}'
+        )
 
     def wait_for_notification(self, text: str) -> None:
         self.wait(
@@ -169,65 +174,55 @@ class PanelClient:
 
     def click(self, label: str) -> None:
         """Click a button, whether it is shown as disabled or not."""
-        self.wait(lambda: self.buttons(label), f'a button {label}')
-        self.click_id(self.buttons(label)[0])
+        self.wait(lambda: 'controls' in self.parts, 'the controls')
+        if label in CLICKS:
+            self.ask(CLICKS[label])
+        elif label == 'Switch this input':
+            self.ask('input', index=self.inputs['Input'])
+        elif label == 'Start this fault':
+            self.ask('fault', text=f'{self.inputs["Fault"]} {self.inputs["Details"]}'.strip())
+        else:
+            word = {'Execute': 'execute', 'Go to its start, slowly': 'go_to_start'}[label]
+            self.ask(word, name=SWING)
 
-    def click_id(self, uuid: str) -> None:
-        self.send({'type': 'GuiUpdateMessage', 'uuid': uuid, 'updates': {'value': True}})
-
-    def set(self, label: str, value: object) -> None:
+    def set(self, label: str, value: Any) -> None:
         """Set an input, or click one of a group of buttons."""
-
-        def found() -> list[str]:
-            return [
-                uuid for uuid, each in list(self.elements.items()) if each.get('label') == label
-            ]
-
-        self.wait(found, f'an input {label}')
-        self.send({'type': 'GuiUpdateMessage', 'uuid': found()[0], 'updates': {'value': value}})
+        if label in self.inputs:
+            self.inputs[label] = value
+        elif label == 'Speed [%]':
+            self.ask('speed', value=value / 100.0)
+        elif label == 'Switch output':
+            self.ask('output', index=int(value))
+        else:
+            self.ask('press', what=label, how=value)
 
     # --- what the page does by itself -------------------------------------------------------
 
     def _live(self) -> None:
         """Give signs of life, as the script of the page does."""
-        while not self._closed.wait(0.1):
-            texts = [each.get('content', '') for each in list(self.elements.values())]
-            found = re.search(r"fetch\('([^']+)'\)", ''.join(map(str, texts)))
-            if found is not None:
-                connection = http.client.HTTPConnection('127.0.0.1', self._port, timeout=PATIENCE)
-                with contextlib.suppress(OSError):
-                    connection.request('GET', found[1], headers=self._headers)
-                    connection.getresponse().read()
+        with contextlib.suppress(ConnectionClosed):
+            while not self._closed.wait(ALIVE_S):
+                self.send({'do': 'alive'})
+                if 'controls' in self.parts:
                     self.lives.set()
-                connection.close()
 
     def _read(self) -> None:
         for frame in self._socket:
-            assert isinstance(frame, bytes)
-            size, packed = (int.from_bytes(frame[at : at + 8], 'little') for at in (0, 8))
-            inner = zstandard.ZstdDecompressor().decompress(frame[16 : 16 + packed], size)
+            parts = json.loads(frame)
             with self._news:
-                for message in msgspec.msgpack.decode(inner)['messages']:
-                    self._take(message)
+                self.notifications += parts.pop('notes', [])
+                if 'robots' in parts:
+                    self._choose(parts['robots'])
+                if parts.pop('robot') != self.robot:  # of the one that was shown before
+                    parts = {key: parts[key] for key in ('robots', 'alarms') if key in parts}
+                self.parts |= parts
                 self._news.notify_all()
 
-    def _take(self, message: dict[str, Any]) -> None:
-        kind, uuid = message['type'], message.get('uuid')
-        self.kinds.add(kind)
-        if kind == 'NotificationShowMessage' or kind.startswith('Notification'):
-            self.notifications += list(_texts(message.get('props')))
-        elif kind == 'GuiUpdateMessage' and uuid in self.elements:
-            self.elements[uuid] |= message['updates']
-        elif kind == 'GuiRemoveMessage':
-            self.elements.pop(str(uuid), None)
-        elif kind.startswith('Gui') and uuid is not None:
-            self.elements[uuid] = {'type': kind} | message.get('props', {})
-            self.first.append(dict(self.elements[uuid]))
-
-
-def _texts(props: Any) -> Iterator[str]:
-    if isinstance(props, dict):
-        yield f'{props.get("title")}: {props.get("body")}'
+    def _choose(self, robots: list[dict[str, str]]) -> None:
+        names = [each['name'] for each in robots if self._wanted in ('', each['label'])]
+        if self.robot not in names and names:
+            self.robot = names[0]
+            self.ask('choose')
 
 
 SWING = 'swing'
@@ -259,7 +254,7 @@ class PanelProcess:
         client = PanelClient(self.port)
         self._windows.append(client)
         client.wait_for_lamp('Link', 'good')
-        client.wait(lambda: client.buttons('Arm'), 'its controls')
+        client.wait(lambda: 'controls' in client.parts, 'its controls')
         assert client.lives.wait(PATIENCE)
         return client
 
@@ -273,11 +268,11 @@ class PanelProcess:
     def arm(self, client: PanelClient) -> None:
         """Arm a window; a controller that has just come, or come back, is not known at once."""
         until = time.monotonic() + PATIENCE
-        while client.disabled('Enable'):
+        while not client.armed:
             assert time.monotonic() < until, f'not armed: {client.notifications}'
             client.notifications.clear()
             client.click('Arm')
-            client.wait(lambda: client.notifications or not client.disabled('Enable'), 'an answer')
+            client.wait(lambda: client.notifications or client.armed, 'an answer')
 
     def close_windows(self) -> None:
         """Close what a test has opened; one that failed may have left an armed window."""

@@ -5,7 +5,16 @@
 import sys
 from pathlib import Path
 
-INSTALLED = ('epson_driver', 'matplotlib', 'numpy', 'rclpy', 'rich', 'ruckig', 'viser', 'yaml')
+INSTALLED = (
+    'epson_driver',
+    'matplotlib',
+    'numpy',
+    'rclpy',
+    'rich',
+    'ruckig',
+    'websockets',
+    'yaml',
+)
 TRAP = """
 import os
 with open(os.path.join(os.path.dirname(__file__), 'PWNED'), 'a') as file:

@@ -23,7 +23,6 @@ UNDECLARED = (
     'embreex',
     'mcap',
     'mcap_ros2',
-    'msgspec',
     'ompl',
     'pinocchio',
     'playwright',
@@ -31,9 +30,7 @@ UNDECLARED = (
     'rosdep2',
     'toppra',
     'trimesh',
-    'viser',
     'websockets',
-    'zstandard',
 )
 """Modules that some tests need and package.xml does not name: rosdep has no key for them, or for
 another thing."""

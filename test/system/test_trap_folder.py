@@ -95,7 +95,7 @@ def test_what_starts_processes_starts_them(folder: Path, words: list[str]) -> No
 
 @pytest.mark.slow
 def test_the_panel_starts_beside_the_simulated_controller(folder: Path) -> None:
-    pytest.importorskip('viser')
+    pytest.importorskip('websockets')
     process = started(folder, 'sim_controller', *FREE, '--panel')
     assert process.stdout is not None
     while not process.stdout.readline().startswith('panel'):

@@ -10,12 +10,11 @@
   const compare = runs.length > 1;
   const letter = (r) => 'AB'[r];
   const RUN_COLOURS = ['#0b5cad', '#d97706'];
-  const GHOST = 0.05; // rad or m: the plan is drawn as an arm of its own where it is further from the measured one
   const TAU = 2 * Math.PI;
 
   // --- reading ------------------------------------------------------------------------------------
 
-  const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
+  const { bytes } = drawing;
   const floats = (text) => new Float32Array(bytes(text));
   const column = (values, index, count, scale = 1) => {
     const found = new Array(values.length / count);
@@ -192,84 +191,7 @@
 
   // --- the arm ------------------------------------------------------------------------------------
 
-  const CREASE = Math.cos(35 * Math.PI / 180);
-  function geometryOf(mesh) {
-    const corners = new Uint16Array(bytes(mesh.vertices));
-    const index = new Uint16Array(bytes(mesh.triangles));
-    const point = (n) => [0, 1, 2].map((k) => mesh.low[k] + mesh.size[k] * corners[3 * n + k] / 65535);
-    const faces = [], around = new Map();
-    for (let f = 0; f < index.length; f += 3) {
-      const [a, b, c] = [point(index[f]), point(index[f + 1]), point(index[f + 2])];
-      const u = b.map((x, k) => x - a[k]), w = c.map((x, k) => x - a[k]);
-      const cross = [u[1] * w[2] - u[2] * w[1], u[2] * w[0] - u[0] * w[2], u[0] * w[1] - u[1] * w[0]];
-      const length = Math.hypot(...cross) || 1;
-      faces.push({ cross, normal: cross.map((x) => x / length), corners: [a, b, c] });
-      for (let k = 0; k < 3; k++) around.set(index[f + k], [...(around.get(index[f + k]) || []), faces.length - 1]);
-    }
-    const positions = new Float32Array(index.length * 3), normals = new Float32Array(index.length * 3);
-    index.forEach((vertex, i) => {
-      const face = faces[Math.floor(i / 3)], sum = [0, 0, 0];
-      for (const other of around.get(vertex)) {
-        const { normal, cross } = faces[other];
-        if (normal[0] * face.normal[0] + normal[1] * face.normal[1] + normal[2] * face.normal[2] >= CREASE) cross.forEach((x, k) => { sum[k] += x; });
-      }
-      const length = Math.hypot(...sum) || 1;
-      for (let k = 0; k < 3; k++) {
-        positions[3 * i + k] = face.corners[i % 3][k];
-        normals[3 * i + k] = sum[k] / length;
-      }
-    });
-    const made = new lib.BufferGeometry();
-    made.setAttribute('position', new lib.BufferAttribute(positions, 3));
-    made.setAttribute('normal', new lib.BufferAttribute(normals, 3));
-    return made;
-  }
-  const geometries = arm.meshes.map(geometryOf);
-  const vector = (values) => new lib.Vector3(...values);
-
-  /** An arm: `set` moves its joints, `tool` returns where tool0 is. */
-  function makeArm(tint, opacity) {
-    const base = new lib.Group();
-    const links = [base];
-    arm.origins.forEach((origin) => {
-      const link = new lib.Group();
-      link.position.fromArray(origin);
-      links[links.length - 1].add(link);
-      links.push(link);
-    });
-    const tool = new lib.Group();
-    tool.position.fromArray(arm.tool0);
-    links[links.length - 1].add(tool);
-    const material = (colour) => new lib.MeshStandardMaterial({
-      color: tint ? new lib.Color(tint) : new lib.Color().setRGB(...colour, 'srgb'), roughness: 0.55, metalness: 0.05, side: lib.DoubleSide,
-      transparent: opacity < 1, opacity, depthWrite: opacity === 1,
-      polygonOffset: opacity < 1, polygonOffsetFactor: 2, polygonOffsetUnits: 8, // where both arms are in the same place, the solid one is seen
-    });
-    const add = (link, geometry, colour) => {
-      const mesh = new lib.Mesh(geometry, material(colour));
-      mesh.castShadow = opacity === 1;
-      mesh.receiveShadow = opacity === 1;
-      links[link].add(mesh);
-      return mesh;
-    };
-    arm.meshes.forEach((mesh, i) => add(mesh.link, geometries[i], mesh.colour));
-    const axes = arm.axes.map(vector);
-    return {
-      base,
-      set(q) {
-        q.forEach((value, j) => {
-          const link = links[j + 1];
-          if (arm.types[j] === 'prismatic') link.position.fromArray(arm.origins[j]).addScaledVector(axes[j], value);
-          else link.quaternion.setFromAxisAngle(axes[j], value);
-        });
-      },
-      tool() {
-        base.updateWorldMatrix(true, true);
-        return tool.getWorldPosition(new lib.Vector3());
-      },
-    };
-  }
-
+  const makeArm = drawing.armsOf(arm);
   const poseAt = (times, q, time) => q.map((values) => between(times, values, time));
   let view = null;
   try {
@@ -278,29 +200,7 @@
     $('view-note').textContent = `no 3D view: ${error.message}. The curves work without it.`;
   }
   function makeView() {
-    const renderer = new lib.WebGLRenderer({ canvas: $('scene'), antialias: true, alpha: true });
-    renderer.shadowMap.enabled = true;
-    renderer.shadowMap.type = lib.PCFShadowMap;
-    const scene = new lib.Scene();
-    scene.add(new lib.HemisphereLight(0xffffff, 0xb9c2cc, 1.7));
-    const sun = new lib.DirectionalLight(0xffffff, 2.1);
-    sun.position.set(1.2, -1.6, 2.6);
-    sun.castShadow = true;
-    sun.shadow.mapSize.set(1024, 1024);
-    Object.assign(sun.shadow.camera, { left: -1.3, right: 1.3, top: 1.3, bottom: -1.3, near: 0.1, far: 7 });
-    sun.shadow.radius = 5;
-    sun.shadow.bias = -0.0006;
-    sun.shadow.normalBias = 0.006;
-    scene.add(sun);
-    const ground = new lib.Mesh(new lib.PlaneGeometry(8, 8), new lib.ShadowMaterial({ opacity: 0.2 }));
-    ground.receiveShadow = true;
-    scene.add(ground);
-    const grid = new lib.GridHelper(3, 30, 0x9fb0c0, 0xd3dbe3);
-    grid.rotation.x = Math.PI / 2;
-    grid.position.z = -0.0005;
-    grid.material.transparent = true;
-    grid.material.opacity = 0.6;
-    scene.add(grid);
+    const { scene, soon, lookAt } = drawing.stage($('scene'), $('view'));
     const arms = runs.map((_, i) => makeArm(i ? RUN_COLOURS[1] : null, i ? 0.5 : 1));
     const ghost = makeArm('#0f9d8a', 0.22);
     ghost.base.visible = false;
@@ -318,30 +218,7 @@
     const tip = new lib.Mesh(new lib.SphereGeometry(0.011, 20, 14), new lib.MeshStandardMaterial({ color: RUN_COLOURS[0] }));
     scene.add(tip);
     const size = Math.max(0.5, ...all.map((point) => Math.max(Math.hypot(point.x, point.y), point.z)));
-    const camera = new lib.PerspectiveCamera(33, 1, 0.02, 40);
-    camera.up.set(0, 0, 1);
-    camera.position.set(1.6 * size + 0.14, -1.6 * size - 0.14, 1.05 * size + 0.22);
-    const controls = new lib.OrbitControls(camera, renderer.domElement);
-    controls.target.set(0.14 * size, 0, 0.53 * size);
-    controls.update();
-    let asked = false;
-    const render = () => {
-      asked = false;
-      renderer.render(scene, camera);
-    };
-    const soon = () => {
-      if (!asked) requestAnimationFrame(render);
-      asked = true;
-    };
-    controls.addEventListener('change', soon);
-    new ResizeObserver(() => {
-      const { clientWidth, clientHeight } = $('view');
-      renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
-      renderer.setSize(clientWidth, clientHeight, false);
-      camera.aspect = clientWidth / clientHeight;
-      camera.updateProjectionMatrix();
-      soon();
-    }).observe($('view'));
+    lookAt(size);
     return {
       set(time) {
         runs.forEach((run, i) => arms[i].set(poseAt(run.at, run.q, time)));
@@ -349,8 +226,8 @@
         const plan = planAt(runs[0], time);
         const there = plan ? poseAt(plan.at, plan.q, time) : [];
         const here = poseAt(runs[0].at, runs[0].q, time);
-        ghost.base.visible = there.some((value, j) => Math.abs(value - here[j]) > GHOST);
-        if (ghost.base.visible) ghost.set(there);
+        ghost.set(there);
+        ghost.showWhereApart(there, here);
         soon();
       },
     };

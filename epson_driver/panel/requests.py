@@ -1,0 +1,151 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a window may ask for: a table from the word in its message to what is done.
+
+A message is a JSON object: `do`, the name of the `robot` it is about, and what the word needs.
+Everything is judged when it comes, whatever the page showed.
+"""
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from epson_driver.motion import Trajectory
+from epson_driver.panel.jog import FRAMES
+from epson_driver.panel.robot_control import PENDANT, RobotControl
+from epson_driver.panel.robot_state import RequestError
+from epson_driver.panel.robot_view import INPUT, OUTPUT
+from epson_driver.panel.window import BadMessageError
+
+MAX_TEXT = 200
+MAX_JOINTS = 20
+
+Message = Mapping[str, Any]
+
+
+def message_of(text: str | bytes) -> dict[str, Any]:
+    """Return what a window has sent. Raises BadMessageError for what no page sends."""
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise BadMessageError('not JSON') from error
+    if not isinstance(found, dict) or not isinstance(found.get('do'), str):
+        raise BadMessageError('not a request')
+    return found
+
+
+def text(message: Message, key: str) -> str:
+    """Return a short text. Raises BadMessageError."""
+    value = message.get(key)
+    if not isinstance(value, str) or len(value) > MAX_TEXT:
+        raise BadMessageError(f'{key} must be a short text')
+    return value
+
+
+def number(message: Message, key: str, low: float, high: float) -> float:
+    """Return a number within bounds. Raises BadMessageError."""
+    value = message.get(key)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise BadMessageError(f'{key} must be a number')
+    if not low <= value <= high:
+        raise BadMessageError(f'{key} must be within {low:g} and {high:g}')
+    return float(value)
+
+
+class Requests:
+    """Does what windows ask of one robot. `trajectories`: those that are offered, by name."""
+
+    def __init__(self, trajectories: Mapping[str, Trajectory]) -> None:
+        self._trajectories = trajectories
+        self.table: dict[str, Callable[[RobotControl, int, Message], object]] = {
+            'stop_one': lambda control, _browser, _message: control.stop(),
+            'disable': lambda control, _browser, _message: control.disable(),
+            'arm': lambda control, browser, _message: control.arming.arm(browser),
+            'disarm': lambda control, browser, _message: control.arming.disarm('by hand', browser),
+            'enable': lambda control, browser, _message: control.enable(browser),
+            'reset_error': lambda control, browser, _message: control.reset_error(browser),
+            'speed': _speed,
+            'execute': self._execute,
+            'go_to_start': self._go_to_start,
+            'go_to': _go_to,
+            'jog': _jog,
+            'step': _step,
+            'output': lambda control, browser, message: _switch(control, browser, message, OUTPUT),
+            'input': lambda control, browser, message: _switch(control, browser, message, INPUT),
+            'press': _press,
+            'fault': lambda control, _browser, message: control.start_fault(text(message, 'text')),
+            'clear_faults': lambda control, _browser, _message: control.clear_faults(),
+        }
+
+    def _execute(self, control: RobotControl, browser: int, message: Message) -> None:
+        name, trajectory = self._trajectory(message)
+        with control.arming.held(browser):
+            if away := control.away_from_start(trajectory):
+                raise RequestError(f'{away} from the start of {name}: go there first')
+            control.execute(browser, name, trajectory)
+
+    def _go_to_start(self, control: RobotControl, browser: int, message: Message) -> None:
+        control.go_to_start(browser, *self._trajectory(message))
+
+    def _trajectory(self, message: Message) -> tuple[str, Trajectory]:
+        name = text(message, 'name')
+        if name not in self._trajectories:
+            raise RequestError('there is no such trajectory')
+        return name, self._trajectories[name]
+
+
+def _speed(control: RobotControl, browser: int, message: Message) -> None:
+    control.set_speed(browser, number(message, 'value', 0.0, 1.0))
+
+
+def _go_to(control: RobotControl, browser: int, message: Message) -> None:
+    joints = message.get('joints')
+    if not isinstance(joints, list) or not 0 < len(joints) <= MAX_JOINTS:
+        raise BadMessageError('joints must be a list of numbers')
+    values = [number({'joint': each}, 'joint', -1e4, 1e4) for each in joints]
+    control.go_to(browser, text(message, 'name'), np.array(values))
+
+
+def _hand(message: Message) -> tuple[str, str]:
+    frame = text(message, 'frame')
+    if frame not in FRAMES:
+        raise BadMessageError('frame must be world or tool')
+    return text(message, 'axis'), frame
+
+
+def _jog(control: RobotControl, browser: int, message: Message) -> None:
+    share = number(message, 'share', -1.0, 1.0)
+    if share:
+        control.jog(browser, *_hand(message), share)
+    else:
+        control.jog_end()
+
+
+def _step(control: RobotControl, browser: int, message: Message) -> None:
+    size, share = number(message, 'size', -10.0, 10.0), number(message, 'share', 0.01, 1.0)
+    control.step(browser, *_hand(message), size, share)
+
+
+def _switch(control: RobotControl, browser: int, message: Message, kind: int) -> None:
+    index, state = int(number(message, 'index', 0, 1e6)), control.robot.state
+    if state.io_reason:
+        raise RequestError(f'I/O is not known: {state.io_reason}')
+    for each in state.io:
+        if each.type == kind and 0 <= index - each.start < len(each.values):
+            value = 0 if each.values[index - each.start] else 1
+            if kind == OUTPUT:
+                control.write_output(browser, index, value)
+            else:
+                control.set_input(index, value)
+            return
+    raise RequestError(f'there is no point {index}')
+
+
+def _press(control: RobotControl, browser: int, message: Message) -> None:
+    what, how = text(message, 'what'), text(message, 'how')
+    if how not in PENDANT.get(what, {}):
+        raise BadMessageError('there is nothing of that name at the pendant')
+    control.press(browser, what, how)

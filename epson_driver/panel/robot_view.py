@@ -1,0 +1,217 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is shown of one robot, as the parts that the page draws (panel.js)."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from epson_driver.motion import Array, Trajectory
+from epson_driver.motion.interpolation import Interpolation
+from epson_driver.pages.packed_arm import packed_arm
+from epson_driver.panel.history import History
+from epson_driver.panel.lamps import advice, lamps
+from epson_driver.panel.robot_control import RobotControl
+from epson_driver.panel.window import text_of
+from epson_driver.robots import RobotModel
+from epson_driver.robots.kinematics import Kinematics
+
+REFERENCE_LASTS_S = 0.5
+"""So long after the last ~/controller_state (20 Hz) a trajectory counts as being executed, s."""
+
+SHOWN_UNITS = {'rad': '°', 'm': 'mm'}
+
+SHOWN_EVENTS = 60
+
+MAX_PLAN_POINTS = 200
+
+DIGITS = 5
+"""Of joints in rad or m, in the picture."""
+
+AGES = (('joints', 'joints'), ('status', 'status'), ('driver', 'diagnostics'))
+"""What has an age: its name in the page and in the state."""
+
+IO_NAMES = {
+    1: 'Inputs',
+    2: 'Outputs',
+    3: 'Analog inputs [mV]',
+    4: 'Analog outputs [mV]',
+    7: 'Flags',
+}
+"""By the types of epson_msgs/IoPoint."""
+
+OUTPUT, INPUT = 2, 1
+ANALOG = (3, 4)
+MAX_POINTS = 32
+"""Of a type that are shown."""
+
+
+class RobotView:
+    """The parts of a robot's page, made in the panel's own thread.
+
+    `label`: what it is called in the page.
+    """
+
+    def __init__(
+        self, control: RobotControl, trajectories: Mapping[str, Trajectory], label: str
+    ) -> None:
+        self.control = control
+        self.label = label
+        self._state = control.robot.state
+        self._trajectories = trajectories
+        self._model: RobotModel | None = None
+        self._model_parts: dict[str, str] = {}
+        self._history = History(np.zeros(0))
+        self._plan: Trajectory | None = None
+        self._plan_part = 'null'
+        self._ways = 0
+        self._executing = False
+
+    def look(self, now: float) -> None:
+        """Take over what has become known, and go on with the curves."""
+        self.control.look()
+        state = self._state
+        self._take_over_model()
+        age = state.age('reference', now)
+        executing = age is not None and age < REFERENCE_LASTS_S
+        if self.control.plan is not self._plan:
+            self._new_way(self.control.plan)
+        elif executing and not self._executing and not self.control.robot.goals:
+            self._new_way(None)  # somebody else's goal: its way is not known
+        self._executing = executing
+        if self._known and state.fresh('joints', now):
+            error = state.tracking_error if executing else None
+            self._history.add(now, state.measured, state.positions, error)
+
+    def summary(self, now: float) -> dict[str, Any]:
+        """Return what all windows see of it: whether something is in its way."""
+        found = advice(self._state, now)
+        return {
+            'name': self.control.robot.name,
+            'label': self.label,
+            'reason': found.reason,
+            'colour': found.colour,
+        }
+
+    def parts(self, now: float) -> dict[str, str]:
+        """Return what changes seldom, as texts, by name."""
+        state = self._state
+        found = advice(state, now)
+        return self._model_parts | {
+            'plan': self._plan_part,
+            'lamps': text_of(lamps(state, now)),
+            'advice': text_of(found._asdict()),
+            'ages': text_of([[name, _rounded(state.age(key, now))] for name, key in AGES]),
+            'log': text_of([[e.at, e.level, e.text] for e in list(state.events)[-SHOWN_EVENTS:]]),
+            'io': text_of(self._io()),
+        }
+
+    def controls(self, window: int) -> str:
+        """Return what a window may do now."""
+        holder = self.control.arming.holder
+        armed = 'yes' if holder == window else 'no' if holder is None else 'other'
+        joints = len(self._state.joint_names)
+        return text_of(
+            {
+                'armed': armed,
+                'joints': self._state.joint_names,
+                'speed': self._state.speed,
+                'simulated': self.control.simulated,
+                'trajectories': [
+                    name
+                    for name, each in self._trajectories.items()
+                    if joints in (0, len(each.joint_names))
+                ],
+                'axes': [] if self.control.hand is None else self.control.hand.axes,
+            }
+        )
+
+    def pose(self, now: float) -> dict[str, str]:
+        """Return where the arm is, and where the plan is, and the newest row of the curves."""
+        state, model = self._state, self._model
+        if model is None or not self._known or self.control.hand is None:
+            return {'pose': 'null'}
+        place, angles = self.control.hand.kinematics.epson_point(state.positions)
+        pose = {
+            'fresh': state.fresh('joints', now),
+            'joints': np.round(state.positions, DIGITS).tolist(),
+            'plan': None,
+            'tool': np.round([*(1e3 * place), *np.degrees(angles)], 2).tolist(),
+        }
+        if self._executing and state.reference is not None:
+            pose['plan'] = np.round(state.reference, DIGITS).tolist()
+        parts = {'pose': text_of(pose)}
+        if self._history.rows:
+            parts['row'] = text_of(self._history.rows[-1])
+        return parts
+
+    def history(self) -> str:
+        """Return all rows of the curves."""
+        return text_of(list(self._history.rows))
+
+    @property
+    def _known(self) -> bool:
+        """Whether the joints are those of the model."""
+        model = self._model
+        return model is not None and len(self._state.positions) == len(model.joint_names)
+
+    def _take_over_model(self) -> None:
+        model = self.control.model
+        if model is self._model:
+            return
+        self._model = model
+        if model is None:
+            self._model_parts = {'arm': 'null'}
+            return
+        self._history = History(model.shown_per_unit)
+        limits, per_unit = model.limits, model.shown_per_unit
+        self._model_parts = {
+            'arm': text_of(
+                {
+                    'model': model.name,
+                    'description': model.description,
+                    'units': [SHOWN_UNITS[unit] for unit in limits.units],
+                    'per_unit': per_unit.tolist(),
+                    'low': (limits.position_min * per_unit).tolist(),
+                    'high': (limits.position_max * per_unit).tolist(),
+                    'size': float(max(0.5, 0.8 * np.max(model.reach))),
+                    'packed': packed_arm(model),
+                }
+            )
+        }
+
+    def _new_way(self, plan: Trajectory | None) -> None:
+        """Draw the tool's path of a plan; None: it is drawn as the reference goes on."""
+        self._plan = plan
+        self._ways += 1
+        points: list[list[float]] | None = None
+        if plan is not None and len(plan.times) > 1 and self.control.hand is not None:
+            points = _tool_path(self.control.hand.kinematics, plan)
+        self._plan_part = text_of({'way': self._ways, 'points': points})
+
+    def _io(self) -> Any:
+        state = self._state
+        if state.io_reason:
+            return state.io_reason
+        return [
+            {
+                'type': each.type,
+                'name': IO_NAMES[each.type],
+                'start': each.start,
+                'values': each.values[:MAX_POINTS],
+                'analog': each.type in ANALOG,
+            }
+            for each in state.io
+            if each.type in IO_NAMES and each.values
+        ]
+
+
+def _tool_path(kinematics: Kinematics, plan: Trajectory) -> list[list[float]]:
+    times = np.linspace(plan.times[0], plan.times[-1], MAX_PLAN_POINTS)
+    dense: Array = Interpolation(plan.times, plan.positions, plan.velocities).at(times)[0]
+    return [np.round(kinematics.forward(joints)[:3, 3], 4).tolist() for joints in dense]
+
+
+def _rounded(age: float | None) -> float | None:
+    return None if age is None else round(age, 1)

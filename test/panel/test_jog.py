@@ -1,0 +1,168 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Motion by hand: where the tool goes, and what keeps it."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from epson_driver.motion import Trajectory
+from epson_driver.motion.interpolation import Interpolation
+from epson_driver.panel.jog import (
+    DIRECTIONS,
+    JOINT_SHARE,
+    STEP_SHARE,
+    TOOL_AXES,
+    TOOL_M_S,
+    TOOL_RAD_S,
+    Jog,
+)
+from epson_driver.panel.robot_state import RequestError
+from epson_driver.robots import load_robot_model
+from epson_driver.robots.chain import rotation_about
+
+C3 = Jog(load_robot_model('c3_a601s'))
+SCARA = Jog(load_robot_model('gx8_c652s'))
+BENT = np.array([0.3, -0.2, 0.4, 0.5, -0.9, 0.2])
+FOLDED = np.array([0.5, 0.9, -0.1, 0.3])
+
+ARMS = [(C3, BENT), (SCARA, FOLDED)]
+MOTIONS = [
+    (jog, joints, axis, frame)
+    for jog, joints in ARMS
+    for axis in jog.axes
+    for frame in ('world', 'tool')
+]
+
+
+def frame_of(jog: Jog, joints: np.ndarray, frame: str) -> np.ndarray:
+    pose = jog.model.base.matrix if frame == 'world' else jog.kinematics.forward(joints)
+    return np.asarray(pose[:3, :3])
+
+
+def test_a_scara_has_no_axes_that_tilt_its_tool() -> None:
+    assert C3.axes == TOOL_AXES
+    assert SCARA.axes == ('X', 'Y', 'Z', 'U')
+    with pytest.raises(RequestError, match='has no axis V'):
+        SCARA.velocities(FOLDED, 'V', 'world', 0.1)
+
+
+@pytest.mark.parametrize(('jog', 'joints', 'axis', 'frame'), MOTIONS)
+def test_the_tool_goes_along_the_axis_and_turns_about_it(
+    jog: Jog, joints: np.ndarray, axis: str, frame: str
+) -> None:
+    share, time = 0.05, 1e-4
+    moving = jog.velocities(joints, axis, frame, share)
+    before, after = (jog.kinematics.forward(q) for q in (joints, joints + time * moving))
+    turns, direction = DIRECTIONS[axis]
+    along = frame_of(jog, joints, frame) @ direction
+    turn = (after[:3, :3] @ before[:3, :3].T - np.eye(3)) / time
+    turned = np.array([turn[2, 1], turn[0, 2], turn[1, 0]])
+    moved = (after[:3, 3] - before[:3, 3]) / time
+    assert_allclose(moved, np.zeros(3) if turns else share * TOOL_M_S * along, atol=1e-4)
+    assert_allclose(turned, share * TOOL_RAD_S * along if turns else np.zeros(3), atol=1e-4)
+
+
+@pytest.mark.parametrize(('jog', 'joints'), ARMS)
+@pytest.mark.invariant(2)
+def test_no_joint_is_faster_than_its_share_and_the_direction_stays(
+    jog: Jog, joints: np.ndarray
+) -> None:
+    random = np.random.default_rng(5)
+    low, high = jog.model.limits.position_min, jog.model.limits.position_max
+    allowed = JOINT_SHARE * jog.model.limits.velocity * (1.0 + 1e-9)
+    for _ in range(200):
+        joints = random.uniform(0.9 * low, 0.9 * high)
+        axis = random.choice(jog.axes)
+        try:
+            fast, slow = (jog.velocities(joints, axis, 'world', each) for each in (1.0, 1e-3))
+        except RequestError:
+            continue  # a direction that is lost there, or the end of a range
+        assert np.all(np.abs(fast) <= allowed)
+        norms = np.linalg.norm(fast) * np.linalg.norm(slow)
+        assert fast @ slow == pytest.approx(norms, rel=1e-6)
+
+
+def test_one_joint_moves_with_its_share_both_ways() -> None:
+    for sign in (1.0, -1.0):
+        wanted = np.zeros(6)
+        wanted[2] = sign * 0.4 * JOINT_SHARE * C3.model.limits.velocity[2]
+        assert_allclose(C3.velocities(BENT, '3', 'world', sign * 0.4), wanted)
+
+
+@pytest.mark.parametrize('axis', ['0', '7', '', 'Q', '²', '99999999999999999999'])
+def test_an_axis_that_is_not_there_is_named(axis: str) -> None:
+    with pytest.raises(RequestError, match='c3_a601s has no axis'):
+        C3.velocities(BENT, axis, 'world', 0.1)
+
+
+@pytest.mark.invariant(2)
+def test_at_the_end_of_a_range_a_joint_goes_back_only() -> None:
+    joints = BENT.copy()
+    joints[0] = C3.model.limits.position_max[0] - 1e-4
+    with pytest.raises(RequestError, match='joint_1 is at the end of its range'):
+        C3.velocities(joints, '1', 'world', 0.1)
+    assert C3.velocities(joints, '1', 'world', -0.1)[0] < 0.0
+    with pytest.raises(RequestError, match='joint_1 is at the end of its range'):
+        C3.step(joints, '1', 'world', 0.01, 1.0)
+
+
+def test_a_direction_that_is_lost_is_refused() -> None:
+    """With joint 5 straight, joints 4 and 6 turn about one axis."""
+    straight = np.array([0.3, -0.2, 0.4, 0.0, 0.0, 0.0])
+    with pytest.raises(RequestError, match='cannot move so from here: turn a joint first'):
+        C3.velocities(straight, 'W', 'tool', 0.1)
+
+
+def within(trajectory: Trajectory, jog: Jog, share: float) -> None:
+    limits = jog.model.limits
+    times = np.linspace(0.0, trajectory.duration, 500)
+    way = Interpolation(trajectory.times, trajectory.positions, trajectory.velocities)
+    _, velocities, accelerations = way.at(times)
+    assert np.all(np.abs(velocities) <= 1.02 * share * STEP_SHARE * limits.velocity)
+    assert np.all(np.abs(accelerations) <= 1.5 * share * STEP_SHARE * limits.acceleration)
+    assert trajectory.velocities is not None
+    assert_allclose(trajectory.velocities[[0, -1]], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(('jog', 'joints', 'axis', 'frame'), MOTIONS)
+@pytest.mark.invariant(2)
+def test_a_step_of_the_tool_is_straight_slow_and_as_long_as_asked(
+    jog: Jog, joints: np.ndarray, axis: str, frame: str
+) -> None:
+    turns, direction = DIRECTIONS[axis]
+    size = np.radians(5.0) if turns else -0.01
+    trajectory = jog.step(joints, axis, frame, size, 0.5)
+    start, end = (jog.kinematics.forward(trajectory.positions[k]) for k in (0, -1))
+    along = frame_of(jog, joints, frame) @ direction
+    place = start[:3, 3] + (0.0 if turns else size) * along
+    turn = rotation_about(along, size) if turns else np.eye(3)
+    assert_allclose(end[:3, 3], place, atol=1e-6)
+    assert_allclose(end[:3, :3], turn @ start[:3, :3], atol=1e-6)
+    for q in trajectory.positions:
+        off = jog.kinematics.forward(q)[:3, 3] - start[:3, 3]
+        off -= (off @ along) * along * (not turns)
+        assert np.linalg.norm(off) < 2e-5
+    within(trajectory, jog, 0.5)
+
+
+@pytest.mark.invariant(2)
+def test_steps_of_joints_and_ways_to_points_are_slow() -> None:
+    trajectory = C3.step(BENT, '2', 'world', np.radians(10.0), 1.0)
+    assert_allclose(trajectory.positions[-1] - BENT, np.radians([0, 10.0, 0, 0, 0, 0]), atol=1e-9)
+    within(trajectory, C3, 1.0)
+    within(C3.straight(BENT, np.zeros(6)), C3, 1.0)
+
+
+@pytest.mark.parametrize(('axis', 'size'), [('X', 0.2), ('1', 1.0), ('U', -0.6), ('X', 0.0)])
+def test_a_step_that_is_none_is_refused(axis: str, size: float) -> None:
+    with pytest.raises(RequestError, match='a step of'):
+        C3.step(BENT, axis, 'world', size, 1.0)
+
+
+def test_a_place_that_no_joints_reach_is_refused() -> None:
+    folded = np.array([0.5, 0.02, -0.1, 0.3])
+    away = SCARA.kinematics.forward(folded)[:3, 3]
+    axis, size = ('X', 0.1 * np.sign(away[0])) if abs(away[0]) > abs(away[1]) else ('Y', 0.1)
+    with pytest.raises(RequestError, match='cannot go there on a straight line'):
+        SCARA.step(folded, axis, 'world', size, 1.0)

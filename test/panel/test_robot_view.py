@@ -1,0 +1,283 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the page is told of a robot, and what a window may ask for."""
+
+import json
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from epson_driver.motion import Trajectory
+from epson_driver.panel.history import OVER_S, PERIOD_S, SPAN_S, History
+from epson_driver.panel.requests import Requests, message_of
+from epson_driver.panel.robot_control import RequestError, RobotControl
+from epson_driver.panel.robot_state import MAX_AGES_S, Event, IoRange, RobotState
+from epson_driver.panel.robot_view import INPUT, OUTPUT, RobotView
+from epson_driver.panel.sim_pendant import PendantThread
+from epson_driver.panel.window import BadMessageError
+from epson_driver.robots import load_robot_model
+from epson_driver.robots.kinematics import Kinematics
+
+NOW = 100.0
+MODEL = load_robot_model('c3_a601s')
+NAMES = MODEL.joint_names
+WAY = Trajectory(NAMES, np.array([0.0, 1.0]), np.array([[0.0] * 6, [0.2] * 6]))
+BROWSER = 7
+
+
+class Robot:
+    """What a driver has said, and what it was asked for."""
+
+    name = '/left/epson_driver'
+
+    def __init__(self) -> None:
+        self.state = RobotState(joint_names=NAMES, positions=np.zeros(6), link='connected')
+        self.state.times = dict.fromkeys((*MAX_AGES_S, 'first joints', 'parameters'), NOW)
+        self.parameters: dict[str, Any] = {
+            'robot_model': 'c3_a601s', 'robot_ip': '192.0.2.1', 'remote_port': 0,
+        }  # fmt: skip
+        self.goals: list[Any] = []
+        self.executed: list[tuple[Trajectory, str]] = []
+        self.written: list[tuple[int, int]] = []
+        self.jogged: list[list[float]] = []
+
+    def log(self, text: str, level: int) -> None:
+        self.state.add_event(Event(NOW, level, text))
+
+    def cancel_goals(self) -> list[Any]:
+        return []
+
+    def execute(self, trajectory: Trajectory, text: str, _say: Any) -> None:
+        self.executed.append((trajectory, text))
+
+    def write_output(self, index: int, value: int, _say: Any) -> None:
+        self.written.append((index, value))
+
+    def jog(self, names: tuple[str, ...], velocities: np.ndarray) -> None:
+        assert tuple(names) == NAMES
+        self.jogged.append(velocities.tolist())
+
+
+class Made:
+    """A view, and the requests of a window that is armed."""
+
+    def __init__(self) -> None:
+        self.pendants = PendantThread(time.monotonic, self.fail)
+        self.robot = Robot()
+        self.control = RobotControl(
+            self.robot,  # type: ignore[arg-type]
+            self.pendants,
+            lambda: NOW,
+            allow_motion=True,
+        )
+        self.view = RobotView(self.control, {'way': WAY}, 'left')
+        self.control.arming.connect(BROWSER)
+        self.control.arming.alive(BROWSER)
+        self.view.look(NOW)
+        self.table = Requests({'way': WAY}).table
+
+    def fail(self, what: str, error: BaseException) -> None:
+        raise AssertionError(what) from error
+
+    def arm(self) -> None:
+        self.control.arming.arm(BROWSER)
+
+    def ask(self, word: str, **more: Any) -> None:
+        self.table[word](self.control, BROWSER, more)
+
+    def part(self, name: str, now: float = NOW) -> Any:
+        return json.loads((self.view.parts(now) | self.view.pose(now))[name])
+
+
+@pytest.fixture
+def made() -> Iterator[Made]:
+    found = Made()
+    yield found
+    found.pendants.end()
+
+
+def test_the_way_of_somebody_else_s_goal_is_drawn_as_it_goes(made: Made) -> None:
+    made.control.plan = WAY
+    made.view.look(NOW)
+    own = made.part('plan')
+    ends = [Kinematics(MODEL).forward(joints)[:3, 3] for joints in WAY.positions]
+    assert_allclose([own['points'][0], own['points'][-1]], ends, atol=1e-4)
+    made.view.look(NOW + 10.0)  # nothing is executed any more
+    made.robot.state.times['joints'] = made.robot.state.times['reference'] = NOW + 20.0
+    made.robot.state.reference = np.full(6, 0.1)
+    made.view.look(NOW + 20.0)
+    theirs = made.part('plan', NOW + 20.0)
+    assert theirs['points'] is None
+    assert theirs['way'] != own['way']
+    assert made.part('pose', NOW + 20.0)['plan'] == [0.1] * 6
+
+
+@pytest.mark.invariant(6)
+def test_a_model_that_is_not_known_any_more_is_not_drawn(made: Made) -> None:
+    assert made.part('arm')['units'] == ['°'] * 6
+    assert made.part('pose')['joints'] == [0.0] * 6
+    made.robot.parameters['robot_model'] = '/no/such/file.yaml'
+    made.view.look(NOW)
+    assert made.part('arm') is None
+    assert made.part('pose') is None
+
+
+@pytest.mark.invariant(6)
+def test_old_joints_are_told_as_old_and_are_no_part_of_the_curves(made: Made) -> None:
+    assert made.part('pose')['fresh']
+    later = NOW + MAX_AGES_S['joints'] + 0.1
+    rows = json.loads(made.view.history())
+    made.view.look(later)
+    assert not made.part('pose', later)['fresh']
+    assert json.loads(made.view.history()) == rows
+
+
+def test_the_tool_is_shown_in_the_numbers_of_the_pendant(made: Made) -> None:
+    joints = np.array([0.1, 0.2, 0.3, 0.4, -0.5, 0.6])
+    made.robot.state.positions = joints
+    place, angles = Kinematics(MODEL).epson_point(joints)
+    wanted = [*(1e3 * place), *np.degrees(angles)]
+    assert_allclose(made.part('pose')['tool'], wanted, atol=0.006)
+
+
+def test_io_is_shown_by_its_values_or_by_why_it_is_not_known(made: Made) -> None:
+    assert made.part('io') == 'nothing was reported yet'
+    made.robot.state.io_reason = ''
+    made.robot.state.io = (IoRange(1, 8, (0, 1)), IoRange(3, 0, (1200,)), IoRange(5, 0, (7,)))
+    found = made.part('io')
+    assert [(each['name'], each['start'], each['values'], each['analog']) for each in found] == [
+        ('Inputs', 8, [0, 1], False),
+        ('Analog inputs [mV]', 0, [1200], True),
+    ]
+
+
+def test_trajectories_for_another_number_of_joints_are_not_offered(made: Made) -> None:
+    assert json.loads(made.view.controls(BROWSER))['trajectories'] == ['way']
+    made.robot.state.joint_names = NAMES[:4]
+    assert json.loads(made.view.controls(BROWSER))['trajectories'] == []
+
+
+def test_a_window_is_told_whether_it_or_another_is_armed(made: Made) -> None:
+    found = [json.loads(made.view.controls(BROWSER))['armed']]
+    made.arm()
+    found += [json.loads(made.view.controls(each))['armed'] for each in (BROWSER, 8)]
+    assert found == ['no', 'yes', 'other']
+
+
+@pytest.mark.invariant(1)
+def test_what_is_not_there_is_not_switched_and_not_executed(made: Made) -> None:
+    made.arm()
+    state = made.robot.state
+    state.io, state.io_reason = (IoRange(OUTPUT, 8, (0, 1)), IoRange(INPUT, 0, (0,))), ''
+    for word in ('execute', 'go_to_start'):
+        with pytest.raises(RequestError, match='there is no such trajectory'):
+            made.ask(word, name='none')
+    for index in (7, 10):
+        with pytest.raises(RequestError, match=f'there is no point {index}'):
+            made.ask('output', index=index)
+    made.ask('output', index=8)
+    made.ask('output', index=9)
+    assert made.robot.written == [(8, 1), (9, 0)]
+    state.io_reason = 'the I/O port is closed'
+    with pytest.raises(RequestError, match='I/O is not known: the I/O port is closed'):
+        made.ask('output', index=8)
+    assert made.robot.written == [(8, 1), (9, 0)]
+
+
+MOVES: dict[str, dict[str, Any]] = {
+    'execute': {'name': 'way'},
+    'go_to_start': {'name': 'way'},
+    'go_to': {'name': 'P0', 'joints': [0.1] * 6},
+    'jog': {'axis': '1', 'frame': 'world', 'share': 0.5},
+    'step': {'axis': 'X', 'frame': 'tool', 'size': 0.001, 'share': 0.5},
+}
+
+
+@pytest.mark.invariant(1)
+@pytest.mark.parametrize('word', MOVES)
+def test_what_moves_the_arm_needs_an_armed_window(word: str, made: Made) -> None:
+    made.robot.state.positions = np.array([0.0, 0.0, 0.0, 0.0, -0.5, 0.0])
+    with pytest.raises(RequestError, match='not armed'):
+        made.ask(word, **MOVES[word])
+    assert made.robot.jogged == made.robot.executed == []
+    made.arm()
+    if word == 'execute':
+        made.robot.state.positions = np.zeros(6)
+    made.ask(word, **MOVES[word])
+    assert len(made.robot.jogged) + len(made.robot.executed) == 1
+
+
+@pytest.mark.invariant(3)
+def test_what_is_moved_by_hand_brakes_when_the_arming_ends(made: Made) -> None:
+    made.arm()
+    made.ask('jog', **MOVES['jog'])
+    made.control.arming.disconnect(BROWSER)
+    assert made.robot.jogged[-1] == [0.0] * 6
+    made.ask('jog', share=0)  # nothing moves: nothing is sent
+    assert len(made.robot.jogged) == 2
+
+
+@pytest.mark.parametrize(
+    ('word', 'more'),
+    [
+        ('jog', {}),
+        ('jog', {'axis': '1', 'frame': 'world', 'share': 1.5}),
+        ('jog', {'axis': '1', 'frame': 'world', 'share': float('nan')}),
+        ('jog', {'axis': '1', 'frame': 'moon', 'share': 1}),
+        ('jog', {'axis': 1, 'frame': 'world', 'share': 1}),
+        ('step', {'axis': '1', 'frame': 'world', 'share': 1, 'size': True}),
+        ('go_to', {'name': 'P', 'joints': 'abc'}),
+        ('go_to', {'name': 'P', 'joints': []}),
+        ('go_to', {'name': 'P', 'joints': [None] * 6}),
+        ('go_to', {'name': 'P' * 300, 'joints': [0] * 6}),
+        ('speed', {'value': '1'}),
+        ('press', {'what': 'E-stop', 'how': 'lick'}),
+        ('press', {'what': ['E-stop'], 'how': 'press'}),
+        ('output', {'index': -1}),
+        ('fault', {}),
+    ],
+)
+@pytest.mark.invariant(7)
+def test_what_no_page_sends_is_refused(word: str, more: dict[str, Any], made: Made) -> None:
+    made.arm()
+    with pytest.raises(BadMessageError):
+        made.ask(word, **more)
+    assert made.robot.jogged == made.robot.executed == made.robot.written == []
+
+
+@pytest.mark.parametrize(
+    'text', ['', '[]', '1', '{}', '{"do":1}', '\x00', '[' * 9000, b'\xff', 'NaN']
+)
+@pytest.mark.invariant(7)
+def test_what_is_no_request_is_refused(text: str | bytes) -> None:
+    with pytest.raises(BadMessageError):
+        message_of(text)
+
+
+def test_velocities_are_not_shaken_by_times_that_tremble() -> None:
+    """Joint states 5 ms apart whose stamps are 2 ms off would make spikes of 40 %."""
+    history, random = History(np.ones(1)), np.random.default_rng(3)
+    for now in np.arange(0.0, 3.0, 0.04):
+        measured = now + random.uniform(-0.002, 0.002)
+        history.add(now, measured, np.array([0.5 * now]), None)
+    found = [row[2][0] for row in history.rows if row[2] is not None]
+    assert len(found) > 2.0 / PERIOD_S / 1.5
+    assert_allclose(found, 0.5, rtol=2 * 0.004 / OVER_S)
+
+
+def test_curves_have_gaps_where_nothing_was_known_and_end_with_their_span() -> None:
+    history = History(np.array([2.0]))
+    for now in (0.0, 0.2, 0.25, 3.0, 3.2):
+        history.add(now, now, np.array([now]), None if now < 3.0 else np.array([0.1]))
+    assert list(history.rows) == [
+        (0.0, [0.0], None, None),
+        (0.2, [0.4], [2.0], None),
+        (3.0, [6.0], None, [0.2]),
+        (3.2, [6.4], [2.0], [0.2]),
+    ]
+    history.add(3.0 + SPAN_S, 3.1 + SPAN_S, np.zeros(1), None)
+    assert [row[0] for row in history.rows] == [3.0, 3.2, 3.0 + SPAN_S]
