@@ -27,6 +27,7 @@ ROOMS = {
     'trajectory_file': 'inputs motion numpy',
     'profiles': 'inputs share simple_message',
     'robots': 'inputs motion numpy share xacro',
+    'pages': 'motion numpy robots',
     'tool_motion': 'motion numpy robots',
     'spel': 'inputs share',
     'remote_ethernet': 'inputs socket_errors',
@@ -42,7 +43,7 @@ ROOMS = {
     'robot': 'aio api',
     'node': 'ROS driver error_texts inputs link log_lines motion numpy processes profiles robots '
     'simple_message tool_motion trace',
-    'report': 'driver error_texts inputs link matplotlib motion numpy robots rosbags '
+    'report': 'driver error_texts inputs link matplotlib motion numpy pages robots rosbags '
     'simple_message trace',
     'bringup': 'inputs profiles robots share yaml',
     'planning': 'coal motion numpy ompl pinocchio robots',
@@ -50,7 +51,7 @@ ROOMS = {
     'simple_message socket_errors trace yaml',
     'first_run': 'doctor driver error_texts inputs motion numpy profiles robots sim_controller '
     'simple_message trace',
-    'panel': 'ROS driver motion node numpy remote_ethernet robots sim_controller viser websockets',
+    'panel': 'ROS driver motion node numpy pages remote_ethernet robots sim_controller websockets',
     'pendant': 'driver error_texts processes remote_ethernet sim_controller simple_message',
     'fleet': 'ROS processes rich',
     'exercise': 'ROS error_texts inputs motion numpy pendant processes profiles pytest '

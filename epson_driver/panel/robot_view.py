@@ -182,7 +182,7 @@ class RobotView:
         }
 
     def _new_way(self, plan: Trajectory | None) -> None:
-        """Draw the tool's path of a plan; None: it is drawn as the reference goes on."""
+        """Draw the tool's path of a plan, or None: as the reference goes on."""
         self._plan = plan
         self._ways += 1
         points: list[list[float]] | None = None

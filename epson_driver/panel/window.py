@@ -34,7 +34,10 @@ def text_of(value: object) -> str:
 
 
 class Window:
-    """A page in a browser. `loop`: that of the web server; `offer` and `say` for any thread."""
+    """A page in a browser. `loop`: that of the web server.
+
+    `offer` and `say` may be called in any thread.
+    """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self.number = next(_numbers)

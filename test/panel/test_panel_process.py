@@ -229,6 +229,30 @@ def test_speed_outputs_and_faults(cell: Cell, panel: PanelProcess) -> None:
         client.wait(lambda: not client.armed, 'disarmed')
 
 
+@pytest.mark.invariant(3)
+@pytest.mark.parametrize('end', ['silence', 'release', 'a closed window', 'disarming'])
+def test_what_is_moved_by_hand_stops_with_the_hand(
+    end: str, cell: Cell, panel: PanelProcess
+) -> None:
+    with panel.armed() as client:
+        enable(client)
+        began = cell.peer.position()[0]
+        until = time.monotonic() + PATIENCE
+        while cell.peer.position()[0] < began + 0.005:
+            assert time.monotonic() < until, client.log
+            client.ask('jog', axis='1', frame='world', share=0.1, at=time.monotonic())
+            time.sleep(0.03)
+        if end == 'release':
+            client.ask('jog', share=0, at=time.monotonic())
+        elif end == 'a closed window':
+            client.close()
+        elif end == 'disarming':
+            client.click('Disarm')
+        cell.peer.wait_until_still()
+        cell.peer.assert_still()
+    back(cell)
+
+
 @pytest.mark.slow
 def test_a_goal_from_elsewhere_in_the_room_is_refused_at_the_wrong_place(
     cell: Cell, panel: PanelProcess

@@ -3,6 +3,7 @@
 """The goals of the panel: none is lost on its way, so that each can be canceled."""
 
 import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 import rclpy
 from control_msgs.action import FollowJointTrajectory
+from epson_msgs.srv import SetSpeedScaling
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
@@ -22,8 +24,9 @@ from support.ros_peer import PATIENCE
 
 from epson_driver.motion import Trajectory
 from epson_driver.node.ros_thread import RosThread
+from epson_driver.panel.ros_discovery import RosDiscovery
 from epson_driver.panel.ros_robot import PARAMETERS, Goal, NoDriverError, RosRobot
-from epson_driver.processes.processes import free_ros_domain
+from epson_driver.processes.processes import free_ros_domain, ros_environment
 
 WAY = Trajectory(('joint_1',), np.array([1.0]), np.array([[0.5]]))
 
@@ -302,3 +305,41 @@ def test_a_driver_that_does_not_answer_is_asked_again(
     lonely.look_for_driver(13.5)
     assert lonely._asking is not first
     lonely._give_up_asking()
+
+
+def test_a_driver_that_is_gone_is_let_go_of_after_a_while_and_found_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    domain = free_ros_domain()
+    for name, value in ros_environment(domain).items():
+        monkeypatch.setenv(name, value)
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=domain)
+    failed: list[BaseException] = []
+    discovery = RosDiscovery([], None, lambda _what, error: failed.append(error))
+
+    def look(now: float, there: bool) -> None:
+        until = time.monotonic() + PATIENCE
+        while True:
+            discovery.look_around(now)
+            robot = discovery.robots.get('/left/epson_driver')
+            if (robot is not None and robot._get_parameters.service_is_ready()) == there:
+                return
+            assert time.monotonic() < until
+            time.sleep(0.05)
+
+    try:
+        for now in (100.0, 500.0):
+            node = Node('epson_driver', namespace='left', context=context)
+            node.create_service(SetSpeedScaling, '~/set_speed_scaling', lambda _, answer: answer)
+            look(now, True)
+            assert discovery.forget_silent(now + 200.0, 60.0) == []  # silent, but there
+            node.destroy_node()
+            look(now + 210.0, False)
+            assert discovery.forget_silent(now + 250.0, 60.0) == []
+            assert discovery.forget_silent(now + 261.0, 60.0) == ['/left/epson_driver']
+            assert discovery.robots == {}
+    finally:
+        discovery.close()
+        rclpy.shutdown(context=context)
+    assert failed == []
