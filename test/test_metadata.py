@@ -82,7 +82,7 @@ def test_every_extra_serves_code(setup_arguments: dict[str, Any]) -> None:
     assert set(extras) == {'dev', 'panel', 'planning', 'report', 'ros', 'test'}
     for extra in ('panel', 'planning', 'report'):
         for requirement in extras[extra]:
-            name = requirement.partition('==')[0]
+            name = re.split('[=<>]', requirement)[0]
             module = IMPORTED_AS.get(name, name)
             assert re.search(rf'^\s*(import|from) {module}\b', code, re.MULTILINE), name
     runtime = (ROOT / 'requirements' / 'runtime.txt').read_text(encoding='utf-8')

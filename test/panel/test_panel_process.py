@@ -458,8 +458,7 @@ def test_several_robots_are_in_one_panel(tmp_path: Path) -> None:
                     'the other window is told',
                 )
                 assert left.lamp('E-stop') == 'good'
-                left.ask('choose', robot=right.robot)
-                left.robot = right.robot
+                left.show('right')
                 left.wait_for_lamp('E-stop', 'bad')
         finally:
             assert panel.end() == 0

@@ -218,6 +218,12 @@ class PanelClient:
                 self.parts |= parts
                 self._news.notify_all()
 
+    def show(self, robot: str) -> None:
+        """Show another robot, by its label."""
+        with self._news:
+            self._wanted = robot
+            self._choose(self.parts['robots'])
+
     def _choose(self, robots: list[dict[str, str]]) -> None:
         names = [each['name'] for each in robots if self._wanted in ('', each['label'])]
         if self.robot not in names and names:
