@@ -106,10 +106,7 @@ def _panel(page: Any, remote_port: int) -> None:
     page.wait_for_timeout(5_000)  # until the curves have begun
     save(page, 'panel_rest.webp')
     button('Arm').click()
-    page.wait_for_function(
-        '() => [...document.querySelectorAll("button")]'
-        '.some((each) => each.innerText.trim() === "Enable" && !each.disabled)'
-    )
+    page.wait_for_selector('body.armed')
     button('Enable').click()
     page.wait_for_selector('[data-lamp="Arm gate"][data-colour="good"]')
     button('Execute').click()
