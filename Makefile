@@ -30,7 +30,7 @@ unexport PYTHONDONTWRITEBYTECODE
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 .PHONY: demo fleet browser docs test test-all test-rest soak-tests coverage lint bench bench-motion
-.PHONY: soak-motion faults fuzz simulate pictures hashes clean help
+.PHONY: optimum soak-motion faults fuzz simulate pictures hashes clean help
 
 help:
 	@echo "make demo          execute a planned trajectory through ROS 2 on a simulated EPSON controller, and report"
@@ -48,6 +48,7 @@ help:
 	@echo "                   drivers (ARGS=--quick: only the former)"
 	@echo "make bench-motion  compare the smoother with stop-and-go, splines and optima (ARGS=--quick: a part; ARGS=--help);"
 	@echo "                   tables and pictures go to build/benchmark"
+	@echo "make optimum       find the optima that bench-motion compares with anew, by CasADi and ipopt"
 	@echo "make soak-motion   an hour in which everything happens to goals (ARGS='--minutes 5': less)"
 	@echo "make faults        every fault in every phase of a motion, on every controller (minutes)"
 	@echo "make fuzz          a million mutated messages to both roles and all ports (ARGS='--inputs 50000 --seed 1')"
@@ -109,6 +110,9 @@ endif
 bench-motion: $(VENV)/.driver
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.motion $(ARGS)
 
+optimum: $(VENV)/.driver $(VENV)/.optimum
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.optimum $(ARGS)
+
 # figures go to build/benchmark, tables to docs/invariants.md
 soak-motion: $(VENV)/.driver $(VENV)/.dev
 	$(BIN)/python -m benchmark.soak_motion $(ARGS)
@@ -148,6 +152,7 @@ SIZE_dev := 190 MB to download, 690 MB on disk
 SIZE_planning := 120 MB to download, 260 MB on disk
 SIZE_panel := 10 MB to download, 40 MB on disk
 SIZE_browser := 45 MB to download, 125 MB on disk
+SIZE_optimum := 75 MB to download, 280 MB on disk
 SIZE_docs := 30 MB to download, 130 MB on disk
 
 FAILED := { echo "Installing failed: the lines above say at what. No connection: check the network, PIP_INDEX_URL and \
@@ -194,7 +199,7 @@ $(VENV)/.driver: $(VENV)/.interfaces $(PACKAGE_FILES)
 
 $(VENV)/.dev: requirements/generate.txt requirements/panel.txt requirements/planning.txt requirements/report.txt
 $(VENV)/.browser: $(VENV)/.dev
-$(VENV)/.dev $(VENV)/.docs $(VENV)/.planning $(VENV)/.panel $(VENV)/.browser: \
+$(VENV)/.dev $(VENV)/.docs $(VENV)/.planning $(VENV)/.panel $(VENV)/.browser $(VENV)/.optimum: \
 $(VENV)/.%: $(VENV)/.interfaces requirements/%.txt
 	$(call install,requirements/$*.txt)
 	@touch $@

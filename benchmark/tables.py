@@ -195,7 +195,7 @@ def trajectories(cases: list[Case]) -> str:
                 f'{case.commanded:.3f}' if case.commanded else '–',
                 f'{one.ptp:.3f}',
                 f'{one.toppra:.3f}',
-                f'{one.opt:.3f}',
+                f'{one.opt:.3f} ({one.opt_by})',
                 f'{one.opt_velocity:.3f}, {one.opt_acceleration:.3f}, {one.opt_jerk:.3f}'
                 + ('' if one.sound() else ' **unsound**'),
             ]

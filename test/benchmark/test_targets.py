@@ -41,7 +41,7 @@ NAMES = (
 
 
 def case(**changes: float) -> Case:
-    times = ReferenceTimes(8.0, 48, 0.7, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+    times = ReferenceTimes(8.0, 48, 0.7, 'ipopt', 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
     timed = replace(GOOD, duration=2.01)
     made = Case('one', 'a test', 'full', 50, 2.0, 0.0, times)
     made.strategies = {
