@@ -37,6 +37,7 @@ from epson_driver.api.io import Io
 from epson_driver.api.motion import Motion
 from epson_driver.api.ownership import Unique
 from epson_driver.api.payload import checked_load
+from epson_driver.api.points import Points
 from epson_driver.api.poses import (
     BASE,
     EpsonPoint,
@@ -59,6 +60,7 @@ from epson_driver.driver.smoothing.smoothing_process import SmoothingError, Smoo
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel
 from epson_driver.robots.kinematics import Kinematics
+from epson_driver.robots.model import SCARA
 from epson_driver.tool_motion.pose_path import Run
 from epson_driver.tool_motion.tool_trajectory import ToolLimits, runs_trajectory
 
@@ -73,6 +75,7 @@ __all__ = [
     'Motion',
     'MotionError',
     'PathError',
+    'Points',
     'Robot',
     'RobotError',
     'RobotStatus',
@@ -119,6 +122,9 @@ class Robot(Unique):
         """Inputs and outputs."""
         self.gripper = Gripper(lambda: connection.gripper)
         """The gripper that the settings describe."""
+        taught = weakref.WeakMethod(self._taught)
+        self.points = Points(lambda: _of(taught), connection.measured)
+        """Taught points by name."""
         self.simulation = Simulation(lambda: connection.simulated)
         """The hand of a person at a simulated controller."""
 
@@ -225,6 +231,13 @@ class Robot(Unique):
     def epson_point(self) -> EpsonPoint:
         """The tool as the teach pendant shows it, in mm and degrees. Raises as `joints`."""
         return EpsonPoint.of(self.pose_in(BASE))
+
+    def _taught(self) -> tuple[EpsonPoint, int]:
+        """Return where the tool is, and a SCARA's hand as .pts files have it, else 0."""
+        hand = 0
+        if self.model.kind == SCARA:
+            hand = 1 if self._connection.sample().positions[1] >= 0.0 else 2
+        return self.epson_point, hand
 
     def pose_in(self, frame: str) -> Array:
         """Return the tool in a frame: homogeneous, shape (4, 4), m.
@@ -684,3 +697,13 @@ class Robot(Unique):
         States: disconnected, connecting, connected, backing_off (waiting for the next attempt).
         """
         return self._connection.changes.link.add(callback)
+
+
+def _of(
+    taught: weakref.WeakMethod[Callable[[], tuple[EpsonPoint, int]]],
+) -> tuple[EpsonPoint, int]:
+    """Return what a robot's method does. Raises RobotError if the robot was lost."""
+    method = taught()
+    if method is None:
+        raise RobotError('the robot of these points was lost')
+    return method()

@@ -24,6 +24,7 @@ from epson_driver.api.synchronous import (
     Gripper,
     Io,
     Motion,
+    Points,
     Simulation,
     Synchronous,
     calls,
@@ -47,6 +48,7 @@ __all__ = [
     'Motion',
     'MotionError',
     'PathError',
+    'Points',
     'Robot',
     'RobotError',
     'RobotStatus',
@@ -71,6 +73,8 @@ class Robot(Synchronous[aio.Robot]):
         """Inputs and outputs."""
         self.gripper = Gripper(robot.gripper, self._session)
         """The gripper that the settings describe."""
+        self.points = Points(robot.points, self._session)
+        """Taught points by name."""
         self.simulation = Simulation(robot.simulation, self._session)
         """The hand of a person at a simulated controller."""
 

@@ -5,7 +5,7 @@
 ValueErrors name the field, what was given and what is allowed.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -56,6 +56,18 @@ class EpsonPoint:
         """The point as a homogeneous matrix, shape (4, 4), m."""
         angles = np.radians([self.u, self.v, self.w])
         return homogeneous(rotation_of_uvw(angles), np.array([self.x, self.y, self.z]) / 1e3)
+
+    def moved(
+        self, *, x: float = 0.0, y: float = 0.0, z: float = 0.0, u: float = 0.0
+    ) -> 'EpsonPoint':
+        """Return the point moved by mm and degrees, as SPEL+'s `P1 +Z(50)`."""
+        return replace(self, x=self.x + x, y=self.y + y, z=self.z + z, u=self.u + u)
+
+    def before(self, distance: float) -> 'EpsonPoint':
+        """Return where the tool approaches it from, mm back along its own Z axis."""
+        pose = self.pose
+        pose[:3, 3] -= pose[:3, 2] * (float(distance) / 1e3)
+        return EpsonPoint.of(pose)
 
     @classmethod
     def of(cls, pose: Array) -> 'EpsonPoint':

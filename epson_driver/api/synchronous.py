@@ -15,6 +15,7 @@ from epson_driver.api.gripper import Gripper as AwaitedGripper
 from epson_driver.api.io import Io as AwaitedIo
 from epson_driver.api.motion import Motion as AwaitedMotion
 from epson_driver.api.ownership import Unique
+from epson_driver.api.points import Points as AwaitedPoints
 from epson_driver.api.simulation import Simulation as AwaitedSimulation
 from epson_driver.api.threads import Session
 
@@ -198,3 +199,20 @@ class Simulation(Synchronous[AwaitedSimulation]):
     go_on = waits(AwaitedSimulation.go_on)
     input = waits(AwaitedSimulation.input)
     fault = waits(AwaitedSimulation.fault)
+
+
+class Points(Synchronous[AwaitedPoints]):
+    """Taught points: a mapping from names, or P and a number, to EpsonPoints, ignoring case.
+
+    The arm goes there in the configuration nearest to where it is, not in the file's.
+    """
+
+    __getitem__ = calls(AwaitedPoints.__getitem__)
+    __setitem__ = calls(AwaitedPoints.__setitem__)
+    __delitem__ = calls(AwaitedPoints.__delitem__)
+    __iter__ = calls(AwaitedPoints.__iter__)
+    __len__ = calls(AwaitedPoints.__len__)
+    __contains__ = calls(AwaitedPoints.__contains__)
+    teach = calls(AwaitedPoints.teach, measured)
+    load = calls(AwaitedPoints.load)
+    save = calls(AwaitedPoints.save)

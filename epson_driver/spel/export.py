@@ -10,8 +10,8 @@ import uuid
 from collections.abc import Mapping
 from datetime import datetime
 
+from epson_driver.inputs.rc_files import CRLF, Block, quoted, sealed
 from epson_driver.spel.project_data import INCLUDE, PROGRAM
-from epson_driver.spel.rc_files import CRLF, Block, quoted, sealed
 
 RC_VERSIONS = {6: '6.2.3', 7: '7.0.5', 8: '7.0.5'}
 """The version that a project is written for, by that of the controller; RC+ 8 converts it."""

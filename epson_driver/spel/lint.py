@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+from epson_driver.inputs.rc_files import header_fault
 from epson_driver.spel.code import Program
 from epson_driver.spel.commands import (
     COMMANDS,
@@ -27,7 +28,6 @@ from epson_driver.spel.lint_ranges import literals
 from epson_driver.spel.lint_use import inner, leaves, shared, unreachable, unused
 from epson_driver.spel.project import build_with, reserved_names
 from epson_driver.spel.project_data import INCLUDE, PROGRAM, PROJECT, encoded, listed_files
-from epson_driver.spel.rc_files import header_fault
 from epson_driver.spel.scope import ONE_WHEN_ON, constant
 from epson_driver.spel.syntax import (
     Apply,

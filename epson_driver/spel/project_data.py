@@ -12,8 +12,8 @@ from datetime import datetime
 from pathlib import Path
 
 from epson_driver.inputs import InputError, printable, read_file
+from epson_driver.inputs.rc_files import Block, parsed, quoted, sealed
 from epson_driver.spel.errors import ErrorNumber, Position, Problem, SpelError
-from epson_driver.spel.rc_files import Block, parsed, quoted, sealed
 from epson_driver.spel.values import Point
 
 LARGEST_FILE = 5_000_000

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 
 from epson_driver.cli.spel_export import CONTROLLERS
+from epson_driver.inputs.rc_files import header_fault, parsed
 from epson_driver.robots import load_robot_model, robot_models
 from epson_driver.share import share_folder
 from epson_driver.sim_controller.spel_host.profile_project import robot_defines
 from epson_driver.spel import read_project, with_defines
 from epson_driver.spel.export import exported
 from epson_driver.spel.lint import check
-from epson_driver.spel.rc_files import header_fault, parsed
 
 FILES = read_project(share_folder('controller_program'))
 WHEN = datetime(2026, 1, 1, tzinfo=UTC)

@@ -9,10 +9,10 @@ import pytest
 from support.spel_harness import ScriptedHost
 
 from epson_driver.inputs import InputError
+from epson_driver.inputs.rc_files import Block, checksum, header_fault, parsed, rendered, sealed
 from epson_driver.spel import Machine, ProgramError, build
 from epson_driver.spel.lint import check
 from epson_driver.spel.project_data import decoded, read_project
-from epson_driver.spel.rc_files import Block, checksum, header_fault, parsed, rendered, sealed
 
 WHEN = datetime(2015, 3, 10, 10, 42, 32, 383000, tzinfo=UTC)
 NO_POINTS = Block('', [('sVersion', '"2.0.0"'), ('nNumberOfPoints', '0')])
