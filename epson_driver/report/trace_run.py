@@ -4,6 +4,7 @@
 
 import math
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -48,7 +49,7 @@ from epson_driver.simple_message import (
 )
 from epson_driver.simple_message.motoman import Command, Result
 from epson_driver.trace.pcap import PcapError
-from epson_driver.trace.recording import read_recording
+from epson_driver.trace.recording import DamagedError, read_recording
 from epson_driver.trace.script import Entry, Kind, ScriptError, make_script
 
 SILENCE_S = 0.3
@@ -72,14 +73,18 @@ COMMANDS = {
 def read_trace(
     path: Path, limits: JointLimits, texts: ErrorTexts, controller: str | None = None
 ) -> Run:
-    """Return the run in a pcap file up to where the file ends.
+    """Return the run in a pcap file up to where the file ends, or where it is damaged.
 
     limits: of the robot's joints; their names count, as the wire has numbers only, and what is
     faster than a joint can be is left out, with an event. controller: its address, needed if
     the file has several. Raises RunError, or InputError if the file cannot be read.
     """
+    damage = ''
     try:
-        steps = read_recording(path)
+        try:
+            steps = read_recording(path)
+        except DamagedError as error:
+            steps, damage = error.steps, f'{error}: what comes after it is missing here'
         script = make_script(steps, controller)
     except (PcapError, ScriptError) as error:
         raise RunError(printable(f'{path}: {error}')) from error
@@ -90,7 +95,8 @@ def read_trace(
     if not reader.times:
         raise RunError(printable(f'{path}: no joint states are in it'))
     began = min(step.time for step in steps if step.number in script.port_of)
-    return reader.run(path.name, round(began * NANOSECONDS), limits.names, texts)
+    run = reader.run(path.name, round(began * NANOSECONDS), limits.names, texts)
+    return replace(run, notes=[damage, *run.notes]) if damage else run
 
 
 class _Reader:

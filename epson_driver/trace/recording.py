@@ -7,7 +7,7 @@ from pathlib import Path
 
 from epson_driver.inputs import read_file
 from epson_driver.link.wire_events import Address, WireEvent
-from epson_driver.trace.pcap import Flag, Segment, Stream, read_segments
+from epson_driver.trace.pcap import Flag, PcapError, Segment, Stream, read_segments
 
 Pair = frozenset[Address]
 
@@ -57,14 +57,34 @@ class _Connection:
         ]
 
 
+class DamagedError(PcapError):
+    """A file in which a packet cannot be, with the `steps` before it."""
+
+    def __init__(self, text: str, steps: list[Step]) -> None:
+        super().__init__(text)
+        self.steps = steps
+
+
 def read_recording(path: Path) -> list[Step]:
     """Return all steps of all connections in a pcap file.
 
     A connection whose beginning was not captured begins with its first packet; the lower port is
-    taken for the server's. Raises PcapError, or InputError if it cannot be read.
+    taken for the server's. Raises PcapError, DamagedError if some can be read, or InputError if
+    the file cannot be read.
     """
-    connections: dict[Pair, _Connection] = {}
     steps: list[Step] = []
+    try:
+        _read(path, steps)
+    except PcapError as error:
+        if steps:
+            raise DamagedError(str(error), steps) from error
+        raise
+    return steps
+
+
+def _read(path: Path, steps: list[Step]) -> None:
+    """Add the steps of a file, one after the other."""
+    connections: dict[Pair, _Connection] = {}
     number = 0
     for segment in read_segments(read_file(path, MAX_RECORDING_BYTES)):
         pair = frozenset({segment.source, segment.target})
@@ -76,7 +96,6 @@ def read_recording(path: Path) -> list[Step]:
             number += 1
             steps.append(Step(segment.time, connection.number, server, WireEvent.OPENED))
         steps += connection.steps(segment)
-    return steps
 
 
 def _client_first(segment: Segment, *, begins: bool) -> tuple[Address, Address]:

@@ -149,6 +149,23 @@ def test_silence_while_connected_is_an_event(tmp_path):
     assert [t for t in texts(read(recorder, tmp_path)) if t.startswith('no joint state for 0.99')]
 
 
+def test_of_a_damaged_trace_what_comes_before_the_damage_is_shown_and_the_rest_told(tmp_path):
+    whole = usual_run().content()
+    position = 24
+    while position < len(whole) // 2:
+        position += 16 + struct.unpack_from('<I', whole, position + 8)[0]
+    damaged = bytearray(whole)
+    damaged[position + 11] = 0x7F  # the length of this packet
+    path = tmp_path / 'damaged.pcap'
+    path.write_bytes(damaged)
+    run = read_trace(path, LIMITS, TEXTS)
+    full = read(usual_run(), tmp_path)
+    assert 0 < len(run.times) < len(full.times)
+    assert np.array_equal(run.positions, full.positions[: len(run.times)])
+    assert f'damaged at byte {position}' in run.notes[0]
+    assert 'is missing here' in run.notes[0]
+
+
 @pytest.mark.parametrize('share', [0.25, 0.5, 0.9])
 def test_a_trace_that_ends_in_the_middle_ends_the_run_there(tmp_path, share):
     whole = usual_run().content()
