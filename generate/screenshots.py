@@ -74,7 +74,7 @@ def save(page: Any, name: str) -> None:
 
 
 def panel() -> None:
-    """Take the panel at rest, while the arm follows a plan, and in E-stop."""
+    """Take the panel at rest, while the arm follows a plan, in E-stop, and with two robots."""
     plan = read_trajectory(share_file('config', 'trajectories', 'around_pillar_11_points.yaml'))
     slow = Trajectory(plan.joint_names, plan.times * SLOWER, plan.positions)
     with tempfile.TemporaryDirectory(prefix='epson_driver_pictures_') as name:
@@ -95,6 +95,28 @@ def panel() -> None:
             with processes.ended_at_exit(served, client), tab(*PANEL_SIZE) as page:
                 page.goto(served.address())
                 _panel(page, ports.remote)
+    _two_robots()
+
+
+def _two_robots() -> None:
+    with tempfile.TemporaryDirectory(prefix='epson_driver_pictures_') as name:
+        folder = Path(name)
+        names = ('left', 'right')
+        controllers = [processes.sim_controller(folder / f'{each}.log') for each in names]
+        with processes.ended_at_exit(*controllers):
+            ports = dict(zip(names, (each.ports() for each in controllers), strict=True))
+            domain = processes.free_ros_domain()
+            client = processes.clients(folder / 'client.log', ports, domain)
+            environment = processes.ros_environment(domain)
+            served = processes.Process('panel', ['--port=0'], folder / 'panel.log', environment)
+            with processes.ended_at_exit(served, client), tab(*PANEL_SIZE) as page:
+                page.goto(served.address())
+                press = [*COMMAND, 'pendant', f'--port={ports["right"].remote}', 'door', 'open']
+                subprocess.run(press, check=True, capture_output=True)
+                page.get_by_role('button', name='left', exact=True).click()
+                page.wait_for_selector('#robots [data-sign="✕"]')
+                page.wait_for_timeout(5_000)
+                save(page, 'panel_two_robots.webp')
 
 
 def _panel(page: Any, remote_port: int) -> None:
