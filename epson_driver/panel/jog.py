@@ -14,7 +14,8 @@ from epson_driver.motion.interpolation import Interpolation
 from epson_driver.panel.robot_state import RequestError
 from epson_driver.robots import RobotModel
 from epson_driver.robots.chain import PRISMATIC, rotation_about
-from epson_driver.robots.kinematics import Kinematics
+from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw
+from epson_driver.robots.opw import KinematicsError
 
 WORLD, TOOL = FRAMES = ('world', 'tool')
 
@@ -106,6 +107,19 @@ class Jog:
     def straight(self, joints: Array, goal: Array, share: float = 1.0) -> Trajectory:
         """Return the way to joint positions, straight in joint space."""
         return self.way(np.linspace(joints, goal, 9), share)
+
+    def joints_at(self, point: Array, near: Array) -> Array:
+        """Return the joints nearest to `near` at X Y Z U V W, shape (6,), mm and degrees."""
+        pose = np.eye(4)
+        pose[:3, :3] = rotation_of_uvw(np.radians(point[3:]))
+        pose[:3, 3] = point[:3] / 1e3
+        try:
+            found = self.kinematics.inverse(self.kinematics.from_base(pose), near)
+        except KinematicsError as error:
+            raise RequestError(f'its joints cannot be computed: {error}') from error
+        if not len(found):
+            raise RequestError('the arm does not reach it')
+        return np.asarray(found[0])
 
     def way(self, path: Array, share: float) -> Trajectory:
         """Return how a path of joints, shape (k, n), is driven slowly, resting at both ends."""

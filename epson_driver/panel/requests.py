@@ -21,7 +21,6 @@ from epson_driver.panel.robot_view import INPUT, OUTPUT
 from epson_driver.panel.window import BadMessageError
 
 MAX_TEXT = 200
-MAX_JOINTS = 20
 
 Message = Mapping[str, Any]
 
@@ -102,10 +101,7 @@ def _speed(control: RobotControl, browser: int, message: Message) -> None:
 
 
 def _go_to(control: RobotControl, browser: int, message: Message) -> None:
-    joints = message.get('joints')
-    if not isinstance(joints, list) or not 0 < len(joints) <= MAX_JOINTS:
-        raise BadMessageError('joints must be a list of numbers')
-    values = [number({'joint': each}, 'joint', -1e4, 1e4) for each in joints]
+    values = [number(message, axis, -1e5, 1e5) for axis in 'xyzuvw']
     control.go_to(browser, text(message, 'name'), np.array(values))
 
 

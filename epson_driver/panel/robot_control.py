@@ -261,13 +261,14 @@ class RobotControl:
             here, there = self._here(), self._renamed(trajectory)
             self._send(f'to the start of {name}', self._hand().straight(here, there.positions[0]))
 
-    def go_to(self, browser: int, name: str, joints: Array) -> None:
-        """Go slowly and straight, in joint space, to a point: joints, shape (n,), rad or m."""
+    def go_to(self, browser: int, name: str, point: Array) -> None:
+        """Go slowly and straight, in joint space, to X Y Z U V W, shape (6,), mm and degrees.
+
+        In the configuration that is nearest to where the arm is.
+        """
         with self.arming.held(browser):
-            here = self._here()
-            if len(joints) != len(here):
-                raise RequestError(f'{name} has {len(joints)} joints, the robot {len(here)}')
-            self._send(f'to {name}', self._hand().straight(here, joints))
+            here, hand = self._here(), self._hand()
+            self._send(f'to {name}', hand.straight(here, hand.joints_at(point, here)))
 
     def jog(self, browser: int, axis: str, frame: str, share: float) -> None:
         """Move on for `servo.timeout` (0.1 s): a joint, or the tool, with a share of full speed.

@@ -137,7 +137,7 @@ class RobotView:
             'fresh': state.fresh('joints', now),
             'joints': np.round(state.positions, DIGITS).tolist(),
             'plan': None,
-            'tool': np.round([*(1e3 * place), *np.degrees(angles)], 2).tolist(),
+            'tool': np.round([*(1e3 * place), *np.degrees(angles)], 3).tolist(),
         }
         if self._executing and state.reference is not None:
             pose['plan'] = np.round(state.reference, DIGITS).tolist()

@@ -5,7 +5,6 @@
 import contextlib
 import importlib.util
 import io
-import json
 import os
 import shutil
 import signal
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 pytest.importorskip('websockets')
 
@@ -313,25 +313,34 @@ def test_points_are_taught_saved_and_gone_to(page: Page, cell: Cell) -> None:
     page.page.get_by_text('World', exact=True).click()
     page.page.locator('summary', has_text='Points').click()
     there = cell.peer.wait_until_still()
-    page.page.get_by_label('Name of the point').fill('home <b>')
+    page.page.get_by_label('Name of the point').fill('home')
     page.button('Teach here').click()
     with page.page.expect_download() as download:
         page.button('Save').click()
-    saved = json.loads(Path(download.value.path()).read_text(encoding='utf-8'))
-    np.testing.assert_allclose(saved['home <b>']['joints'], there, atol=1e-3)
-    assert set(saved['home <b>']) == {*'xyzuvw', 'joints'}
+    saved = yaml.safe_load(Path(download.value.path()).read_text(encoding='utf-8'))
+    assert list(saved) == ['home']
+    shown = page.page.locator('#tool dd').all_inner_texts()
+    np.testing.assert_allclose(
+        list(saved['home'].values()), [float(each) for each in shown], atol=0.06
+    )
+    assert ''.join(saved['home']) == 'xyzuvw'
     page.button('Z plus').click()
     page.wait(lambda: np.abs(cell.peer.position() - there).max() > 1e-3, 'moved away')
     cell.peer.wait_until_still()
-    page.button('Go to home <b>').click()
-    page.wait_for_text('log', 'to home <b>: at the goal')
+    page.button('Go to home').click()
+    page.wait_for_text('log', 'to home: at the goal')
     np.testing.assert_allclose(cell.peer.wait_until_still(), there, atol=2e-3)
-    page.button('Forget home <b>').click()
+    page.button('Forget home').click()
     page.page.locator('#points-file').set_input_files(
-        {'name': 'x.json', 'mimeType': 'application/json', 'buffer': b'{"P": {"x": "1"}}'}
+        {'name': 'x.yaml', 'mimeType': 'application/yaml', 'buffer': b'pick: {x: 1, y: <b>}'}
     )
-    page.wait_for_text_of('#notes', 'x.json has no points: P must have numbers')
+    page.wait_for_text_of('#notes', 'x.yaml has no points: pick must have x, y, z')
     assert page.text('points') == ''
+    saved_again = b'pick: {x: 350.0, y: 20.0, z: -30.0}\n'
+    page.page.locator('#points-file').set_input_files(
+        {'name': 'x.yaml', 'mimeType': 'application/yaml', 'buffer': saved_again}
+    )
+    page.wait_for_text('points', '350.0 20.0 -30.0 0.0 0.0 0.0')
 
 
 def test_a_line_of_the_log_stays_selected(page: Page) -> None:

@@ -188,10 +188,15 @@ def test_what_is_not_there_is_not_switched_and_not_executed(made: Made) -> None:
     assert made.robot.written == [(8, 1), (9, 0)]
 
 
+POINT = [
+    *(1e3 * Kinematics(MODEL).epson_point(np.full(6, 0.2))[0]),
+    *np.degrees(Kinematics(MODEL).epson_point(np.full(6, 0.2))[1]),
+]
+
 MOVES: dict[str, dict[str, Any]] = {
     'execute': {'name': 'way'},
     'go_to_start': {'name': 'way'},
-    'go_to': {'name': 'P0', 'joints': [0.1] * 6},
+    'go_to': {'name': 'pick', **dict(zip('xyzuvw', POINT, strict=True))},
     'jog': {'axis': '1', 'frame': 'world', 'share': 0.5},
     'step': {'axis': 'X', 'frame': 'tool', 'size': 0.001, 'share': 0.5},
 }
@@ -209,6 +214,14 @@ def test_what_moves_the_arm_needs_an_armed_window(word: str, made: Made) -> None
         made.robot.state.positions = np.zeros(6)
     made.ask(word, **MOVES[word])
     assert len(made.robot.jogged) + len(made.robot.executed) == 1
+
+
+def test_a_point_is_gone_to_in_the_nearest_configuration_or_refused(made: Made) -> None:
+    made.arm()
+    made.ask('go_to', **MOVES['go_to'])
+    assert_allclose(made.robot.executed[0][0].positions[-1], np.full(6, 0.2), atol=1e-6)
+    with pytest.raises(RequestError, match='the arm does not reach it'):
+        made.ask('go_to', **(MOVES['go_to'] | {'x': 5000.0}))
 
 
 @pytest.mark.invariant(3)
@@ -230,10 +243,10 @@ def test_what_is_moved_by_hand_brakes_when_the_arming_ends(made: Made) -> None:
         ('jog', {'axis': '1', 'frame': 'moon', 'share': 1}),
         ('jog', {'axis': 1, 'frame': 'world', 'share': 1}),
         ('step', {'axis': '1', 'frame': 'world', 'share': 1, 'size': True}),
-        ('go_to', {'name': 'P', 'joints': 'abc'}),
-        ('go_to', {'name': 'P', 'joints': []}),
-        ('go_to', {'name': 'P', 'joints': [None] * 6}),
-        ('go_to', {'name': 'P' * 300, 'joints': [0] * 6}),
+        ('go_to', {'name': 'a', **dict.fromkeys('xyzuv', 0.0)}),
+        ('go_to', {'name': 'a', **dict.fromkeys('xyzuvw', '0')}),
+        ('go_to', {'name': 'a', **dict.fromkeys('xyzuvw', 1e9)}),
+        ('go_to', {'name': 'a' * 300, **dict.fromkeys('xyzuvw', 0.0)}),
         ('speed', {'value': '1'}),
         ('press', {'what': 'E-stop', 'how': 'lick'}),
         ('press', {'what': ['E-stop'], 'how': 'press'}),

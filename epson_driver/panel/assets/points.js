@@ -1,10 +1,12 @@
 // Copyright 2026 the epson_driver developers
 // SPDX-License-Identifier: Apache-2.0
-// Taught points: kept in this browser for each robot, saved as a JSON file, with the fields of the Python API's EpsonPoint
-// (x, y, z in mm, u, v, w in degrees) and the joints (rad, m).
+// Taught points: kept in this browser for each robot, saved as the YAML file that the Python API's robot.points reads:
+//   pick: {x: 350.0, y: 20.0, z: -30.0, u: 45.0, v: 0.0, w: 0.0}
 
 const FIELDS = ['x', 'y', 'z', 'u', 'v', 'w'];
 const MOST = 200;
+const NAME = /^(?!p\d+$)[a-z_]\w{0,31}$/i;
+const LINE = /^([A-Za-z_]\w*)\s*:\s*\{([^{}]*)\}\s*(?:#.*)?$/;
 
 const $ = (id) => document.getElementById(id);
 
@@ -38,11 +40,15 @@ export class Points {
       this.note('Not taught: it is not known where the arm is');
       return;
     }
-    let number = 0;
-    while (`P${number}` in this.points) number++;
-    const name = $('point-name').value.trim() || `P${number}`;
-    const { joints, tool } = this.here;
-    this.points[name] = { ...Object.fromEntries(FIELDS.map((field, k) => [field, tool[k]])), joints };
+    let number = 1;
+    while (`point_${number}` in this.points) number++;
+    const name = $('point-name').value.trim() || `point_${number}`;
+    if (!NAME.test(name)) {
+      this.note(`Not taught: ${name} is no name: letters, digits and _, at most 32, not P and a number`);
+      return;
+    }
+    const { tool } = this.here;
+    this.points[name] = Object.fromEntries(FIELDS.map((field, k) => [field, tool[k]]));
     $('point-name').value = '';
     this.keep();
   }
@@ -64,7 +70,7 @@ export class Points {
       go.textContent = 'Go to';
       go.setAttribute('aria-label', `Go to ${name}`);
       go.dataset.armed = '';
-      go.addEventListener('click', () => this.send({ do: 'go_to', name, joints: point.joints }));
+      go.addEventListener('click', () => this.send({ do: 'go_to', name, ...point }));
       const forget = document.createElement('button');
       forget.textContent = '✕';
       forget.setAttribute('aria-label', `Forget ${name}`);
@@ -86,8 +92,8 @@ export class Points {
   save() {
     const link = document.createElement('a');
     const robot = this.robot.split('/').filter(Boolean).join('_') || 'robot';
-    link.href = URL.createObjectURL(new Blob([JSON.stringify(this.points, null, 1)], { type: 'application/json' }));
-    link.download = `${robot}_points.json`;
+    link.href = URL.createObjectURL(new Blob([written(this.points)], { type: 'application/yaml' }));
+    link.download = `${robot}_points.yaml`;
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
   }
@@ -97,7 +103,7 @@ export class Points {
     $('points-file').value = '';
     if (!file) return;
     try {
-      Object.assign(this.points, checked(JSON.parse(await file.text())));
+      Object.assign(this.points, checked(read(await file.text())));
       this.keep();
     } catch (error) {
       this.note(`${file.name} has no points: ${error.message}`);
@@ -105,14 +111,29 @@ export class Points {
   }
 }
 
-/** Return what is in a file if it is points. Raises an error that names the first that is none. */
+const written = (points) => Object.entries(points).map(([name, point]) =>
+  `${name}: {${FIELDS.map((field) => `${field}: ${point[field].toFixed(3)}`).join(', ')}}\n`).join('');
+
+/** Return the points of a file as robot.points writes it. Raises an error that names the first line that is none. */
+function read(text) {
+  const found = {};
+  text.split('\n').forEach((line, i) => {
+    if (!line.trim() || line.trim().startsWith('#')) return;
+    const match = LINE.exec(line.trim());
+    if (!match) throw new Error(`line ${i + 1} is no point`);
+    const fields = match[2].split(',').map((each) => each.split(':').map((part) => part.trim()));
+    found[match[1]] = { u: 0, v: 0, w: 0, ...Object.fromEntries(fields.map(([field, value]) => [field, value ? Number(value) : NaN])) };
+  });
+  return found;
+}
+
+/** Return points if they are some. Raises an error that names the first that is none. */
 function checked(found) {
-  if (typeof found !== 'object' || found === null || Array.isArray(found)) throw new Error('it must be an object of points by name');
   const entries = Object.entries(found);
   if (entries.length > MOST) throw new Error(`${entries.length} points: at most ${MOST}`);
   for (const [name, point] of entries) {
-    const numbers = point && Array.isArray(point.joints) ? [...FIELDS.map((field) => point[field]), ...point.joints] : [NaN];
-    if (!numbers.every(Number.isFinite)) throw new Error(`${name.slice(0, 40)} must have numbers x, y, z, u, v, w and a list joints`);
+    const good = Object.keys(point).length === FIELDS.length && FIELDS.every((field) => Number.isFinite(point[field]));
+    if (!NAME.test(name) || !good) throw new Error(`${name.slice(0, 40)} must have x, y, z, and may have u, v, w`);
   }
   return found;
 }
