@@ -113,7 +113,7 @@ def _two_robots() -> None:
                 page.goto(served.address())
                 press = [*COMMAND, 'pendant', f'--port={ports["right"].remote}', 'door', 'open']
                 subprocess.run(press, check=True, capture_output=True)
-                page.get_by_role('button', name='left', exact=True).click()
+                page.locator('#robots button', has_text='left').click()
                 page.wait_for_selector('#robots [data-sign="✕"]')
                 page.wait_for_timeout(5_000)
                 save(page, 'panel_two_robots.webp')
