@@ -1,0 +1,68 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What is set of an arm, on the command line or in Python."""
+
+from dataclasses import dataclass, field
+
+from lerobot.cameras import CameraConfig
+from lerobot.robots import RobotConfig
+from lerobot.teleoperators import TeleoperatorConfig
+
+from epson_driver import Robot as Arm
+from epson_driver import Settings
+
+
+@dataclass(kw_only=True)
+class EpsonArm:
+    """Which arm it is, and how it follows.
+
+    host: None for a simulated arm of its own, which begins at `start`, rad (m). controller, model:
+    as epson_driver has them; ports: those of motion, state, io and remote that differ. speed,
+    acceleration: shares of the joint limits, (0, 1]. timeout: so long after the last action the
+    arm brakes, s. trace_file: a new pcap file.
+    """
+
+    host: str | None = None
+    controller: str = 'rc620'
+    model: str = 'c3_a601s'
+    ports: dict[str, int] = field(default_factory=dict)
+    start: list[float] | None = None
+    speed: float = 0.06
+    acceleration: float = 0.5
+    timeout: float = 0.15
+    trace_file: str | None = None
+
+    def make_arm(self) -> Arm:
+        """Return the arm, not connected. Raises ValueError or FileNotFoundError."""
+        if not 0.0 < self.speed <= 1.0:
+            raise ValueError(f'speed = {self.speed}: must be more than 0, and 1 at most')
+        settings = Settings(
+            servo_scale=self.acceleration, servo_timeout=self.timeout, trace_file=self.trace_file
+        )
+        kind = {'controller': self.controller, 'model': self.model, 'settings': settings}
+        if self.host is None:
+            return Arm.simulated(**kind, start=self.start)
+        ports = {f'{name}_port': port for name, port in self.ports.items()}
+        return Arm(self.host, **kind, **ports)
+
+
+@RobotConfig.register_subclass('epson')
+@dataclass(kw_only=True)
+class EpsonRobotConfig(RobotConfig, EpsonArm):
+    """An arm that follows actions, with cameras."""
+
+    cameras: dict[str, CameraConfig] = field(default_factory=dict)
+
+
+@TeleoperatorConfig.register_subclass('epson_leader')
+@dataclass(kw_only=True)
+class EpsonLeaderConfig(TeleoperatorConfig, EpsonArm):
+    """An arm whose joints are the actions for another one of the same model.
+
+    hand: what moves it, 'keys' or 'wave', joint 1 to `amplitude`, rad (m), and back each `period`
+    s.
+    """
+
+    hand: str = 'keys'
+    amplitude: float = 0.4
+    period: float = 4.0

@@ -1,0 +1,65 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What robot and leader have in common: an arm that is connected, and its joints by name."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
+import numpy as np
+import numpy.typing as npt
+from lerobot.utils.decorators import check_if_not_connected
+
+from lerobot_robot_epson.config_epson import EpsonArm
+
+LONGEST_STEP_S = 0.07
+"""What time between two actions counts at most, s: one that comes late makes no jump."""
+
+
+class EpsonDevice:
+    """An arm for lerobot. Joints are `joint_1.pos` and so on, rad (m)."""
+
+    def __init__(self, config: EpsonArm) -> None:
+        super().__init__(config)
+        self.config = config
+        self.arm = config.make_arm()
+        self.limits = self.arm.model.limits
+        self._joints = [f'{name}.pos' for name in self.limits.names]
+        self._open: ExitStack | None = None
+
+    @property
+    def action_features(self) -> dict[str, type]:
+        """Of each joint its position."""
+        return dict.fromkeys(self._joints, float)
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether `disconnect` has something to do: a lost link raises RobotError elsewhere."""
+        return self._open is not None
+
+    @property
+    def is_calibrated(self) -> bool:
+        """True: the encoders are absolute."""
+        return True
+
+    def calibrate(self) -> None:
+        """Do nothing."""
+
+    configure = calibrate
+
+    @contextmanager
+    def _connecting(self) -> Iterator[ExitStack]:
+        """Have all that is entered undone by an error, otherwise by `disconnect`."""
+        with ExitStack() as stack:
+            yield stack
+            stack.enter_context(self.arm)
+            self.arm.enable()
+            self._open = stack.pop_all()
+
+    @check_if_not_connected
+    def disconnect(self) -> None:
+        """Stop the arm, switch the motors off, and let go of all that was connected."""
+        stack, self._open = self._open, None
+        stack.close()
+
+    def _named(self, positions: npt.NDArray[np.float64]) -> dict[str, float]:
+        return dict(zip(self._joints, positions.tolist(), strict=True))

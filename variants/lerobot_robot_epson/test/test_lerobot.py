@@ -1,0 +1,175 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The genuine lerobot with simulated arms: its own commands, and actions that nobody should send.
+
+pytest -m '' variants/lerobot_robot_epson, where lerobot and this package are installed.
+"""
+
+import math
+import re
+import shlex
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip('lerobot', reason='lerobot is not installed here: see the README beside')
+
+import pandas as pd
+from lerobot_robot_epson import EpsonRobot, EpsonRobotConfig
+
+from epson_driver.error_texts import load_error_texts
+from epson_driver.report.trace_run import read_trace
+
+pytestmark = pytest.mark.slow
+
+PERIOD_S = 1 / 30
+ROUNDING = 1e-6
+MOVING = 0.01
+README = Path(__file__).parents[1] / 'README.md'
+
+
+def commands():
+    """Return the README's session, command by command."""
+    session = README.read_text(encoding='utf-8').split('## A session')[1]
+    block = re.search(r'```sh\n(.*?)```', session, re.DOTALL)[1].replace('\\\n', '')
+    return dict(line.split(' ', 1) for line in block.splitlines())
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp('session')
+
+
+def run(name, folder, *more):
+    words = shlex.split(commands()[name])
+    here = Path(sys.executable).parent / name
+    done = subprocess.run(
+        [here, *words, *more], cwd=folder, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_teleoperate(folder):
+    run('lerobot-teleoperate', folder, '--robot.trace_file=led.pcap', '--teleop_time_s=5')
+    _, joints = measured(folder / 'led.pcap')
+    assert 0.3 < joints[:, 0].max() < 0.45
+
+
+def test_record_and_replay(folder):
+    run('lerobot-record', folder)
+    tables = sorted((folder / 'wave' / 'data').rglob('*.parquet'))
+    frames = pd.concat(pd.read_parquet(table) for table in tables)
+    actions, seen = np.stack(frames['action']), np.stack(frames['observation.state'])
+    print(f'{len(frames)} frames in 8 s')
+    assert len(frames) > 80
+    assert np.abs(actions[:, 0]).max() == pytest.approx(0.4, abs=0.05)
+    run('lerobot-replay', folder, '--robot.trace_file=replay.pcap')
+    _, joints = measured(folder / 'replay.pcap')
+    went, should = np.ptp(joints, axis=0), np.ptp(seen, axis=0)
+    print(f'replayed: peak to peak {went[0]:.4f} rad, recorded {should[0]:.4f} rad')
+    assert went == pytest.approx(should, abs=0.03)
+    print(f'end: {np.abs(joints[-1] - actions[-1]).max():.4f} rad from the last action')
+    assert joints[-1] == pytest.approx(actions[-1], abs=0.03)
+
+
+def measured(trace):
+    """Return times, s, and joints of a trace, from the wire."""
+    limits = EpsonRobot(EpsonRobotConfig()).limits
+    run = read_trace(trace, limits, load_error_texts('epson'))
+    return run.times, run.positions
+
+
+@pytest.fixture(scope='module')
+def connected():
+    with EpsonRobot(EpsonRobotConfig()) as robot:
+        yield robot
+
+
+@pytest.fixture
+def robot(connected):
+    connected.arm.enable()
+    return connected
+
+
+FAR = np.array([3.0, -3.0, 3.0, -3.0, 2.0, 6.0])
+
+HOSTILE = {
+    'jumps of 3 rad': lambda step: FAR,
+    'there and back at once': lambda step: FAR * (-1) ** step,
+    'anything': lambda step: np.random.default_rng(step).uniform(-7, 7, 6),
+    'as much as a float has': lambda step: np.full(6, 1e300),
+}
+
+
+def sent(robot, policy, steps):
+    """Send actions at 30 Hz and return when the last one was sent, in time of day, s."""
+    begin = time.monotonic()
+    for step in range(steps):
+        last = time.time()
+        robot.send_action(dict(zip(robot.action_features, policy(step), strict=True)))
+        time.sleep(max(begin + (step + 1) * PERIOD_S - time.monotonic(), 0.0))
+    return last
+
+
+def held(robot, samples, last):
+    """Check samples against the limits and return what was the fastest, and the time to rest."""
+    limits = robot.limits
+    positions = np.array([sample.positions for sample in samples])
+    assert (positions >= limits.position_min - ROUNDING).all()
+    assert (positions <= limits.position_max + ROUNDING).all()
+    speeds = np.abs([sample.velocities for sample in samples])
+    moving = [
+        sample.time for sample, speed in zip(samples, speeds, strict=True) if speed.max() > MOVING
+    ]
+    return float((speeds / limits.velocity).max()), max(moving, default=last) - last
+
+
+@pytest.mark.parametrize('name', HOSTILE)
+def test_hostile_actions(robot, name):
+    samples = []
+    forget = robot.arm.on_joints(samples.append)
+    last = sent(robot, HOSTILE[name], 60)
+    time.sleep(1.5)
+    forget()
+    fastest, rest = held(robot, samples, last)
+    print(f'{name}: {fastest:.3f} of the velocity limits, at rest after {rest:.3f} s')
+    assert 0.0 < fastest < 0.25
+    assert rest < 1.0  # 0.3 s where the machine has nothing else to do
+
+
+def test_chunks_that_come_late(robot):
+    samples = []
+    forget = robot.arm.on_joints(samples.append)
+    start = robot.arm.joints
+    for chunk in range(4):
+        last = sent(robot, lambda step, way=chunk: start + 0.2 * way + 0.02 * step, 10)
+        time.sleep(0.4)
+    time.sleep(1.0)
+    forget()
+    fastest, rest = held(robot, samples, last)
+    print(f'late chunks: {fastest:.3f} of the velocity limits, at rest {rest:.3f} s')
+    assert fastest < 0.25
+    assert rest < 1.0
+
+
+@pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])
+def test_what_is_no_number_is_refused_and_moves_nothing(robot, value):
+    here = robot.arm.joints
+    with pytest.raises(
+        ValueError, match=r'joint_3\.pos = -?(inf|nan): an action has all joints, finite'
+    ):
+        robot.send_action({**robot.get_observation(), 'joint_3.pos': value})
+    with pytest.raises(ValueError, match=r'joint_2\.pos = None: an action has all joints'):
+        robot.send_action({'joint_1.pos': 0.1})
+    time.sleep(0.3)
+    assert robot.arm.joints == pytest.approx(here, abs=1e-4)
+
+
+def test_an_estop_ends_a_stream_with_why(robot):
+    robot.arm.simulation.estop()
+    with pytest.raises(RuntimeError, match='E-stop'):
+        sent(robot, lambda step: np.full(6, 0.1), 60)
