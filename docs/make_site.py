@@ -61,6 +61,7 @@ LINK = re.compile(r'(!?\[[^\]]*\])\((?!https?:|#|mailto:)([^)\s#]+)(#[^)\s]*)?\)
 PART = re.compile(r'<!-- made: (\w+) ?(.*?) -->\n')
 DIAGRAM = re.compile(r'(?ms)^```mermaid\n(.*?)^```\n')
 SECTION = re.compile(r'(?m)^## (.*)$')
+NESTED = re.compile(r'(?m)^ {2,3}(?=\* )')
 
 LANGUAGES = {'.yaml': 'yaml', '.yml': 'yaml', '.rst': 'rst', '.py': 'python', '.xml': 'xml'}
 
@@ -89,7 +90,8 @@ def write_source() -> None:
     wanted: set[Path] = set()
     for page, text in texts.items():
         wanted |= set(_targets(page, text))
-        _write(page, _drawn(page, _linked(page, text)))
+        nested = NESTED.sub(' ' * 4, text)  # the builder takes fewer for the same list
+        _write(page, _drawn(page, _linked(page, nested)))
     for target in sorted(wanted - set(texts)):
         if target.suffix in PICTURES:
             copy = SOURCE / target.relative_to(ROOT)
