@@ -32,7 +32,7 @@ CONFIGURATION = BUILD / 'zensical.toml'
 
 INDEX = 'docs/README.md'
 WORKER = 'iframe-worker.js'
-PAGES = ('*.md', 'docs/*.md', 'benchmark/*.md')
+PAGES = ('*.md', 'docs/*.md', 'benchmark/*.md', 'variants/*/*.md')
 MADE: dict[str, Callable[..., Iterable[str]]] = {
     'approximate': make_tables.approximate,
     'controller': make_diagrams.condition,
