@@ -171,5 +171,6 @@ def test_what_is_no_number_is_refused_and_moves_nothing(robot, value):
 
 def test_an_estop_ends_a_stream_with_why(robot):
     robot.arm.simulation.estop()
+    robot.arm.wait_until(lambda sample: sample.status.e_stopped, timeout=10.0)
     with pytest.raises(RuntimeError, match='E-stop'):
         sent(robot, lambda step: np.full(6, 0.1), 60)
