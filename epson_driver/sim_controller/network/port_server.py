@@ -23,6 +23,9 @@ from epson_driver.sim_controller.network.tcp_connection import TcpConnection
 from epson_driver.simple_message import FrameError
 from epson_driver.socket_errors import reason
 
+HALF_CLOSED_S = 2.0
+"""How long a client that has shut its own side is still sent to, s: it may be gone."""
+
 HANDOVER_S = 0.1
 """How long a client waits for a place, s: when it reconnects, its old connection may still end."""
 
@@ -96,10 +99,10 @@ class PortRules(NamedTuple):
     None: each gets in, if need be in another one's place, also without a file descriptor left. A
     client that leaves more than `max_unsent` bytes unread is disconnected; `send_buffer` is what
     the system may hold beside that, None for its default. Where `half_closed`, a client that has
-    shut its own side is still sent to, until another wants its place. `chunk` bytes are taken at
-    once; all clients together use at most the part `share` of the processor's time, after what
-    each has saved up; None: as much as they like. Where `replace`, the oldest client makes room
-    for one more.
+    shut its own side is still sent to, for HALF_CLOSED_S. `chunk` bytes are taken at once; all
+    clients together use at most the part `share` of the processor's time, after what each has
+    saved up; None: as much as they like. Where `replace`, the oldest client makes room for one
+    more.
     """
 
     name: str
@@ -149,8 +152,6 @@ class PortServer:
         self._spare = SpareDescriptor()
         """Lets a client in when no descriptor is left, of a port where each gets in."""
         self._places = None if clients is None else asyncio.Semaphore(clients)
-        self._half_closed: deque[TcpConnection] = deque()
-        """Clients that have shut their own side, and may be gone: the first one to do so first."""
 
     @property
     def name(self) -> str:
@@ -260,8 +261,9 @@ class PortServer:
     async def _attend(self, connection: TcpConnection) -> None:
         try:
             if self._places is not None:
-                if self._places.locked():
-                    self._make_room()
+                if self._places.locked() and self._rules.replace:
+                    with self._pacer.present() as controller:
+                        controller.clients.make_room(self._rules.name)
                 async with asyncio.timeout(HANDOVER_S):
                     await self._places.acquire()
             try:
@@ -281,16 +283,6 @@ class PortServer:
         finally:
             connection.close()
 
-    def _make_room(self) -> None:
-        """Have a client leave that has no need of its place, or that the rules let be replaced."""
-        if self._half_closed:
-            leaving = self._half_closed.popleft()
-            _log.warning('%s, which has shut its own side, makes room', leaving.name)
-            leaving.abort()
-        elif self._rules.replace:
-            with self._pacer.present() as controller:
-                controller.clients.make_room(self._rules.name)
-
     async def _serve(self, connection: TcpConnection) -> None:
         with self._pacer.present() as controller:
             session = controller.connect(self._rules.name, connection)
@@ -305,11 +297,10 @@ class PortServer:
                         used = time.thread_time() - began
                 await self._pay(budget, used)
             if self._rules.half_closed:
-                self._half_closed.append(connection)
-                await connection.lost()
+                with suppress(TimeoutError):
+                    async with asyncio.timeout(HALF_CLOSED_S):
+                        await connection.lost()
         finally:
-            with suppress(ValueError):
-                self._half_closed.remove(connection)
             with self._pacer.present():
                 session.closed()
 
