@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.api_harness import FAR, robot_cell
 from support.driver_harness import ScriptedController, answer, simulated
-from support.event_loop import run, stand_still, until
+from support.event_loop import real_time, run, stand_still, until
 from support.sim_process import vacant_port
 from support.two_jaws import TwoJaws
 
@@ -207,7 +207,8 @@ async def begun_slowly(robot, way):
     if way == 'joints':
         return await robot.move_joints(LONG, speed=0.08, wait=False)
     if way == 'waypoints':
-        return await robot.move_waypoints([LONG], speed=0.08, wait=False)
+        with real_time():  # a worker plans
+            return await robot.move_waypoints([LONG], speed=0.08, wait=False)
     return await robot.move_trajectory([6.0], [LONG], wait=False)
 
 
