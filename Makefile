@@ -54,7 +54,7 @@ help:
 	@echo "make fuzz          a million mutated messages to both roles and all ports (ARGS='--inputs 50000 --seed 1')"
 	@echo "make simulate      the whole system from new seeds, for ten minutes (ARGS='--seed 7': one; ARGS='--minutes 60')"
 	@echo "make soak-tests    run 2,000 random plans, and new examples for every property (hours)"
-	@echo "make pictures      redraw the pictures of the robots in docs and the animation of the README (ten minutes)"
+	@echo "make pictures      redraw all pictures of docs, and the animation of the README (a quarter of an hour)"
 	@echo "make hashes        write requirements/constraints.txt anew, after a change of requirements or versions"
 	@echo "make clean         remove the environment and everything else that make has created"
 	@echo "PYTHON=...         the interpreter to use, 3.11 or newer (now: $(PYTHON))"
@@ -126,10 +126,11 @@ fuzz: $(VENV)/.driver $(VENV)/.dev
 simulate: $(VENV)/.driver $(VENV)/.dev
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m simulation $(or $(ARGS),--minutes 10)
 
-# ten minutes, most of it the animation
-pictures: $(VENV)/.driver $(VENV)/.dev
+# a quarter of an hour, most of it the animation
+pictures: $(VENV)/.driver $(VENV)/.dev $(VENV)/.browser
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m generate.picture $(ARGS)
 	$(if $(ARGS),,OPENBLAS_NUM_THREADS=1 $(BIN)/python -m generate.animation)
+	$(if $(ARGS),,$(BIN)/python -m generate.screenshots)
 
 # for all Pythons and systems at once; versions that constraints.txt has are kept: delete a line to get a newer one
 hashes:

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Takes the pictures of the panel, the report and the exercise in docs/images, in chromium.
+"""Takes the pictures of panel, report, exercise and doctor in docs/images, in chromium.
 
-python -m generate.screenshots [panel] [report] [exercise]
+python -m generate.screenshots [panel] [report] [exercise] [doctor]
 
 Needs Debian's chromium and `make browser`. The exercise takes minutes, the others a minute each.
 """
@@ -161,36 +161,56 @@ def report() -> None:
 def exercise() -> None:
     """Take what a good program does in all cases of the exercise, as a terminal shows it."""
     programs = ROOT / 'test' / 'exercise' / 'programs'
+    _terminal(['exercise', '--', 'python3', 'good.py'], 'What it did', cwd=programs)
+
+
+def doctor() -> None:
+    """Take what the doctor says of a controller in E-stop."""
+    with tempfile.TemporaryDirectory(prefix='epson_driver_pictures_') as name:
+        profile = ['--controller=rc700a']
+        log, environment = Path(name, 'log'), dict(os.environ)
+        controller = processes.Process('sim_controller', profile, log, environment)
+        with processes.ended_at_exit(controller):
+            controller.ports()
+            press = [*COMMAND, 'pendant', 'estop', 'press']
+            subprocess.run(press, check=True, capture_output=True)
+            _terminal(['doctor', '127.0.0.1', '--controller', 'rc700a', '--ask'])
+
+
+def _terminal(words: list[str], begin: str = '', cwd: Path = ROOT) -> None:
+    """Take a command's output as a terminal shows it, from the line with `begin` on."""
     environment = os.environ | {
         'COLUMNS': str(TERMINAL_COLUMNS),
         'FORCE_COLOR': '1',
+        'TTY_INTERACTIVE': '0',  # no progress, which a terminal would overwrite
+        'ROS_DOMAIN_ID': '42',
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         'TERM': 'xterm-256color',
         'PATH': f'{Path(sys.executable).parent}{os.pathsep}{os.environ["PATH"]}',
     }
-    words = ['exercise', '--', 'python3', 'good.py']
     ended = subprocess.run(
         [*COMMAND, *words],
-        cwd=programs,
+        cwd=cwd,
         env=environment,
         capture_output=True,
         text=True,
-        check=True,
+        check=False,  # the doctor's exit code is 1 where something is wrong
     )
-    lines = ended.stdout.splitlines()
-    table = next(number for number, line in enumerate(lines) if 'What it did' in line)
+    lines = ended.stdout.replace(str(ROOT), '~/epson_driver').splitlines()
+    first = next(number for number, line in enumerate(lines) if begin in line)
     console = Console(record=True, width=TERMINAL_COLUMNS, file=io.StringIO())
     console.print(f'[bold]$ epson_driver {" ".join(words)}[/]', highlight=False)
-    console.print(Text.from_ansi('\n'.join(lines[table:])))
+    console.print(Text.from_ansi('\n'.join(lines[first:])))
     with tab(1300, 1000) as page:
-        page.set_content(console.export_svg(title='epson_driver exercise'))
+        page.set_content(console.export_svg(title=f'epson_driver {words[0]}'))
         page.locator('body').evaluate('(e) => { e.style.margin = 0; }')
         drawn = page.locator('svg').bounding_box()
         height = round(1300 * drawn['height'] / drawn['width'])
         page.set_viewport_size({'width': 1300, 'height': height})
-        save(page, 'exercise.png')
+        save(page, f'{words[0]}.png')
 
 
-PICTURES = {'panel': panel, 'report': report, 'exercise': exercise}
+PICTURES = {'panel': panel, 'report': report, 'exercise': exercise, 'doctor': doctor}
 
 
 def main(names: list[str]) -> None:

@@ -5,6 +5,7 @@
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from epson_driver.inputs import printable
 from epson_driver.motion import Array
 from epson_driver.report.bag_types import typestore
 from epson_driver.report.condition_events import condition_events
+from epson_driver.report.mcap_repair import whole_mcap
 from epson_driver.report.run import (
     FLAGS,
     NANOSECONDS,
@@ -48,6 +50,8 @@ LINK_LOST = (
     'check cable, network and controller; the driver connects again by itself, then ~/enable'
 )
 
+CUT_OFF = 'the file breaks off: its end, with the index, is missing; what is whole was read'
+
 WANTED = (
     "record joint_states, robot_status, rosout and the driver's ~/link_state, ~/controller_state"
 )
@@ -60,8 +64,17 @@ def read_bag(path: Path, texts: ErrorTexts, namespace: str | None = None) -> Run
     what is missing, or why the bag cannot be read.
     """
     try:
-        with AnyReader([path], default_typestore=typestore()) as reader:
-            return _Bag(reader, path, namespace).run(texts)
+        try:
+            return _read_whole(path, path, texts, namespace)
+        except RunError:
+            raise
+        except Exception:
+            files = [path] if path.is_file() else list(path.glob('*.mcap'))
+            with TemporaryDirectory(prefix='epson_driver_') as folder:
+                copy = whole_mcap(files[0], Path(folder)) if len(files) == 1 else None
+                if copy is None:
+                    raise
+                return _read_whole(copy, path, texts, namespace, CUT_OFF)
     except (AnyReaderError, OSError) as error:
         raise RunError(printable(f'{path}: {error}')) from error
     except RunError:
@@ -70,12 +83,20 @@ def read_bag(path: Path, texts: ErrorTexts, namespace: str | None = None) -> Run
         raise RunError(printable(f'{path}: cannot be read as a bag: {error!r}')) from error
 
 
-class _Bag:
-    """A bag while it is read."""
+def _read_whole(
+    file: Path, path: Path, texts: ErrorTexts, namespace: str | None, note: str = ''
+) -> Run:
+    with AnyReader([file], default_typestore=typestore()) as reader:
+        return _Bag(reader, path, namespace, note).run(texts)
 
-    def __init__(self, reader: Any, path: Path, namespace: str | None) -> None:
+
+class _Bag:
+    """A bag while it is read. `note`: what is wrong with it."""
+
+    def __init__(self, reader: Any, path: Path, namespace: str | None, note: str) -> None:
         self._reader = reader
         self._path = path
+        self._note = note
         self._states: Any = self._choose(namespace)
         self._prefix = self._states.topic.rpartition('/')[0]
         self._began = 0
@@ -134,7 +155,7 @@ class _Bag:
             and self._belongs(each)
             and (each.msgtype != JOINT_STATE or each is self._states)
         ]
-        broken = ''
+        broken = self._note
         end = 0.0
         for connection, stamp, message in self._read(wanted):
             if isinstance(message, str):
