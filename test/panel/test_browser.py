@@ -128,23 +128,29 @@ def panel(cell: Cell, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Pane
     assert found.end() == 0
 
 
-@contextlib.contextmanager
-def chromium(*arguments: str) -> Iterator[Any]:
+@pytest.fixture(scope='module')
+def playwright() -> Iterator[Any]:
+    """What starts browsers; a thread can have only one."""
     from playwright.sync_api import sync_playwright
 
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=CHROMIUM, args=['--no-sandbox', *arguments], timeout=MILLISECONDS
-        )
-        try:
-            yield browser
-        finally:
-            browser.close()
+    with sync_playwright() as one:
+        yield one
+
+
+@contextlib.contextmanager
+def chromium(playwright: Any, *arguments: str) -> Iterator[Any]:
+    browser = playwright.chromium.launch(
+        executable_path=CHROMIUM, args=['--no-sandbox', *arguments], timeout=MILLISECONDS
+    )
+    try:
+        yield browser
+    finally:
+        browser.close()
 
 
 @pytest.fixture(scope='module')
-def page(panel: PanelProcess) -> Iterator[Page]:
-    with chromium() as browser:
+def page(panel: PanelProcess, playwright: Any) -> Iterator[Page]:
+    with chromium(playwright) as browser:
         yield Page(browser, panel.address)
 
 
@@ -374,10 +380,11 @@ def test_everything_that_can_be_pressed_has_a_name(page: Page) -> None:
 @pytest.mark.parametrize('dark', [False, True])
 @pytest.mark.parametrize('size', SIZES)
 def test_without_webgl_it_works_and_it_fits(
-    size: tuple[int, int], dark: bool, panel: PanelProcess, cell: Cell
+    size: tuple[int, int], dark: bool, panel: PanelProcess, cell: Cell, playwright: Any
 ) -> None:
     width, height = size
-    with chromium('--disable-3d-apis', *(['--force-dark-mode'] if dark else [])) as browser:
+    options = ['--disable-3d-apis', *(['--force-dark-mode'] if dark else [])]
+    with chromium(playwright, *options) as browser:
         page = Page(browser, panel.address, {'width': width, 'height': height})
         page.page.emulate_media(color_scheme='dark' if dark else 'light')
         page.wait_for_text_of('#view-note', 'No 3D view: this browser has no WebGL')

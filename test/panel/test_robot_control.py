@@ -17,6 +17,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+
+pytest.importorskip('websockets')
+
 from support.panel_client import PanelClient
 from support.ros_peer import PATIENCE
 
@@ -424,8 +427,6 @@ def test_a_click_that_has_begun_is_over_before_the_arming_ends() -> None:
     assert order == ['goal sent', 'ended']
     assert not rules.may(1)
 
-
-pytest.importorskip('websockets')
 
 DEMO = (sys.executable, '-m', 'epson_driver.cli', 'demo')
 

@@ -4,8 +4,6 @@
 
 import os
 import re
-import resource
-import statistics
 import subprocess
 import sys
 import tarfile
@@ -20,9 +18,6 @@ PYTHON_PAGE = (ROOT / 'docs' / 'python.md').read_text(encoding='utf-8')
 MEGABYTE = 1e6
 LARGEST_MB = 110
 """What it adds to an empty environment, byte code included. docs/python.md: as measured."""
-
-RUNS = 9
-"""Of what is compared, one after the other: the machine is busy for both."""
 
 USER = """
 import asyncio
@@ -136,21 +131,6 @@ def test_nothing_of_ros_is_installed_and_it_is_small(python: Path) -> None:
     assert not [name for name in names if name.startswith('ros') or name.endswith('msgs')]
     empty = float((python.parents[2] / 'empty').read_text())
     assert size_mb(python.parents[1]) - empty < LARGEST_MB
-
-
-def cpu_s(python: Path, module: str) -> float:
-    """Return the CPU time of an interpreter that imports a module."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    assert run(python, '-c', f'import {module}', where=python.parent).returncode == 0
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-
-
-def test_to_import_it_costs_at_most_three_times_what_numpy_does(python: Path) -> None:
-    modules = ('numpy', 'epson_driver.robot')
-    costs = [[cpu_s(python, module) for module in modules] for _ in range(RUNS)]
-    numpy, own = (statistics.median(column) for column in zip(*costs, strict=True))
-    assert own <= 3.0 * numpy, costs
 
 
 def test_a_six_axis_arm_drives_lines_with_nothing_more(python: Path) -> None:
