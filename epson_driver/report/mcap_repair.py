@@ -16,9 +16,9 @@ _END = bytes([FOOTER]) + (20).to_bytes(8, 'little') + bytes(20) + MAGIC
 
 
 def whole_mcap(path: Path, folder: Path) -> Path | None:
-    """Return a copy, in a folder, of the whole records of a file; None if it is no MCAP file.
+    """Return a copy, in a folder, of the whole records of a file.
 
-    Raises OSError.
+    None if it is no MCAP file. Raises OSError.
     """
     copy = folder / path.name
     with path.open('rb') as source:
