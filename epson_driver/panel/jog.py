@@ -124,6 +124,7 @@ class Jog:
     def way(self, path: Array, share: float) -> Trajectory:
         """Return how a path of joints, shape (k, n), is driven slowly, resting at both ends."""
         limits = self.model.limits
+        path = limits.settled(path)  # an arm on its limit may be measured a rounding beyond it
         self._check_range(path)
         places = np.linspace(0.0, 1.0, len(path))
         slope = np.gradient(path, places, axis=0)

@@ -107,6 +107,16 @@ def test_at_the_end_of_a_range_a_joint_goes_back_only() -> None:
         C3.step(joints, '1', 'world', 0.01, 1.0)
 
 
+def test_from_a_limit_that_is_measured_a_rounding_beyond_it_a_step_goes_back_only() -> None:
+    limits = C3.model.limits
+    joints = BENT.copy()
+    joints[1] = limits.position_min[1] - 0.5 * limits.rounding[1]
+    way = C3.step(joints, '2', 'world', 0.1, 1.0)
+    assert way.positions[0, 1] == limits.position_min[1]
+    with pytest.raises(RequestError, match='joint_2 is at the end of its range'):
+        C3.step(joints, '2', 'world', -0.1, 1.0)
+
+
 def test_a_direction_that_is_lost_is_refused() -> None:
     """With joint 5 straight, joints 4 and 6 turn about one axis."""
     straight = np.array([0.3, -0.2, 0.4, 0.0, 0.0, 0.0])
