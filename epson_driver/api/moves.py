@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from epson_driver.api.poses import Frames, Pose, Target, Waypoint
-from epson_driver.driver.delivery.statements import Moves, Pace
+from epson_driver.driver.delivery.statements import Moves, PathSpeed
 from epson_driver.driver.goal.goal import check_limits, untimed
 from epson_driver.driver.goal.reference import MIN_FACTOR, ReferenceTrajectory
 from epson_driver.driver.outcome import GoalRejectedError
@@ -179,12 +179,14 @@ def tool_statement(
     tool: in the flange, shape (4, 4), m.
     """
     end, frame = planned.positions[-1], tool_frame(tool)
-    pace = Pace(limits.speed, limits.acceleration, limits.turn_speed, limits.turn_acceleration)
+    speeds = PathSpeed(
+        limits.speed, limits.acceleration, limits.turn_speed, limits.turn_acceleration
+    )
     if point.via is None:
         turns = only_turns(arm, start, end)
-        return statements.line(end, pace, tool=frame, turns=turns)
+        return statements.line(end, speeds, tool=frame, turns=turns)
     via = point.via.seen_from(arm.forward(start))[:3, 3]
-    return statements.arc(passing(arm, planned.positions, via), end, pace, tool=frame)
+    return statements.arc(passing(arm, planned.positions, via), end, speeds, tool=frame)
 
 
 def path_points(

@@ -29,9 +29,6 @@ SOURCE = 'servo()'
 MAX_JUMP_RAD = 0.5
 """A pose that a joint would have to go so far for, from one setpoint to the next, is refused."""
 
-STEP = 1e-6
-"""Change of a joint for the derivatives of the tool's pose, rad or m."""
-
 OFF_COURSE = 0.02
 """As a share of what is asked for, the tool may move otherwise: more is a singularity."""
 
@@ -95,12 +92,12 @@ class Streams:
             if frame not in (BASE_LINK, TOOL):
                 raise ValueError(f'frame = {frame!r}: must be {BASE_LINK} or {TOOL}')
             near = self._commanded(servo)
-            derivatives = _derivatives(arm, near)
+            jacobian = arm.jacobian(near)
             if frame == TOOL:
                 turn = arm.forward(near)[:3, :3]
                 wanted = np.concatenate([turn @ wanted[:3], turn @ wanted[3:]])
-            joints = np.linalg.lstsq(derivatives, wanted, rcond=1e-4)[0]
-            off = float(np.linalg.norm(derivatives @ joints - wanted))
+            joints = np.linalg.lstsq(jacobian, wanted, rcond=1e-4)[0]
+            off = float(np.linalg.norm(jacobian @ joints - wanted))
             if off > OFF_COURSE * float(np.linalg.norm(wanted)):
                 raise PathError(
                     'velocity: the tool cannot move that way here, at a singularity or for want '
@@ -153,15 +150,3 @@ class Streams:
                 f'velocities: {self._limits.names[joint]} = {velocities[joint]:.6g} {unit}/s is '
                 f'beyond what the joint can do, {self._limits.velocity[joint]:.6g} {unit}/s'
             )
-
-
-def _derivatives(arm: Kinematics, joints: Array) -> Array:
-    """Return the tool's velocity in base_link for that of each joint, shape (6, n)."""
-    here = arm.forward(joints)
-    columns = []
-    for step in STEP * np.eye(len(joints)):
-        moved = arm.forward(joints + step)
-        turn = moved[:3, :3] @ here[:3, :3].T
-        about = (turn - turn.T)[[2, 0, 1], [1, 2, 0]] / 2.0
-        columns.append(np.concatenate([moved[:3, 3] - here[:3, 3], about]) / STEP)
-    return np.array(columns).T

@@ -22,7 +22,7 @@ from epson_driver.driver.delivery.statements import (
     MOST_CHARACTERS,
     Load,
     Moves,
-    Pace,
+    PathSpeed,
     last_point,
 )
 from epson_driver.driver.driver import Driver
@@ -236,15 +236,15 @@ def sequence_statement(
             texts.append(moves.joints(target, speed, ramp).text)
         else:
             usual = ToolLimits()
-            pace = Pace(
+            speeds = PathSpeed(
                 primitive.velocity or usual.speed, primitive.acceleration or usual.acceleration
             )
             if primitive.via is None:
                 turns = only_turns(arm, start, target)
-                texts.append(moves.line(target, pace, tool=frame, turns=turns).text)
+                texts.append(moves.line(target, speeds, tool=frame, turns=turns).text)
             else:
                 via = passing(arm, trajectory.positions[begin : end + 1], primitive.via)
-                texts.append(moves.arc(via, target, pace, tool=frame).text)
+                texts.append(moves.arc(via, target, speeds, tool=frame).text)
         begin = end
     text = '; '.join(texts)
     if len(text) > MOST_CHARACTERS:

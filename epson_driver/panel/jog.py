@@ -13,7 +13,7 @@ from epson_driver.motion import Array, Trajectory
 from epson_driver.motion.interpolation import Interpolation
 from epson_driver.panel.robot_state import RequestError
 from epson_driver.robots import RobotModel
-from epson_driver.robots.chain import PRISMATIC, rotation_about
+from epson_driver.robots.chain import rotation_about
 from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw
 from epson_driver.robots.opw import KinematicsError
 
@@ -153,7 +153,7 @@ class Jog:
         """Return the axes along which the tool can move: of a SCARA, not V and W."""
         limits = self.model.limits
         joints = 0.5 * (limits.position_min + limits.position_max) + 0.3
-        jacobian = self._jacobian(joints)
+        jacobian = self.kinematics.jacobian(joints)
         turned = np.linalg.matrix_rank(jacobian[3:], 1e-6) == 3
         return TOOL_AXES if turned else TOOL_AXES[:4]
 
@@ -174,25 +174,11 @@ class Jog:
         return np.concatenate([TOOL_M_S * turned, np.zeros(3)])
 
     def _joint_velocities(self, joints: Array, twist: Array) -> Array:
-        jacobian = self._jacobian(joints)
+        jacobian = self.kinematics.jacobian(joints)
         found = np.linalg.lstsq(jacobian, twist, rcond=1e-6)[0]
         if np.linalg.norm(jacobian @ found - twist) > NOT_REACHED * np.linalg.norm(twist):
             raise RequestError('the tool cannot move so from here: turn a joint first')
         return np.asarray(found)
-
-    def _jacobian(self, joints: Array) -> Array:
-        """Return the tool's velocity per joint velocity in base_link, shape (6, n)."""
-        chain, kinds = self.model.chain, self.model.joint_types
-        frames = self.kinematics.link_frames(joints)
-        tool = self.kinematics.forward(joints)[:3, 3]
-        columns = []
-        for frame, axis, kind in zip(frames, chain.axes, kinds, strict=True):
-            turned = frame[:3, :3] @ axis
-            if kind == PRISMATIC:
-                columns.append(np.concatenate([turned, np.zeros(3)]))
-            else:
-                columns.append(np.concatenate([np.cross(turned, tool - frame[:3, 3]), turned]))
-        return np.stack(columns, axis=1)
 
     def _line(self, joints: Array, way: Array) -> Array:
         """Return joints along a straight way of the tool, shape (k, n), from where they are."""
@@ -219,7 +205,9 @@ class Jog:
             missing = np.concatenate([pose[:3, 3] - now[:3, 3], skew])
             if np.abs(missing).max() < SAME_POSE:
                 return joints
-            joints = joints + np.linalg.lstsq(self._jacobian(joints), missing, rcond=1e-6)[0]
+            joints = (
+                joints + np.linalg.lstsq(self.kinematics.jacobian(joints), missing, rcond=1e-6)[0]
+            )
         raise RequestError('the tool cannot go there on a straight line')
 
     def _check_ends(self, joints: Array, velocities: Array) -> None:

@@ -78,6 +78,23 @@ class Kinematics:
         """Return the pose of the tool in base_link, also for joints outside the limits."""
         return np.asarray(self.link_frames(joints)[-1] @ self._tool0 @ self._tool)
 
+    def jacobian(self, joints: Array) -> Array:
+        """Return the tool's velocity in base_link for that of each joint, shape (6, n).
+
+        Rows: x, y, z, m/s, and the turn about x, y, z, rad/s.
+        """
+        frames = self.link_frames(joints)
+        tool = (frames[-1] @ self._tool0 @ self._tool)[:3, 3]
+        columns = []
+        rows = zip(frames, self.model.chain.axes, self.model.joint_types, strict=True)
+        for frame, axis, kind in rows:
+            turned = frame[:3, :3] @ axis
+            if kind == PRISMATIC:
+                columns.append(np.concatenate([turned, np.zeros(3)]))
+            else:
+                columns.append(np.concatenate([np.cross(turned, tool - frame[:3, 3]), turned]))
+        return np.stack(columns, axis=1)
+
     def inverse(self, pose: Array, near: Array | None = None) -> Array:
         """Return all joint positions within the limits that bring the tool to a pose in base_link.
 

@@ -333,3 +333,20 @@ def test_u_v_and_w_turn_about_z_then_y_then_x() -> None:
             shown = uvw(rotation)
             assert shown[0] == 0.0
             assert turned(rotation_of_uvw(shown), rotation) < 1e-6
+
+
+@pytest.mark.parametrize('name', ['c3_a601s', 'gx8_c652s', 'n2_a450s'])
+def test_the_jacobian_is_the_derivative_of_the_pose(name):
+    model = load_robot_model(name)
+    tool = np.eye(4)
+    tool[:3, 3] = 0.05, -0.02, 0.1
+    arm = Kinematics(model, tool)
+    joints = 0.5 * (model.limits.position_min + model.limits.position_max) + 0.3
+    step = 1e-6
+    for index, column in enumerate(arm.jacobian(joints).T):
+        change = step * np.eye(len(joints))[index]
+        before, after = arm.forward(joints - change), arm.forward(joints + change)
+        turn = after[:3, :3] @ before[:3, :3].T
+        about = (turn - turn.T)[[2, 0, 1], [1, 2, 0]] / 2.0
+        moved = np.concatenate([after[:3, 3] - before[:3, 3], about]) / (2.0 * step)
+        np.testing.assert_allclose(column, moved, atol=1e-8)

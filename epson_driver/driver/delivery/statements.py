@@ -48,7 +48,7 @@ ToolFrame = tuple[float, float, float, float, float, float]
 
 
 @dataclass(frozen=True)
-class Pace:
+class PathSpeed:
     """How fast the tool goes: m/s, m/s², and its turn, rad/s, rad/s²."""
 
     speed: float
@@ -94,30 +94,32 @@ class Moves:
         return Statement(f'{self._settings}; {text}')
 
     def line(
-        self, target: Array, pace: Pace, *, tool: ToolFrame | None, turns: bool = False
+        self, target: Array, speeds: PathSpeed, *, tool: ToolFrame | None, turns: bool = False
     ) -> Statement:
         """Return a line of the flange, or of a tool. turns: it only turns about itself."""
-        return self._path(f'Move {self._point(target)}{" ROT" if turns else ""}', pace, tool)
+        return self._path(f'Move {self._point(target)}{" ROT" if turns else ""}', speeds, tool)
 
-    def arc(self, via: Array, target: Array, pace: Pace, *, tool: ToolFrame | None) -> Statement:
+    def arc(
+        self, via: Array, target: Array, speeds: PathSpeed, *, tool: ToolFrame | None
+    ) -> Statement:
         """Return a circle through `via` of the flange, or of a tool."""
-        return self._path(f'Arc3 {self._point(via)}, {self._point(target)}', pace, tool)
+        return self._path(f'Arc3 {self._point(via)}, {self._point(target)}', speeds, tool)
 
     @property
     def _settings(self) -> str:
         return f'{"" if self.load is None else self.load.text}{self._power}'
 
-    def _path(self, text: str, pace: Pace, tool: ToolFrame | None) -> Statement:
+    def _path(self, text: str, speeds: PathSpeed, tool: ToolFrame | None) -> Statement:
         chosen = 'Tool 0'
         if tool is not None:
             frame = ', '.join(f'{value:.4f}' for value in tool)
             chosen = f'TLSet {TOOL_NUMBER}, XY({frame}); Tool {TOOL_NUMBER}'
-        speeds = (
-            f'SpeedS {pace.speed * 1e3:.4g}; AccelS {pace.acceleration * 1e3:.4g}; '
-            f'SpeedR {np.degrees(pace.turn_speed):.4g}; '
-            f'AccelR {np.degrees(pace.turn_acceleration):.4g}'
+        given = (
+            f'SpeedS {speeds.speed * 1e3:.4g}; AccelS {speeds.acceleration * 1e3:.4g}; '
+            f'SpeedR {np.degrees(speeds.turn_speed):.4g}; '
+            f'AccelR {np.degrees(speeds.turn_acceleration):.4g}'
         )
-        return Statement(f'{self._settings}; {speeds}; {chosen}; {text}')
+        return Statement(f'{self._settings}; {given}; {chosen}; {text}')
 
     def _point(self, joints: Array) -> str:
         counted = self._mapping.positions_to_controller(joints)
