@@ -106,9 +106,9 @@ class RobotState:
 
     def add_event(self, event: Event) -> None:
         """Add a line to the log, unless the driver and the panel both say the same."""
-        news = _news(event)
+        news = event.text.removeprefix('~/')
         for other in list(self.events)[-MAX_COMPARED:]:
-            if abs(other.at - event.at) < SAME_NEWS_S and _news(other) == news:
+            if abs(other.at - event.at) < SAME_NEWS_S and other.text.removeprefix('~/') == news:
                 return
         self.events.append(event)
 
@@ -121,8 +121,3 @@ class RobotState:
         """Return whether something is young enough to be taken for true."""
         age = self.age(name, now)
         return age is not None and age <= MAX_AGES_S[name]
-
-
-def _news(event: Event) -> str:
-    first, _, rest = event.text.partition(': ')
-    return rest or first

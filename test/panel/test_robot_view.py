@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from support.examples import one_in
 
 from epson_driver.motion import Trajectory
 from epson_driver.panel.history import OVER_S, PERIOD_S, SPAN_S, History
@@ -19,8 +20,9 @@ from epson_driver.panel.robot_state import MAX_AGES_S, Event, IoRange, RobotStat
 from epson_driver.panel.robot_view import INPUT, OUTPUT, RobotView
 from epson_driver.panel.sim_pendant import PendantThread
 from epson_driver.panel.window import BadMessageError
-from epson_driver.robots import load_robot_model
+from epson_driver.robots import RobotModel, load_robot_model, robot_models
 from epson_driver.robots.kinematics import Kinematics
+from epson_driver.robots.model import SCARA
 
 NOW = 100.0
 MODEL = load_robot_model('c3_a601s')
@@ -34,11 +36,13 @@ class Robot:
 
     name = '/left/epson_driver'
 
-    def __init__(self) -> None:
-        self.state = RobotState(joint_names=NAMES, positions=np.zeros(6), link='connected')
+    def __init__(self, model: RobotModel) -> None:
+        names = model.joint_names
+        positions = np.zeros(len(names))
+        self.state = RobotState(joint_names=names, positions=positions, link='connected')
         self.state.times = dict.fromkeys((*MAX_AGES_S, 'first joints', 'parameters'), NOW)
         self.parameters: dict[str, Any] = {
-            'robot_model': 'c3_a601s', 'robot_ip': '192.0.2.1', 'remote_port': 0,
+            'robot_model': model.name, 'robot_ip': '192.0.2.1', 'remote_port': 0,
         }  # fmt: skip
         self.goals: list[Any] = []
         self.executed: list[tuple[Trajectory, str]] = []
@@ -65,9 +69,9 @@ class Robot:
 class Made:
     """A view, and the requests of a window that is armed."""
 
-    def __init__(self) -> None:
+    def __init__(self, model: RobotModel = MODEL) -> None:
         self.pendants = PendantThread(time.monotonic, self.fail)
-        self.robot = Robot()
+        self.robot = Robot(model)
         self.control = RobotControl(
             self.robot,  # type: ignore[arg-type]
             self.pendants,
@@ -142,6 +146,23 @@ def test_the_tool_is_shown_in_the_numbers_of_the_pendant(made: Made) -> None:
     place, angles = Kinematics(MODEL).epson_point(joints)
     wanted = [*(1e3 * place), *np.degrees(angles)]
     assert_allclose(made.part('pose')['tool'], wanted, atol=0.006)
+
+
+@pytest.mark.parametrize('name', one_in(6, robot_models()))
+def test_every_arm_is_drawn_with_its_tool_and_told_what_nobody_has_confirmed(name: str) -> None:
+    model = load_robot_model(name)
+    made = Made(model)
+    try:
+        arm, pose = made.part('arm'), made.part('pose')
+        kinds = [{'rad': '°', 'm': 'mm'}[unit] for unit in model.limits.units]
+        assert (arm['description'], arm['units']) == (model.description, kinds)
+        assert len(arm['packed']['origins']) == len(model.joint_names)
+        if model.kind == SCARA:
+            assert pose['tool'][2] == pytest.approx(0.0, abs=1e-6)
+        said = [text for _, _, text in made.part('log')]
+        assert [each for each in said if 'compare them' in each] == list(model.cautions)
+    finally:
+        made.pendants.end()
 
 
 def test_io_is_shown_by_its_values_or_by_why_it_is_not_known(made: Made) -> None:
