@@ -55,8 +55,7 @@ from epson_driver.api.status import ControllerError, RobotStatus, Sample
 from epson_driver.api.streams import Streams
 from epson_driver.driver.arm_commands import ArmCommands
 from epson_driver.driver.goal.planning_scope import PlanningScope
-from epson_driver.driver.smoothing.smoothing import Smoothing
-from epson_driver.driver.smoothing.smoothing_process import SmoothingError, SmoothingProcess
+from epson_driver.driver.smoothing import Smoothing, SmoothingError, SmoothingProcess
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel
 from epson_driver.robots.kinematics import Kinematics

@@ -92,6 +92,7 @@ INSIDE = {
         'state': '',
         'io': 'tasks',
         'smoothing': '',
+        'smoothing_worker': 'smoothing',
         'delivery': 'outcome state',
         'stopping': 'delivery state tasks',
         'configuration': 'delivery smoothing state stopping',
@@ -172,7 +173,7 @@ def test_every_room_imports_what_its_row_says() -> None:
 def test_one_file_has_the_command_that_starts_python() -> None:
     files = (ROOT / PACKAGE).rglob('*.py')
     named = {path.name for path in files if 'sys.executable' in path.read_text('utf-8')}
-    assert named == {'command.py', 'discovery_server.py', 'environment.py'}  # two only show it
+    assert named == {'command.py', 'fleet_processes.py', 'environment.py'}  # two only show it
 
 
 def test_rows_name_only_what_stands_above_them() -> None:

@@ -34,14 +34,12 @@ from epson_driver.driver.goal.goal import Goal
 from epson_driver.driver.goal.planning_scope import PlanningScope
 from epson_driver.driver.io.gripper import Gripper as DrivenGripper
 from epson_driver.driver.state.robot_state import JointSample
-from epson_driver.driver.tasks.fresh_state import wait_for_fresh_state
-from epson_driver.driver.tasks.notification import Notification
-from epson_driver.driver.tasks.task_group import report_error
+from epson_driver.driver.tasks import Notification, report_error, wait_for_fresh_state
 from epson_driver.link import Link
 from epson_driver.link.link_reports import MAX_SHORT, TURNED_AWAY
-from epson_driver.link.statement import Statement
+from epson_driver.link.replies import Statement
 from epson_driver.motion import Array, Trajectory
-from epson_driver.profiles.point_fields import FieldsUsed
+from epson_driver.profiles.profile_rules import FieldsUsed
 from epson_driver.simple_message import Status
 
 FRESH_POSE_TIMEOUT_S = 0.5

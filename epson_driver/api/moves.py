@@ -15,7 +15,7 @@ from epson_driver.driver.goal.goal import check_limits, untimed
 from epson_driver.driver.goal.reference import MIN_FACTOR, ReferenceTrajectory
 from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.inputs import Rule, number
-from epson_driver.link.statement import Statement
+from epson_driver.link.replies import Statement
 from epson_driver.motion import Array, JointLimits, Trajectory, go
 from epson_driver.motion.point_to_point import check_fractions
 from epson_driver.robots.kinematics import Kinematics

@@ -15,7 +15,7 @@ from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.goal import GoalSettings, cause_timeout
 from epson_driver.driver.io.gripper import GripperWiring
 from epson_driver.driver.servo.setpoint import ServoSettings
-from epson_driver.driver.smoothing.smoothing import usual_smoothing
+from epson_driver.driver.smoothing import usual_smoothing
 from epson_driver.driver.state.joint_mapping import joint_mapping
 from epson_driver.error_texts import load_error_texts
 from epson_driver.inputs import HOST, JOINT_NAMES, Rule, count, number, shown

@@ -14,7 +14,7 @@ import yaml
 from epson_driver.bringup.description import robot_description, semantic_description
 from epson_driver.inputs import read_yaml
 from epson_driver.robots import RobotModel, load_robot_model
-from epson_driver.robots.singularity import singularity_thresholds
+from epson_driver.robots.kinematics import singularity_thresholds
 from epson_driver.share import share_file, share_folder
 
 JOINTS_OF_A_FREE_TOOL = 6

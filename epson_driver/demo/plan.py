@@ -18,8 +18,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from epson_driver.demo.cell import running_controller, running_driver
-from epson_driver.demo.keep_running import panel_beside, stay
+from epson_driver.demo.cell import panel_beside, running_controller, running_driver, stay
 from epson_driver.demo.picture import TRACE, recorded_run
 from epson_driver.demo.plan_picture import Executed, draw
 from epson_driver.demo.ros_client import RosClient

@@ -15,8 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from epson_driver.demo.cell import running_controller, running_driver
-from epson_driver.demo.keep_running import panel_beside, stay
+from epson_driver.demo.cell import panel_beside, running_controller, running_driver, stay
 from epson_driver.demo.picture import TRACE, Drawn, draw, recorded_run, top_speed
 from epson_driver.demo.verdict import TOO_BUSY, deadlines_missed, verdict
 from epson_driver.inputs import printable

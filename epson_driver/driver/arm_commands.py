@@ -124,7 +124,7 @@ class ArmCommands:
             )
             self._check_nothing_to_mend(status)
             await self._wait_for_first_stop()
-            if driver.stopper.keeps_points:  # with the motors, it would go on with them
+            if driver.stopper.delivery.keeps_points:  # with the motors, it would go on with them
                 await self._clear_motion()
             restarts = driver.motors.restarts and driver.gate.reason is not None
             if status.drives_powered == TriState.FALSE or (

@@ -5,7 +5,7 @@
 from dataclasses import dataclass
 
 from epson_driver.driver.delivery.delivery import DeliveryRules
-from epson_driver.driver.smoothing.smoothing import Smoothing
+from epson_driver.driver.smoothing import Smoothing
 from epson_driver.driver.state.joint_mapping import JointMapping
 from epson_driver.driver.state.plausibility import DEFAULT_MARGINS, Margins
 from epson_driver.driver.stopping.motors import MotorsKind

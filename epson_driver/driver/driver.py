@@ -30,16 +30,14 @@ from epson_driver.driver.inhibit import (
 from epson_driver.driver.io.io_access import make_io
 from epson_driver.driver.outcome import Outcome
 from epson_driver.driver.servo.servo import Servo
-from epson_driver.driver.smoothing.smoothing_process import SmoothingProcess
+from epson_driver.driver.smoothing import SmoothingProcess
 from epson_driver.driver.state.joint_mapping import unmapped
 from epson_driver.driver.state.robot_state import JointSample, RobotState, StateRules
 from epson_driver.driver.stopping.arm_gate import ArmGate
 from epson_driver.driver.stopping.heartbeat import Heartbeat
 from epson_driver.driver.stopping.motors import SerializedMotors, make_motors
 from epson_driver.driver.stopping.stopper import Stopper
-from epson_driver.driver.tasks.fresh_state import wait_for_fresh_state
-from epson_driver.driver.tasks.notification import Notification
-from epson_driver.driver.tasks.task_group import run_task_group
+from epson_driver.driver.tasks import Notification, run_task_group, wait_for_fresh_state
 from epson_driver.link import Link, LinkState
 from epson_driver.link.link import DIALECT_MESSAGES
 from epson_driver.link.link_reports import LinkReports
@@ -523,7 +521,7 @@ class Driver:
 
     @property
     def _connects_later(self) -> bool:
-        return self.stopper.keeps_points and not self._dialect_known.is_set()
+        return self.stopper.delivery.keeps_points and not self._dialect_known.is_set()
 
     def _on_motion_link(self, state: LinkState, why: str) -> None:
         if state is LinkState.CONNECTED:

@@ -2,9 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Connections to a controller, from the client's side. asyncio, no ROS."""
 
-from epson_driver.link.link import Link
+from epson_driver.link.connection import WireEvent
+from epson_driver.link.link import Link, LinkStatistics
 from epson_driver.link.states import LinkState
-from epson_driver.link.statistics import LinkStatistics
-from epson_driver.link.wire_events import WireEvent
 
 __all__ = ['Link', 'LinkState', 'LinkStatistics', 'WireEvent']

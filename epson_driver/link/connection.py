@@ -9,11 +9,33 @@ nothing waits for a task to be woken.
 import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any, Protocol
 
 from epson_driver.link.receive_timeout import READING_TURNS, ReceiveTimeout
-from epson_driver.link.wire_events import WireEvent
 from epson_driver.simple_message import ByteOrder, FrameError, SimpleMessageError
+
+Address = tuple[str, int]
+"""IP address (either version) and port."""
+
+
+class WireEvent(StrEnum):
+    """One step of a connection, from the client's side."""
+
+    OPENED = 'opened'
+    SENT = 'sent'
+    RECEIVED = 'received'
+    ENDED = 'ended'
+    """The controller closed it."""
+    RESET = 'reset'
+    """The controller broke it off."""
+    CLOSED = 'closed'
+    """The client closed it."""
+
+
+Tap = Callable[[WireEvent, bytes], None]
+"""Called with each step and its bytes as they went over the wire: for SENT and RECEIVED only."""
+
 
 READ_SIZE_BYTES = 65536
 MAX_FRAMES_PER_TURN = 50

@@ -6,14 +6,14 @@ import asyncio
 import contextlib
 import logging
 import socket
+from collections import Counter, deque
 from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
 
 from epson_driver.inputs import HOST
-from epson_driver.link.connection import AnyFramer, Connection, Receivers
+from epson_driver.link.connection import Address, AnyFramer, Connection, Receivers, Tap, WireEvent
 from epson_driver.link.replies import PendingReplies, PendingRequest, command_of, sequence_of
 from epson_driver.link.states import TRANSITIONS, LinkEvent, LinkState, back_off
-from epson_driver.link.statistics import LinkStatistics
-from epson_driver.link.wire_events import Address, Tap, WireEvent
 from epson_driver.log_lines import LogThrottle
 from epson_driver.simple_message import (
     ByteOrder,
@@ -35,6 +35,27 @@ from epson_driver.simple_message import (
     topic,
 )
 from epson_driver.socket_errors import reason
+
+KEPT_LATENCIES = 512
+
+
+@dataclass
+class LinkStatistics:
+    """Counters since the link object was made, bounded in memory."""
+
+    connections: int = 0
+    connected_since: float | None = None
+    """Loop time at which the present connection was established, s; None without one."""
+    frames_received: int = 0
+    frames_sent: int = 0
+    bytes_received: int = 0
+    bytes_sent: int = 0
+    unsolicited_replies: int = 0
+    bad_frames: Counter[str] = field(default_factory=Counter)
+    """By the field that was wrong (`length`, `comm_type`, `body`, …)."""
+    reply_latencies: deque[float] = field(default_factory=lambda: deque(maxlen=KEPT_LATENCIES))
+    """Seconds from a request to its reply, the newest last."""
+
 
 CONNECT_TIMEOUT_S = 1.0
 MIN_PROVEN_UPTIME_S = 1.0

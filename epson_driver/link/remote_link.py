@@ -23,11 +23,10 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
+from epson_driver.inputs import printable
 from epson_driver.link import Link, LinkState, WireEvent
 from epson_driver.link.connection import AnyFramer, Connection
-from epson_driver.link.lines import LineFramer
-from epson_driver.link.replies import PendingRequest
-from epson_driver.link.statement import Statement, StatementReply
+from epson_driver.link.replies import PendingRequest, Statement, StatementReply
 from epson_driver.remote_ethernet.client import (
     MAX_ERROR_DIGITS,
     Ask,
@@ -38,7 +37,9 @@ from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 from epson_driver.remote_ethernet.joints import joints_in_si, joints_of, joints_question
 from epson_driver.remote_ethernet.status_flags import ask_flags
 from epson_driver.simple_message import (
+    ByteOrder,
     Dialect,
+    FrameError,
     JointPosition,
     Message,
     Mode,
@@ -50,6 +51,42 @@ from epson_driver.simple_message import (
     reply,
     topic,
 )
+
+MAX_LINE_BYTES = 8192
+"""A longer line is none: an answer has 4,060 characters and its command's name (RC+ 7.0)."""
+
+
+class LineFramer:
+    """Collects bytes and gives out lines, which end with CR, LF or both, without empty ones."""
+
+    byte_order: ByteOrder | None = None
+
+    def __init__(self) -> None:
+        self._data = bytearray()
+
+    @property
+    def unread(self) -> bytes:
+        """What has come of a line that is not complete."""
+        return bytes(self._data)
+
+    def receive_data(self, data: bytes) -> None:
+        """Take bytes."""
+        self._data += data.replace(b'\r', b'\n')
+
+    def next_packet(self) -> str | None:
+        """Return the next line, printable, or None. Raises FrameError for one that is too long."""
+        while True:
+            line, end, rest = self._data.partition(b'\n')
+            if len(line) > MAX_LINE_BYTES:
+                self._data.clear()
+                rule = f'a line has at most {MAX_LINE_BYTES} bytes'
+                raise FrameError('line', f'{len(line)} bytes', rule)
+            if not end:
+                return None
+            self._data = rest
+            if line:
+                return printable(line.decode(errors='replace').strip())
+
 
 ABORTED_TIMEOUT_S = 2.0
 """How long an aborted statement may go unanswered before the connection is opened anew, s."""

@@ -23,6 +23,25 @@ from epson_driver.simple_message import (
     SpecialSequence,
 )
 
+
+@dataclass(frozen=True, slots=True)
+class Statement(Message):
+    """SPEL+ statements that move the arm, as `$Execute` takes them.
+
+    They are answered when they are over, however long that takes: `duration`, s, is no bound.
+    """
+
+    text: str
+    duration: float = float('inf')
+
+
+@dataclass(frozen=True, slots=True)
+class StatementReply(Message):
+    """The answer to a Statement or to `$Abort`. `why` they failed, as a clause, or ''."""
+
+    why: str = ''
+
+
 ANSWERED_BY: dict[int, frozenset[int]] = {
     MessageType.JOINT_TRAJ_PT: frozenset({MessageType.JOINT_TRAJ_PT, MessageType.JOINT_POSITION}),
     MessageType.JOINT_TRAJ_PT_FULL: frozenset(

@@ -10,7 +10,7 @@ from epson_driver.driver.configuration import Configuration, check_on_the_way
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.goal import GoalSettings, cause_timeout
 from epson_driver.driver.servo.setpoint import ServoSettings
-from epson_driver.driver.smoothing.smoothing import Smoothing
+from epson_driver.driver.smoothing import Smoothing
 from epson_driver.driver.state.joint_mapping import joint_mapping
 from epson_driver.driver.state.plausibility import Margins
 from epson_driver.error_texts import load_error_texts

@@ -27,7 +27,7 @@ from epson_driver.driver.goal.goal_queue import GoalHandle
 from epson_driver.driver.goal.planning_scope import PlanningScope
 from epson_driver.driver.outcome import GoalRejectedError, Outcome
 from epson_driver.driver.state.robot_state import JointSample
-from epson_driver.driver.tasks.task_group import report_task_error
+from epson_driver.driver.tasks import report_task_error
 from epson_driver.node import messages
 from epson_driver.node.goal_action import ActionType, GoalAction, Prepared, log_outcome
 from epson_driver.node.goal_requests import GoalRequests

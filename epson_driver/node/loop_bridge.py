@@ -25,7 +25,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.service import Service
 from rclpy.task import Future
 
-from epson_driver.driver.tasks.task_group import report_error
+from epson_driver.driver.tasks import report_error
 
 REQUEST_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,

@@ -31,8 +31,8 @@ from epson_driver.driver.goal.goal_queue import FRESH_POSE_TIMEOUT_S, GoalHandle
 from epson_driver.driver.goal.planning_scope import PlanningEndedError, PlanningScope
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.driver.state.robot_state import JointSample
-from epson_driver.driver.tasks.fresh_state import wait_for_fresh_state
-from epson_driver.link.statement import Statement
+from epson_driver.driver.tasks import wait_for_fresh_state
+from epson_driver.link.replies import Statement
 from epson_driver.motion import Array
 from epson_driver.node.goal_action import ActionType, GoalAction, Prepared
 from epson_driver.node.goal_server import RESULT_TIMEOUT_S, GoalServer

@@ -25,7 +25,7 @@ from std_srvs.srv import Trigger
 from epson_driver.driver.arm_commands import ArmCommands, CommandError
 from epson_driver.driver.driver import Driver
 from epson_driver.driver.state.robot_state import JointSample
-from epson_driver.driver.tasks.task_group import run_task_group
+from epson_driver.driver.tasks import run_task_group
 from epson_driver.node import messages, parameters
 from epson_driver.node.diagnostics import Diagnostics
 from epson_driver.node.driver_configuration import (

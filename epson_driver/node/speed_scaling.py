@@ -12,7 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Float64
 
 from epson_driver.driver.goal.reference import SpeedScaling
-from epson_driver.driver.tasks.task_group import report_task_error
+from epson_driver.driver.tasks import report_task_error
 from epson_driver.node.loop_bridge import LoopBridge
 
 PERIOD_S = 0.05

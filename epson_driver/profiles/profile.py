@@ -15,10 +15,10 @@ from typing import Any, Literal
 
 from epson_driver.inputs import InputError, printable, read_yaml, shown
 from epson_driver.profiles.io_profile import IoProfile, read_io_profile
-from epson_driver.profiles.point_fields import FieldsUsed
 from epson_driver.profiles.profile_rules import (
     LOOK_AHEAD_S,
     RULES,
+    FieldsUsed,
     checked,
 )
 from epson_driver.share import share_file

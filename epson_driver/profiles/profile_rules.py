@@ -2,11 +2,31 @@
 # SPDX-License-Identifier: Apache-2.0
 """What each key of a controller profile may hold, and how a wrong one is called."""
 
+from enum import StrEnum
 from typing import Any
 
 from epson_driver.inputs import InputError, Rule, choice, count, number, printable
-from epson_driver.profiles.point_fields import FieldsUsed
 from epson_driver.simple_message import ByteOrder, Mode
+
+
+class FieldsUsed(StrEnum):
+    """Which of velocity and duration count in a JOINT_TRAJ_PT: `program.uses` of a profile."""
+
+    BOTH = 'both'
+    VELOCITY = 'velocity'
+    DURATION = 'duration'
+    NOTHING = 'nothing'
+
+    @property
+    def velocity(self) -> bool:
+        """Whether the velocity counts."""
+        return self in (FieldsUsed.BOTH, FieldsUsed.VELOCITY)
+
+    @property
+    def duration(self) -> bool:
+        """Whether the duration counts."""
+        return self in (FieldsUsed.BOTH, FieldsUsed.DURATION)
+
 
 LOOK_AHEAD_S = (0.01, 60.0)
 """Shortest and longest look-ahead of smooth motion, s."""

@@ -2,13 +2,59 @@
 # SPDX-License-Identifier: Apache-2.0
 """A model's URDF and SRDF, which xacro makes of its data and of the files in urdf/."""
 
+import contextlib
+import hashlib
 import json
+import os
+import tempfile
 import threading
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from epson_driver.robots.cache import cached
 from epson_driver.robots.catalogue import layers, model_name
 from epson_driver.share import share_folder
+
+
+def cached(made_of: Iterable[bytes], make: Callable[[], str]) -> str:
+    """Return what `make` makes of these bytes, from the cache if it is there.
+
+    A folder that cannot be read or written, or a file that is damaged, costs time and nothing
+    else. Other processes see a file as a whole or not at all.
+    """
+    key = hashlib.sha256()
+    for part in made_of:
+        key.update(hashlib.sha256(part).digest())
+    folder = _folder()
+    path = folder / key.hexdigest()
+    with contextlib.suppress(OSError, ValueError):
+        digest, _, text = path.read_text('utf-8').partition('\n')
+        if digest == _digest(text):
+            return text
+    text = make()
+    with contextlib.suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+        number, name = tempfile.mkstemp(dir=folder)
+        try:
+            os.close(number)
+            Path(name).write_text(f'{_digest(text)}\n{text}', 'utf-8')
+            Path(name).replace(path)
+        except OSError:
+            Path(name).unlink(missing_ok=True)
+    return text
+
+
+def _folder() -> Path:
+    chosen = Path(os.environ.get('XDG_CACHE_HOME', ''))  # a relative one counts as none
+    try:
+        home = chosen if chosen.is_absolute() else Path.home() / '.cache'
+    except RuntimeError:  # a user without a home
+        home = Path(os.devnull)  # nothing can be made in it
+    return home / 'epson_driver'
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode('utf-8')).hexdigest()
+
 
 _ONE_AT_A_TIME = threading.Lock()
 """xacro keeps what it works on in global variables."""

@@ -7,8 +7,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from epson_driver.motion import Array
-from epson_driver.profiles.point_fields import FieldsUsed
 from epson_driver.profiles.profile import ControllerProfile
+from epson_driver.profiles.profile_rules import FieldsUsed
 from epson_driver.robots import RobotModel
 from epson_driver.sim_controller.arm.executor import Executor
 from epson_driver.sim_controller.arm.low_power import LOW_POWER, LOW_POWER_TOOL_SPEED, LowPower

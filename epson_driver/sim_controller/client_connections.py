@@ -20,13 +20,12 @@ from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.faults.faulty_transport import FaultyTransport
 from epson_driver.sim_controller.io.io_session import IoSession
 from epson_driver.sim_controller.io.motoman_io_session import MotomanIoSession
-from epson_driver.sim_controller.ports.session import Client, ProgramPorts, Send, Session
-from epson_driver.sim_controller.programs.client_watchdog import ClientWatchdog
+from epson_driver.sim_controller.ports import Client, ProgramPorts, Send, Session
 from epson_driver.sim_controller.programs.motion_program import MotionProgram
-from epson_driver.sim_controller.programs.motion_session import MotionSession
+from epson_driver.sim_controller.programs.motion_session import ClientWatchdog, MotionSession
 from epson_driver.sim_controller.programs.program import ProgramQuit
 from epson_driver.sim_controller.remote.remote_session import RemoteSession
-from epson_driver.sim_controller.state.state_session import StateSession
+from epson_driver.sim_controller.state import StateSession
 from epson_driver.simple_message import FrameError
 
 _log = logging.getLogger(__name__)

@@ -18,6 +18,7 @@ import numpy as np
 from epson_driver.motion import Array
 from epson_driver.profiles.profile import ControllerProfile
 from epson_driver.robots import RobotModel
+from epson_driver.sim_controller import state as state_port
 from epson_driver.sim_controller.arm.executor import Executor
 from epson_driver.sim_controller.arm.servo import Servo
 from epson_driver.sim_controller.arm.simulated_arm import SimulatedArm
@@ -50,11 +51,16 @@ from epson_driver.sim_controller.condition.states import (
 from epson_driver.sim_controller.condition.tasks import Task, TaskRow, TaskState, rows
 from epson_driver.sim_controller.faults.faults import Faults
 from epson_driver.sim_controller.io.io_points import IoPoints
-from epson_driver.sim_controller.ports.requests import VERSION, WITHOUT_WATCHDOG
-from epson_driver.sim_controller.ports.session import Client, CommandWindow, Send, Session
+from epson_driver.sim_controller.ports import (
+    VERSION,
+    WITHOUT_WATCHDOG,
+    Client,
+    CommandWindow,
+    Send,
+    Session,
+)
 from epson_driver.sim_controller.programs.points import angles_rejection, clipped
 from epson_driver.sim_controller.programs.program import Program
-from epson_driver.sim_controller.state import state_messages
 from epson_driver.simple_message import (
     Dialect,
     GetVersion,
@@ -418,18 +424,18 @@ class Controller:
 
     def joint_position(self) -> JointPosition:
         """Return where the encoders say that the joints are."""
-        return state_messages.joint_position(self.servo.position)
+        return state_port.joint_position(self.servo.position)
 
     def joint_feedback(self) -> JointFeedback:
         """Return where the joints are and how fast, with the time if the profile says so."""
         servo = self.servo
         now = self.clock.now if self.profile.state.feedback_time else None
-        return state_messages.joint_feedback(servo.position, servo.velocity, now)
+        return state_port.joint_feedback(servo.position, servo.velocity, now)
 
     def status(self) -> Status:
         """Return the STATUS message of this moment."""
         alarms = self.profile.state.errors == 'alarms'
-        return state_messages.status(
+        return state_port.status(
             self.condition,
             self._error if alarms else self.error_number,
             self.profile.state,
@@ -515,7 +521,7 @@ class Controller:
 
     def motion_rejection(self) -> Rejection | None:
         """Return why a point is refused in this condition, or None."""
-        rejection = state_messages.motion_rejection(self.condition)
+        rejection = state_port.motion_rejection(self.condition)
         if rejection is None and self.arm.executor is not self.arm.own:
             return _LENT
         if rejection is None and self._planner is not None and not self._planner.ready:
@@ -524,7 +530,7 @@ class Controller:
 
     def command_rejection(self) -> Rejection | None:
         """Return why a command cannot move the arm, or None: it needs no task that runs."""
-        return state_messages.motion_rejection(replace(self.condition, tasks=Tasks.RUNNING))
+        return state_port.motion_rejection(replace(self.condition, tasks=Tasks.RUNNING))
 
     def _tell_timing(self) -> None:
         """Log the delays in the motion that has ended, if there were any."""

@@ -77,7 +77,7 @@ from epson_driver.simple_message.messages import (
     Status,
     joint_data,
 )
-from epson_driver.simple_message.motoman_io import (
+from epson_driver.simple_message.motoman import (
     IoCtrlReply,
     MotomanIoResult,
     ReadIoBit,

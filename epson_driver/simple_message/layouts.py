@@ -35,7 +35,7 @@ from epson_driver.simple_message.messages import (
     Ping,
     Status,
 )
-from epson_driver.simple_message.motoman_io import (
+from epson_driver.simple_message.motoman import (
     IoCtrlReply,
     ReadIoBit,
     ReadIoBitReply,

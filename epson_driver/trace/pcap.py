@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from epson_driver.link.wire_events import Address
+from epson_driver.link.connection import Address
 
 MAX_SEGMENT_BYTES = 16384
 """Longer data is split; an IPv4 packet holds 65,535 bytes at most."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from epson_driver.inputs import read_file
-from epson_driver.link.wire_events import Address, WireEvent
+from epson_driver.link.connection import Address, WireEvent
 from epson_driver.trace.pcap import Flag, PcapError, Segment, Stream, read_segments
 
 Pair = frozenset[Address]

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import Enum, auto
 
+from epson_driver.link.connection import WireEvent
 from epson_driver.link.replies import sequence_of
-from epson_driver.link.wire_events import WireEvent
 from epson_driver.simple_message import (
     CommType,
     Frame,

@@ -19,8 +19,8 @@ from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
+from epson_driver.link.connection import WireEvent
 from epson_driver.link.link import Link
-from epson_driver.link.wire_events import WireEvent
 from epson_driver.trace.pcap import Conversation, PcapWriter
 
 WRITE_PERIOD_S = 0.2

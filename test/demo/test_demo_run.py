@@ -23,7 +23,7 @@ from std_srvs.srv import Trigger
 from support.longer_arm import arm_file
 
 from epson_driver.cli import demo
-from epson_driver.demo import keep_running, ros_client, run
+from epson_driver.demo import cell, ros_client, run
 from epson_driver.demo.ros_client import RosClient
 from epson_driver.demo.verdict import MAX_GAP_S, TOO_BUSY, deadlines_missed, verdict
 from epson_driver.inputs import InputError
@@ -172,10 +172,10 @@ def test_a_controller_that_closes_its_io_port_is_told():
 def test_without_the_panel_s_libraries_the_demo_goes_on_and_says_what_to_install(
     monkeypatch, tmp_path
 ):
-    monkeypatch.setattr(keep_running, 'missing', lambda: True)
+    monkeypatch.setattr(cell, 'missing', lambda: True)
     out = console()
     driver = SimpleNamespace(domain=1)
-    with keep_running.panel_beside(tmp_path, driver, out, wanted=True) as address:
+    with cell.panel_beside(tmp_path, driver, out, wanted=True) as address:
         assert address is None
     assert out.file.getvalue().split() == INSTALL.split()
 
@@ -191,7 +191,7 @@ def test_a_driver_that_ends_while_a_person_uses_it_is_an_error(monkeypatch):
     process = SimpleNamespace(wait=lambda: 1, check_alive=ended)
     out = console()
     with pytest.raises(RunError, match='client ended with 1'):
-        keep_running.stay(SimpleNamespace(process=process), 'http://127.0.0.1:8080/', out)
+        cell.stay(SimpleNamespace(process=process), 'http://127.0.0.1:8080/', out)
     said = out.file.getvalue()
     assert 'export ROS_DOMAIN_ID=7' in said
     assert 'panel: http://127.0.0.1:8080/' in said

@@ -20,12 +20,12 @@ from rich.console import Console
 from support.interrupts import obey_interrupts
 
 from epson_driver.cli import fleet
+from epson_driver.fleet import fleet_processes
 from epson_driver.fleet import table as shown
-from epson_driver.fleet.table import Row, is_up, table
+from epson_driver.fleet.table import NOTHING, Row, Use, is_up, table
 from epson_driver.fleet.watch import Seen, Watch
-from epson_driver.processes import discovery_server, process_figures, processes
+from epson_driver.processes import process_figures, processes
 from epson_driver.processes.interrupt import interrupts_held
-from epson_driver.processes.process_figures import NOTHING, Use
 from epson_driver.processes.processes import RunError
 
 PATIENCE_S = 300.0
@@ -99,7 +99,7 @@ def test_without_a_discovery_server_it_says_where_one_comes_from(
     monkeypatch.setattr(sys, 'executable', str(tmp_path / 'python'))
     monkeypatch.setenv('PATH', str(tmp_path))
     with pytest.raises(RunError, match='it comes with Fast DDS'):
-        discovery_server.program()
+        fleet_processes.program()
 
 
 def test_those_who_end_together_are_told_before_one_is_waited_for() -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from support.network_hosts import SERVER, Network, NoNamespacesError, Sight, environment
 
-from epson_driver.processes.discovery_server import discovery_server
+from epson_driver.fleet.fleet_processes import discovery_server
 from epson_driver.processes.processes import EXECUTABLE, Process, end_together
 
 CELL, OFFICE = 'cell', 'office'

@@ -10,9 +10,8 @@ from support.event_loop import run, until
 from support.remote_peer import HOME, READY, RemotePeer
 
 from epson_driver.driver.delivery.trajectory_points import STOP
-from epson_driver.link.lines import MAX_LINE_BYTES, LineFramer
-from epson_driver.link.remote_link import RemoteLink
-from epson_driver.link.statement import Statement
+from epson_driver.link.remote_link import MAX_LINE_BYTES, LineFramer, RemoteLink
+from epson_driver.link.replies import Statement
 from epson_driver.remote_ethernet.client import RemoteError
 from epson_driver.simple_message import FrameError, JointPosition, ReplyCode, Status, TriState
 

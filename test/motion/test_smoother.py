@@ -18,7 +18,7 @@ from epson_driver.motion.smoother import (
     Smoother,
     plan,
 )
-from epson_driver.processes.values import packed, unpacked
+from epson_driver.processes.worker import packed, unpacked
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_file
 from epson_driver.trajectory_file import read_trajectory

@@ -9,8 +9,7 @@ import pytest
 
 from epson_driver.bringup import servo_parameters
 from epson_driver.robots import load_robot_model, robot_models
-from epson_driver.robots.kinematics import Kinematics
-from epson_driver.robots.singularity import conditions, singularity_thresholds
+from epson_driver.robots.kinematics import Kinematics, conditions, singularity_thresholds
 from epson_driver.robots.urdf import srdf
 
 each = pytest.mark.parametrize('name', robot_models())

@@ -34,7 +34,7 @@ from epson_driver.processes.processes import (
     ros_environment,
     sim_controller,
 )
-from epson_driver.processes.values import MAX_BYTES, PREFIX, body_length, packed, unpacked
+from epson_driver.processes.worker import MAX_BYTES, PREFIX, body_length, packed, unpacked
 from epson_driver.robots import load_robot_model
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from epson_driver.robots.cache import cached
+from epson_driver.robots.urdf import cached
 
 
 @pytest.fixture

@@ -64,8 +64,15 @@ from epson_driver.simple_message import (
     topic,
 )
 from epson_driver.simple_message.io_layouts import MAX_ITEMS, MAX_VALUES
-from epson_driver.simple_message.motoman import Command, Invalid, NotReady, Result
-from epson_driver.simple_message.motoman_io import GENERAL_INPUTS, GENERAL_OUTPUTS, bit_address
+from epson_driver.simple_message.motoman import (
+    GENERAL_INPUTS,
+    GENERAL_OUTPUTS,
+    Command,
+    Invalid,
+    NotReady,
+    Result,
+    bit_address,
+)
 
 REQUEST, REPLY, TOPIC = (2, 0), (3, 1), (1, 0)
 

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from epson_driver.driver import smoothing
 from epson_driver.driver.arm_commands import ArmCommands
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal import Goal, GoalSettings
 from epson_driver.driver.goal.goal_queue import GoalHandle
-from epson_driver.driver.smoothing import smoothing_process
-from epson_driver.driver.smoothing.smoothing_process import SmoothingProcess
+from epson_driver.driver.smoothing import SmoothingProcess
 from epson_driver.motion import Array, Trajectory
 from epson_driver.motion.smoother import plan
 from epson_driver.profiles.profile import load_controller_profile
@@ -178,7 +178,7 @@ def plan_in_real_time(patch):
             return await prepared(process, trajectory, start)
 
     patch.setattr(SmoothingProcess, 'prepared', in_real_time)
-    patch.setattr(smoothing_process, 'TIMEOUT_S', 600.0)
+    patch.setattr(smoothing, 'TIMEOUT_S', 600.0)
 
 
 def open_gate(gate):

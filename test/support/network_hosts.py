@@ -13,7 +13,7 @@ from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import NamedTuple
 
-from epson_driver.processes.discovery_server import USUAL_PORT, VARIABLE
+from epson_driver.fleet.fleet_processes import USUAL_PORT, VARIABLE
 
 NETWORK = '10.77.0'
 END_TIMEOUT_S = 5.0

@@ -15,7 +15,7 @@ from support import patient
 from support.cell import START, Cell
 from support.ros_peer import RosPeer, trajectory
 
-from epson_driver.link.wire_events import WireEvent
+from epson_driver.link.connection import WireEvent
 from epson_driver.processes import processes
 from epson_driver.trace.recording import read_recording
 

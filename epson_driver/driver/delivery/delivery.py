@@ -5,19 +5,23 @@
 A goal's execution posts one message at a time, and the next one when that is answered. It is the
 same for all deliveries, and so are STOP and the end of a goal:
 
-* streaming (streaming.py): each point is a request, and its reply is the answer;
+* streaming (streaming.py): each point is a request, and its reply is the answer; Motoman as well,
+  in messages of its own;
 * download (download.py): points are topics; each counts as answered when it is sent;
-* Motoman (motoman_delivery.py): as streaming, in Motoman's messages;
 * statements (statements.py): SPEL+ by Remote Ethernet, one for all of a motion, answered when it
   is over.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
-from epson_driver.motion import Array, Trajectory
-from epson_driver.profiles.point_fields import FieldsUsed
+from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
+from epson_driver.driver.state.joint_mapping import JointMapping
+from epson_driver.link import Link
+from epson_driver.motion import Array, JointLimits, Trajectory
+from epson_driver.profiles.profile_rules import FieldsUsed
 from epson_driver.simple_message import Message, Packet
 
 OnReply = Callable[[Packet, float], None]
@@ -57,17 +61,27 @@ class PreparedTrajectory:
     delay: float = 0.0
 
 
-class Delivery(Protocol):
-    """A way to a controller.
+class Delivery(ABC):
+    """A way to a controller, over a motion link, for joints within limits.
 
     `resumes`: its first point makes a controller go on that is paused, or says why not.
     `keeps_points`: a controller of this kind keeps its points when the client is lost, and goes
-    on with them as soon as one connects.
+    on with them as soon as one connects. `no_streams`: why it follows no setpoints, or ''.
     """
 
-    resumes: bool
-    keeps_points: bool
+    resumes = False
+    keeps_points = False
+    no_streams = ''
 
+    def __init__(
+        self, link: Link, limits: JointLimits, mapping: JointMapping, rules: DeliveryRules
+    ) -> None:
+        self._link = link
+        self._limits = limits
+        self._mapping = mapping
+        self._rules = rules
+
+    @abstractmethod
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return the messages for a checked trajectory from `start` (shape (n,), rad).
 
@@ -80,6 +94,8 @@ class Delivery(Protocol):
         `way` has two points: the setpoint before, and this one; with the same time they are the
         first, where the arm stands. Raises GoalRejectedError if the controller takes no streams.
         """
+        raise GoalRejectedError(ErrorCode.INVALID_GOAL, self.no_streams)
 
     def post(self, message: Message, on_reply: OnReply) -> None:
         """Send one of them, or STOP. Raises ConnectionError if there is no link."""
+        self._link.post(message, on_reply)

@@ -6,14 +6,13 @@ from typing import Literal
 
 from epson_driver.driver.delivery.delivery import Delivery, DeliveryRules
 from epson_driver.driver.delivery.download import Download
-from epson_driver.driver.delivery.motoman_delivery import MotomanDelivery
 from epson_driver.driver.delivery.statements import StatementDelivery
-from epson_driver.driver.delivery.streaming import FullStreaming, Streaming
+from epson_driver.driver.delivery.streaming import FullStreaming, MotomanDelivery, Streaming
 from epson_driver.driver.state.joint_mapping import JointMapping
 from epson_driver.link import Link
 from epson_driver.motion import JointLimits
 from epson_driver.profiles import ControllerProfile
-from epson_driver.profiles.point_fields import FieldsUsed
+from epson_driver.profiles.profile_rules import FieldsUsed
 
 _INTERFACES: dict[str, Literal['streaming', 'download', 'statements']] = {
     'streaming': 'streaming',

@@ -15,12 +15,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from epson_driver.driver.delivery.delivery import DeliveryRules, OnReply, PreparedTrajectory
+from epson_driver.driver.delivery.delivery import Delivery, OnReply, PreparedTrajectory
 from epson_driver.driver.delivery.trajectory_points import MIN_DURATION_S, STOP, trajectory_points
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
-from epson_driver.driver.state.joint_mapping import JointMapping
-from epson_driver.link import Link
-from epson_driver.motion import Array, JointLimits, Trajectory
+from epson_driver.motion import Array, Trajectory
 from epson_driver.simple_message import (
     JointPosition,
     JointTrajPt,
@@ -43,23 +41,13 @@ ASSUMED_REPLY = reply(JointPosition(), ReplyCode.SUCCESS)
 """Given to `on_reply` in place of a reply, which a topic does not get."""
 
 
-class Download:
+class Download(Delivery):
     """Points as topics. Of `rules`, `buffer`, `dead_time` and a point's fields count."""
 
-    resumes = False
-    keeps_points = False
-
-    def __init__(
-        self,
-        link: Link,
-        limits: JointLimits,
-        mapping: JointMapping,
-        rules: DeliveryRules,
-    ) -> None:
-        self._link = link
-        self._limits = limits
-        self._mapping = mapping
-        self._rules = rules
+    no_streams = (
+        'with interface: download the arm follows no streams of setpoints: it moves when all of a '
+        'trajectory is there; send trajectories'
+    )
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return its points, at least two. Raises GoalRejectedError if the buffer is too small."""
@@ -81,14 +69,6 @@ class Download:
             )
         return PreparedTrajectory(
             trajectory, list(numbered), len(numbered) * self._rules.dead_time + MAX_START_DELAY_S
-        )
-
-    def setpoint(self, way: Trajectory, sequence: int) -> Message:
-        """Raise GoalRejectedError: the controller moves when it has all of a download."""
-        raise GoalRejectedError(
-            ErrorCode.INVALID_GOAL,
-            'with interface: download the arm follows no streams of setpoints: it moves when all '
-            'of a trajectory is there; send trajectories',
         )
 
     def post(self, message: Message, on_reply: OnReply) -> None:

@@ -10,13 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from epson_driver.driver.delivery.delivery import DeliveryRules, OnReply, PreparedTrajectory
+from epson_driver.driver.delivery.delivery import Delivery, DeliveryRules, PreparedTrajectory
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.driver.state.joint_mapping import JointMapping
 from epson_driver.link import Link
-from epson_driver.link.statement import Statement
+from epson_driver.link.replies import Statement
 from epson_driver.motion import Array, JointLimits, Trajectory
-from epson_driver.simple_message import Message
 
 TOOL_NUMBER = 15
 """The controller's tool that is set, with TLSet, where a motion of a tool needs one."""
@@ -31,11 +30,6 @@ NO_PLANS = (
     'a plan of {} points: by Remote Ethernet alone the controller takes no points and times: send '
     'its last point alone, or motion primitives (move_joints, move_line, move_arc in Python), or '
     'load the controller program'
-)
-
-NO_STREAMS = (
-    'by Remote Ethernet alone the arm follows no streams: each statement begins and ends at rest; '
-    'send motions one by one, or load the controller program'
 )
 
 FIXED_SPEED = (
@@ -132,17 +126,18 @@ def last_point(trajectory: Trajectory) -> Trajectory:
     return Trajectory(trajectory.joint_names, trajectory.times[-1:], trajectory.positions[-1:])
 
 
-class StatementDelivery:
+class StatementDelivery(Delivery):
     """A trajectory straight to its end as `Go`. Of `rules`, the power counts."""
 
-    resumes = False
-    keeps_points = False
+    no_streams = (
+        'by Remote Ethernet alone the arm follows no streams: each statement begins and ends at '
+        'rest; send motions one by one, or load the controller program'
+    )
 
     def __init__(
         self, link: Link, limits: JointLimits, mapping: JointMapping, rules: DeliveryRules
     ) -> None:
-        self._link = link
-        self._limits = limits
+        super().__init__(link, limits, mapping, rules)
         self.moves = Moves(limits, mapping, rules.power)
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
@@ -158,14 +153,6 @@ class StatementDelivery:
         share = min(max(float(needed.max()), 0.01), 1.0)
         move = self.moves.joints(target, share, share)
         return PreparedTrajectory(last_point(trajectory), [move])
-
-    def setpoint(self, way: Trajectory, sequence: int) -> Message:
-        """Raise GoalRejectedError: there is nothing to follow with."""
-        raise GoalRejectedError(ErrorCode.INVALID_GOAL, NO_STREAMS)
-
-    def post(self, message: Message, on_reply: OnReply) -> None:
-        """Send a statement, or STOP. Raises ConnectionError."""
-        self._link.post(message, on_reply)
 
 
 def _percent(share: float) -> int:

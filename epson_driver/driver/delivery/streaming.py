@@ -2,40 +2,41 @@
 # SPDX-License-Identifier: Apache-2.0
 """The streaming interface: each point is a request, and its reply lets the next one go."""
 
+import asyncio
+import contextlib
 from dataclasses import replace
 
-from epson_driver.driver.delivery.delivery import DeliveryRules, OnReply, PreparedTrajectory
+from epson_driver.driver.delivery.delivery import (
+    Delivery,
+    DeliveryRules,
+    OnReply,
+    PreparedTrajectory,
+)
+from epson_driver.driver.delivery.reply_rejection import reply_rejection
 from epson_driver.driver.delivery.trajectory_points import (
+    STOP,
     LazyPoints,
     from_standing,
     full_points,
     trajectory_points,
     with_velocities,
 )
-from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.driver.state.joint_mapping import JointMapping
 from epson_driver.link import Link
 from epson_driver.motion import Array, JointLimits, Trajectory
-from epson_driver.simple_message import JointTrajPt, JointTrajPtFull, Message
+from epson_driver.simple_message import (
+    JointTrajPt,
+    JointTrajPtFull,
+    Message,
+    MotionCtrl,
+    MotionReply,
+    Packet,
+)
+from epson_driver.simple_message.motoman import Command, Result
 
 
-class Streaming:
+class Streaming(Delivery):
     """Points as JOINT_TRAJ_PT requests."""
-
-    resumes = False
-    keeps_points = False
-
-    def __init__(
-        self,
-        link: Link,
-        limits: JointLimits,
-        mapping: JointMapping,
-        rules: DeliveryRules,
-    ) -> None:
-        self._link = link
-        self._limits = limits
-        self._mapping = mapping
-        self._rules = rules
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return one message for each point of the trajectory."""
@@ -68,13 +69,14 @@ class Streaming:
         )
         return replace(point, sequence=sequence)
 
-    def post(self, message: Message, on_reply: OnReply) -> None:
-        """Send a request."""
-        self._link.post(message, on_reply)
 
-
-class FullStreaming(Streaming):
+class FullStreaming(Delivery):
     """Points as JOINT_TRAJ_PT_FULL requests: time, positions, velocities."""
+
+    no_streams = (  # what interpolates by times stops dead if one comes late
+        'with point_message: joint_traj_pt_full the arm follows no streams of setpoints: the '
+        'controller would stop abruptly whenever one comes late; send trajectories'
+    )
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return a point where the arm stands, and one for each that follows."""
@@ -85,10 +87,72 @@ class FullStreaming(Streaming):
 
         return PreparedTrajectory(executed, LazyPoints(len(executed.times), make))
 
-    def setpoint(self, way: Trajectory, sequence: int) -> Message:
-        """Raise GoalRejectedError: what interpolates by times stops dead if one comes late."""
-        raise GoalRejectedError(
-            ErrorCode.INVALID_GOAL,
-            'with point_message: joint_traj_pt_full the arm follows no streams of setpoints: the '
-            'controller would stop abruptly whenever one comes late; send trajectories',
-        )
+
+BUSY_RETRY_PERIOD_S = 0.01
+"""How long to wait before a point is sent again, s; MotoROS works in cycles of 4 ms."""
+
+
+class MotomanDelivery(FullStreaming):
+    """Points and STOP for a controller with MotoROS.
+
+    * START_TRAJ_MODE goes before the first point, and is answered SUCCESS if the mode is on.
+    * A point that is answered BUSY has changed nothing, and is sent again after
+      BUSY_RETRY_PERIOD_S, until it is taken or the goal is stopped.
+    * STOP is STOP_MOTION. The mode stays on.
+    * MotoROS keeps queue, job and servos when the client is lost, and goes on as soon as one
+      connects: STOP_MOTION is the first message on each connection (Driver sends it).
+    """
+
+    resumes = True
+    keeps_points = True
+
+    def __init__(
+        self, link: Link, limits: JointLimits, mapping: JointMapping, rules: DeliveryRules
+    ) -> None:
+        super().__init__(link, limits, mapping, rules)
+        self._trajectory = 0
+        """Counts trajectories and stops: what belongs to an older one is not sent any more."""
+
+    def post(self, message: Message, on_reply: OnReply) -> None:
+        """Send a point or STOP, with what Motoman wants before or instead."""
+        if message == STOP:
+            self._trajectory += 1
+            self._link.post(_command(Command.STOP_MOTION), on_reply)
+        elif isinstance(message, JointTrajPtFull) and message.sequence == 0:
+            self._trajectory += 1
+            self._begin(message, on_reply)
+        else:
+            self._post_point(message, on_reply)
+
+    def _begin(self, first: JointTrajPtFull, on_reply: OnReply) -> None:
+        trajectory = self._trajectory
+
+        def on_mode(packet: Packet, now: float) -> None:
+            if reply_rejection(packet) is not None:
+                on_reply(packet, now)
+            elif trajectory == self._trajectory:
+                with contextlib.suppress(ConnectionError):  # the lost link ends the goal
+                    self._post_point(first, on_reply)
+
+        self._link.post(_command(Command.START_TRAJ_MODE), on_mode)
+
+    def _post_point(self, point: Message, on_reply: OnReply) -> None:
+        trajectory = self._trajectory
+
+        def again() -> None:
+            if trajectory == self._trajectory:
+                with contextlib.suppress(ConnectionError):
+                    self._post_point(point, on_reply)
+
+        def on_answer(packet: Packet, now: float) -> None:
+            answer = packet.message
+            if isinstance(answer, MotionReply) and answer.result == Result.BUSY:
+                asyncio.get_running_loop().call_later(BUSY_RETRY_PERIOD_S, again)
+            else:
+                on_reply(packet, now)
+
+        self._link.post(point, on_answer)
+
+
+def _command(command: Command) -> MotionCtrl:
+    return MotionCtrl(0, 0, command)

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from epson_driver.driver.state.joint_mapping import JointMapping
 from epson_driver.motion import Array, JointLimits, Trajectory
-from epson_driver.profiles.point_fields import FieldsUsed
+from epson_driver.profiles.profile_rules import FieldsUsed
 from epson_driver.simple_message import (
     JointTrajPt,
     JointTrajPtFull,

@@ -36,8 +36,7 @@ from epson_driver.driver.goal.planned_speed import PlannedSpeed, Timing
 from epson_driver.driver.goal.reference import PointSchedule, SpeedScaling
 from epson_driver.driver.goal.splice import LATEST_SHARE, SplicedTrajectory, SplicePoint
 from epson_driver.driver.outcome import End, ErrorCode, Outcome
-from epson_driver.driver.state.controller_pause import PauseDetector
-from epson_driver.driver.state.robot_state import JointSample, RobotState
+from epson_driver.driver.state.robot_state import JointSample, PauseDetector, RobotState
 from epson_driver.driver.state.standstill import (
     UNCONFIRMED_REST_TIME_S,
     UNSAID_REST_TIME_S,

@@ -32,13 +32,16 @@ from epson_driver.driver.goal.splice import (
 )
 from epson_driver.driver.inhibit import PAUSED, Inhibit, Remedy, not_enabled
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
-from epson_driver.driver.smoothing.smoothing_process import SmoothingError, SmoothingProcess
+from epson_driver.driver.smoothing import SmoothingError, SmoothingProcess
 from epson_driver.driver.state.robot_state import JointSample, RobotState
 from epson_driver.driver.stopping.arm_gate import ArmGate
 from epson_driver.driver.stopping.stopper import Stopper
-from epson_driver.driver.tasks.fresh_state import MAX_READING_TURNS, wait_for_fresh_state
-from epson_driver.driver.tasks.notification import Notification
-from epson_driver.driver.tasks.task_group import report_task_error
+from epson_driver.driver.tasks import (
+    MAX_READING_TURNS,
+    Notification,
+    report_task_error,
+    wait_for_fresh_state,
+)
 from epson_driver.motion import JointLimits, Trajectory
 
 REPLACED = 'replaced by a newer goal before it could start'
@@ -264,7 +267,7 @@ class GoalQueue:
             start = way.trajectory.positions[0]
             if self._settings.require_planned_speed:
                 self._planned_speed.check(way.trajectory, start)
-            prepared = self._stopper.prepare(way.trajectory, start)
+            prepared = self._stopper.delivery.prepare(way.trajectory, start)
         except GoalRejectedError as rejection:
             old.execution.stop_for_next(str(rejection), now)
             return True
@@ -352,7 +355,7 @@ class GoalQueue:
         self._check_allowed()
         if (why := self._robot.why_not_ready(now)) is not None:
             raise GoalRejectedError(ErrorCode.INVALID_GOAL, why)
-        if self._robot.paused and not self._stopper.resumes:
+        if self._robot.paused and not self._stopper.delivery.resumes:
             raise _inhibited(PAUSED)
         sample = self._robot.sample
         assert sample is not None  # noqa: S101 - for the type checker: why_not_ready says so
@@ -457,7 +460,7 @@ class GoalQueue:
             if (message := execution.goal.message) is not None:
                 prepared = PreparedTrajectory(trajectory, [message])
             else:
-                prepared = self._stopper.prepare(trajectory, sample.positions)
+                prepared = self._stopper.delivery.prepare(trajectory, sample.positions)
         except GoalRejectedError as rejection:
             execution.fault(str(rejection), rejection.code)
             return

@@ -19,7 +19,7 @@ Rules:
    it has the reason. While the arm still brakes, the reason may be yet to come, and is awaited.
 6. A joint that leaves its path tolerance stops the arm; the goal ends when it stands. It is held
    against the plan at that moment (reference.py), until the plan's end.
-7. A controller that is paused (controller_pause.py) is waited for, however long: the clock stands
+7. A controller that is paused (PauseDetector) is waited for, however long: the clock stands
    and no patience runs out.
 8. While the speed scaling is 0 no point is sent; what was acknowledged runs on.
 9. A goal breaks off when the controller does not answer in time, or rejects what follows points

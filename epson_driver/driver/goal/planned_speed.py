@@ -13,7 +13,7 @@ from epson_driver.driver.delivery.delivery import DeliveryRules
 from epson_driver.driver.delivery.statements import FIXED_SPEED
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.motion import Array, JointLimits, Trajectory
-from epson_driver.profiles.point_fields import FieldsUsed
+from epson_driver.profiles.profile_rules import FieldsUsed
 
 MIN_DEVIATION_SHARE = 0.2
 """A plan that takes this much longer or shorter, as a share of its time, runs at another speed."""

@@ -9,7 +9,7 @@ from epson_driver.driver.io.io_driver import IoAnswer, IoDriver
 from epson_driver.driver.io.motoman_io import MotomanIo
 from epson_driver.driver.io.polled_io import PolledIo
 from epson_driver.driver.io.remote_ethernet_io import RemoteEthernetIo
-from epson_driver.driver.tasks.notification import Notification
+from epson_driver.driver.tasks import Notification
 from epson_driver.link import Link
 from epson_driver.profiles.io_profile import IoProfile
 from epson_driver.remote_ethernet.client import Login

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from epson_driver.driver.io.io_results import sentence
-from epson_driver.driver.tasks.notification import Notification
-from epson_driver.driver.tasks.task_group import report_task_error
+from epson_driver.driver.tasks import Notification, report_task_error
 from epson_driver.link import Link, LinkState
 from epson_driver.simple_message import (
     ByteOrder,

@@ -31,7 +31,7 @@ from epson_driver.simple_message import (
     WriteIoGroup,
     WriteIoGroupReply,
 )
-from epson_driver.simple_message.motoman_io import GENERAL_INPUTS, GENERAL_OUTPUTS, bit_address
+from epson_driver.simple_message.motoman import GENERAL_INPUTS, GENERAL_OUTPUTS, bit_address
 
 FIRST_GROUP = {
     IoType.DIGITAL_INPUT: GENERAL_INPUTS,

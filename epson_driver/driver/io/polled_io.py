@@ -19,8 +19,7 @@ from epson_driver.driver.io.io_driver import (
     IoUnavailableError,
 )
 from epson_driver.driver.io.io_results import INPUTS, WORD_GROUPS, address, sentence
-from epson_driver.driver.tasks.notification import Notification
-from epson_driver.driver.tasks.task_group import run_task_group
+from epson_driver.driver.tasks import Notification, run_task_group
 from epson_driver.link import Link
 from epson_driver.profiles.io_profile import IoProfile
 from epson_driver.simple_message import (

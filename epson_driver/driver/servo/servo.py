@@ -599,7 +599,7 @@ class Servo:
         )
         if span > 0.0:
             check_limits(way, self._limits, may_end_moving=True)
-        message = self._stopper.setpoint(way, session.sequence)
+        message = self._stopper.delivery.setpoint(way, session.sequence)
         session.sent, session.sent_velocity = position, velocity
         session.span = 0.0
         session.time += duration

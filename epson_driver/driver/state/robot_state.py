@@ -9,15 +9,39 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from epson_driver.driver.state.controller_pause import PauseDetector
 from epson_driver.driver.state.joint_mapping import JointMapping, unmapped
 from epson_driver.driver.state.joint_velocity import VELOCITY_WINDOW_S, JointVelocity, Values
 from epson_driver.driver.state.plausibility import DEFAULT_MARGINS, JointBounds, Margins
-from epson_driver.driver.state.question_clock import QuestionClock
-from epson_driver.driver.state.sender_clock import LATE_SLOTS, SenderClock
+from epson_driver.driver.state.sender_clock import LATE_SLOTS, QuestionClock, SenderClock
 from epson_driver.error_texts import ErrorTexts, load_error_texts
 from epson_driver.motion import Array, JointLimits
 from epson_driver.simple_message import Status, TriState
+
+
+class PauseDetector:
+    """Reads it from STATUS: motion was possible and now is not, without an error.
+
+    A controller that has never said that motion is possible does not tell, and is never paused.
+    """
+
+    def __init__(self) -> None:
+        self.interrupted = False
+        """Whether the controller denies motion; the arm may still brake."""
+        self.paused = False
+        """Whether the controller denies motion and the arm stands."""
+        self._was_possible = False
+
+    def see(self, status: Status) -> None:
+        """Take the next status."""
+        self._was_possible |= status.motion_possible == TriState.TRUE
+        self.interrupted = (
+            self._was_possible
+            and status.motion_possible == TriState.FALSE
+            and status.in_error != TriState.TRUE
+            and not status.error_code
+        )
+        self.paused = self.interrupted and status.in_motion == TriState.FALSE
+
 
 MAX_ARRIVALS = 2048
 """Arrival times that are kept for diagnostics: two seconds at 1 kHz."""

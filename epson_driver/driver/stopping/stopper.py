@@ -27,15 +27,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from epson_driver.driver.delivery.delivery import Delivery, OnReply, PreparedTrajectory
+from epson_driver.driver.delivery.delivery import Delivery, OnReply
 from epson_driver.driver.delivery.reply_rejection import reply_rejection
 from epson_driver.driver.delivery.trajectory_points import STOP
 from epson_driver.driver.state.robot_state import RobotState
 from epson_driver.driver.state.standstill import REST_TIME_S, UNCONFIRMED_REST_TIME_S, Standstill
 from epson_driver.driver.stopping.motors import Action, Motors, MotorsError
-from epson_driver.driver.tasks.notification import Notification
-from epson_driver.driver.tasks.task_group import report_task_error
-from epson_driver.motion import Array, Trajectory
+from epson_driver.driver.tasks import Notification, report_task_error
 from epson_driver.simple_message import Message, Packet, TriState
 
 ANSWER_TIMEOUT_S = 1.0
@@ -87,7 +85,7 @@ class Stopper:
         """rad/s, below which a joint counts as standing."""
         self.alarm: str | None = None
         """Why the last stop did not work; None again when the arm is enabled."""
-        self._delivery = delivery
+        self.delivery = delivery
         self._robot = robot
         self._joints = joints
         self._changed = changed
@@ -109,21 +107,6 @@ class Stopper:
         self._looks = 0
         self._switching: asyncio.Task[None] | None = None
 
-    # --- as a Delivery ----------------------------------------------------------------------
-
-    @property
-    def resumes(self) -> bool:
-        """See Delivery."""
-        return self._delivery.resumes
-
-    def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
-        """See Delivery."""
-        return self._delivery.prepare(trajectory, start)
-
-    def setpoint(self, way: Trajectory, sequence: int) -> Message:
-        """See Delivery."""
-        return self._delivery.setpoint(way, sequence)
-
     def post(self, message: Message, on_reply: OnReply) -> None:
         """Post a message as Delivery does, and see a STOP through. Raises ConnectionError."""
         if message == STOP:
@@ -131,9 +114,7 @@ class Stopper:
         else:
             self._before_point()
             self._ours = True
-            self._delivery.post(message, on_reply)
-
-    # --- stopping ---------------------------------------------------------------------------
+            self.delivery.post(message, on_reply)
 
     @property
     def over(self) -> bool:
@@ -148,17 +129,12 @@ class Stopper:
     @property
     def goes_on(self) -> bool:
         """True if the controller may go on with old points on a new motion connection."""
-        return self.keeps_points or self._ours or not self.over
-
-    @property
-    def keeps_points(self) -> bool:
-        """See Delivery."""
-        return self._delivery.keeps_points
+        return self.delivery.keeps_points or self._ours or not self.over
 
     @property
     def kept(self) -> bool:
         """True if a controller of a kind that keeps points has not taken the last STOP."""
-        return self.keeps_points and self.doubt is not None
+        return self.delivery.keeps_points and self.doubt is not None
 
     @property
     def answered(self) -> bool:
@@ -284,7 +260,7 @@ class Stopper:
             self._on_answer(packet, now)
 
         try:
-            self._delivery.post(STOP, on_answer)
+            self.delivery.post(STOP, on_answer)
         except ConnectionError as error:
             self._not_sent(str(error))
             raise

@@ -14,8 +14,15 @@ from typing import Any
 
 from epson_driver.motion import JointLimits
 from epson_driver.motion.smoother import PASSED_TYPES, Request
-from epson_driver.processes.values import PREFIX, body_length, packed, unpacked
-from epson_driver.processes.worker import end_worker, ending, start_worker
+from epson_driver.processes.worker import (
+    PREFIX,
+    body_length,
+    end_worker,
+    ending,
+    packed,
+    start_worker,
+    unpacked,
+)
 from epson_driver.sim_controller.arm.streaming import Answer
 
 START_TIMEOUT_S = 60.0

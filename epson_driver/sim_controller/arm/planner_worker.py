@@ -14,8 +14,7 @@ from typing import Any, BinaryIO
 
 from epson_driver.motion import JointLimits
 from epson_driver.motion.smoother import PASSED_TYPES, Smoother, plan
-from epson_driver.processes.values import PREFIX, body_length, packed, unpacked
-from epson_driver.processes.worker import answer_file
+from epson_driver.processes.worker import PREFIX, answer_file, body_length, packed, unpacked
 
 
 def main() -> None:

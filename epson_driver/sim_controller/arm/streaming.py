@@ -10,7 +10,7 @@ import numpy as np
 
 from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.smoother import Plan, Request, Smoother
-from epson_driver.profiles.point_fields import FieldsUsed
+from epson_driver.profiles.profile_rules import FieldsUsed
 from epson_driver.sim_controller.arm.executor import Point
 from epson_driver.sim_controller.arm.timing import Timing
 

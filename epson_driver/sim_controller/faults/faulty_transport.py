@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from epson_driver.sim_controller.clock import Clock, Timer
 from epson_driver.sim_controller.faults.disturbances import DISTURBANCES, OutgoingMessage
 from epson_driver.sim_controller.faults.faults import ActiveFault, Faults
-from epson_driver.sim_controller.ports.session import Send
+from epson_driver.sim_controller.ports import Send
 
 MAX_HELD_BYTES = 262_144
 """Bytes that faults may hold back on one connection: with more it is closed."""

@@ -13,8 +13,7 @@ from typing import Any
 from epson_driver.sim_controller.clock import Clock
 from epson_driver.sim_controller.io.io_points import IoError, IoPoints
 from epson_driver.sim_controller.io.io_stream import IoStream, timestamp
-from epson_driver.sim_controller.ports.requests import answer, answer_frame, failure
-from epson_driver.sim_controller.ports.session import Send
+from epson_driver.sim_controller.ports import Send, answer, answer_frame, failure
 from epson_driver.simple_message import (
     BodyError,
     CommType,

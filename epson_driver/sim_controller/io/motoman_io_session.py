@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from epson_driver.sim_controller.io.io_points import BYTE_BITS, IoError, IoPoints
-from epson_driver.sim_controller.ports.session import Send
+from epson_driver.sim_controller.ports import Send
 from epson_driver.simple_message import (
     BodyError,
     Dialect,
@@ -36,8 +36,7 @@ from epson_driver.simple_message import (
     encode,
     reply,
 )
-from epson_driver.simple_message.motoman import Invalid, Result
-from epson_driver.simple_message.motoman_io import GENERAL_INPUTS, GENERAL_OUTPUTS
+from epson_driver.simple_message.motoman import GENERAL_INPUTS, GENERAL_OUTPUTS, Invalid, Result
 
 _BIT_DIGITS = 10
 """The last digit of a bit's address is its place in the group."""

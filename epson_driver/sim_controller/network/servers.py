@@ -5,14 +5,51 @@
 import asyncio
 import logging
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import NamedTuple
 
 from epson_driver.sim_controller.arm.planner_process import PlannerError, PlannerProcess
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.network.pacer import Pacer
 from epson_driver.sim_controller.network.port_server import PortRules, PortServer, port_rules
-from epson_driver.sim_controller.network.program_client import connect
-from epson_driver.sim_controller.ports.session import ClientSession, ProgramPorts
+from epson_driver.sim_controller.network.tcp_connection import TcpConnection
+from epson_driver.sim_controller.ports import ClientSession, ProgramPorts
+
+HOST = '127.0.0.1'
+RETRY_S = 0.2
+"""Pause before another attempt to reach the peer, s."""
+
+MAX_UNSENT = 65_536
+
+_log = logging.getLogger(__name__)
+
+
+async def connect(session: ClientSession, port: int, pacer: Pacer) -> None:
+    """Connect a program's port, and hand it what the peer sends, until one of them closes."""
+    writer = None
+    while writer is None and session.wanted:
+        try:
+            reader, writer = await asyncio.open_connection(HOST, port)
+        except OSError:
+            await asyncio.sleep(RETRY_S)
+    if writer is None:
+        return
+    link = TcpConnection(session.name, reader, writer, MAX_UNSENT)
+    try:
+        with pacer.present():
+            if session.wanted:
+                session.begin(link.send, link.close)
+        _log.info('port %s of the program is connected to %s:%d', session.name, HOST, port)
+        while session.wanted and (data := await link.receive()):
+            with pacer.present():
+                session.receive(data)
+    finally:
+        link.close()
+        with pacer.present():
+            session.closed()
+        with suppress(OSError):
+            await link.lost()
+
 
 _log = logging.getLogger(__name__)
 

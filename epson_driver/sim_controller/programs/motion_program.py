@@ -20,7 +20,7 @@ The rules (REP-I0006 where it says something, the thesis' program otherwise):
   answered. A streamed point in between ends it; points that still move go on first.
 * A reply is not looked at, and a topic that belongs to no download is never answered: two peers
   that answered each other would do so for ever.
-* A client that hangs (client_watchdog.py) has its points dropped, as by a STOP. A PING reply with
+* A client that hangs (ClientWatchdog) has its points dropped, as by a STOP. A PING reply with
   FAILURE tells it, before their own, and each point after that gets FAILURE until a STOP.
 * In a pause the arm gets no point and none is answered; what is wrong is refused all the same, and
   STOP works.
@@ -31,8 +31,8 @@ What a profile's `ProgramProfile` changes in these rules stands there.
 import logging
 from collections.abc import Callable
 
-from epson_driver.profiles.point_fields import FieldsUsed
 from epson_driver.profiles.profile import ProgramProfile
+from epson_driver.profiles.profile_rules import FieldsUsed
 from epson_driver.sim_controller.arm.executor import Executor, Point
 from epson_driver.sim_controller.clock import Clock
 from epson_driver.sim_controller.condition.errors import (
@@ -41,7 +41,7 @@ from epson_driver.sim_controller.condition.errors import (
     Rejection,
     corrupt,
 )
-from epson_driver.sim_controller.ports.requests import UNANSWERED, answer, failure
+from epson_driver.sim_controller.ports import UNANSWERED, answer, failure
 from epson_driver.sim_controller.programs.download import FIRST, LAST, Download
 from epson_driver.sim_controller.programs.point_queue import Entry, PointQueue
 from epson_driver.sim_controller.programs.points import (

@@ -44,7 +44,7 @@ import numpy as np
 from epson_driver.sim_controller.arm.executor import Executor, Point
 from epson_driver.sim_controller.condition.errors import ErrorRegister, Rejection
 from epson_driver.sim_controller.condition.states import Event, Fault, RejectedError
-from epson_driver.sim_controller.ports.requests import answer
+from epson_driver.sim_controller.ports import answer
 from epson_driver.sim_controller.programs.motoman_mode import Servos, TrajectoryMode
 from epson_driver.sim_controller.programs.motoman_points import (
     InvalidReason,

@@ -5,7 +5,7 @@
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits
-from epson_driver.profiles.point_fields import FieldsUsed
+from epson_driver.profiles.profile_rules import FieldsUsed
 from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection, corrupt
 from epson_driver.simple_message import (
     BodyError,

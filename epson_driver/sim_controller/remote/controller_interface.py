@@ -14,7 +14,7 @@ from epson_driver.sim_controller.condition.states import Condition, Event
 from epson_driver.sim_controller.condition.tasks import Task, TaskRow, TaskState
 from epson_driver.sim_controller.faults.faults import Faults
 from epson_driver.sim_controller.io.io_points import IoPoints
-from epson_driver.sim_controller.ports.session import CommandWindow
+from epson_driver.sim_controller.ports import CommandWindow
 
 
 class ControllerInterface(Protocol):

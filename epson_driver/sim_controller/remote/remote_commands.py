@@ -20,8 +20,10 @@ from epson_driver.sim_controller.condition.states import Event, Power, RejectedE
 from epson_driver.sim_controller.io.io_points import BYTE_BITS, WORD_BITS, IoError
 from epson_driver.sim_controller.remote import remote_acceptance as requirements
 from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
-from epson_driver.sim_controller.remote.remote_acceptance import CommandError, Requirement, check
-from epson_driver.sim_controller.remote.remote_parameters import (
+from epson_driver.sim_controller.remote.remote_acceptance import (
+    CommandError,
+    Requirement,
+    check,
     expect,
     hexadecimal,
     robot,

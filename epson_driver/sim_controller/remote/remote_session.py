@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 from epson_driver.sim_controller.clock import Clock, Timer
-from epson_driver.sim_controller.ports.session import Send
+from epson_driver.sim_controller.ports import Send
 from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
 from epson_driver.sim_controller.remote.remote_commands import MOST_CHARACTERS, Dialogue, answer
 

@@ -14,8 +14,13 @@ from epson_driver.sim_controller.faults.fault_kinds import FaultError
 from epson_driver.sim_controller.faults.fault_text import parse
 from epson_driver.sim_controller.io.io_points import IoError
 from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
-from epson_driver.sim_controller.remote.remote_acceptance import CommandError
-from epson_driver.sim_controller.remote.remote_parameters import expect, real, whole, wrong
+from epson_driver.sim_controller.remote.remote_acceptance import (
+    CommandError,
+    expect,
+    real,
+    whole,
+    wrong,
+)
 from epson_driver.simple_message import IoType
 
 IO_KINDS = {

@@ -11,7 +11,7 @@ refused, as nobody would ever answer it.
 import logging
 from collections.abc import Callable, Mapping
 
-from epson_driver.sim_controller.ports.session import ClientSession, Send, Session
+from epson_driver.sim_controller.ports import ClientSession, Send, Session
 from epson_driver.spel import NetSettings, SpelError
 
 MAX_UNREAD_BYTES = 65_536

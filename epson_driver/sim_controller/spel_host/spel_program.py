@@ -16,7 +16,7 @@ from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.sim_controller.condition.states import ENDED, Event, RejectedError, Tasks
 from epson_driver.sim_controller.condition.tasks import TaskRow
 from epson_driver.sim_controller.core import Controller
-from epson_driver.sim_controller.ports.session import Answer
+from epson_driver.sim_controller.ports import Answer
 from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
 from epson_driver.sim_controller.spel_host.robot_motion import RobotMotion
 from epson_driver.sim_controller.spel_host.robot_points import RobotPoints

@@ -25,7 +25,7 @@ from epson_driver.driver.delivery.trajectory_points import (
 from epson_driver.driver.state.joint_mapping import joint_mapping, unmapped
 from epson_driver.motion import JointLimits, Trajectory
 from epson_driver.motion.trajectory import LIMIT_TOLERANCE_SHARE
-from epson_driver.profiles.point_fields import FieldsUsed
+from epson_driver.profiles.profile_rules import FieldsUsed
 from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import LITTLE_ENDIAN, Framer, decode, encode, request
 

@@ -19,7 +19,7 @@ from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError
 from epson_driver.driver.state.joint_mapping import unmapped
 from epson_driver.motion import Trajectory
 from epson_driver.profiles import load_controller_profile
-from epson_driver.profiles.point_fields import FieldsUsed
+from epson_driver.profiles.profile_rules import FieldsUsed
 
 OWN_SPEED = DeliveryRules(uses=FieldsUsed.NOTHING, speed=0.2)
 SLOW = 3.0

@@ -14,7 +14,7 @@ from epson_driver.driver.configuration import check_on_the_way
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.goal import GoalSettings
 from epson_driver.driver.outcome import End, ErrorCode
-from epson_driver.driver.smoothing.smoothing import Smoothing, usual_smoothing
+from epson_driver.driver.smoothing import Smoothing, usual_smoothing
 from epson_driver.profiles import load_controller_profile
 
 MOMENTS = 50

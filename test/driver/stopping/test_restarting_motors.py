@@ -14,7 +14,7 @@ from support.event_loop import until
 
 from epson_driver.driver.arm_commands import CommandError
 from epson_driver.driver.outcome import End
-from epson_driver.driver.smoothing.smoothing import Smoothing
+from epson_driver.driver.smoothing import Smoothing
 from epson_driver.driver.stopping.motors import Action, MotorsError, RestartingMotors
 from epson_driver.profiles import load_controller_profile
 from epson_driver.remote_ethernet.client import execute

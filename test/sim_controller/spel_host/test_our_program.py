@@ -13,8 +13,8 @@ from support.longer_arm import arm_model
 from support.sim_process import COMMAND
 from support.spel_program_harness import STEP_S, OurProgramHarness
 
-from epson_driver.driver.smoothing.smoothed_trajectory import smoothed_trajectory
-from epson_driver.driver.smoothing.smoothing import Smoothing
+from epson_driver.driver.smoothing import Smoothing
+from epson_driver.driver.smoothing_worker import smoothed_trajectory
 from epson_driver.inputs import InputError
 from epson_driver.motion import Trajectory
 from epson_driver.profiles.profile import load_controller_profile

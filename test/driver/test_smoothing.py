@@ -9,14 +9,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from epson_driver.driver import smoothing as smoothing_module
 from epson_driver.driver.delivery.trajectory_points import trajectory_points
 from epson_driver.driver.goal.goal import check_limits, untimed
 from epson_driver.driver.goal.splice import check_start
 from epson_driver.driver.outcome import GoalRejectedError
-from epson_driver.driver.smoothing import smoothing_process
-from epson_driver.driver.smoothing.smoothed_trajectory import smoothed_trajectory
-from epson_driver.driver.smoothing.smoothing import Smoothing
-from epson_driver.driver.smoothing.smoothing_process import SmoothingError, SmoothingProcess
+from epson_driver.driver.smoothing import (
+    Smoothing,
+    SmoothingError,
+    SmoothingProcess,
+)
+from epson_driver.driver.smoothing_worker import smoothed_trajectory
 from epson_driver.driver.state.joint_mapping import unmapped
 from epson_driver.motion import Trajectory, problems
 from epson_driver.motion.passages import passed
@@ -186,7 +189,7 @@ def test_inv9_a_process_that_fails_is_an_error_of_its_goal(monkeypatch, code, sa
             sys.executable, '-S', '-c', code, stdin=pipe, stdout=pipe
         )
 
-    monkeypatch.setattr(smoothing_process, 'start_worker', start_worker)
+    monkeypatch.setattr(smoothing_module, 'start_worker', start_worker)
     with pytest.raises(SmoothingError, match=said):
         asyncio.run(prepared(np.zeros(6)))
 

@@ -8,9 +8,12 @@ import pytest
 from support.driver_harness import cell
 from support.event_loop import now, run, stand_still
 
-from epson_driver.driver.tasks.fresh_state import wait_for_fresh_state
-from epson_driver.driver.tasks.notification import Notification
-from epson_driver.driver.tasks.task_group import TaskEndedError, run_task_group
+from epson_driver.driver.tasks import (
+    Notification,
+    TaskEndedError,
+    run_task_group,
+    wait_for_fresh_state,
+)
 
 
 @pytest.mark.invariant(9)

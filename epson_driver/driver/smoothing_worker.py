@@ -1,18 +1,21 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is sent instead of a plan's own points: its smooth motion, or the plan in other times.
+"""The process that prepares one trajectory: what `prepared` takes on stdin, its result on stdout.
 
-It is computed in a process of its own; the driver need not load the smoother.
+The result is a Trajectory, or the text of what forbids it.
 """
 
+import os
+import sys
 from itertools import islice
 
 import numpy as np
 
-from epson_driver.driver.smoothing.smoothing import Smoothing
+from epson_driver.driver.smoothing import Smoothing
 from epson_driver.motion import Array, JointLimits, Trajectory, problems
 from epson_driver.motion.smoothed import retimed, smoothed, thinned
 from epson_driver.motion.smoother import Mode
+from epson_driver.processes.worker import answer_file, packed, unpacked
 
 MAX_MENTIONED_PROBLEMS = 3
 """How many violations a text mentions."""
@@ -53,3 +56,27 @@ def smoothed_trajectory(
     if wrong:
         raise ValueError('; '.join(wrong))
     return motion
+
+
+NICENESS = 5
+"""Added to the niceness: processes that keep links alive go first."""
+
+
+def main() -> None:
+    """Prepare one trajectory, and end."""
+    answers = answer_file()
+    os.nice(NICENESS)
+    data = sys.stdin.buffer.read()
+    if not data:
+        return  # it was not needed
+    arguments = unpacked(data, (Trajectory, JointLimits, Smoothing))
+    try:
+        answer: Trajectory | str = smoothed_trajectory(*arguments)
+    except ValueError as error:
+        answer = str(error)
+    answers.write(packed(answer))
+    answers.close()
+
+
+if __name__ == '__main__':
+    main()

@@ -6,10 +6,20 @@ from collections.abc import Callable, Iterator
 from itertools import cycle
 from typing import Protocol
 
+from epson_driver.motion import Array
 from epson_driver.profiles.profile import StateProfile
 from epson_driver.sim_controller.clock import Clock
-from epson_driver.sim_controller.ports.requests import Answers, answer_frame
-from epson_driver.sim_controller.ports.session import Send
+from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection
+from epson_driver.sim_controller.condition.states import (
+    REGIONS,
+    Condition,
+    EStop,
+    Fault,
+    Mode,
+    Motors,
+    Tasks,
+)
+from epson_driver.sim_controller.ports import Answers, Send, answer_frame
 from epson_driver.simple_message import (
     Dialect,
     Framer,
@@ -19,9 +29,94 @@ from epson_driver.simple_message import (
     Message,
     MessageType,
     Status,
+    TriState,
+    ValidFields,
     encode,
+    joint_data,
     topic,
 )
+from epson_driver.simple_message import Mode as StatusMode
+
+NO_MOTION: dict[EStop | Fault | Tasks | Mode | Motors, Rejection] = {
+    EStop.PRESSED: Rejection(
+        ErrorNumber.TASK_ABORTED, 'the E-stop is pressed: release it, reset, motors on'
+    ),
+    EStop.LATCHED: Rejection(
+        ErrorNumber.TASK_ABORTED, 'the E-stop is released but not reset: reset, motors on'
+    ),
+    Fault.CRITICAL: Rejection(
+        ErrorNumber.TASK_ABORTED, 'a critical error aborted the motion task: boot the controller'
+    ),
+    Fault.ERROR: Rejection(
+        ErrorNumber.TASK_ABORTED, 'an error aborted the motion task: reset, motors on'
+    ),
+    Tasks.STOPPED: Rejection(ErrorNumber.TASK_ABORTED, 'the motion task is stopped: start it'),
+    Mode.MANUAL: Rejection(
+        ErrorNumber.MOTORS_OFF, 'the key switch is at MANUAL: turn it to AUTO, motors on'
+    ),
+    Motors.OFF: Rejection(ErrorNumber.MOTORS_OFF, 'the motors are off: switch the motors on'),
+    Motors.BRAKING: Rejection(ErrorNumber.MOTORS_OFF, 'the motors are going off'),
+}
+"""Why a point is refused, the first that applies; points that come in a pause wait."""
+
+_MODES = {Mode.AUTO: StatusMode.AUTO, Mode.MANUAL: StatusMode.MANUAL}
+
+
+def motion_rejection(condition: Condition) -> Rejection | None:
+    """Return why the condition forbids motion, or None."""
+    states = {getattr(condition, region) for region in REGIONS}
+    return next((rejection for state, rejection in NO_MOTION.items() if state in states), None)
+
+
+def joint_position(position: Array) -> JointPosition:
+    """Return the message that the joints are at `position`, shape (n,), rad."""
+    return JointPosition(0, joint_data(position.tolist()))
+
+
+def joint_feedback(position: Array, velocity: Array, now: float | None) -> JointFeedback:
+    """Return the message that the joints are there and so fast.
+
+    position, velocity: shape (n,), rad, rad/s; now: the controller's time, s; None: not told.
+    """
+    fields = ValidFields.POSITION | ValidFields.VELOCITY
+    return JointFeedback(
+        0,
+        fields if now is None else fields | ValidFields.TIME,
+        0.0 if now is None else now,
+        joint_data(position.tolist()),
+        joint_data(velocity.tolist()),
+    )
+
+
+def status(
+    condition: Condition,
+    error: int,
+    told: StateProfile,
+    *,
+    in_motion: bool,
+    accepts_points: bool,
+) -> Status:
+    """Return the status of a controller that shows `error`.
+
+    accepts_points: whether it would take a point in its condition. What the profile does not tell
+    is UNKNOWN.
+    """
+    none = error == ErrorNumber.NONE
+    possible = condition.tasks is Tasks.RUNNING and none and accepts_points
+    return Status(
+        drives_powered=_tri_state(condition.powered),
+        e_stopped=_tri_state(condition.estopped),
+        error_code=error,
+        in_error=_tri_state(not none),
+        in_motion=_tri_state(in_motion) if told.in_motion else TriState.UNKNOWN,
+        mode=_MODES[condition.mode],
+        motion_possible=_tri_state(possible) if told.motion_possible else TriState.UNKNOWN,
+    )
+
+
+def _tri_state(value: bool) -> TriState:
+    return TriState.TRUE if value else TriState.FALSE
+
 
 MAX_CATCH_UP_SLOTS = 200
 """So many slots are made up for at once when the process was not scheduled, 1 s at 200 Hz.

@@ -20,11 +20,10 @@ from support.driver_harness import (
 from support.event_loop import PATIENCE, stand_still, until
 from support.event_loop import run as run_in
 
+from epson_driver.driver import smoothing
 from epson_driver.driver.goal.goal import Goal, untimed
 from epson_driver.driver.outcome import End, ErrorCode
-from epson_driver.driver.smoothing import smoothing_process
-from epson_driver.driver.smoothing.smoothing import Smoothing
-from epson_driver.driver.smoothing.smoothing_process import SmoothingProcess
+from epson_driver.driver.smoothing import Smoothing, SmoothingProcess
 from epson_driver.motion import Trajectory
 from epson_driver.sim_controller.condition.states import Event
 
@@ -42,7 +41,7 @@ def process_of(harness):
 def slow(monkeypatch):
     """Let the smoother's process sleep before it begins; return whether it is asked."""
     asked = []
-    started = smoothing_process.start_worker
+    started = smoothing.start_worker
 
     async def sleepy(module):
         process = await started(module)
@@ -56,7 +55,7 @@ def slow(monkeypatch):
         process.communicate = delayed
         return process
 
-    monkeypatch.setattr(smoothing_process, 'start_worker', sleepy)
+    monkeypatch.setattr(smoothing, 'start_worker', sleepy)
     return asked
 
 
@@ -231,7 +230,7 @@ def test_a_process_that_dies_ends_the_goal_and_the_next_goal_has_another():
 
 
 def test_a_plan_that_takes_too_long_is_given_up(slow, monkeypatch):
-    monkeypatch.setattr(smoothing_process, 'TIMEOUT_S', 0.05)
+    monkeypatch.setattr(smoothing, 'TIMEOUT_S', 0.05)
 
     async def scenario():
         async with cell(smoothing=RESAMPLE) as (harness, _):
