@@ -14,6 +14,7 @@ import logging
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 from epson_driver.driver.delivery.delivery import PreparedTrajectory
 from epson_driver.driver.goal.goal import Goal, GoalSettings, checked_goal
@@ -411,7 +412,7 @@ class GoalQueue:
             handle.goal,
             self._settings,
             self._stopper.post,
-            lambda outcome: self._on_end(handle, outcome),
+            partial(self._on_end, handle),
             _now(),
             self.scaling,
             self._look_ahead,
