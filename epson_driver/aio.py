@@ -315,7 +315,7 @@ class Robot(Unique):
         found = arm.inverse(wanted, near)
         if not len(found):
             place = ', '.join(f'{1e3 * value:.1f}' for value in wanted[:3, 3])
-            why = arm.hindrance(wanted) or 'it is out of reach'
+            why = arm.why_unreachable(wanted) or 'it is out of reach'
             raise PathError(f'{field}: no joint positions lead to ({place}) mm: {why}')
         return np.asarray(found[0])
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a controller's error numbers mean: one table, config/errors/NAME.yaml, for both ends.
+"""Meanings of a controller's error numbers, from config/errors/NAME.yaml, for both ends.
 
 The simulated controller shows these numbers; the client says what they mean and what helps.
 """
@@ -19,7 +19,7 @@ NO_TEXTS = 'none'
 
 
 class ErrorText(NamedTuple):
-    """What an error number means, what to do about it, and whether both are certain.
+    """The meaning of an error number, the advice, and whether both are certain.
 
     `confirmed` False: from memory only; no document at hand confirms it. `source` is a word that
     the head of the file explains.

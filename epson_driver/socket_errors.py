@@ -7,7 +7,7 @@ import socket
 
 
 def reason(error: Exception) -> str:
-    """Return what went wrong, without the address, which whoever reports it names.
+    """Return the system's reason without the address, which the caller names.
 
     asyncio and `socket.create_server` repeat the address in their texts. The numbers of errors of
     name resolution are not those of the system, so their own text counts. Empty if the error says

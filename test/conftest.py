@@ -3,11 +3,12 @@
 """How many examples the run tries, and what it tells in the end."""
 
 import gc
+import inspect
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from support import patient
+from support import event_loop, patient
 from support.examples import load_profile, profile_for
 
 from epson_driver.processes import processes
@@ -27,6 +28,16 @@ def pytest_collection() -> Iterator[None]:
     finally:
         gc.freeze()
         gc.enable()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
+    """Run an `async def` test in virtual time (support/event_loop.py)."""
+    if not inspect.iscoroutinefunction(pyfuncitem.obj):
+        return None
+    arguments = inspect.signature(pyfuncitem.obj).parameters
+    event_loop.run(pyfuncitem.obj(**{name: pyfuncitem.funcargs[name] for name in arguments}))
+    return True
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -66,7 +66,7 @@ class Streams:
             pose = find(arm.forward(near))
             found = arm.inverse(pose, near)
             if not len(found):
-                why = arm.hindrance(pose) or 'it is out of reach'
+                why = arm.why_unreachable(pose) or 'it is out of reach'
                 raise PathError(f'pose: {why}')
             jump = np.abs(found[0] - near)
             if jump.max() > MAX_JUMP_RAD:

@@ -87,7 +87,7 @@ def rviz_parameters(model: str, prefix: str = '') -> dict[str, Any]:
 
 
 def servo_parameters(model: str) -> dict[str, Any]:
-    """Return MoveIt Servo's parameters of a model: config/moveit/servo.yaml and what is its own.
+    """Return MoveIt Servo's parameters: config/moveit/servo.yaml with the model's own values.
 
     These are the thresholds of singularities, and the margins at the limits of short joints.
     """

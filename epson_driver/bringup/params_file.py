@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a params_file says of the client: description and simulation must know it, too."""
+"""The client's parameters in a params_file, which description and simulation need, too."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -36,7 +36,7 @@ def file_parameters(path: str, namespace: str) -> dict[str, Any]:
 
 
 def node_sections(path: Path) -> dict[str, dict[str, Any]]:
-    """Return what a file has, by the node's name, which may have `*` and `**` in it.
+    """Return a file's sections by node name, which may contain `*` and `**`.
 
     Raises InputError for a file that is no YAML.
     """

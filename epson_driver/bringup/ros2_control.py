@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""ros2_control in front of the driver: what its hardware and its controllers are told."""
+"""Parameters of ros2_control in front of the driver: its hardware and its controllers."""
 
 from collections.abc import Mapping
 from typing import Any

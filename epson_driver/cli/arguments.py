@@ -62,7 +62,7 @@ def page(text: str) -> Path:
 
 
 def if_in_use(cause: BaseException | None) -> str:
-    """Return what to do if a port could not be opened because another process has it."""
+    """Return advice for a port that another process has open."""
     if not isinstance(cause, OSError) or cause.errno != errno.EADDRINUSE:
         return ''
     return (

@@ -215,7 +215,7 @@ def _fitting(file: Path, model: RobotModel) -> Trajectory:
 
 
 def _motions(arguments: argparse.Namespace) -> list[tuple[str, str]]:
-    """Return what is run, one after the other, and with which profile.
+    """Return the motions to run, in order, and the controller profile.
 
     The last is of the controller asked for.
     """

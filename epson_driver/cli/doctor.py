@@ -85,7 +85,7 @@ async def _asked(before: Callable[[], None], sentence: str) -> str:
 
 @contextmanager
 def _looked_around() -> Iterator[subprocess.Popen[str]]:
-    """Have another process look at what runs in this ROS domain, meanwhile."""
+    """Inspect this ROS domain in another process, meanwhile."""
     command = module_command('epson_driver.doctor.ros_graph', f'{GRAPH_PATIENCE_S:g}')
     with subprocess.Popen(  # noqa: S603 - our own
         command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
@@ -145,7 +145,7 @@ def _finish(
 
 
 def tell(console: Console, finding: Finding) -> None:
-    """Show a finding: a line, and one with what to do."""
+    """Show a finding: one line, and one with the advice."""
     style = COLOURS[finding.level]
     about, found = escape(printable(finding.about)), escape(printable(finding.found))
     console.print(f'[{style}]{finding.level.value:8}[/][bold]{about}[/]: {found}', soft_wrap=True)

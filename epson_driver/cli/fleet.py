@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver fleet`: so many simulated robots with their drivers, and how they do."""
+"""`epson_driver fleet`: simulated robots with their drivers, and a table of how they do."""
 
 import argparse
 import tempfile

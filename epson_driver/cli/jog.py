@@ -139,7 +139,7 @@ class WhyNot:
         node.create_subscription(DiagnosticArray, '/diagnostics', self._take, 10)
 
     def __call__(self) -> str:
-        """Return what has come so far, '' if nothing keeps it from moving."""
+        """Return the newest reason, '' if nothing keeps the arm from moving."""
         for _ in range(MAX_UNREAD):
             rclpy.spin_once(self._node, timeout_sec=0.0)
         return self._text

@@ -17,7 +17,7 @@ class EpsonDriverCheck(DoctorCheck):  # type: ignore[misc]
         return 'epson_driver'
 
     def check(self) -> Result:
-        """Return what is wrong and what is worth a warning."""
+        """Return errors and warnings."""
         result = Result()
 
         def tell(finding: Finding) -> None:

@@ -66,7 +66,7 @@ class Outcome:
 
     @property
     def faults(self) -> list[str]:
-        """What was wrong with the execution, a sentence each."""
+        """The faults of the execution, a sentence for each."""
         if self.executed is None:
             return [self.failure]
         verdicts = self.executed.verdicts

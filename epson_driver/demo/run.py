@@ -89,7 +89,7 @@ class Run:
 
     @property
     def faults(self) -> list[str]:
-        """The ways in which the motion was not as planned, a sentence each."""
+        """How the motion differed from the plan, a sentence for each difference."""
         faults = []
         if self.figures.waypoint_deviation > MAX_DEVIATION_RAD:
             faults.append(
@@ -103,7 +103,7 @@ class Run:
 
 
 def as_on_page(numbers: Figures, page: PageFigures) -> Figures:
-    """Return the figures of a run with the stops that its page tells of, if those are more.
+    """Return the figures of a run with the stops counted as on its page, if those are more.
 
     `measure` goes by shares of the typical speed: behind a slow beginning it takes the whole of
     that for a standstill. The page tells of each standstill, and how long it was.
@@ -198,7 +198,7 @@ def _report(
 
 
 def _unfinished(error: _GoalError, model: RobotModel, report: Path, console: Console) -> int:
-    """Report what went over the wire until the goal failed: it shows why."""
+    """Report the messages until the goal failed, which show why."""
     try:
         shown = figures(error.wire, model.limits.rad_per_unit)
         write_report([(error.wire, shown)], model, report)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a person or a program asks of the arm: stop, enable, disable, reset the error."""
+"""Commands for the arm: stop, enable, disable, reset the error."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -20,7 +20,7 @@ DISABLED = 'disabled on request'
 
 
 class CommandError(RuntimeError):
-    """What was asked for could not be done: why, as the text, and what helps."""
+    """A command that failed: the reason as its text, and the remedy."""
 
     def __init__(self, text: str, remedy: Remedy = Remedy.NONE) -> None:
         super().__init__(text)
@@ -28,11 +28,11 @@ class CommandError(RuntimeError):
 
 
 async def _nothing_waits() -> None:
-    """Return at once: whoever asks calls the driver directly."""
+    """Return at once, for callers that submit goals directly."""
 
 
 class ArmCommands:
-    """What may be asked of the arm: each method returns a sentence, or raises CommandError.
+    """The commands for the arm: each returns a sentence, or raises CommandError.
 
     `all_taken` waits until the driver has got the goals that were sent before.
     """
@@ -167,7 +167,7 @@ class ArmCommands:
             )
 
     async def _clear_motion(self) -> None:
-        """Have the controller drop what it may still have of ours, and see the arm stand."""
+        """Stop, so that the controller drops points it may still have, and see the arm stand."""
         driver = self._driver
         stopper = driver.stopper
         if driver.busy or (stopper.over and not stopper.ours and not stopper.kept):
@@ -205,7 +205,7 @@ class ArmCommands:
         return text
 
     async def _bring_to_rest(self) -> str:
-        """Return what is not as it should be, or ''."""
+        """Stop the arm, and return what went wrong, or ''."""
         goals, stopper = self._driver.goal_queue, self._driver.stopper
         if goals.busy:
             await goals.stop(DISABLED, ANSWER_TIMEOUT_S)
@@ -218,7 +218,7 @@ class ArmCommands:
         return f'{stopper.doubt}: {stopper.stands}'
 
     async def _motors_off(self) -> tuple[bool, str]:
-        """Return whether nothing speaks against the motors being off, and what to say of them."""
+        """Switch the motors off, and return whether they may be taken to be off, and a clause."""
         driver = self._driver
         try:
             await driver.motors.act(Action.MOTORS_OFF, ANSWER_TIMEOUT_S)
@@ -269,7 +269,7 @@ class ArmCommands:
         return 'the controller was reset; the arm stays still until it is enabled'
 
     def _check_nothing_to_mend(self, status: Status) -> None:
-        """Raise CommandError for what must be mended before the arm can be enabled."""
+        """Raise CommandError for a condition that must be mended before the arm can be enabled."""
         found = self._driver.condition_inhibit(status)
         if found is not None and found.cause is not Cause.MOTORS_OFF:
             raise _inhibited(found)
@@ -280,7 +280,7 @@ class ArmCommands:
                 raise _inhibited(found)
 
     async def _act(self, action: Action) -> None:
-        """Have the controller do something, or say what a person can do instead."""
+        """Send an action to the controller. Raises CommandError that says what to do instead."""
         try:
             await self._driver.motors.act(action, ANSWER_TIMEOUT_S)
         except MotorsError as error:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where a controller is, what it expects, and what the driver makes of goals."""
+"""Configuration of a driver: the controller's address and rules, and how goals are executed."""
 
 from dataclasses import dataclass
 
@@ -69,7 +69,7 @@ class Configuration:
 
     @property
     def address(self) -> tuple[str, int]:
-        """Host and port of what moves the arm."""
+        """Host and port of the server that moves the arm."""
         return self.host, self.remote_port if self.statements else self.motion_port
 
 

@@ -85,7 +85,7 @@ _log = logging.getLogger(__name__)
 
 
 class DriverEvents(Protocol):
-    """What the driver tells its owner, in the loop's thread."""
+    """Callbacks to the driver's owner, in the loop's thread."""
 
     def on_joints(self, sample: JointSample) -> None:
         """A state message with joints came: one call for each."""
@@ -290,7 +290,7 @@ class Driver:
             await self.stopper.motors_off(SHUT_DOWN_TIMEOUT_S)
 
     def fault(self, why: str, *, motors_off: bool = False) -> None:
-        """Close the arm gate and end what runs or waits.
+        """Close the arm gate and end every goal and stream.
 
         `motors_off`: only that the motors are off is wrong.
         """
@@ -303,7 +303,7 @@ class Driver:
         return self.goal_queue.busy or self.servo.active
 
     def inhibit(self, now: float) -> Inhibit | None:
-        """Return what keeps the arm from moving, the first that has to be dealt with.
+        """Return what keeps the arm from moving: the first cause to deal with, or None.
 
         What is stale says nothing else. None: the arm is enabled, and moves when it is asked to.
         """
@@ -367,7 +367,7 @@ class Driver:
         return manual_inhibit(status) or not_enabled(self.gate.reason)
 
     async def why_not_ready(self, patience: float) -> str | None:
-        """Return why nobody knows where the arm is now, or None as soon as it is known.
+        """Wait for fresh joints. Returns why there are none, or None.
 
         `patience`: how long to wait for that, s.
         """
@@ -380,7 +380,7 @@ class Driver:
             self.motion_link.reconnect('a reply is missing')
 
     def _on_alarm(self, why: str, unanswered: bool) -> None:
-        """Disable the arm: STOP does not work, and nobody knows what the controller will do."""
+        """Disable the arm, as STOP does not work."""
         _log.error('the arm was not stopped as asked: %s; %s', why, self.stopper.stands)
         self.disable(why)
         self.goal_queue.end_waiting(why)
@@ -554,7 +554,7 @@ class Driver:
                 self._events.on_status(Status())
 
     async def _watch_status(self) -> None:
-        """Drop what is too old, and say so once a second while there is no status."""
+        """Drop a status that is too old, and report it once a second while there is none."""
         while True:
             await silent(self._status_missing)
             if self.robot.status is not None:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Why the arm does not move, and what helps: a cause, a remedy, and what was seen.
+"""Why the arm does not move: a cause, a remedy, and a clause.
 
 The driver works it out in one place (`Driver.inhibit`). What is to be called or pressed for a
 remedy, the node, the Python API, the panel and the doctor each say in words of their own.
@@ -61,7 +61,7 @@ Words = Mapping[Remedy, str]
 
 
 def with_remedy(text: str, remedy: Remedy, words: Words) -> str:
-    """Return a text with what helps behind it, in the words of an interface."""
+    """Return a text followed by the remedy, in the words of an interface."""
     return '; '.join(filter(None, (text, words.get(remedy, remedy.value))))
 
 
@@ -131,7 +131,7 @@ def manual_inhibit(status: Status) -> Inhibit | None:
 
 
 def seen_inhibit(status: Status, errors: ErrorTexts) -> Inhibit | None:
-    """Return why the arm cannot move, for somebody who sees no more than a status.
+    """Return why the arm cannot move, judged by a STATUS alone.
 
     None: what the status tells does not keep it from moving.
     """

@@ -29,7 +29,7 @@ class End(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a goal ended, its result code, why, and what helps.
+    """How a goal ended: result code, reason and remedy.
 
     `unexplained`: the controller did not say why, so far.
     """
@@ -42,7 +42,7 @@ class Outcome:
 
 
 class GoalRejectedError(ValueError):
-    """A goal that is not executed: its result code, what is wrong as the text, and what helps."""
+    """A goal that is not executed: result code, the reason as text, and the remedy."""
 
     def __init__(self, code: ErrorCode, text: str, remedy: Remedy = Remedy.NONE) -> None:
         super().__init__(text)

@@ -48,7 +48,7 @@ class Smoothing:
 
 
 def usual_smoothing(program: ProgramProfile) -> Smoothing:
-    """Return what suits a controller unless somebody wants something else."""
+    """Return a controller's default smoothing."""
     return Smoothing(
         None if program.smoothing == 'none' else program.resample_period,
         thin=program.smoothing == 'thin',
@@ -81,7 +81,7 @@ class SmoothingProcess:
             self._next = asyncio.create_task(start_worker(WORKER))
 
     async def prepared(self, trajectory: Trajectory, start: Array) -> Trajectory:
-        """Return what to send for a checked trajectory of an arm that rests at `start`.
+        """Return the smooth motion for a checked trajectory of an arm that rests at `start`.
 
         Raises SmoothingError. When cancelled, the process ends at once.
         """

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The process that prepares one trajectory: what `prepared` takes on stdin, its result on stdout.
+"""The process that smooths one trajectory: arguments of `prepared` on stdin, its result on stdout.
 
 The result is a Trajectory, or the text of what forbids it.
 """
@@ -24,7 +24,7 @@ MAX_MENTIONED_PROBLEMS = 3
 def smoothed_trajectory(
     trajectory: Trajectory, start: Array, limits: JointLimits, smoothing: Smoothing
 ) -> Trajectory:
-    """Return what to send for a checked trajectory of an arm that rests at `start`, (n,), rad.
+    """Return the smooth motion for a checked trajectory of an arm at rest at `start`, (n,), rad.
 
     It begins at the first point, or at `start` if that point has a time. Between the points it is
     the spline through them: who planned them has checked no path that bends more. Raises

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What may happen while a person's program moves the arm, and what the person does then."""
+"""Faults while a user's program moves the arm, and the user's reactions."""
 
 from dataclasses import dataclass
 

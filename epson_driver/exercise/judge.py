@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a program did about a fault, in a word and a sentence."""
+"""Verdicts on a program's reaction to a fault, in a word and a sentence."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -34,7 +34,7 @@ GOOD = (Verdict.FINISHED, Verdict.GAVE_UP)
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """What was seen of one run of the program.
+    """Observations of one run of the program.
 
     `code` is its exit code, None if it had to be killed after `seconds`; `said` its last line.
     `trajectories`: how many it had sent to the controller. `end`: where the arm stood then.
@@ -55,7 +55,7 @@ class Observed:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What is told of a case."""
+    """The report of a case."""
 
     case: str
     verdict: Verdict

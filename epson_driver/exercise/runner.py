@@ -162,7 +162,7 @@ def _begin(cell: SimulatedCell, case: Case) -> str:
 
 
 def _help(cell: SimulatedCell, case: Case) -> None:
-    """Do what a person does, whatever the controller refuses."""
+    """Do a person's actions, even if the controller refuses some."""
     for words in case.person:
         with contextlib.suppress(RemoteError):
             cell.pendant(words)

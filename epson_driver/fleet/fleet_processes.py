@@ -37,7 +37,7 @@ def program() -> str:
 
 
 def free_port(address: str = '127.0.0.1') -> int:
-    """Return a UDP port of this machine that nobody uses now."""
+    """Return a free UDP port of this machine."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind((address, 0))
         port: int = probe.getsockname()[1]
@@ -61,7 +61,7 @@ ADDRESS = '127.0.0.1'
 
 @dataclass(frozen=True, eq=False)
 class Fleet:
-    """What runs. All robots have the same driver's process if they share one."""
+    """The running fleet. All robots have the same driver process if they share one."""
 
     controllers: dict[str, Process]
     """By the robot's name, which is its namespace; so are the drivers."""
@@ -82,7 +82,7 @@ class Fleet:
 
 
 def robot_names(count: int) -> tuple[str, ...]:
-    """Return the namespaces of so many robots."""
+    """Return the namespaces of `count` robots."""
     return tuple(f'robot_{number}' for number in range(1, count + 1))
 
 

@@ -47,7 +47,7 @@ def is_up(row: Row) -> bool:
 
 
 def table(rows: Iterable[Row], others: dict[str, Use]) -> Table:
-    """Return what a person reads: a line for each robot, for what they share, and for all."""
+    """Return the table: a line for each robot, for shared processes, and for all."""
     rows = list(rows)
     shown = Table(box=SIMPLE, show_footer=True, highlight=False, padding=(0, 1), pad_edge=False)
     total = sum((row.driver + row.controller for row in rows), NOTHING)
@@ -163,7 +163,7 @@ def show(fleet: Fleet, watch: Watch, seconds: float | None, console: Console) ->
 
 
 def _window(fleet: Fleet, watch: Watch) -> tuple[list[Row], dict[str, Use]]:
-    """Return a row for each robot, and what all else of the fleet takes, of the next seconds."""
+    """Return a row for each robot, and the use of shared processes, over the next seconds."""
     own = {f'driver {name}': each for name, each in fleet.drivers.items() if not fleet.together}
     own |= {f'controller {name}': each for name, each in fleet.controllers.items()}
     others: dict[str, int] = {}

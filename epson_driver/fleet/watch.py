@@ -22,7 +22,7 @@ TURN_S = 0.1
 
 
 class Seen(NamedTuple):
-    """What came of one robot in a while."""
+    """Messages of one robot in an interval."""
 
     link: str
     """The driver's `~/link_state`; empty if none came yet."""
@@ -74,7 +74,7 @@ class Watch:
         return [name for name, link in self._links.items() if link == 'connected']
 
     def spin(self, seconds: float) -> None:
-        """Hear for so long, s."""
+        """Spin for `seconds`."""
         until = time.monotonic() + seconds
         while (left := until - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=min(left, TURN_S))

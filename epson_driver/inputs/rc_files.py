@@ -52,7 +52,7 @@ class Block:
 
 
 def parsed(name: str, text: str) -> Block:
-    """Return what a file holds as one block, with any header as its first item.
+    """Return a file's content as one block, with any header as its first item.
 
     Raises InputError with file and line.
     """
@@ -121,7 +121,7 @@ def header_fault(content: bytes) -> str:
 
 
 def checksum(content: bytes) -> int:
-    """Return the XOR of the little-endian words of what is behind the header's line."""
+    """Return the XOR of the little-endian words after the header's line."""
     words = struct.iter_unpack('<H', content + b'\0' * (len(content) % 2))
     return reduce(xor, (word for (word,) in words), 0)
 

@@ -95,7 +95,7 @@ def printable(text: object) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """What a value must be: `read` returns the converted value, or raises if it is not so."""
+    """A rule for a value: `read` returns the converted value, or raises."""
 
     read: Callable[[Any], Any]
     text: str

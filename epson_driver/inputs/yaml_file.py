@@ -41,7 +41,7 @@ _FLOAT = re.compile(r'[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?', re.A
 
 
 def read_yaml(path: Path, *, largest: int = MEGABYTE, several: bool = False) -> Any:
-    """Return what a YAML file of at most `largest` bytes holds.
+    """Return the data of a YAML file of at most `largest` bytes.
 
     Mappings with texts as keys, lists, texts, numbers, true, false and None, without anything
     shared. `several`: of several documents the first; otherwise there must be one. Raises

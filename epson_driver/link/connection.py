@@ -50,7 +50,7 @@ class AnyFramer(Protocol):
 
     @property
     def unread(self) -> bytes:
-        """What has come of a packet that is not complete."""
+        """The bytes of a packet that is not complete."""
 
     def receive_data(self, data: bytes) -> None:
         """Take bytes."""
@@ -61,7 +61,7 @@ class AnyFramer(Protocol):
 
 @dataclass(frozen=True)
 class Receivers:
-    """Who is told what, in the event loop.
+    """Callbacks of a connection, in the event loop.
 
     data: the bytes of each read, before anything is made of them; packet: each packet; bad_frame:
     each frame that is none, the connection goes on unless it is a FrameError; event: what else
@@ -105,12 +105,12 @@ class Connection(asyncio.BufferedProtocol):
         self.transport.resume_reading()
 
     def end(self, why: str) -> None:
-        """End it now: nothing more is handled of what was received."""
+        """End it now, handling nothing more of what was received."""
         self._finish(why)
         self.transport.close()
 
     def close(self, why: str) -> None:
-        """End it as soon as what was sent is on its way, and handle nothing more."""
+        """End it once everything is sent, and handle nothing more."""
         self._why = why
         self.transport.close()
 
@@ -128,11 +128,11 @@ class Connection(asyncio.BufferedProtocol):
         transport.pause_reading()
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        """Return where to put what is read."""
+        """Return the buffer to read into."""
         return self._buffer
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Handle what was read."""
+        """Handle the bytes that were read into the buffer."""
         data = bytes(self._buffer[:nbytes])
         try:
             self._receivers.data(data)
@@ -162,7 +162,7 @@ class Connection(asyncio.BufferedProtocol):
     # ----------------------------------------------------------------------------------------
 
     def _handle(self) -> None:
-        """Handle what there is of frames, and let others have their turn between many."""
+        """Handle complete frames, yielding to other tasks between many."""
         if self.transport.is_closing():
             return
         if self._silence is not None:
@@ -207,7 +207,7 @@ class Connection(asyncio.BufferedProtocol):
             self._finish('closed by the controller')
 
     def _look(self, turns: int) -> None:
-        """Look after a slice whether nothing came, once what waits in the socket has been read."""
+        """Check after a slice whether nothing came, once pending input has been read."""
         silence = self._silence
         if silence is None or self.transport.is_closing():
             return

@@ -229,7 +229,7 @@ class Link:
             self.reconnect(f'what came was {came.name.lower()} endian, the state is {dialect}')
 
     def reconnect(self, why: str) -> None:
-        """Close the connection, if there is one, after what was sent, and connect again.
+        """Close the connection, if there is one, once everything is sent, and connect again.
 
         Replies that were on their way are not received any more.
         """
@@ -239,7 +239,7 @@ class Link:
 
     @property
     def unsent(self) -> int:
-        """Bytes that wait for the controller to read what was sent before."""
+        """Bytes not sent yet, as the controller has not read earlier ones."""
         transport = self.transport
         return 0 if transport is None else transport.get_write_buffer_size()
 

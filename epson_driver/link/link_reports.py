@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the log says of a link: that it came or went, once, not every attempt to bring it back.
+"""Log entries of a link: once when it comes or goes, not for every attempt to reconnect.
 
 A controller that serves one client closes the connection of a second one at once, again and again.
 After MAX_SHORT of these that is said, and then nothing until a connection lasts.

@@ -66,7 +66,7 @@ class LineFramer:
 
     @property
     def unread(self) -> bytes:
-        """What has come of a line that is not complete."""
+        """The bytes of a line that is not complete."""
         return bytes(self._data)
 
     def receive_data(self, data: bytes) -> None:
@@ -160,7 +160,7 @@ class RemoteLink(Link):
 
     @property
     def moving(self) -> bool:
-        """Whether a statement that moves the arm is under way, as far as was answered."""
+        """Whether a statement that moves the arm is not answered yet."""
         return self._motion is not None
 
     # --- as a Link --------------------------------------------------------------------------
@@ -324,7 +324,7 @@ class RemoteLink(Link):
             tap(WireEvent.SENT, f'${without_password(question.command)}\r\n'.encode())
 
     def _dispatch(self, packet: object) -> None:
-        """Give an answer to whoever asked: the first with its name."""
+        """Hand an answer to the oldest request with its name."""
         line = str(packet)
         self.statistics.frames_received += 1
         name, _, value = line[1:].partition(',')

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which request a reply answers. Controllers answer in different ways, so the rule is wide.
+"""Which request a reply answers, for controllers that answer in different ways.
 
 * FANUC copies the request's sequence into a JOINT_POSITION; EPSON's program leaves it zero; ABB
   sends a header of the request's own type and no body. A sequence that is one of those waiting

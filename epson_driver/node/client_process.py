@@ -69,7 +69,7 @@ class Failures:
             _log.critical('%s: all arms are stopped, and the driver ends', what, exc_info=error)
 
     def in_loop(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Handle, as the loop's exception handler, what asyncio would only log."""
+        """Handle errors that asyncio would only log, as the loop's exception handler."""
         error = context.get('exception')
         if error is None:
             _log.error('%s', context['message'])

@@ -24,7 +24,7 @@ BYTE_ORDERS = {'auto': None, 'little': ByteOrder.LITTLE, 'big': ByteOrder.BIG}
 def driver_configuration(
     parameters: Mapping[str, Any], profile: ControllerProfile
 ) -> Configuration:
-    """Return what the driver is made with.
+    """Return the driver's configuration.
 
     Raises ValueError for parameters that do not go together.
     """

@@ -32,7 +32,7 @@ CANCELED = Outcome(End.CANCELED, ErrorCode.SUCCESSFUL, 'canceled before it could
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """What a request asks for. `on_feedback` is called in the loop, with each sample."""
+    """A prepared request. `on_feedback` is called in the loop, with each sample."""
 
     goal: Goal
     on_feedback: Callable[[GoalExecution, JointSample], None]
@@ -40,7 +40,7 @@ class Prepared:
 
 @dataclass(frozen=True, eq=False)
 class ActionType:
-    """What is particular to an action.
+    """The parts in which actions differ.
 
     kind: its ROS type, name: such as `~/follow_joint_trajectory`. prepare: reads and checks a
     request, in the executor; it may raise GoalRejectedError. The plan that it gets is ended when

@@ -65,7 +65,7 @@ class PointStreams:
         self._count = 0
 
     def noticed(self, points: int, duration: float, now: float) -> str | None:
-        """Take a trajectory with so many points that takes so long, s.
+        """Count a trajectory of `points` points that takes `duration` s.
 
         Return the sentence, once for each stream.
         """

@@ -92,7 +92,7 @@ class GripperServer:
         return GoalResponse.REJECT
 
     def _on_cancel(self, ros_handle: ServerGoalHandle) -> CancelResponse:
-        """Wait no more for the gripper, which nothing can stop on its way."""
+        """End the wait for the gripper, which cannot be stopped."""
         try:
             self._bridge.to_loop(self._give_up, bytes(ros_handle.goal_id.uuid))
         except DriverEndedError:

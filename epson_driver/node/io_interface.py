@@ -20,7 +20,7 @@ from epson_driver.simple_message import IoAddress, IoSetting
 
 
 class IoInterface:
-    """Publishes what the driver knows of the I/O, and serves requests. Made in its event loop."""
+    """Publishes the I/O states, and serves requests. Made in the driver's event loop."""
 
     def __init__(
         self, node: Node, io: Io, bridge: LoopBridge, callback_group: CallbackGroup

@@ -95,7 +95,7 @@ class LoopBridge:
         )
 
     def failed(self, what: str, error: BaseException) -> str:
-        """Log what failed, have the arm stopped, and return a sentence about it. In any thread."""
+        """Log an error, have the arm stopped, and return a sentence about it, in any thread."""
         why = f'{what} failed: {type(error).__name__}: {error}'
         trace = ''.join(traceback.format_exception(error))
         self._node.get_logger().error(f'{why}; the arm is stopped and disabled\n{trace}')
@@ -116,7 +116,7 @@ class LoopBridge:
             raise DriverEndedError from error
 
     def hand_over(self, request: Callable[..., object], *arguments: object) -> None:
-        """Do the same with what may move the arm: `all_taken` waits for it."""
+        """Call a function that may move the arm in the loop. `all_taken` waits for it."""
         self._handed_over += 1
         self.to_loop(request, *arguments)
 
@@ -192,7 +192,7 @@ class LoopBridge:
 
 
 def _call(function: Callable[..., object], arguments: tuple[object, ...]) -> None:
-    """Call it, and report what it raises: asyncio would not know which robot's it is."""
+    """Call a function, and report an error with the robot's name."""
     try:
         function(*arguments)
     except Exception as error:  # noqa: BLE001 - it is reported

@@ -40,7 +40,7 @@ class JointStateWriter:
 
 
 class RobotStatusWriter:
-    """Fills one RobotStatus: most STATUS messages say what the one before said."""
+    """Fills one RobotStatus again and again, as most STATUS messages repeat the last one."""
 
     def __init__(self) -> None:
         self._status = Status()

@@ -130,7 +130,7 @@ class MotionPrimitives:
         self._kinematics, self._tool = Kinematics(self._model, pose), pose
 
     def set_payload(self, mass: float) -> bool:
-        """Have the controller told a mass with each motion, kg, and return whether it is."""
+        """Send a payload, kg, with each motion, and return whether the controller takes one."""
         if self._driver.moves is None:
             return False
         self._driver.moves.load = Load(mass) if mass else None

@@ -126,7 +126,7 @@ class ClientNode:
         self.on_link_state(self.driver.state_link.state.value, 'starting')
 
     async def run(self) -> None:
-        """Drive the controller until cancelled. Raises what a part of it raised."""
+        """Drive the controller until cancelled. Raises the error of a part that failed."""
         parts = {'the driver': self.driver.run, 'diagnostics': self._publish_diagnostics}
         together = run_task_group(parts, self.driver.shut_down)
         await self._loop.create_task(together, context=self._context)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What helps, in the names of the ROS interface."""
+"""Remedies in the names of the ROS interface."""
 
 from epson_driver.driver.arm_commands import CommandError
 from epson_driver.driver.inhibit import Remedy, with_remedy
@@ -19,10 +19,10 @@ WORDS = {
 
 
 def outcome_text(outcome: Outcome) -> str:
-    """Return why a goal ended so, and what helps."""
+    """Return the reason for a goal's end, and the remedy."""
     return with_remedy(outcome.text, outcome.remedy, WORDS)
 
 
 def error_text(error: CommandError) -> str:
-    """Return why a command could not be done, and what helps."""
+    """Return why a command failed, and the remedy."""
     return with_remedy(str(error), error.remedy, WORDS)

@@ -58,7 +58,7 @@ def named_tool(
     name: str,
     fields: tuple[str, str] = ('pose', 'name'),
 ) -> NamedTool:
-    """Return a checked tool. fields: what a sentence calls the pose and the name.
+    """Return a checked tool. fields: the names of pose and name in an error text.
 
     Raises ValueError that names the field, its value and the limit.
     """
@@ -86,7 +86,7 @@ def links(model: RobotModel) -> set[str]:
 
 
 def link_prefix(frame_id: str) -> str:
-    """Return what is before the names of the links, by the frame of the joint states."""
+    """Return the prefix of the links' names, by the frame of the joint states."""
     return frame_id.removesuffix(BASE) if frame_id.endswith(BASE) else ''
 
 

@@ -1,3 +1,3 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a person does at a controller and what is read there, over its remote port."""
+"""A person's actions at a controller, and its status, over its remote port."""

@@ -47,7 +47,7 @@ class RejectedError(Exception):
 async def ask_controller(
     asked: Request | None, host: str, port: int, password: str, timeout: float
 ) -> str:
-    """Return what was done or found out, and by whom. None asks for the state.
+    """Return the controller's answer to an action, or its state for None, and its identity.
 
     Looking and stopping are tried on another connection when a controller hangs up. Raises
     RejectedError, RemoteError, TimeoutError after `timeout` s, ConnectionError.
@@ -74,7 +74,7 @@ async def _once(asked: Request | None, host: str, port: int, password: str, time
 
 
 async def _simulated(ask: Ask) -> bool:
-    """Return whether it is a simulation, which needs no login for what a hand does."""
+    """Return whether the controller is simulated, and needs no login for a person's actions."""
     try:
         await ask('Sim,identity')
     except RemoteError:
@@ -83,7 +83,7 @@ async def _simulated(ask: Ask) -> bool:
 
 
 async def _done(ask: Ask, asked: Request | None, address: str) -> str:
-    """Do it, and return what was done, or found out, and by whom."""
+    """Do it, and return the answer and the controller's identity."""
     try:
         if asked is None:
             return await status(ask, await identity(ask, address))
@@ -98,7 +98,7 @@ async def _done(ask: Ask, asked: Request | None, address: str) -> str:
 
 
 async def _who(ask: Ask, address: str) -> str:
-    """Return who answered, or only its address if it has hung up."""
+    """Return the controller's identity, or only its address if it has hung up."""
     try:
         return await identity(ask, address)
     except ConnectionError:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`pendant status`: the state of a controller. What it does not report is left out."""
+"""`pendant status`: the state of a controller, as far as it reports it."""
 
 from collections.abc import Mapping, Sequence
 

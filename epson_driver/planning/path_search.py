@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A way from one joint position to another, found by OMPL's RRTConnect and shortened.
+"""A path from one joint position to another, found by OMPL's RRTConnect and shortened.
 
 The same seed gives the same way: what is limited is the number of steps, not the time.
 """
@@ -29,7 +29,7 @@ MAX_SHORTCUTS = 150
 def find_path(
     start: Array, goal: Array, limits: JointLimits, valid: Callable[[Array], bool], seed: int
 ) -> Array | None:
-    """Return the corners of a valid way, shape (k, n) with start and goal, or None.
+    """Return the corners of a valid path, shape (k, n) with start and goal, or None.
 
     `valid` is asked at every CHECK_SPACING_RAD rad of it. `seed`: 1 or more.
     """

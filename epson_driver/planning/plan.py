@@ -62,7 +62,7 @@ class PlanningError(RuntimeError):
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """One motion from rest to rest: what is sent, and how the arm will move because of it.
+    """One motion from rest to rest: the trajectory to send, and the arm's motion.
 
     `standing`: where the part stands meanwhile, as the pose of the hand that grips it; None: it
     is held. `reaches`: the pose that the hand has at the end, None for home.
@@ -98,7 +98,7 @@ def plan_task(task: Task, model: RobotModel, tell: Callable[[str], object] = str
 
 
 class _Planner:
-    """Finds the ways of one task, from straight pieces and searches between them."""
+    """Finds the paths of one task, from straight pieces and searches between them."""
 
     def __init__(self, task: Task, model: RobotModel, tell: Callable[[str], object]) -> None:
         self._task, self._tell = task, tell
@@ -153,7 +153,7 @@ class _Planner:
         )
 
     def _descents(self, pose: Array, near: Array) -> Iterator[Array]:
-        """Yield straight ways down to a pose of tool0, shape (k, n), the nearest first.
+        """Yield straight paths down to a pose of tool0, shape (k, n), the nearest first.
 
         The arm may go each of them with the part in its hand and with the part standing there.
         """
@@ -194,7 +194,7 @@ class _Planner:
         standing: Array | None,
         reaches: Array | None,
     ) -> Motion | None:
-        """Return the motion along `begin`, some way, and `end`, each of shape (k, n), or None."""
+        """Return the motion along `begin`, a path, and `end`, each of shape (k, n), or None."""
         free = self._check(standing, touching=False)
         near = self._check(standing)
         metric = self._metric

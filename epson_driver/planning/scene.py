@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The collision model: the arm with its gripper, what stands around it, and the part it carries.
+"""The collision model: the arm with its gripper, the obstacles, and the part it carries.
 
 Geometry from the model's URDF, distances from pinocchio and coal; the pairs of links that never
 touch are those of the SRDF.
@@ -52,7 +52,7 @@ PART, GRIPPER = 'part', 'gripper'
 
 @dataclass(frozen=True)
 class Clearance:
-    """Smallest distances, m: of arm and part to what is around them, and of links to each other.
+    """Smallest distances, m: of arm and part to obstacles, and of links to each other.
 
     Below zero: a collision, `pair` names one. Contact that is meant (the part on its support)
     counts only as a collision if it is deeper than MAX_CONTACT_DEPTH_M.
@@ -69,7 +69,7 @@ class Clearance:
 
 
 class Scene:
-    """An arm among obstacles. `check` gives what judges joint positions, for a part held or not.
+    """An arm among obstacles. `check` returns a collision check, with or without a held part.
 
     `part` is the size of the part, m; `supports` the names of what it may stand on.
     """
@@ -106,7 +106,7 @@ class Scene:
         self_margin: float = 0.0,
         touching: bool = True,
     ) -> 'Check':
-        """Return what judges joint positions.
+        """Return a collision check of joint positions.
 
         `standing`: the pose of the hand that would grip the part where it stands, shape (4, 4);
         None while it is held. `touching`: the part may touch what it stands on or hangs on.
@@ -154,7 +154,7 @@ class Scene:
     def _pairs(
         self, geometry: Any, moving: Sequence[str], still: Sequence[str]
     ) -> Iterable[tuple[str, str]]:
-        """Yield the names of what must not touch, without the pairs of links."""
+        """Yield the pairs of names that must not touch, but those of links."""
         level = {link.name: link.parentJoint for link in geometry.geometryObjects}
         for first, second in combinations(moving, 2):
             # what the hand holds never turns against the last link, nor moves along its axis
@@ -204,7 +204,7 @@ class Check:
         return all(self.valid(joints) for joints in path)
 
     def clearance(self, joints: Array) -> Clearance:
-        """Return how near anything is, whatever the margins."""
+        """Return the smallest distances, without margins."""
         pin.computeDistances(self._model, self._data, self._geometry, self._results, joints)
         distances = np.array([r.min_distance for r in self._results.distanceResults])
         meant = self._contact & (distances >= -MAX_CONTACT_DEPTH_M)

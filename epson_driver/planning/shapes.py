@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What stands around the arm: boxes and upright cylinders in base_link, m."""
+"""Obstacles around the arm: boxes and upright cylinders in base_link, m."""
 
 from dataclasses import dataclass, replace
 from math import cos, sin
@@ -30,7 +30,7 @@ Shape = Box | Cylinder
 
 
 def lifted(shape: Shape, height: float) -> Shape:
-    """Return a shape that is higher by so much, m."""
+    """Return the shape raised by `height`, m."""
     x, y, z = shape.centre
     return replace(shape, centre=(x, y, z + height))
 

@@ -107,7 +107,7 @@ def _pillar(name: str, work: Workspace, random: np.random.Generator) -> Shape:
 
 
 def _around(work: Workspace, angle: float, radius: float) -> tuple[float, float]:
-    """Return the place so far from joint 1's axis, in this direction, m."""
+    """Return the place at a distance from joint 1's axis, m, in a direction."""
     x, y = work.middle
     return x + radius * cos(angle), y + radius * sin(angle)
 
@@ -132,7 +132,7 @@ def gripping(
 
 
 def raised(pose: Array, height: float) -> Array:
-    """Return a pose that is higher by so much, m."""
+    """Return the pose raised by `height`, m."""
     higher = pose.copy()
     higher[2, 3] += height
     return higher

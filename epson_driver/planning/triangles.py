@@ -58,7 +58,7 @@ class Picture:
         return corners, np.tile(PART_COLOUR, (len(corners), 1))
 
     def obstacles(self) -> Triangles:
-        """Return what stands on the table, and what the arm stands on or hangs from."""
+        """Return the obstacles on the table, and the arm's stand or gantry."""
         return joined(_shape(shape) for shape in self._scene.obstacles if shape.name != TABLE)
 
     def table(self) -> Triangles:

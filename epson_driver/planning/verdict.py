@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What joint states that came back say: how near the arm came to anything, and what it reached."""
+"""Verdict on received joint states: the clearance of the arm, and the poses it reached."""
 
 from dataclasses import dataclass
 

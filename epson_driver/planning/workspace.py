@@ -74,7 +74,7 @@ class Hand:
 
 @dataclass(frozen=True, eq=False)
 class Workspace:
-    """What tasks and scenes of one arm have in common, with heights in base_link, m.
+    """The workspace that tasks and scenes of one arm share, with heights in base_link, m.
 
     size: lengths of a task are those for the C3 times this. middle: x and y of joint 1's axis,
     about which tasks are drawn. home: joints, shape (n,). fixed: the table, whose top is at
@@ -185,7 +185,7 @@ def _table(size: float, top: tuple[float, float, float], depth: float) -> Box:
 
 
 def _stand(model: RobotModel, table: float) -> tuple[Box, ...]:
-    """Return what lifts the foot of a SCARA above its table."""
+    """Return the stand that lifts a SCARA above its table."""
     if table > -1e-3:
         return ()
     # as large as the foot, which urdf/scara.xacro makes in proportion to this
@@ -194,7 +194,7 @@ def _stand(model: RobotModel, table: float) -> tuple[Box, ...]:
 
 
 def _gantry(model: RobotModel, table: float) -> tuple[Box, ...]:
-    """Return what an arm hangs from: a beam above its base, and a post behind it."""
+    """Return the gantry of a hanging arm: a beam above its base, and a post behind it."""
     x, y, under = map(float, model.chain.origins[0])
     size = float(np.clip(sqrt(np.linalg.norm(model.chain.origins[2, :2]) / 0.175), 0.8, 1.4))
     passes_under = model.kind == SCARA and model.chain.origins[1, 2] < 0.0

@@ -61,7 +61,7 @@ def model_name(name: str) -> str:
 
 
 def layers(name: str) -> list[Layer]:
-    """Return what a model, named as for `model_name`, is made of: each goes over those before."""
+    """Return a model's layers (named as for `model_name`), each overriding those before it."""
     name = model_name(name)
     if name.endswith('.yaml'):
         path = Path(name)
@@ -112,7 +112,7 @@ def _mapping(path: Path, key: str, values: Any) -> dict[str, Any]:
 
 
 def _listed(name: str) -> str:
-    """Return EPSON's way to write a name as ours, which is one of files and of ROS."""
+    """Return EPSON's spelling of a model's name in that of files and ROS."""
     return name.lower().replace('-', '_')
 
 
@@ -126,7 +126,7 @@ def _near(models: list[str]) -> str:
 
 
 def _unknown(wanted: str) -> str:
-    """Return what is not known of an arm that EPSON makes, as part of a sentence, or ''."""
+    """Return the unknown facts of an arm that EPSON makes, as a clause, or ''."""
     unknown = read_yaml(share_file('config', 'unknown_robots.yaml'))
     series = [name for name in unknown if wanted.startswith(_plain(name))]
     if not series:

@@ -37,8 +37,8 @@ class Solver(Protocol):
     def branches(self, pose: Array, near: Array) -> list[Array]:
         """Return all solutions, regardless of the joint limits, with free joints as in `near`."""
 
-    def hindrance(self, pose: Array, /) -> str:
-        """Return why no place of the arm could have the orientation of a pose, or ''."""
+    def why_unreachable(self, pose: Array, /) -> str:
+        """Return why the orientation of a pose is unreachable, or ''."""
 
 
 class Kinematics:
@@ -116,9 +116,9 @@ class Kinematics:
         found.sort(key=lambda joints: float(np.linalg.norm(joints - near)))
         return np.array(found).reshape(-1, len(near))
 
-    def hindrance(self, pose: Array) -> str:
+    def why_unreachable(self, pose: Array) -> str:
         """Return why the tool can have the orientation of a pose nowhere, or ''. As `inverse`."""
-        return self._solver.hindrance(self._of_tool0(_checked_pose(pose)))
+        return self._solver.why_unreachable(self._of_tool0(_checked_pose(pose)))
 
     def in_base(self, pose: Array) -> Array:
         """Return a pose in base_link as one in `base`, EPSON's world."""

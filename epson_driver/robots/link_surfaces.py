@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What an arm looks like: the boxes and cylinders of its URDF as triangles, link by link."""
+"""The surfaces of an arm: boxes and cylinders of its URDF as triangles, link by link."""
 
 from collections.abc import Iterator
 from itertools import pairwise, product

@@ -105,7 +105,7 @@ class RobotModel:
 
     @property
     def kind(self) -> str:
-        """What kind of arm the joints make, in words."""
+        """The kind of arm, in words, by its joints."""
         return _KINDS.get(self.joint_types, f'{len(self.joint_types)} joints')
 
     @property
@@ -115,7 +115,7 @@ class RobotModel:
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """What of ranges, speeds and lengths nobody has confirmed, a sentence each."""
+        """Ranges, speeds and lengths that nobody has confirmed, a sentence for each."""
         asked = {'range': 'ranges', 'speed': 'speeds', 'origins': 'lengths', 'heights': 'heights'}
         found = {words: self.provenance.get(key) for key, words in asked.items()}
         return tuple(
@@ -206,7 +206,7 @@ OTHER_KEYS = (
 
 
 def _keys(types: tuple[str, ...]) -> dict[str, str]:
-    """Return the keys of what joints have, with their units: degrees, or also mm."""
+    """Return the keys of joint values with their units: degrees, or also mm."""
     mixed = PRISMATIC in types
     shown, si = ('deg_mm', 'rad_m') if mixed else ('deg', 'rad')
     return {

@@ -138,7 +138,7 @@ class OpwSolver:
         self._lengths = parameters.lengths
         self._signs, self._offsets = np.array(parameters.signs), np.array(parameters.offsets)
 
-    def hindrance(self, _pose: Array) -> str:
+    def why_unreachable(self, _pose: Array) -> str:
         """Return '': a spherical wrist can point anywhere."""
         return ''
 

@@ -69,8 +69,8 @@ class ScaraSolver:
         self._parameters = scara_parameters(model)
         self._from_tool0 = np.linalg.inv(model.tool0.matrix)
 
-    def hindrance(self, pose: Array) -> str:
-        """Return why no place of the arm could have the orientation of a pose, or ''."""
+    def why_unreachable(self, pose: Array) -> str:
+        """Return why the orientation of a pose is unreachable, or ''."""
         lean = _lean(pose @ self._from_tool0)
         if lean < UPRIGHT_RAD:
             return ''

@@ -129,7 +129,7 @@ def _spel_factories(source: SpelSource, where: Array) -> Factories:
 
 
 def _statements(controller: Controller, start: Array) -> PointToPoint:
-    """Return what moves the arm from `start`, shape (n,), rad, as SPEL+ statements say."""
+    """Return the motion statements of SPEL+ for an arm at `start`, shape (n,), rad."""
     return PointToPoint(
         controller.model.limits,
         start,

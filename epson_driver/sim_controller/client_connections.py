@@ -113,7 +113,7 @@ class ClientConnection(Session):
         self._clients.quit()
 
     def hang_up(self) -> None:
-        """Close the connection: the client is gone at once, whatever is still read from it."""
+        """Close the connection at once, dropping what is still read from it."""
         self._abort()
         self.closed()
 
@@ -132,7 +132,7 @@ class ClientConnection(Session):
 
 
 class ClientConnections:
-    """All client connections of one controller, and the ports that nobody serves now."""
+    """All client connections of one controller, and its ports that are not served."""
 
     def __init__(self, controller: Controller, spel: ProgramPorts | None = None) -> None:
         self._controller = controller
@@ -211,7 +211,7 @@ class ClientConnections:
             connection.hang_up()
 
     def dismiss(self, port: str) -> None:
-        """Close the connections of all clients of the port once they have got what was sent."""
+        """Close the connections of all clients of the port once everything is sent."""
         for connection in [held for held in self._connections if held.port == port]:
             connection.dismiss()
 
@@ -323,7 +323,7 @@ def _open(controller: Controller, port: str, send: Send, client: Client) -> Sess
 
 
 def _watchdog(controller: Controller) -> ClientWatchdog | None:
-    """Return what notices that the motion client hangs, where the profile has that."""
+    """Return the watchdog of the motion client, where the profile has one."""
     program, timeout = controller.program, controller.profile.server.client_timeout
     if not timeout or not isinstance(program, MotionProgram):
         return None

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The controller's time, which only passes when it is told to, and what is to happen when."""
+"""The controller's time, which passes when it is advanced, and its timers."""
 
 import heapq
 from collections.abc import Callable
@@ -98,7 +98,7 @@ class Clock:
         passes(elapsed)
 
     def _skip(self, timer: Timer, period: float, until: float) -> bool:
-        """Skip what the next timer, a periodic one, is too late for, and return whether it did."""
+        """Skip the missed calls of a periodic timer, and return whether there were any."""
         too_many = int((until - timer.due) / period) - timer.catch_up
         if too_many <= 0:
             return False

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The core of the simulated controller: its condition, and what follows for arm and program.
+"""The core of the simulated controller: its condition, and the consequences for arm and program.
 
 What people do (`apply`), what clients send (`connect` and the sessions it opens) and time (`step`)
 come in as calls; bytes go out to the functions that were given. The same calls and the same seed
@@ -22,8 +22,7 @@ from epson_driver.sim_controller import state as state_port
 from epson_driver.sim_controller.arm.executor import Executor
 from epson_driver.sim_controller.arm.servo import Servo
 from epson_driver.sim_controller.arm.simulated_arm import SimulatedArm
-from epson_driver.sim_controller.arm.streaming import Planner
-from epson_driver.sim_controller.arm.timing import Timing
+from epson_driver.sim_controller.arm.streaming import DeadlineCounters, Planner
 from epson_driver.sim_controller.clock import Clock
 from epson_driver.sim_controller.condition.errors import (
     TEXTS,
@@ -91,13 +90,13 @@ class Clients(Protocol):
     """The clients of the ports, as the core needs them."""
 
     def connect(self, port: str, client: Client) -> Session:
-        """Begin to serve a client. Raises ConnectionRefusedError: why nobody serves the port."""
+        """Begin to serve a client. Raises ConnectionRefusedError: why the port is not served."""
 
     def hang_up(self, *ports: str) -> None:
         """Close the connections of all clients of the ports."""
 
     def dismiss(self, port: str) -> None:
-        """Close the connections of all clients of the port once they have got what was sent."""
+        """Close the connections of all clients of the port once everything is sent."""
 
     def attended(self, port: str) -> bool:
         """Return whether a port has a client."""
@@ -170,8 +169,8 @@ class Controller:
         self.clock = Clock()
         mode = Mode.AUTO if profile.mode is StatusMode.AUTO else Mode.MANUAL
         self.condition: Condition = Condition(mode=mode)
-        self.timing = Timing()
-        self._told = Timing()
+        self.timing = DeadlineCounters()
+        self._told = DeadlineCounters()
         self.io = IoPoints(profile.io)
         self.faults = Faults(self.clock, seed, self, len(model.joint_names))
         self.clients = factories.clients(self)
@@ -229,7 +228,7 @@ class Controller:
             self._look_at_buttons()
 
     def _look_at_buttons(self) -> None:
-        """Apply again what is still so after reset and boot: a pressed E-stop, an open door."""
+        """Apply a pressed E-stop and an open door again, after reset and boot."""
         if self.condition.estop is EStop.PRESSED:
             self.apply(Event.ESTOP_PRESS)
         if self.condition.door is Door.OPEN:
@@ -245,7 +244,7 @@ class Controller:
 
     @property
     def window(self) -> Window:
-        """What executes $Execute: the SPEL+ program, or something beside the built-in one."""
+        """The program that executes $Execute: a SPEL+ one, or one beside the built-in one."""
         if self._window is None:
             self._window = self._new_window(self)
         return self._window
@@ -270,7 +269,7 @@ class Controller:
             self._window.abort_command(f'the command was aborted: {why}')
 
     def client_lost(self) -> None:
-        """Do what the profile says when the motion client is gone."""
+        """React to the loss of the motion client as the profile says."""
         lost = self.profile.server.lost_client
         if lost == 'brake':
             self.apply(Event.CLIENT_LOST)
@@ -300,7 +299,7 @@ class Controller:
         self.apply(Event.BOOT)
 
     def disturb(self, joint: int, push: float) -> None:
-        """Push one joint (index from 0) by some rad or m, as somebody who leans on the arm.
+        """Push one joint (index from 0) by `push` rad or m, as a person who leans on the arm.
 
         Without power the arm stays where it is pushed to. With power its servo pushes back; more
         than `MAX_PUSH` does not get through, but is a position error. Raises RejectedError for a
@@ -351,7 +350,7 @@ class Controller:
         return own if own is not None else rows(self.task_state)
 
     def task_state(self, task: Task) -> TaskState:
-        """Return what a task is doing, if its port is served at all."""
+        """Return the state of a task, if its port is served at all."""
         return TaskState.NOT_RUNNING if self.clients.ended(task) else task.state(self.condition)
 
     # Time.
@@ -482,12 +481,12 @@ class Controller:
             self.arm.executor.resume()
 
     def _recover(self) -> None:
-        """Go back slowly to where the arm was interrupted, if it has power and a way to go on."""
+        """Go back slowly to where the arm was interrupted, if it has power and points left."""
         if self.condition.motors is Motors.ON and self.arm.executor.moving:
             self.arm.go_back()
 
     def _settle(self) -> None:
-        """If the arm stands, do what waits for that: motors off, going on slowly."""
+        """Switch the motors off, or go on slowly, if the arm stands and that waits for it."""
         if self.in_motion:
             return
         self._tell_timing()

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a port does with one client, without a socket: bytes in, bytes out.
+"""Sessions of the ports, without sockets: bytes in, bytes out.
 
 Every port of the controller, those of a SPEL+ program too, is a way to open sessions;
 `network/port_server.py` gives them sockets, a test calls them directly.
@@ -79,7 +79,7 @@ class ClientSession(Session, Protocol):
 
 
 class ProgramPorts(Protocol):
-    """Which ports the program has open, and what it does with a client of one."""
+    """The open ports of a program, and its sessions with their clients."""
 
     listen: Callable[[int], None]
     """Called when the program opens a TCP port that has no name here. May raise OSError."""

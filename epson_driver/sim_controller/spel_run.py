@@ -132,7 +132,7 @@ async def _run(
 
 
 def _read_stdin(console: Console, servers: ControllerServers) -> None:
-    """Have lines that are typed read by a thread, as a terminal has no other way."""
+    """Read typed lines in a thread, as a terminal allows no other way."""
     loop = asyncio.get_running_loop()
 
     def typed(line: str) -> None:

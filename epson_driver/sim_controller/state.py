@@ -74,7 +74,7 @@ def joint_position(position: Array) -> JointPosition:
 
 
 def joint_feedback(position: Array, velocity: Array, now: float | None) -> JointFeedback:
-    """Return the message that the joints are there and so fast.
+    """Return the JOINT_FEEDBACK of positions and velocities.
 
     position, velocity: shape (n,), rad, rad/s; now: the controller's time, s; None: not told.
     """
@@ -131,7 +131,7 @@ _Slot = tuple[Callable[[], Message], ...]
 
 
 class StateSource(Protocol):
-    """What can be told of the controller."""
+    """The controller, as the state port needs it."""
 
     def joint_position(self) -> JointPosition:
         """Return where the encoders say that the joints are."""
@@ -140,7 +140,7 @@ class StateSource(Protocol):
         """Return where the joints are and how fast."""
 
     def status(self) -> Status:
-        """Return what STATUS says now."""
+        """Return the present STATUS."""
 
     def version(self) -> GetVersion:
         """Return which version the program is."""

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What can be wrong with bytes or messages: each error names field, value and rule."""
+"""Errors of bytes and messages: each names field, value and rule."""
 
 
 class SimpleMessageError(ValueError):

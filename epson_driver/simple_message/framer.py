@@ -42,7 +42,7 @@ class Frame(NamedTuple):
 
     @property
     def heartbeat(self) -> bool:
-        """Whether it is only a sign of life: a PING as a topic, which nobody answers."""
+        """Whether it is a heartbeat: a PING as a topic, which nobody answers."""
         return self.msg_type == MessageType.PING and self.comm_type == CommType.TOPIC
 
 
@@ -67,7 +67,7 @@ class Framer:
 
     @property
     def unread(self) -> bytes:
-        """What was received and not given out as a frame."""
+        """The bytes that were received and not given out as a frame."""
         return bytes(self._buffer[self._start :])
 
     def receive_data(self, data: bytes) -> None:

@@ -55,7 +55,7 @@ class ItemsLayout:
         self._head = _head(message_class)
 
     def encode(self, message: Message, dialect: Dialect) -> bytes:
-        """Return the body. Raises FieldError for too many items or what is no int32."""
+        """Return the body. Raises FieldError for too many items, or one that is no int32."""
         items: Sequence[Any] = message.items  # type: ignore[attr-defined]
         _check_number(len(items))
         named = [(name, getattr(message, name)) for name in self._head]
@@ -88,7 +88,7 @@ class PublishLayout:
     message_class: type[Message] = IoPublish
 
     def encode(self, message: Message, dialect: Dialect) -> bytes:
-        """Return the body. Raises FieldError for too much or what is no int32."""
+        """Return the body. Raises FieldError for too many values, or one that is no int32."""
         items: Sequence[IoValues] = message.items  # type: ignore[attr-defined]
         _check_number(len(items))
         total = sum(len(item.values) for item in items)

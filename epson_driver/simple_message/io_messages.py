@@ -26,7 +26,7 @@ class IoType(IntEnum):
 
 
 class IoResult(IntEnum):
-    """What became of one item. TOO_MUCH is ours, from the draft's freely assignable range."""
+    """The result of one item. TOO_MUCH is ours, from the draft's freely assignable range."""
 
     SUCCESS = 1
     TYPE_UNSUPPORTED = 1001
@@ -74,7 +74,7 @@ class IoSpan:
 
 @dataclass(frozen=True, slots=True)
 class IoRange:
-    """Points that the controller has, and what can be done with them (`IoFeature` bits)."""
+    """A range of points of the controller, and its operations (`IoFeature` bits)."""
 
     io_type: int
     start: int
@@ -93,7 +93,7 @@ class IoSetting:
 
 @dataclass(frozen=True, slots=True)
 class IoOutcome:
-    """A point (or the first one of a range) and the `IoResult` of what was asked for it."""
+    """A point (or the first one of a range) and the `IoResult` of its request."""
 
     io_type: int
     index: int

@@ -99,7 +99,7 @@ class BodyReader:
 
 
 def _writable(message_class: type[Message]) -> Callable[..., Message]:
-    """Return what makes messages that can be written until they are given their own class.
+    """Return a subclass whose instances can be written until they get their own class.
 
     A frozen class goes round its own `__setattr__` for each field: its `__init__` takes four
     times as long as one that assigns. This is a subclass that adds nothing, but is not frozen.
@@ -116,7 +116,7 @@ def _writable(message_class: type[Message]) -> Callable[..., Message]:
 def _fields_of(
     places: tuple[int | slice, ...],
 ) -> Callable[[tuple[Any, ...]], tuple[Any, ...]] | None:
-    """Return what makes the fields of a body's values, or None if these are the fields."""
+    """Return a converter from a body's values to fields, or None if they are the same."""
     if all(isinstance(place, int) for place in places):
         return None
     if len(places) == 1:
@@ -206,7 +206,7 @@ class FixedLayout:
             raise self._error(message, dialect) from cause
 
     def reader(self, size: int, byte_order: ByteOrder) -> BodyReader:
-        """Return what reads bodies of `size` bytes, with the real width that this shows.
+        """Return a reader of bodies of `size` bytes, with the real width that the size implies.
 
         Raises BodyError for a size that the type does not have.
         """
@@ -256,7 +256,7 @@ class FixedLayout:
 
 
 def _frame_packer(names: tuple[str, ...], scalar: tuple[bool, ...]) -> Callable[..., bytes]:
-    """Return what packs a header's words and a message's fields: frame(pack, *words, message).
+    """Return a packer of a header's words and a message's fields: frame(pack, *words, message).
 
     It is compiled from source, as the methods of a dataclass are: to get the fields and to make
     one flat tuple of them would take as long again as to pack them.
@@ -277,7 +277,7 @@ class PingLayout(FixedLayout):
     """
 
     def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
-        """Return the message, without a body that nobody describes. Raises BodyError."""
+        """Return the message, ignoring a body, which no source describes. Raises BodyError."""
         known = len(body) % 4 or len(body) == 40
         return super().decode(body if known else b'', byte_order)
 

@@ -168,7 +168,7 @@ class PacketFramer(Framer):
         return _NEW(Packet, (message, comm_type, reply_code, reader.dialect))
 
     def _unknown(self) -> Packet | None:
-        """Return the next packet, and keep what its header says if that is all there is to it."""
+        """Return the next packet, with only its header if its body is unknown."""
         frame = self.next_frame()
         if frame is None:
             return None

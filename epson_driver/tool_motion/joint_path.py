@@ -109,7 +109,7 @@ def joint_path(
         where = _where(distance / total, name, pose[:3, 3])
         solutions = kinematics.inverse(pose, before)
         if not len(solutions):
-            if why := kinematics.hindrance(pose):
+            if why := kinematics.why_unreachable(pose):
                 raise PathError(f'no joints give the pose {where}: {why}')
             raise PathError(_why_none(kinematics, before, where))
         step = np.abs(solutions[0] - before)

@@ -226,7 +226,7 @@ def _lowered(limits: JointLimits, primitive: Primitive) -> JointLimits:
 
 
 def _stretch(duration: float, primitive: Primitive) -> float:
-    """Return by what factor a motion is made slower. Raises ValueError for a time too short."""
+    """Return the factor by which a motion is made slower. Raises ValueError for a short time."""
     if not primitive.move_time:
         return 1.0
     if duration > primitive.move_time * (1.0 + MOVE_TIME_TOLERANCE):
@@ -247,7 +247,7 @@ def _tool_limits(primitive: Primitive) -> ToolLimits:
 
 
 def _tool_limits_of_time(path: PosePath, time: float) -> ToolLimits:
-    """Return limits with which the tool takes about so long.
+    """Return limits with which the tool takes about `duration` s.
 
     A third of it each to speed up, at full speed and to slow down.
     """

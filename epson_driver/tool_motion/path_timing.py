@@ -55,7 +55,7 @@ class TimedRun:
     ends: Array
 
     def stretched(self, factor: float) -> 'TimedRun':
-        """Return the same, so much slower."""
+        """Return the run slowed down by `factor`."""
         return TimedRun(
             self.times * factor, self.positions, self.velocities / factor, self.ends * factor
         )
@@ -139,7 +139,7 @@ def _slopes(found: JointPath) -> Array:
 
 
 def _stretch(found: JointPath, slopes: Array, motion: SpeedProfile, *, slow: bool) -> float:
-    """Return by what factor the motion must take longer for the joint limits: 1 or more.
+    """Return the factor, 1 or more, by which the joint limits prolong the motion.
 
     Raises PathError unless that is 1, or `slow` allows it.
     """

@@ -125,7 +125,7 @@ def fastest(parts: Sequence[PartLimits]) -> SpeedProfile:
 
 
 def _seam_speeds(parts: Sequence[PartLimits]) -> list[float]:
-    """Return the speed at both ends and between parts: what can be reached from either side."""
+    """Return the speed at both ends and between parts, reachable from either side."""
     speeds = [0.0, *(min(a.speed, b.speed) for a, b in pairwise(parts)), 0.0]
     for index, part in enumerate(parts):
         speeds[index + 1] = min(speeds[index + 1], _reached(part, speeds[index]))

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a statement says of a planned motion: where a circle passes, which tool moves."""
+"""Details of a planned motion for a statement: a point on the circle, and the tool."""
 
 import numpy as np
 

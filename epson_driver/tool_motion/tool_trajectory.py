@@ -53,7 +53,7 @@ class ToolLimits:
     jerk_ratio: float = JERK_PER_ACCELERATION
 
     def beside(self, other: 'ToolLimits') -> 'ToolLimits':
-        """Return what keeps these limits and the others: in a blend from one motion to another."""
+        """Return the tighter of these limits and others, for a blend between two motions."""
         least = [min(pair) for pair in zip(astuple(self), astuple(other), strict=True)]
         return ToolLimits(*least)
 

@@ -60,7 +60,7 @@ class Flag:
 
 
 class Sink(Protocol):
-    """What packets are written to: a binary file, or what stands for one."""
+    """The destination of packets: a binary file, or an object like one."""
 
     def write(self, data: bytes, /) -> object:
         """Take bytes."""
@@ -98,7 +98,7 @@ class PcapWriter:
 
 
 class _Side:
-    """One end of a conversation: its headers, what it has sent, what it has acknowledged."""
+    """One end of a conversation: its headers, and the bytes it has sent and acknowledged."""
 
     def __init__(self, own: Address, other: Address, own_mac: bytes, other_mac: bytes) -> None:
         source, target = _packed(own[0]), _packed(other[0])
@@ -112,7 +112,7 @@ class _Side:
         self.acknowledged = 0
 
     def packet(self, flags: int, acknowledge: int, data: bytes) -> bytes:
-        """Return the next packet of this side, and count what it carries."""
+        """Return the next packet of this side, and count its bytes."""
         source, target = self._ports
         fields = (self.sequence, acknowledge, 0x50, flags, 0xFFFF)
         length = _TCP.size + len(data)
@@ -280,7 +280,7 @@ class Stream:
     waiting: dict[int, bytes] = field(default_factory=dict)
 
     def take(self, segment: Segment) -> bytes:
-        """Return what is new and in order: what was sent twice comes once, gaps are waited for."""
+        """Return new bytes in order, without repetitions, waiting for gaps to be filled."""
         sequence = (segment.sequence + bool(segment.flags & Flag.SYN)) & 0xFFFFFFFF
         if self.next_sequence is None or segment.flags & Flag.SYN:
             self.next_sequence = sequence

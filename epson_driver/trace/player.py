@@ -31,7 +31,7 @@ MANY = 3
 
 @dataclass
 class Score:
-    """What was played, and how well the client matched."""
+    """The played entries, and how well the client matched."""
 
     sent: int = 0
     repeated: int = 0
@@ -48,7 +48,7 @@ class Score:
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """Something to do on a connection: send the data, or else what `kind` says."""
+    """An action on a connection: send the data, or as `kind` says."""
 
     connection: int
     kind: Kind
@@ -94,13 +94,13 @@ class Player:
 
     @property
     def done(self) -> bool:
-        """Whether nothing is left to play, or nobody is left to play it to."""
+        """Whether the recording is over, or no client is left."""
         left_alone = self._now is not None and not self._live and not self._opens
         return self._cursor == len(self._script.entries) or left_alone
 
     @property
     def waits_for(self) -> str:
-        """What the client has to do now for the recording to go on, or '' if nothing."""
+        """The client's next step in the recording, or '' if there is none."""
         if not self._waiting or not self._turns:
             return ''
         entry = self._script.entries[self._turns[0]]
@@ -135,7 +135,7 @@ class Player:
         return connection in self._live
 
     def receive(self, connection: int, data: bytes) -> None:
-        """Take what the client sent."""
+        """Take bytes from the client."""
         for piece, frame in self._live[connection].splitter.split(data):
             if frame is not None and frame.heartbeat:
                 continue
@@ -163,12 +163,12 @@ class Player:
                 self._take(index)
 
     def leave(self, connection: int) -> None:
-        """The client closed a connection: what was left on it cannot be played."""
+        """Take note that the client closed a connection, whose rest cannot be played."""
         if self._live.pop(connection, None) is not None:
             self._void(connection)
 
     def advance(self, now: float) -> list[Order]:
-        """Return what is due."""
+        """Return the actions that are due."""
         if self._now is None:
             return []
         target = self._position
@@ -309,7 +309,7 @@ class Player:
 
 
 def _text(entry: Entry) -> str:
-    """Return a name for what was sent."""
+    """Return a name for a message."""
     if entry.frame is None:
         return f'{len(entry.data)} bytes that are no message'
     number, _, sequence = signature(entry.frame)

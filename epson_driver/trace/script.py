@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a recording asks of a client and what the controller did then, in the recorded order."""
+"""The script of a recording: the client's turns and the controller's, in the recorded order."""
 
 import itertools
 import statistics
@@ -48,7 +48,7 @@ class ScriptError(ValueError):
 
 
 class Kind(Enum):
-    """What an entry of a script is. The first two are the client's turn."""
+    """The kind of an entry of a script. The first two are the client's turn."""
 
     OPEN = auto()
     REQUEST = auto()
@@ -83,7 +83,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Script:
-    """A recording made ready. `ports` are the recorded ports by what they are for."""
+    """A recording made ready. `ports` are the recorded ports by purpose."""
 
     entries: tuple[Entry, ...]
     ports: dict[str, int]
@@ -94,7 +94,7 @@ class Script:
 
 
 class Splitter:
-    """Divides a stream into the bytes of its frames, and passes on what is no frame."""
+    """Divides a stream into frames, and passes on bytes that are none."""
 
     def __init__(self) -> None:
         self._framer = Framer()
@@ -117,7 +117,7 @@ class Splitter:
         yield from self.rest()
 
     def rest(self) -> Iterator[tuple[bytes, None]]:
-        """Yield what is left, part of a frame, if anything is."""
+        """Yield the remaining part of a frame, if there is one."""
         if self._bytes:
             yield self._taken(len(self._bytes)), None
 
@@ -128,7 +128,7 @@ class Splitter:
 
 
 def signature(frame: Frame) -> tuple[int, int, int | None]:
-    """Return what a request must have in common with a recorded one to be taken for it."""
+    """Return the signature by which a request is taken for a recorded one."""
     try:
         sequence = sequence_of(decode(frame).message)
     except SimpleMessageError:

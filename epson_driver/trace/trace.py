@@ -108,7 +108,7 @@ class Trace:
                     self._take(link, WireEvent.RECEIVED, link.unread)
 
     def end(self, why: str, patience: float = 0.0) -> None:
-        """Have what is left written and the file closed, if there is one.
+        """Write the rest and close the file, if there is one.
 
         That goes on in the background, after `patience` s: the last trace of a process needs some.
         """

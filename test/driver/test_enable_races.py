@@ -311,18 +311,15 @@ def test_an_enable_that_nobody_waits_for_any_more_opens_nothing():
     slow_cell(scenario, delay=0.1)
 
 
-def test_inv4_a_needless_enable_does_not_switch_motors_on_that_went_off_under_a_goal():
-    async def scenario():
-        async with cell() as (harness, controller):
-            goal = harness.submit(pose(1.0))
-            await harness.until_moving()
-            asking = asyncio.create_task(enable(harness))
-            await asyncio.sleep(0)
-            controller.apply(Event.MOTORS_OFF)
-            await goal.end()
-            await asking
-            await seen(harness, drives_powered=0)
-            assert controller.status().drives_powered == 0
-            assert harness.gate is not None
-
-    run(scenario())
+async def test_inv4_a_needless_enable_does_not_switch_motors_on_that_went_off_under_a_goal():
+    async with cell() as (harness, controller):
+        goal = harness.submit(pose(1.0))
+        await harness.until_moving()
+        asking = asyncio.create_task(enable(harness))
+        await asyncio.sleep(0)
+        controller.apply(Event.MOTORS_OFF)
+        await goal.end()
+        await asking
+        await seen(harness, drives_powered=0)
+        assert controller.status().drives_powered == 0
+        assert harness.gate is not None

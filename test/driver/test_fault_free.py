@@ -47,59 +47,50 @@ async def succeeds(harness, goal):
 
 
 @pytest.mark.parametrize('factor', [0.01, 0.1])
-def test_a_goal_that_begins_at_a_small_factor_succeeds_when_the_arm_is_there(factor):
+async def test_a_goal_that_begins_at_a_small_factor_succeeds_when_the_arm_is_there(factor):
     """The point is sent with the smallest velocity that there is, and the clock knows."""
 
-    async def check():
-        async with cell() as (harness, _):
+    async with cell() as (harness, _):
+        scale(harness, factor)
+        await asyncio.sleep(0.02)
+        goal = harness.submit(pose(0.1), step=1.5)
+        began = now()
+        await asyncio.sleep(0.1)
+        scale(harness, 1.0)
+        await succeeds(harness, goal)
+        assert now() - began < 14.0
+
+
+async def test_a_goal_that_is_slow_for_a_moment_succeeds_after_a_stream():
+    async with cell() as (harness, _):
+        harness.driver.servo.take(velocities([0.2, *[0.0] * (JOINTS - 1)]))
+        await asyncio.sleep(0.9)
+        goal = harness.submit(harness.at + pose(0.1), step=2.0)
+        for factor in (0.01, 1.0):
+            await asyncio.sleep(0.01)
             scale(harness, factor)
-            await asyncio.sleep(0.02)
-            goal = harness.submit(pose(0.1), step=1.5)
-            began = now()
-            await asyncio.sleep(0.1)
-            scale(harness, 1.0)
-            await succeeds(harness, goal)
-            assert now() - began < 14.0
-
-    run(check())
+        await succeeds(harness, goal)
 
 
-def test_a_goal_that_is_slow_for_a_moment_succeeds_after_a_stream():
-    async def check():
-        async with cell() as (harness, _):
-            harness.driver.servo.take(velocities([0.2, *[0.0] * (JOINTS - 1)]))
-            await asyncio.sleep(0.9)
-            goal = harness.submit(harness.at + pose(0.1), step=2.0)
-            for factor in (0.01, 1.0):
-                await asyncio.sleep(0.01)
-                scale(harness, factor)
-            await succeeds(harness, goal)
-
-    run(check())
-
-
-def test_a_goal_after_canceled_ones_with_slow_points_succeeds():
+async def test_a_goal_after_canceled_ones_with_slow_points_succeeds():
     """The next point waits, as those before it are slow: no reply is missing then."""
     first = [0.1914, -0.0509, -0.2106, 0.226, 0.2207, 0.1201]
     back = [0.1197, -0.0353, 0.0287, 0.3654, 0.011, -0.0386]
     second = [-0.1958, 0.0626, 0.232, 0.2333, 0.0756, 0.1911]
     third = [0.0585, 0.1222, -0.0755, -0.1307, -0.0622, -0.0254]
 
-    async def check():
-        async with cell(smooth=True, on_the_way=True) as (harness, _):
-            scale(harness, 0.3)
-            await asyncio.sleep(0.01)
-            canceled = submit(harness, [0.0, 0.213, 0.426], [pose(), first, back], goal_time=3.0)
-            scale(harness, 0.01)
-            await asyncio.sleep(0.01)
-            harness.driver.goal_queue.cancel(canceled.handle)
-            submit(harness, [1.1141], [second])
-            goal = submit(harness, [0.0, 1.5152], [pose(), third], goal_time=3.0)
-            await asyncio.sleep(0.311)
-            scale(harness, 1.0)
-            await succeeds(harness, goal)
-
-    run(check())
+    async with cell(smooth=True, on_the_way=True) as (harness, _):
+        scale(harness, 0.3)
+        await asyncio.sleep(0.01)
+        canceled = submit(harness, [0.0, 0.213, 0.426], [pose(), first, back], goal_time=3.0)
+        scale(harness, 0.01)
+        await asyncio.sleep(0.01)
+        harness.driver.goal_queue.cancel(canceled.handle)
+        submit(harness, [1.1141], [second])
+        goal = submit(harness, [0.0, 1.5152], [pose(), third], goal_time=3.0)
+        await asyncio.sleep(0.311)
+        scale(harness, 1.0)
+        await succeeds(harness, goal)
 
 
 # --- as long as the plan rests -----------------------------------------------------------------
@@ -107,25 +98,19 @@ def test_a_goal_after_canceled_ones_with_slow_points_succeeds():
 
 @pytest.mark.parametrize('smooth', [False, True])
 @pytest.mark.parametrize('rest', [[7.0], [0.5] * 14], ids=['one segment', 'many'])
-def test_a_plan_that_rests_for_longer_than_the_patience_succeeds(smooth, rest):
-    async def check():
-        async with cell(smooth=smooth) as (harness, _):
-            began = now()
-            times = np.cumsum([0.0, 0.3, *rest, 0.2])
-            ways = [pose(), *[pose(0.1)] * (1 + len(rest)), pose(0.2)]
-            await succeeds(harness, submit(harness, times, ways))
-            assert now() - began > times[-1]
-
-    run(check())
+async def test_a_plan_that_rests_for_longer_than_the_patience_succeeds(smooth, rest):
+    async with cell(smooth=smooth) as (harness, _):
+        began = now()
+        times = np.cumsum([0.0, 0.3, *rest, 0.2])
+        ways = [pose(), *[pose(0.1)] * (1 + len(rest)), pose(0.2)]
+        await succeeds(harness, submit(harness, times, ways))
+        assert now() - began > times[-1]
 
 
-def test_a_plan_that_ends_with_a_long_rest_succeeds():
-    async def check():
-        async with cell() as (harness, _):
-            ways = [pose(), pose(0.1), pose(0.1)]
-            await succeeds(harness, submit(harness, [0.0, 0.3, 7.3], ways))
-
-    run(check())
+async def test_a_plan_that_ends_with_a_long_rest_succeeds():
+    async with cell() as (harness, _):
+        ways = [pose(), pose(0.1), pose(0.1)]
+        await succeeds(harness, submit(harness, [0.0, 0.3, 7.3], ways))
 
 
 # --- in any order ------------------------------------------------------------------------------

@@ -125,27 +125,24 @@ async def works_again(harness, arm):
 @pytest.mark.invariant(3, 4, 5)
 @pytest.mark.parametrize('points', [1, 12])
 @pytest.mark.parametrize('kind', KINDS)
-def test_an_arm_whose_driver_hangs_stops_and_the_goal_says_why(kind, points):
-    async def scenario():
-        async with cell(kind) as (harness, _, arm):
-            way = np.linspace(FAR / points, FAR, points)
-            goal = harness.submit(*way, step=10.0 / points)
-            await harness.until_moving()
-            await asyncio.sleep(0.8)
-            with hanging():
-                began = now()
-                await asyncio.sleep(2.0)
-                assert arm.moved - began < TIMEOUT + BRAKING
-                at = arm.at
-                assert at[0] < 1.0
-            outcome = await goal.end()
-            assert outcome.end is End.ABORTED
-            assert re.search(SAID, outcome.text), outcome.text
-            assert outcome.text.startswith(await closed(harness))
-            assert np.array_equal(arm.at, at)
-            await works_again(harness, arm)
-
-    run(scenario())
+async def test_an_arm_whose_driver_hangs_stops_and_the_goal_says_why(kind, points):
+    async with cell(kind) as (harness, _, arm):
+        way = np.linspace(FAR / points, FAR, points)
+        goal = harness.submit(*way, step=10.0 / points)
+        await harness.until_moving()
+        await asyncio.sleep(0.8)
+        with hanging():
+            began = now()
+            await asyncio.sleep(2.0)
+            assert arm.moved - began < TIMEOUT + BRAKING
+            at = arm.at
+            assert at[0] < 1.0
+        outcome = await goal.end()
+        assert outcome.end is End.ABORTED
+        assert re.search(SAID, outcome.text), outcome.text
+        assert outcome.text.startswith(await closed(harness))
+        assert np.array_equal(arm.at, at)
+        await works_again(harness, arm)
 
 
 @pytest.mark.invariant(3, 4)
@@ -153,55 +150,46 @@ def test_an_arm_whose_driver_hangs_stops_and_the_goal_says_why(kind, points):
     ('kind', 'stream'),
     [('smooth', 'positions'), ('from point to point', 'velocities'), ('spel', 'velocities')],
 )
-def test_a_stream_that_goes_on_through_a_hang_is_over(kind, stream):
+async def test_a_stream_that_goes_on_through_a_hang_is_over(kind, stream):
     def setpoint_at(t):
         return velocities(pose(0.3)) if stream == 'velocities' else positions(pose(0.3 * t))
 
-    async def scenario():
-        async with cell(kind) as (harness, _, arm):
-            async with going_on(Inbox(harness), setpoint_at):
-                await until(lambda: arm.at[0] > 0.2)
-                with hanging():
-                    began = now()
-                    await asyncio.sleep(1.5)
-                    assert arm.moved - began < TIMEOUT + BRAKING
-                    at = arm.at
-                assert re.search(SAID, await closed(harness))
-                await asyncio.sleep(1.2)
-                assert np.array_equal(arm.at, at)
-            await works_again(harness, arm)
-
-    run(scenario())
+    async with cell(kind) as (harness, _, arm):
+        async with going_on(Inbox(harness), setpoint_at):
+            await until(lambda: arm.at[0] > 0.2)
+            with hanging():
+                began = now()
+                await asyncio.sleep(1.5)
+                assert arm.moved - began < TIMEOUT + BRAKING
+                at = arm.at
+            assert re.search(SAID, await closed(harness))
+            await asyncio.sleep(1.2)
+            assert np.array_equal(arm.at, at)
+        await works_again(harness, arm)
 
 
 @pytest.mark.parametrize('kind', ['smooth', 'spel'])
-def test_a_driver_that_is_held_up_for_a_moment_again_and_again_goes_on(kind):
-    async def scenario():
-        async with cell(kind) as (harness, _, arm):
-            goal = harness.submit(*np.linspace(FAR / 12, FAR, 12), step=0.3)
-            await harness.until_moving()
-            while not goal.outcomes:
-                with hanging():
-                    await asyncio.sleep(0.3)
-                await asyncio.sleep(0.05)
-            assert goal.outcome.end is End.SUCCEEDED, goal.outcome.text
-            assert np.abs(arm.at - FAR).max() < 0.01
-
-    run(scenario())
+async def test_a_driver_that_is_held_up_for_a_moment_again_and_again_goes_on(kind):
+    async with cell(kind) as (harness, _, arm):
+        goal = harness.submit(*np.linspace(FAR / 12, FAR, 12), step=0.3)
+        await harness.until_moving()
+        while not goal.outcomes:
+            with hanging():
+                await asyncio.sleep(0.3)
+            await asyncio.sleep(0.05)
+        assert goal.outcome.end is End.SUCCEEDED, goal.outcome.text
+        assert np.abs(arm.at - FAR).max() < 0.01
 
 
 @pytest.mark.parametrize('kind', ['smooth', 'spel'])
-def test_a_motion_longer_than_the_time_out_needs_no_more_than_the_heartbeats(kind):
-    async def scenario():
-        async with cell(kind) as (harness, _, arm):
-            goal = harness.submit(FAR / 2, step=1.5)
-            assert (await goal.end()).end is End.SUCCEEDED
-            sent = harness.driver.motion_link.statistics.frames_sent
-            await asyncio.sleep(1.0)  # an arm that stands needs none
-            assert harness.driver.motion_link.statistics.frames_sent == sent
-            assert (await harness.submit(arm.at + 0.1).end()).end is End.SUCCEEDED
-
-    run(scenario())
+async def test_a_motion_longer_than_the_time_out_needs_no_more_than_the_heartbeats(kind):
+    async with cell(kind) as (harness, _, arm):
+        goal = harness.submit(FAR / 2, step=1.5)
+        assert (await goal.end()).end is End.SUCCEEDED
+        sent = harness.driver.motion_link.statistics.frames_sent
+        await asyncio.sleep(1.0)  # an arm that stands needs none
+        assert harness.driver.motion_link.statistics.frames_sent == sent
+        assert (await harness.submit(arm.at + 0.1).end()).end is End.SUCCEEDED
 
 
 def test_heartbeats_go_before_the_first_point_and_then_five_times_in_the_time_out():
@@ -268,21 +256,18 @@ def test_only_programs_of_our_own_get_heartbeats(name):
     ('name', 'longest'),
     [('generic', 1.2), ('fanuc', 0.7), ('abb', 3.5), ('motoman', 1.2)],
 )
-def test_programs_of_others_go_on_with_what_they_have(name, longest):
+async def test_programs_of_others_go_on_with_what_they_have(name, longest):
     """The table of docs/safety.md; a Motoman's queue is 0.8 s, and one point waits beside it."""
 
-    async def scenario():
-        async with cell_of(load_controller_profile(name)) as (harness, controller, _):
-            await make_ready(harness, controller)
-            await harness.commands.enable()
-            arm = Arm(controller)
-            harness.submit(*np.linspace(FAR / 12, FAR, 12), step=0.3)
-            await harness.until_moving()
-            await asyncio.sleep(0.2)
-            with hanging():
-                began = now()
-                await asyncio.sleep(5.0)
-                assert arm.moved - began < longest
-                assert (np.abs(arm.at - FAR).max() < 0.01) == (name == 'abb')
-
-    run(scenario())
+    async with cell_of(load_controller_profile(name)) as (harness, controller, _):
+        await make_ready(harness, controller)
+        await harness.commands.enable()
+        arm = Arm(controller)
+        harness.submit(*np.linspace(FAR / 12, FAR, 12), step=0.3)
+        await harness.until_moving()
+        await asyncio.sleep(0.2)
+        with hanging():
+            began = now()
+            await asyncio.sleep(5.0)
+            assert arm.moved - began < longest
+            assert (np.abs(arm.at - FAR).max() < 0.01) == (name == 'abb')

@@ -23,7 +23,7 @@ from support.driver_harness import (
     open_gate,
     pose,
 )
-from support.event_loop import run, until
+from support.event_loop import until
 from support.pages import items, unwrapped
 
 from epson_driver.driver.arm_commands import CommandError
@@ -271,36 +271,30 @@ def test_the_nodes_that_the_migration_leads_to_are_there():
         assert load_controller_profile(name).name == name
 
 
-def test_b1_a_frame_of_4000_bytes_is_left_out_and_the_next_one_taken():
+async def test_b1_a_frame_of_4000_bytes_is_left_out_and_the_next_one_taken():
     """The old library wrote it over the stack."""
 
-    async def scenario():
-        async with ScriptedController() as controller, Harness(controller.ports) as harness:
-            await harness.ready()
-            controller.extra = frame(10, 1, 0, bytes(4000 - 12))
-            counted = harness.driver.state_link.statistics
-            await until(lambda: counted.bad_frames)
-            assert counted.bad_frames == {'body': 1}
-            seen = len(harness.events.samples)
-            await until(lambda: len(harness.events.samples) > seen + 2)
-            assert counted.connections == 1
-
-    run(scenario())
+    async with ScriptedController() as controller, Harness(controller.ports) as harness:
+        await harness.ready()
+        controller.extra = frame(10, 1, 0, bytes(4000 - 12))
+        counted = harness.driver.state_link.statistics
+        await until(lambda: counted.bad_frames)
+        assert counted.bad_frames == {'body': 1}
+        seen = len(harness.events.samples)
+        await until(lambda: len(harness.events.samples) > seen + 2)
+        assert counted.connections == 1
 
 
-def test_b2_a_wrong_byte_order_ends_the_connection_and_says_why():
+async def test_b2_a_wrong_byte_order_ends_the_connection_and_says_why():
     """The old client waited for the 939,524,096 bytes of a small message read the wrong way."""
 
-    async def scenario():
-        async with ScriptedController() as controller:  # it writes little endian
-            async with Harness(controller.ports, byte_order=ByteOrder.BIG) as harness:
-                await until(lambda: harness.driver.state_link.statistics.bad_frames['length'])
-                await until(lambda: any('length' in why for _, why in harness.events.links))
-                assert not harness.events.samples
-            async with Harness(controller.ports) as harness:
-                await harness.ready()
-
-    run(scenario())
+    async with ScriptedController() as controller:  # it writes little endian
+        async with Harness(controller.ports, byte_order=ByteOrder.BIG) as harness:
+            await until(lambda: harness.driver.state_link.statistics.bad_frames['length'])
+            await until(lambda: any('length' in why for _, why in harness.events.links))
+            assert not harness.events.samples
+        async with Harness(controller.ports) as harness:
+            await harness.ready()
 
 
 def test_b5_a_message_cannot_be_changed():
@@ -320,39 +314,33 @@ def test_147_more_than_ten_joints_are_refused_with_the_name_of_the_parameter():
         declare(node)
 
 
-def test_191_the_first_point_leaves_at_once():
+async def test_191_the_first_point_leaves_at_once():
     """No timer, no sleep, no turn of the loop between the goal and its first point."""
 
-    async def scenario():
-        async with ScriptedController() as controller, Harness(controller.ports) as harness:
-            await harness.ready()
+    async with ScriptedController() as controller, Harness(controller.ports) as harness:
+        await harness.ready()
+        await harness.commands.enable()
+        sent = harness.driver.motion_link.statistics.frames_sent
+        goal = harness.submit(pose(0.1))
+        assert harness.driver.motion_link.statistics.frames_sent == sent + 1
+        await until(lambda: controller.received)
+        assert controller.received[0] == 0
+        harness.driver.goal_queue.cancel(goal.handle)
+        await goal.end()
+
+
+async def test_motoman_228_a_trajectory_without_a_joint_state_is_refused():
+    controller = ScriptedController()
+    controller.shows_joints = False
+    async with controller, Harness(controller.ports) as harness:
+        await until(lambda: harness.driver.robot.status is not None)
+        await until(lambda: harness.driver.motion_link.connected)
+        with pytest.raises(CommandError, match='no joint state from the controller'):
             await harness.commands.enable()
-            sent = harness.driver.motion_link.statistics.frames_sent
-            goal = harness.submit(pose(0.1))
-            assert harness.driver.motion_link.statistics.frames_sent == sent + 1
-            await until(lambda: controller.received)
-            assert controller.received[0] == 0
-            harness.driver.goal_queue.cancel(goal.handle)
-            await goal.end()
-
-    run(scenario())
-
-
-def test_motoman_228_a_trajectory_without_a_joint_state_is_refused():
-    async def scenario():
-        controller = ScriptedController()
-        controller.shows_joints = False
-        async with controller, Harness(controller.ports) as harness:
-            await until(lambda: harness.driver.robot.status is not None)
-            await until(lambda: harness.driver.motion_link.connected)
-            with pytest.raises(CommandError, match='no joint state from the controller'):
-                await harness.commands.enable()
-            open_gate(harness.driver.gate)
-            goal = harness.submit(pose(0.1), start=HOME)
-            assert 'no joint state' in (await goal.end()).text
-            assert controller.received == []
-
-    run(scenario())
+        open_gate(harness.driver.gate)
+        goal = harness.submit(pose(0.1), start=HOME)
+        assert 'no joint state' in (await goal.end()).text
+        assert controller.received == []
 
 
 @pytest.mark.parametrize(
@@ -364,27 +352,24 @@ def test_motoman_228_a_trajectory_without_a_joint_state_is_refused():
     ],
     ids=['E-stop', 'error', 'motors off'],
 )
-def test_271_a_status_alone_ends_the_goal_and_closes_the_gate(status, words):
+async def test_271_a_status_alone_ends_the_goal_and_closes_the_gate(status, words):
     """No reply, no lost link: nothing but the STATUS says it."""
 
-    async def scenario():
-        async with (
-            ScriptedController(lambda _: b'') as controller,
-            Harness(controller.ports) as harness,
-        ):
-            await harness.ready()
-            await harness.commands.enable()
-            goal = harness.submit(pose(0.1))
-            await until(lambda: controller.received)
-            controller.status = status
-            assert words in (await goal.end()).text
-            assert words in harness.gate
-            controller.status = ScriptedController.STATUS
-            seen = len(harness.events.statuses)
-            await until(lambda: len(harness.events.statuses) > seen + 2)
-            assert words in harness.submit(pose(0.1)).outcome.text
-
-    run(scenario())
+    async with (
+        ScriptedController(lambda _: b'') as controller,
+        Harness(controller.ports) as harness,
+    ):
+        await harness.ready()
+        await harness.commands.enable()
+        goal = harness.submit(pose(0.1))
+        await until(lambda: controller.received)
+        controller.status = status
+        assert words in (await goal.end()).text
+        assert words in harness.gate
+        controller.status = ScriptedController.STATUS
+        seen = len(harness.events.statuses)
+        await until(lambda: len(harness.events.statuses) > seen + 2)
+        assert words in harness.submit(pose(0.1)).outcome.text
 
 
 def test_fanuc_9_a_plan_without_velocities_moves_as_fast_as_planned():

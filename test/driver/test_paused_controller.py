@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.driver_harness import Harness, ScriptedController, cell, pose, simulated
-from support.event_loop import run, until
+from support.event_loop import until
 
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.inhibit import Remedy
@@ -53,137 +53,116 @@ async def tell(harness, scripted, status):
 # --- a goal that comes ------------------------------------------------------------------------
 
 
-def test_a_goal_that_comes_in_a_pause_is_refused_at_once_and_the_next_one_runs():
-    async def check():
-        async with cell() as (harness, controller):
-            controller.apply(Event.PAUSE)
-            await until(lambda: possible(harness, 0))
-            sent = harness.driver.motion_link.statistics.frames_sent
-            goal = harness.submit(pose(0.2))
-            assert goal.outcome.end is End.ABORTED
-            assert goal.outcome.code is ErrorCode.INVALID_GOAL
-            assert goal.outcome.text.startswith('the controller is paused')
-            assert goal.outcome.remedy is Remedy.CONTINUE
-            assert harness.driver.motion_link.statistics.frames_sent == sent
-            assert harness.gate is None
-            controller.apply(Event.CONTINUE)
-            await until(lambda: possible(harness, 1))
-            assert (await harness.submit(pose(0.2)).end()).end is End.SUCCEEDED
-
-    run(check())
+async def test_a_goal_that_comes_in_a_pause_is_refused_at_once_and_the_next_one_runs():
+    async with cell() as (harness, controller):
+        controller.apply(Event.PAUSE)
+        await until(lambda: possible(harness, 0))
+        sent = harness.driver.motion_link.statistics.frames_sent
+        goal = harness.submit(pose(0.2))
+        assert goal.outcome.end is End.ABORTED
+        assert goal.outcome.code is ErrorCode.INVALID_GOAL
+        assert goal.outcome.text.startswith('the controller is paused')
+        assert goal.outcome.remedy is Remedy.CONTINUE
+        assert harness.driver.motion_link.statistics.frames_sent == sent
+        assert harness.gate is None
+        controller.apply(Event.CONTINUE)
+        await until(lambda: possible(harness, 1))
+        assert (await harness.submit(pose(0.2)).end()).end is End.SUCCEEDED
 
 
-def test_a_goal_that_comes_in_a_pause_leaves_the_one_that_waits():
-    async def check():
-        async with cell() as (harness, controller):
-            waits = harness.submit(pose(0.5))
-            await harness.until_moving()
-            controller.apply(Event.PAUSE)
-            await until(lambda: waits.handle.execution.paused)
-            assert 'paused' in harness.submit(pose(0.0)).outcome.text
-            assert not waits.outcomes
-            controller.apply(Event.CONTINUE)
-            assert (await waits.end()).end is End.SUCCEEDED
-
-    run(check())
+async def test_a_goal_that_comes_in_a_pause_leaves_the_one_that_waits():
+    async with cell() as (harness, controller):
+        waits = harness.submit(pose(0.5))
+        await harness.until_moving()
+        controller.apply(Event.PAUSE)
+        await until(lambda: waits.handle.execution.paused)
+        assert 'paused' in harness.submit(pose(0.0)).outcome.text
+        assert not waits.outcomes
+        controller.apply(Event.CONTINUE)
+        assert (await waits.end()).end is End.SUCCEEDED
 
 
 @pytest.mark.parametrize('never', [NOT_POSSIBLE, UNKNOWN], ids=['always no', 'not told'])
-def test_a_controller_that_never_says_yes_gets_its_goals(never):
-    async def check():
-        async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
-            scripted.status = never
-            await harness.ready()
-            await until(lambda: possible(harness, never[-1]))
-            await harness.commands.enable()
-            goal = harness.submit(pose(0.1))
-            await until(lambda: scripted.received)
-            harness.driver.goal_queue.cancel(goal.handle)
-            await goal.end()
-
-    run(check())
+async def test_a_controller_that_never_says_yes_gets_its_goals(never):
+    async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
+        scripted.status = never
+        await harness.ready()
+        await until(lambda: possible(harness, never[-1]))
+        await harness.commands.enable()
+        goal = harness.submit(pose(0.1))
+        await until(lambda: scripted.received)
+        harness.driver.goal_queue.cancel(goal.handle)
+        await goal.end()
 
 
-def test_only_what_was_said_since_the_arm_was_enabled_counts():
-    async def check():
-        async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
-            await harness.ready()
-            await harness.commands.enable()
-            await tell(harness, scripted, POSSIBLE)
-            await tell(harness, scripted, NOT_POSSIBLE)
-            await harness.commands.enable()  # it is enabled already: that changes nothing
-            assert 'paused' in harness.submit(pose(0.1)).outcome.text
-            await harness.commands.disable()
-            await harness.commands.enable()
-            goal = harness.submit(pose(0.1))
-            assert not goal.outcomes
-            harness.driver.goal_queue.cancel(goal.handle)
-            await goal.end()
-
-    run(check())
+async def test_only_what_was_said_since_the_arm_was_enabled_counts():
+    async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
+        await harness.ready()
+        await harness.commands.enable()
+        await tell(harness, scripted, POSSIBLE)
+        await tell(harness, scripted, NOT_POSSIBLE)
+        await harness.commands.enable()  # it is enabled already: that changes nothing
+        assert 'paused' in harness.submit(pose(0.1)).outcome.text
+        await harness.commands.disable()
+        await harness.commands.enable()
+        goal = harness.submit(pose(0.1))
+        assert not goal.outcomes
+        harness.driver.goal_queue.cancel(goal.handle)
+        await goal.end()
 
 
-def test_an_error_without_a_reason_to_close_the_gate_is_no_pause():
-    async def check():
-        async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
-            await harness.ready()
-            await harness.commands.enable()
-            await tell(harness, scripted, (1, 0, 4031, -1, 0, 2, 0))
-            assert not harness.driver.robot.paused
-
-    run(check())
+async def test_an_error_without_a_reason_to_close_the_gate_is_no_pause():
+    async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
+        await harness.ready()
+        await harness.commands.enable()
+        await tell(harness, scripted, (1, 0, 4031, -1, 0, 2, 0))
+        assert not harness.driver.robot.paused
 
 
 # --- a goal that runs -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize('name', DELIVERIES)
-def test_a_running_goal_waits_for_a_paused_controller_in_every_delivery(name):
-    async def check():
-        async with (
-            simulated(profile=long_queue(name)) as (controller, ports),
-            Harness(ports, **as_profile(name)) as harness,
-        ):
-            await harness.ready()
-            await harness.commands.enable()
-            steps = [pose(0.1 * step) for step in range(1, 9)]
-            goal = harness.submit(*steps, step=0.2)
-            await harness.until_moving()
-            controller.apply(Event.PAUSE)
-            await until(lambda: goal.handle.execution.paused)
-            assert goal.handle.execution.speed(0.0) == 0.0
-            plan_time = goal.handle.execution.desired[0]
-            here = harness.at
-            assert here[0] < 0.75
-            await asyncio.sleep(1.2)  # longer than an arm may stand beside its goal
-            assert not goal.outcomes
-            assert goal.handle.execution.desired[0] == plan_time
-            np.testing.assert_allclose(harness.at, here, atol=1e-3)
-            controller.apply(Event.CONTINUE)
-            assert (await goal.end()).end is End.SUCCEEDED
-            np.testing.assert_allclose(harness.at, steps[-1], atol=1e-3)
-
-    run(check())
+async def test_a_running_goal_waits_for_a_paused_controller_in_every_delivery(name):
+    async with (
+        simulated(profile=long_queue(name)) as (controller, ports),
+        Harness(ports, **as_profile(name)) as harness,
+    ):
+        await harness.ready()
+        await harness.commands.enable()
+        steps = [pose(0.1 * step) for step in range(1, 9)]
+        goal = harness.submit(*steps, step=0.2)
+        await harness.until_moving()
+        controller.apply(Event.PAUSE)
+        await until(lambda: goal.handle.execution.paused)
+        assert goal.handle.execution.speed(0.0) == 0.0
+        plan_time = goal.handle.execution.desired[0]
+        here = harness.at
+        assert here[0] < 0.75
+        await asyncio.sleep(1.2)  # longer than an arm may stand beside its goal
+        assert not goal.outcomes
+        assert goal.handle.execution.desired[0] == plan_time
+        np.testing.assert_allclose(harness.at, here, atol=1e-3)
+        controller.apply(Event.CONTINUE)
+        assert (await goal.end()).end is End.SUCCEEDED
+        np.testing.assert_allclose(harness.at, steps[-1], atol=1e-3)
 
 
 @pytest.mark.parametrize('name', DELIVERIES)
-def test_a_goal_that_waits_for_a_paused_controller_can_be_canceled_in_every_delivery(name):
-    async def check():
-        async with (
-            simulated(profile=long_queue(name)) as (controller, ports),
-            Harness(ports, **as_profile(name)) as harness,
-        ):
-            await harness.ready()
-            await harness.commands.enable()
-            goal = harness.submit(*[pose(0.1 * step) for step in range(1, 9)], step=0.2)
-            await harness.until_moving()
-            controller.apply(Event.PAUSE)
-            await until(lambda: goal.handle.execution.paused)
-            harness.driver.goal_queue.cancel(goal.handle)
-            assert (await goal.end()).end is End.CANCELED
-            controller.apply(Event.CONTINUE)
-            await until(lambda: possible(harness, 1))
-            assert await harness.rests()
-            assert harness.at[0] < 0.75
-
-    run(check())
+async def test_a_goal_that_waits_for_a_paused_controller_can_be_canceled_in_every_delivery(name):
+    async with (
+        simulated(profile=long_queue(name)) as (controller, ports),
+        Harness(ports, **as_profile(name)) as harness,
+    ):
+        await harness.ready()
+        await harness.commands.enable()
+        goal = harness.submit(*[pose(0.1 * step) for step in range(1, 9)], step=0.2)
+        await harness.until_moving()
+        controller.apply(Event.PAUSE)
+        await until(lambda: goal.handle.execution.paused)
+        harness.driver.goal_queue.cancel(goal.handle)
+        assert (await goal.end()).end is End.CANCELED
+        controller.apply(Event.CONTINUE)
+        await until(lambda: possible(harness, 1))
+        assert await harness.rests()
+        assert harness.at[0] < 0.75

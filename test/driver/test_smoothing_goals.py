@@ -63,201 +63,165 @@ def nothing_sent(harness):
     return harness.driver.motion_link.statistics.frames_sent == 0
 
 
-def test_a_goal_is_resampled_and_executed():
-    async def scenario():
-        async with cell(smoothing=RESAMPLE) as (harness, _):
-            goal = harness.submit(pose(0.2, 0.1), pose(0.3, -0.1, 0.2))
-            assert goal.handle.execution.state.value == 'preparing'
-            outcome = await goal.end()
-            assert outcome.end is End.SUCCEEDED
-            assert np.abs(harness.at - pose(0.3, -0.1, 0.2)).max() < 1e-6
-            sent = goal.handle.execution.goal.trajectory
-            assert len(sent.times) > 10
-            assert np.diff(sent.times) == pytest.approx(0.1)
-            assert max(target for target, _ in goal.feedback) == len(sent.times) - 1
-            assert (await harness.submit(pose(0.1)).end()).end is End.SUCCEEDED
-
-    run(scenario())
+async def test_a_goal_is_resampled_and_executed():
+    async with cell(smoothing=RESAMPLE) as (harness, _):
+        goal = harness.submit(pose(0.2, 0.1), pose(0.3, -0.1, 0.2))
+        assert goal.handle.execution.state.value == 'preparing'
+        outcome = await goal.end()
+        assert outcome.end is End.SUCCEEDED
+        assert np.abs(harness.at - pose(0.3, -0.1, 0.2)).max() < 1e-6
+        sent = goal.handle.execution.goal.trajectory
+        assert len(sent.times) > 10
+        assert np.diff(sent.times) == pytest.approx(0.1)
+        assert max(target for target, _ in goal.feedback) == len(sent.times) - 1
+        assert (await harness.submit(pose(0.1)).end()).end is End.SUCCEEDED
 
 
-def test_a_goal_without_times_is_retimed_and_executed():
-    async def scenario():
-        async with cell(smoothing=Smoothing(None, True)) as (harness, _):
-            positions = np.stack([harness.at, pose(0.2), pose(0.2, 0.3)])
-            plan = untimed(Trajectory(LIMITS.names, np.zeros(3), positions), LIMITS)
-            goal = Submitted(Goal(plan, np.full(JOINTS, 0.01), goal_time=0.0))
-            harness.driver.goal_queue.submit(goal.handle)
-            assert (await goal.end()).end is End.SUCCEEDED
-            assert np.abs(harness.at - pose(0.2, 0.3)).max() < 1e-6
-            assert len(goal.handle.execution.goal.trajectory.times) == 3
-
-    run(scenario())
+async def test_a_goal_without_times_is_retimed_and_executed():
+    async with cell(smoothing=Smoothing(None, True)) as (harness, _):
+        positions = np.stack([harness.at, pose(0.2), pose(0.2, 0.3)])
+        plan = untimed(Trajectory(LIMITS.names, np.zeros(3), positions), LIMITS)
+        goal = Submitted(Goal(plan, np.full(JOINTS, 0.01), goal_time=0.0))
+        harness.driver.goal_queue.submit(goal.handle)
+        assert (await goal.end()).end is End.SUCCEEDED
+        assert np.abs(harness.at - pose(0.2, 0.3)).max() < 1e-6
+        assert len(goal.handle.execution.goal.trajectory.times) == 3
 
 
 @pytest.mark.invariant(5)
-def test_inv5_cancel_while_planning_ends_the_goal_as_canceled(slow):
+async def test_inv5_cancel_while_planning_ends_the_goal_as_canceled(slow):
     """docs/invariants.md, 5."""
 
-    async def scenario():
-        async with cell(smoothing=RESAMPLE) as (harness, _):
-            goal = harness.submit(pose(0.5))
-            await until(lambda: slow)
-            harness.driver.goal_queue.cancel(goal.handle)
-            outcome = await goal.end()
-            assert (outcome.end, outcome.text) == (End.CANCELED, 'canceled; the arm stands')
-            assert not harness.at.any()
-            await until(lambda: slow[0].returncode is not None)  # it ends, too
-            assert slow[0].returncode == -signal.SIGKILL
-            assert harness.gate is None
-
-    run(scenario())
+    async with cell(smoothing=RESAMPLE) as (harness, _):
+        goal = harness.submit(pose(0.5))
+        await until(lambda: slow)
+        harness.driver.goal_queue.cancel(goal.handle)
+        outcome = await goal.end()
+        assert (outcome.end, outcome.text) == (End.CANCELED, 'canceled; the arm stands')
+        assert not harness.at.any()
+        await until(lambda: slow[0].returncode is not None)  # it ends, too
+        assert slow[0].returncode == -signal.SIGKILL
+        assert harness.gate is None
 
 
 @pytest.mark.invariant(5)
-def test_inv5_stop_while_planning_ends_the_goal_as_aborted(slow):
+async def test_inv5_stop_while_planning_ends_the_goal_as_aborted(slow):
     """docs/invariants.md, 5."""
 
-    async def scenario():
-        async with cell(smoothing=RESAMPLE) as (harness, _):
-            goal = harness.submit(pose(0.5))
-            await until(lambda: slow)
-            text = await harness.commands.stop()
-            assert goal.outcome.end is End.ABORTED
-            assert goal.outcome.text == 'stopped on request; the arm stands'
-            assert goal.outcome.text in text
-
-    run(scenario())
+    async with cell(smoothing=RESAMPLE) as (harness, _):
+        goal = harness.submit(pose(0.5))
+        await until(lambda: slow)
+        text = await harness.commands.stop()
+        assert goal.outcome.end is End.ABORTED
+        assert goal.outcome.text == 'stopped on request; the arm stands'
+        assert goal.outcome.text in text
 
 
 @pytest.mark.invariant(4, 5)
-def test_inv4_inv5_an_estop_while_planning_ends_the_goal_at_once_and_nothing_is_sent(slow):
+async def test_inv4_inv5_an_estop_while_planning_ends_the_goal_at_once_and_nothing_is_sent(slow):
     """docs/invariants.md, 4 and 5."""
 
-    async def scenario():
-        async with cell(smoothing=RESAMPLE) as (harness, controller):
-            goal = harness.submit(pose(0.5))
-            await until(lambda: slow)
-            controller.apply(Event.ESTOP_PRESS)
-            outcome = await goal.end()
-            assert outcome.end is End.ABORTED
-            assert 'E-stop' in outcome.text
-            assert 'before its first point' in outcome.text
-            assert nothing_sent(harness)
-            assert 'E-stop' in harness.gate
-
-    run(scenario())
+    async with cell(smoothing=RESAMPLE) as (harness, controller):
+        goal = harness.submit(pose(0.5))
+        await until(lambda: slow)
+        controller.apply(Event.ESTOP_PRESS)
+        outcome = await goal.end()
+        assert outcome.end is End.ABORTED
+        assert 'E-stop' in outcome.text
+        assert 'before its first point' in outcome.text
+        assert nothing_sent(harness)
+        assert 'E-stop' in harness.gate
 
 
 @pytest.mark.invariant(5)
-def test_inv5_a_lost_link_while_planning_ends_the_goal(slow):
+async def test_inv5_a_lost_link_while_planning_ends_the_goal(slow):
     """docs/invariants.md, 5."""
 
-    async def scenario():
-        async with cell(smoothing=RESAMPLE) as (harness, _):
-            goal = harness.submit(pose(0.5))
-            await until(lambda: slow)
-            harness.driver.motion_link.transport.abort()
-            assert 'the motion link was lost' in (await goal.end()).text
-            assert 'the motion link was lost' in harness.gate
-            assert nothing_sent(harness)
-
-    run(scenario())
+    async with cell(smoothing=RESAMPLE) as (harness, _):
+        goal = harness.submit(pose(0.5))
+        await until(lambda: slow)
+        harness.driver.motion_link.transport.abort()
+        assert 'the motion link was lost' in (await goal.end()).text
+        assert 'the motion link was lost' in harness.gate
+        assert nothing_sent(harness)
 
 
 @pytest.mark.invariant(5)
-def test_inv5_a_goal_that_comes_while_another_is_planned_replaces_it():
+async def test_inv5_a_goal_that_comes_while_another_is_planned_replaces_it():
     """docs/invariants.md, 5."""
 
-    async def scenario():
-        async with cell(smoothing=RESAMPLE) as (harness, _):
-            first = harness.submit(pose(2.0), pose(-2.0), step=3.0)
-            second = harness.submit(pose(0.1))
-            assert first.handle.execution.state.value == 'stopping'
-            assert (await second.end()).end is End.SUCCEEDED
-            assert first.outcome.text == 'replaced by a new goal; the arm stands'
-            assert np.abs(harness.at - pose(0.1)).max() < 1e-6
-
-    run(scenario())
+    async with cell(smoothing=RESAMPLE) as (harness, _):
+        first = harness.submit(pose(2.0), pose(-2.0), step=3.0)
+        second = harness.submit(pose(0.1))
+        assert first.handle.execution.state.value == 'stopping'
+        assert (await second.end()).end is End.SUCCEEDED
+        assert first.outcome.text == 'replaced by a new goal; the arm stands'
+        assert np.abs(harness.at - pose(0.1)).max() < 1e-6
 
 
 @pytest.mark.invariant(5)
-def test_inv5_the_end_of_the_driver_ends_the_goal_and_the_process(slow):
+async def test_inv5_the_end_of_the_driver_ends_the_goal_and_the_process(slow):
     """docs/invariants.md, 5."""
 
-    async def scenario():
-        async with cell(smoothing=RESAMPLE) as (harness, _):
-            goal = harness.submit(pose(0.5))
-            await until(lambda: slow)
-            await harness.stop()
-            assert goal.outcome.end is End.ABORTED
-            assert slow[0].returncode == -signal.SIGKILL
-
-    run(scenario())
+    async with cell(smoothing=RESAMPLE) as (harness, _):
+        goal = harness.submit(pose(0.5))
+        await until(lambda: slow)
+        await harness.stop()
+        assert goal.outcome.end is End.ABORTED
+        assert slow[0].returncode == -signal.SIGKILL
 
 
-def test_a_driver_that_is_canceled_again_and_again_leaves_no_process(slow):
-    async def scenario():
-        async with cell(smoothing=RESAMPLE) as (harness, _):
-            harness.submit(pose(0.5))
-            await until(lambda: slow)
-            process_of(harness).make_ready()
-            waiting = await process_of(harness)._next
-            while harness.running:
-                harness._task.cancel()
-                await asyncio.sleep(0)
-            assert slow[0].returncode == waiting.returncode == -signal.SIGKILL
-            process_of(harness).make_ready()
-            assert process_of(harness)._next is None
-
-    run(scenario())
+async def test_a_driver_that_is_canceled_again_and_again_leaves_no_process(slow):
+    async with cell(smoothing=RESAMPLE) as (harness, _):
+        harness.submit(pose(0.5))
+        await until(lambda: slow)
+        process_of(harness).make_ready()
+        waiting = await process_of(harness)._next
+        while harness.running:
+            harness._task.cancel()
+            await asyncio.sleep(0)
+        assert slow[0].returncode == waiting.returncode == -signal.SIGKILL
+        process_of(harness).make_ready()
+        assert process_of(harness)._next is None
 
 
-def test_a_process_that_dies_ends_the_goal_and_the_next_goal_has_another():
-    async def scenario():
-        async with cell(smoothing=RESAMPLE) as (harness, _):
-            ready = await process_of(harness)._next
-            os.kill(ready.pid, signal.SIGKILL)
-            await ready.wait()
-            outcome = await harness.submit(pose(0.2)).end()
-            assert outcome.code is ErrorCode.INVALID_GOAL
-            assert outcome.text == 'the smoother was ended by SIGKILL'
-            assert harness.driver.goal_queue.unsmoothed == 1
-            assert nothing_sent(harness)
-            assert harness.gate is None
-            assert (await harness.submit(pose(0.2)).end()).end is End.SUCCEEDED
-
-    run(scenario())
+async def test_a_process_that_dies_ends_the_goal_and_the_next_goal_has_another():
+    async with cell(smoothing=RESAMPLE) as (harness, _):
+        ready = await process_of(harness)._next
+        os.kill(ready.pid, signal.SIGKILL)
+        await ready.wait()
+        outcome = await harness.submit(pose(0.2)).end()
+        assert outcome.code is ErrorCode.INVALID_GOAL
+        assert outcome.text == 'the smoother was ended by SIGKILL'
+        assert harness.driver.goal_queue.unsmoothed == 1
+        assert nothing_sent(harness)
+        assert harness.gate is None
+        assert (await harness.submit(pose(0.2)).end()).end is End.SUCCEEDED
 
 
-def test_a_plan_that_takes_too_long_is_given_up(slow, monkeypatch):
+async def test_a_plan_that_takes_too_long_is_given_up(slow, monkeypatch):
     monkeypatch.setattr(smoothing, 'TIMEOUT_S', 0.05)
 
-    async def scenario():
-        async with cell(smoothing=RESAMPLE) as (harness, _):
-            outcome = await harness.submit(pose(0.5)).end()
-            assert outcome.code is ErrorCode.INVALID_GOAL
-            assert outcome.text == 'no smooth motion was found within 0.05 s'
-            assert nothing_sent(harness)
-
-    run(scenario())
+    async with cell(smoothing=RESAMPLE) as (harness, _):
+        outcome = await harness.submit(pose(0.5)).end()
+        assert outcome.code is ErrorCode.INVALID_GOAL
+        assert outcome.text == 'no smooth motion was found within 0.05 s'
+        assert nothing_sent(harness)
 
 
-def test_an_arm_that_was_moved_meanwhile_refuses_the_plan(monkeypatch):
-    async def scenario():
-        async with cell(smoothing=RESAMPLE) as (harness, _):
-            prepared = SmoothingProcess.prepared
+async def test_an_arm_that_was_moved_meanwhile_refuses_the_plan(monkeypatch):
+    async with cell(smoothing=RESAMPLE) as (harness, _):
+        prepared = SmoothingProcess.prepared
 
-            async def moved(process, trajectory, start):
-                motion = await prepared(process, trajectory, start + 0.5)
-                return Trajectory(motion.joint_names, motion.times, motion.positions + 0.5)
+        async def moved(process, trajectory, start):
+            motion = await prepared(process, trajectory, start + 0.5)
+            return Trajectory(motion.joint_names, motion.times, motion.positions + 0.5)
 
-            monkeypatch.setattr(SmoothingProcess, 'prepared', moved)
-            outcome = await harness.submit(pose(0.5)).end()
-            assert outcome.code is ErrorCode.INVALID_GOAL
-            assert 'the trajectory starts at 0.5 rad' in outcome.text
-            assert nothing_sent(harness)
-
-    run(scenario())
+        monkeypatch.setattr(SmoothingProcess, 'prepared', moved)
+        outcome = await harness.submit(pose(0.5)).end()
+        assert outcome.code is ErrorCode.INVALID_GOAL
+        assert 'the trajectory starts at 0.5 rad' in outcome.text
+        assert nothing_sent(harness)
 
 
 def test_a_loop_that_stood_still_while_planning_reads_a_fresh_pose_first(monkeypatch):
@@ -279,16 +243,13 @@ def test_a_loop_that_stood_still_while_planning_reads_a_fresh_pose_first(monkeyp
     run_in(scenario(), patience=3600.0)
 
 
-def test_no_process_without_smoothing_and_none_is_left():
-    async def scenario():
-        async with cell() as (harness, _):
-            assert process_of(harness) is None
-        async with cell(smoothing=RESAMPLE) as (harness, _):
-            ready = await process_of(harness)._next
-            assert ready.returncode is None
-        assert ready.returncode is not None
-
-    run(scenario())
+async def test_no_process_without_smoothing_and_none_is_left():
+    async with cell() as (harness, _):
+        assert process_of(harness) is None
+    async with cell(smoothing=RESAMPLE) as (harness, _):
+        ready = await process_of(harness)._next
+        assert ready.returncode is None
+    assert ready.returncode is not None
 
 
 def test_joint_states_go_on_while_a_long_plan_is_made(monkeypatch):

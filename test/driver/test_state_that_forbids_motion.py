@@ -42,42 +42,36 @@ async def more(harness, count):
     await until(lambda: len(harness.events.samples) >= seen + count)
 
 
-def test_inv6_one_feedback_among_positions_silences_nothing():
+async def test_inv6_one_feedback_among_positions_silences_nothing():
     """docs/invariants.md, 6 and 8: every joint message is an event again after a few."""
 
-    async def scenario():
-        async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
-            await harness.ready()
-            for _ in range(3):
-                seen = len(harness.events.samples)
-                received = harness.driver.state_link.statistics.frames_received
-                scripted.extra = feedback(0.001)
-                await more(harness, 20)
-                came = harness.driver.state_link.statistics.frames_received - received
-                assert len(harness.events.samples) - seen >= came / 2 - 4  # the rest are STATUS
-                assert any(s.positions[0] > 0.0 for _, s in harness.events.samples[seen:])
-
-    run(scenario())
+    async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
+        await harness.ready()
+        for _ in range(3):
+            seen = len(harness.events.samples)
+            received = harness.driver.state_link.statistics.frames_received
+            scripted.extra = feedback(0.001)
+            await more(harness, 20)
+            came = harness.driver.state_link.statistics.frames_received - received
+            assert len(harness.events.samples) - seen >= came / 2 - 4  # the rest are STATUS
+            assert any(s.positions[0] > 0.0 for _, s in harness.events.samples[seen:])
 
 
-def test_feedback_that_comes_with_each_position_is_what_counts():
-    async def scenario():
-        async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
-            await harness.ready()
-            for _ in range(20):
-                scripted.extra = feedback(0.001, valid=6)
-                await until(lambda: not scripted.extra)
-            harness.events.samples.clear()
-            for _ in range(20):
-                scripted.extra = feedback(0.001, valid=6)
-                await until(lambda: not scripted.extra)
-            assert {float(s.positions[0]) for _, s in harness.events.samples} <= {
-                struct.unpack('<f', struct.pack('<f', 0.001))[0]
-            }
-            scripted.extra = b''  # and when it ends, the positions count again
-            await until(lambda: harness.events.samples[-1][1].positions[0] == 0.0)
-
-    run(scenario())
+async def test_feedback_that_comes_with_each_position_is_what_counts():
+    async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
+        await harness.ready()
+        for _ in range(20):
+            scripted.extra = feedback(0.001, valid=6)
+            await until(lambda: not scripted.extra)
+        harness.events.samples.clear()
+        for _ in range(20):
+            scripted.extra = feedback(0.001, valid=6)
+            await until(lambda: not scripted.extra)
+        assert {float(s.positions[0]) for _, s in harness.events.samples} <= {
+            struct.unpack('<f', struct.pack('<f', 0.001))[0]
+        }
+        scripted.extra = b''  # and when it ends, the positions count again
+        await until(lambda: harness.events.samples[-1][1].positions[0] == 0.0)
 
 
 @pytest.mark.parametrize(
@@ -121,57 +115,47 @@ def test_inv6_what_cannot_be_true_forbids_motion_and_is_not_published(message, s
     assert re.search(said, caplog.text)
 
 
-def test_inv6_enable_needs_joints_that_can_be_true():
+async def test_inv6_enable_needs_joints_that_can_be_true():
     """docs/invariants.md, 6."""
 
-    async def scenario():
-        async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
-            scripted.shows_joints = False
+    async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
+        scripted.shows_joints = False
 
-            async def impossible():
-                while True:
-                    scripted.extra = position(LIMITS.position_max[0] + 0.2)
-                    await asyncio.sleep(0.005)
+        async def impossible():
+            while True:
+                scripted.extra = position(LIMITS.position_max[0] + 0.2)
+                await asyncio.sleep(0.005)
 
-            task = asyncio.create_task(impossible())
-            await until(
-                lambda: harness.driver.motion_link.connected and harness.driver.robot.status
-            )
-            await until(lambda: harness.driver.state_link.statistics.bad_frames['joints'])
-            with pytest.raises(
-                CommandError, match=r'the joint state cannot be true: joint_1 is re'
-            ):
-                await harness.commands.enable()
-            assert harness.gate is not None
-            assert not harness.events.samples
-            task.cancel()
-
-    run(scenario())
+        task = asyncio.create_task(impossible())
+        await until(lambda: harness.driver.motion_link.connected and harness.driver.robot.status)
+        await until(lambda: harness.driver.state_link.statistics.bad_frames['joints'])
+        with pytest.raises(CommandError, match=r'the joint state cannot be true: joint_1 is re'):
+            await harness.commands.enable()
+        assert harness.gate is not None
+        assert not harness.events.samples
+        task.cancel()
 
 
-def test_inv6_a_goal_is_refused_at_once_when_the_pose_is_old():
+async def test_inv6_a_goal_is_refused_at_once_when_the_pose_is_old():
     """docs/invariants.md, 6: the STATUS goes on, and the link waits for long."""
 
-    async def scenario():
-        async with (
-            ScriptedController() as scripted,
-            Harness(scripted.ports, state_timeout=60.0) as harness,
-        ):
-            await harness.ready()
+    async with (
+        ScriptedController() as scripted,
+        Harness(scripted.ports, state_timeout=60.0) as harness,
+    ):
+        await harness.ready()
+        await harness.commands.enable()
+        scripted.shows_joints = False
+        await more_statuses(harness, 3)
+        stopped = now()
+        await until(lambda: now() > stopped + 1.1 * MAX_POSE_AGE_S)
+        goal = harness.submit(pose(0.5))
+        outcome = await goal.end()
+        assert outcome.code is ErrorCode.INVALID_GOAL
+        assert 'the newest joint state is ' in outcome.text
+        assert scripted.received == []
+        with pytest.raises(CommandError, match='the newest joint state is'):
             await harness.commands.enable()
-            scripted.shows_joints = False
-            await more_statuses(harness, 3)
-            stopped = now()
-            await until(lambda: now() > stopped + 1.1 * MAX_POSE_AGE_S)
-            goal = harness.submit(pose(0.5))
-            outcome = await goal.end()
-            assert outcome.code is ErrorCode.INVALID_GOAL
-            assert 'the newest joint state is ' in outcome.text
-            assert scripted.received == []
-            with pytest.raises(CommandError, match='the newest joint state is'):
-                await harness.commands.enable()
-
-    run(scenario())
 
 
 @pytest.mark.invariant(6)
@@ -179,27 +163,24 @@ def test_inv6_a_goal_is_refused_at_once_when_the_pose_is_old():
     ('timeout', 'age', 'begins'),
     [(1.0, 0.28, True), (1.0, 0.32, False), (0.1, 0.08, True), (0.1, 0.12, False)],
 )
-def test_inv6_no_goal_begins_on_a_pose_that_is_older_than_the_timeout(timeout, age, begins):
+async def test_inv6_no_goal_begins_on_a_pose_that_is_older_than_the_timeout(timeout, age, begins):
     """docs/invariants.md, 6: joints end and STATUS goes on."""
 
-    async def scenario():
-        async with (
-            ScriptedController() as scripted,
-            Harness(scripted.ports, state_timeout=timeout) as harness,
-        ):
-            await harness.ready()
-            await harness.commands.enable()
-            scripted.shows_joints = False
-            await more_statuses(harness, 1)
-            last = harness.driver.robot.sample
-            await until(lambda: now() > last.measured + age)
-            harness.submit(pose(0.5))
-            await until(lambda: harness.gate is not None)
-            assert bool(scripted.received) is begins
-            # and what runs ends as soon as there were none for 1 s
-            assert now() - last.time == pytest.approx(1.0, abs=0.001)
-
-    run(scenario())
+    async with (
+        ScriptedController() as scripted,
+        Harness(scripted.ports, state_timeout=timeout) as harness,
+    ):
+        await harness.ready()
+        await harness.commands.enable()
+        scripted.shows_joints = False
+        await more_statuses(harness, 1)
+        last = harness.driver.robot.sample
+        await until(lambda: now() > last.measured + age)
+        harness.submit(pose(0.5))
+        await until(lambda: harness.gate is not None)
+        assert bool(scripted.received) is begins
+        # and what runs ends as soon as there were none for 1 s
+        assert now() - last.time == pytest.approx(1.0, abs=0.001)
 
 
 async def more_statuses(harness, count):
@@ -236,53 +217,47 @@ def test_a_loop_that_stood_still_reads_before_it_calls_anything_too_old(tmp_path
     run(scenario(), real_time=True)
 
 
-def test_a_process_held_up_between_two_checks_of_a_goal_judges_both_at_one_moment():
+async def test_a_process_held_up_between_two_checks_of_a_goal_judges_both_at_one_moment():
     """A pose that was fresh when the goal came is not too old a line later."""
 
-    async def scenario():
-        async with cell() as (harness, _):
-            robot = harness.driver.robot
-            judge = robot.stale
+    async with cell() as (harness, _):
+        robot = harness.driver.robot
+        judge = robot.stale
 
-            def held_up(now):
-                stale = judge(now)
-                asyncio.get_running_loop().now += 2 * MAX_POSE_AGE_S
-                return stale
+        def held_up(now):
+            stale = judge(now)
+            asyncio.get_running_loop().now += 2 * MAX_POSE_AGE_S
+            return stale
 
-            robot.stale = held_up
-            goal = harness.submit(pose(0.1))
-            robot.stale = judge
-            assert not goal.outcomes
-            assert (await goal.end()).end is End.SUCCEEDED
-
-    run(scenario())
+        robot.stale = held_up
+        goal = harness.submit(pose(0.1))
+        robot.stale = judge
+        assert not goal.outcomes
+        assert (await goal.end()).end is End.SUCCEEDED
 
 
 @pytest.mark.invariant(5)
 @pytest.mark.parametrize('end', ['cancel', 'newer', 'fault'])
-def test_inv5_a_goal_that_waits_for_what_is_read_ends_once(end):
+async def test_inv5_a_goal_that_waits_for_what_is_read_ends_once(end):
     """docs/invariants.md, 5: between the goal and its start."""
 
-    async def scenario():
-        async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
-            await harness.ready()
-            await harness.commands.enable()
-            stand_still(2 * MAX_POSE_AGE_S)
-            goal = harness.submit(pose(0.1))
-            assert not goal.outcomes
-            if end == 'cancel':
-                harness.driver.goal_queue.cancel(goal.handle)
-                assert goal.outcome.text == 'canceled before it could start'
-            elif end == 'newer':
-                newer = harness.submit(pose(0.2))
-                assert goal.outcome.text == 'replaced by a newer goal before it could start'
-                await until(lambda: scripted.received)
-                assert not newer.outcomes
-            else:
-                harness.driver.fault('somebody pulled the plug')
-                assert goal.outcome.text.startswith('somebody pulled the plug')
-            await more(harness, 50)
-            assert len(goal.outcomes) == 1
-            assert bool(scripted.received) == (end == 'newer')
-
-    run(scenario())
+    async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
+        await harness.ready()
+        await harness.commands.enable()
+        stand_still(2 * MAX_POSE_AGE_S)
+        goal = harness.submit(pose(0.1))
+        assert not goal.outcomes
+        if end == 'cancel':
+            harness.driver.goal_queue.cancel(goal.handle)
+            assert goal.outcome.text == 'canceled before it could start'
+        elif end == 'newer':
+            newer = harness.submit(pose(0.2))
+            assert goal.outcome.text == 'replaced by a newer goal before it could start'
+            await until(lambda: scripted.received)
+            assert not newer.outcomes
+        else:
+            harness.driver.fault('somebody pulled the plug')
+            assert goal.outcome.text.startswith('somebody pulled the plug')
+        await more(harness, 50)
+        assert len(goal.outcomes) == 1
+        assert bool(scripted.received) == (end == 'newer')

@@ -45,63 +45,54 @@ PATIENCE_S = 0.2
 
 
 @pytest.mark.invariant(6)
-def test_a_process_that_is_held_up_after_every_turn_still_finds_the_pose_fresh():
+async def test_a_process_that_is_held_up_after_every_turn_still_finds_the_pose_fresh():
     """What came is judged as of a moment before, not as of when there was time to look."""
 
-    async def scenario():
-        async with cell() as (harness, _):
-            robot, heard = harness.driver.robot, harness.driver.changed
-            held_up = []
+    async with cell() as (harness, _):
+        robot, heard = harness.driver.robot, harness.driver.changed
+        held_up = []
 
-            def stale(moment):
-                answer = robot.stale(moment)
-                stand_still(0.5)  # between any two lines
-                held_up.append(now())
-                return answer
+        def stale(moment):
+            answer = robot.stale(moment)
+            stand_still(0.5)  # between any two lines
+            held_up.append(now())
+            return answer
 
-            stand_still(1.0)
-            moment = await wait_for_fresh_state(stale, heard, PATIENCE_S)
-            assert robot.why_not_ready(moment) is None
-            stand_still(1.0)
-            assert robot.why_not_ready(moment) is None
-            assert held_up
-
-    run(scenario())
+        stand_still(1.0)
+        moment = await wait_for_fresh_state(stale, heard, PATIENCE_S)
+        assert robot.why_not_ready(moment) is None
+        stand_still(1.0)
+        assert robot.why_not_ready(moment) is None
+        assert held_up
 
 
 @pytest.mark.invariant(6)
-def test_a_controller_that_is_silent_is_found_silent_after_the_patience():
-    async def scenario():
-        silent_since = now() - 10.0
-        asked = []
+async def test_a_controller_that_is_silent_is_found_silent_after_the_patience():
+    silent_since = now() - 10.0
+    asked = []
 
-        def stale(moment):
-            asked.append(moment)
-            return moment - silent_since > 0.3
+    def stale(moment):
+        asked.append(moment)
+        return moment - silent_since > 0.3
 
-        began = now()
-        moment = await wait_for_fresh_state(stale, Notification(), PATIENCE_S)
-        assert moment >= began + PATIENCE_S
-        assert stale(moment)
-        assert asked[0] == began
-
-    run(scenario())
+    began = now()
+    moment = await wait_for_fresh_state(stale, Notification(), PATIENCE_S)
+    assert moment >= began + PATIENCE_S
+    assert stale(moment)
+    assert asked[0] == began
 
 
-def test_what_waits_in_the_socket_when_the_patience_is_over_is_read():
-    async def scenario():
-        heard = Notification()
-        newest = [now() - 10.0]
+async def test_what_waits_in_the_socket_when_the_patience_is_over_is_read():
+    heard = Notification()
+    newest = [now() - 10.0]
 
-        async def reads_late():
-            await asyncio.sleep(PATIENCE_S)
-            for _ in range(10):  # as many turns as it takes from the socket to the driver
-                await asyncio.sleep(0)
-            newest[0] = now()
+    async def reads_late():
+        await asyncio.sleep(PATIENCE_S)
+        for _ in range(10):  # as many turns as it takes from the socket to the driver
+            await asyncio.sleep(0)
+        newest[0] = now()
 
-        task = asyncio.create_task(reads_late())
-        moment = await wait_for_fresh_state(lambda at: at - newest[0] > 0.3, heard, PATIENCE_S)
-        assert moment - newest[0] < 0.3
-        await task
-
-    run(scenario())
+    task = asyncio.create_task(reads_late())
+    moment = await wait_for_fresh_state(lambda at: at - newest[0] > 0.3, heard, PATIENCE_S)
+    assert moment - newest[0] < 0.3
+    await task

@@ -49,42 +49,36 @@ def greetings(harness):
     return [message.joints[0] for message in harness.messages]
 
 
-def test_the_controller_may_start_later():
-    async def scenario():
-        port = vacant_port()
-        async with Harness(port) as harness:
-            await until(lambda: harness.states.count('backing_off') >= 2)
-            assert not harness.link.connected
-            async with Peer(greet, port):
-                await until(lambda: harness.packets)
-                assert greetings(harness) == [1.0]
-            assert harness.link.statistics.connections == 1
-            assert all(f'127.0.0.1:{port}' in why for why in harness.reasons('backing_off'))
-            assert 'connect' in harness.reasons('backing_off')[0].lower()
-
-    run(scenario())
+async def test_the_controller_may_start_later():
+    port = vacant_port()
+    async with Harness(port) as harness:
+        await until(lambda: harness.states.count('backing_off') >= 2)
+        assert not harness.link.connected
+        async with Peer(greet, port):
+            await until(lambda: harness.packets)
+            assert greetings(harness) == [1.0]
+        assert harness.link.statistics.connections == 1
+        assert all(f'127.0.0.1:{port}' in why for why in harness.reasons('backing_off'))
+        assert 'connect' in harness.reasons('backing_off')[0].lower()
 
 
-def test_a_link_that_was_lost_after_a_while_comes_back_at_once(monkeypatch):
+async def test_a_link_that_was_lost_after_a_while_comes_back_at_once(monkeypatch):
     monkeypatch.setattr('epson_driver.link.link.MIN_PROVEN_UPTIME_S', 0.1)
     monkeypatch.setattr('epson_driver.link.link.back_off', lambda n: 0.0 if n < 3 else 5.0)
 
-    async def scenario():
-        ended = []
+    ended = []
 
-        async def talk(connection):
-            if connection.number == 4:
-                await connection.send(joints(1.0))
-                await asyncio.sleep(0.2)  # long enough to count as proven
-                ended.append(asyncio.get_running_loop().time())
-            elif connection.number > 4:
-                await greet(connection)
+    async def talk(connection):
+        if connection.number == 4:
+            await connection.send(joints(1.0))
+            await asyncio.sleep(0.2)  # long enough to count as proven
+            ended.append(asyncio.get_running_loop().time())
+        elif connection.number > 4:
+            await greet(connection)
 
-        async with Peer(talk) as peer, Harness(peer.port) as harness:
-            await until(lambda: len(harness.packets) == 2)
-            assert peer.times[4] - ended[0] < 1.0
-
-    run(scenario())
+    async with Peer(talk) as peer, Harness(peer.port) as harness:
+        await until(lambda: len(harness.packets) == 2)
+        assert peer.times[4] - ended[0] < 1.0
 
 
 async def hang_up(connection):
@@ -121,45 +115,39 @@ async def stop_in_a_frame(connection):
     ],
     ids=lambda value: getattr(value, '__name__', None),
 )
-def test_whatever_ends_the_connection_the_next_one_works(talk, reason):
-    async def scenario():
-        async def first_badly(connection):
-            await (talk if connection.number == 1 else greet)(connection)
+async def test_whatever_ends_the_connection_the_next_one_works(talk, reason):
+    async def first_badly(connection):
+        await (talk if connection.number == 1 else greet)(connection)
 
-        async with (
-            Peer(first_badly) as peer,
-            Harness(peer.port, receive_timeout=0.2) as harness,
-        ):
-            await until(lambda: peer.connections >= 2 and harness.packets)
-            assert greetings(harness)[0] == 2.0
-            assert reason in harness.reasons('backing_off')[0].lower()
-            assert harness.states[:5] == [
-                'connecting',
-                'connected',
-                'backing_off',
-                'connecting',
-                'connected',
-            ]
-
-    run(scenario())
+    async with (
+        Peer(first_badly) as peer,
+        Harness(peer.port, receive_timeout=0.2) as harness,
+    ):
+        await until(lambda: peer.connections >= 2 and harness.packets)
+        assert greetings(harness)[0] == 2.0
+        assert reason in harness.reasons('backing_off')[0].lower()
+        assert harness.states[:5] == [
+            'connecting',
+            'connected',
+            'backing_off',
+            'connecting',
+            'connected',
+        ]
 
 
-def test_bytes_that_come_often_enough_are_no_silence():
-    async def scenario():
-        async def dribble(connection):
-            for byte in joints(1.0):
-                await connection.send(bytes([byte]))
-                await asyncio.sleep(0.01)  # 0.6 s for the frame, three times the timeout
-            await connection.stay()
+async def test_bytes_that_come_often_enough_are_no_silence():
+    async def dribble(connection):
+        for byte in joints(1.0):
+            await connection.send(bytes([byte]))
+            await asyncio.sleep(0.01)  # 0.6 s for the frame, three times the timeout
+        await connection.stay()
 
-        async with Peer(dribble) as peer, Harness(peer.port, receive_timeout=0.2) as harness:
-            await until(lambda: harness.packets)
-            assert peer.connections == 1
-
-    run(scenario())
+    async with Peer(dribble) as peer, Harness(peer.port, receive_timeout=0.2) as harness:
+        await until(lambda: harness.packets)
+        assert peer.connections == 1
 
 
-def test_the_keepalive_gives_up_and_the_link_goes_on(monkeypatch):
+async def test_the_keepalive_gives_up_and_the_link_goes_on(monkeypatch):
     """A pulled cable ends as ETIMEDOUT, which Python raises as TimeoutError."""
     timed_out = TimeoutError(errno.ETIMEDOUT, os.strerror(errno.ETIMEDOUT))
     read = socket.socket.recv_into
@@ -171,136 +159,117 @@ def test_the_keepalive_gives_up_and_the_link_goes_on(monkeypatch):
             raise timed_out
         return read(sock, *args)
 
-    async def scenario():
-        async def talk(connection):
-            await connection.send(joints(1.0))
-            await asyncio.Event().wait()  # without reading
+    async def talk(connection):
+        await connection.send(joints(1.0))
+        await asyncio.Event().wait()  # without reading
 
-        async with Peer(talk) as peer:
-            monkeypatch.setattr(socket.socket, 'recv_into', fail_once)
-            async with Harness(peer.port) as harness:  # the motion link has no receive timeout
-                await until(lambda: harness.packets or not harness.running)
-                assert harness.running
-                assert os.strerror(errno.ETIMEDOUT) in harness.reasons('backing_off')[0]
-                await until(lambda: harness.packets)
-            monkeypatch.undo()
-
-    run(scenario())
+    async with Peer(talk) as peer:
+        monkeypatch.setattr(socket.socket, 'recv_into', fail_once)
+        async with Harness(peer.port) as harness:  # the motion link has no receive timeout
+            await until(lambda: harness.packets or not harness.running)
+            assert harness.running
+            assert os.strerror(errno.ETIMEDOUT) in harness.reasons('backing_off')[0]
+            await until(lambda: harness.packets)
+        monkeypatch.undo()
 
 
-def test_a_server_that_closes_at_once_is_not_hammered():
-    async def scenario():
-        async with Peer(hang_up) as peer, Harness(peer.port):
-            await asyncio.sleep(1.2)
-            assert 3 <= peer.connections <= 7
-            gaps = [b - a for a, b in pairwise(peer.times)]
-            assert gaps[0] < 0.1
-            assert all(gap > 0.05 for gap in gaps[1:])
-            assert gaps[-1] > gaps[1]
-
-    run(scenario())
+async def test_a_server_that_closes_at_once_is_not_hammered():
+    async with Peer(hang_up) as peer, Harness(peer.port):
+        await asyncio.sleep(1.2)
+        assert 3 <= peer.connections <= 7
+        gaps = [b - a for a, b in pairwise(peer.times)]
+        assert gaps[0] < 0.1
+        assert all(gap > 0.05 for gap in gaps[1:])
+        assert gaps[-1] > gaps[1]
 
 
-def test_one_byte_per_segment():
-    async def scenario():
-        wanted = [JointPosition(0, (0.5,) + (0.0,) * 9), Status(1, 0, 0, 0, 0, 2, 1), Ping()]
+async def test_one_byte_per_segment():
+    wanted = [JointPosition(0, (0.5,) + (0.0,) * 9), Status(1, 0, 0, 0, 0, 2, 1), Ping()]
 
-        async def talk(connection):
-            for message in wanted:
-                for byte in encode(topic(message), Dialect()):
-                    await connection.send(bytes([byte]))
-                    await asyncio.sleep(0)
-            await connection.stay()
+    async def talk(connection):
+        for message in wanted:
+            for byte in encode(topic(message), Dialect()):
+                await connection.send(bytes([byte]))
+                await asyncio.sleep(0)
+        await connection.stay()
 
-        async with Peer(talk) as peer, Harness(peer.port) as harness:
-            await until(lambda: len(harness.packets) == 3)
-            assert harness.messages == wanted
-
-    run(scenario())
+    async with Peer(talk) as peer, Harness(peer.port) as harness:
+        await until(lambda: len(harness.packets) == 3)
+        assert harness.messages == wanted
 
 
 DIALECTS = [Dialect(order, real) for order in ByteOrder for real in Real]
 
 
 @pytest.mark.parametrize('dialect', DIALECTS, ids=lambda d: f'{d.byte_order.name} {d.real.name}')
-def test_requests_are_written_as_the_controller_writes(dialect):
-    async def scenario():
-        state = encode(topic(JointPosition(0, (0.25,) * 10)), dialect)
-        feedback = encode(topic(JointFeedback(0, 2, 0.0, (0.25,) * 10)), dialect)
-        point = encode(request(JointTrajPt(1, (0.5,) * 10, 0.1, 2.0)), dialect)
+async def test_requests_are_written_as_the_controller_writes(dialect):
+    state = encode(topic(JointPosition(0, (0.25,) * 10)), dialect)
+    feedback = encode(topic(JointFeedback(0, 2, 0.0, (0.25,) * 10)), dialect)
+    point = encode(request(JointTrajPt(1, (0.5,) * 10, 0.1, 2.0)), dialect)
 
-        async def talk(connection):
-            await connection.send(state if connection.number == 1 else feedback)
-            await connection.receive(len(point))
-            await connection.send(encode(reply(JointPosition(1), ReplyCode.SUCCESS), dialect))
+    async def talk(connection):
+        await connection.send(state if connection.number == 1 else feedback)
+        await connection.receive(len(point))
+        await connection.send(encode(reply(JointPosition(1), ReplyCode.SUCCESS), dialect))
+        await connection.stay()
+
+    async with Peer(talk) as peer, Harness(peer.port) as harness:
+        await until(lambda: harness.packets)
+        assert harness.messages[0].joints == (0.25,) * 10
+        assert harness.link.dialect == dialect
+        answers = []
+        harness.link.post(JointTrajPt(1, (0.5,) * 10, 0.1, 2.0), lambda *a: answers.append(a))
+        await until(lambda: answers)
+        assert bytes(peer.received) == point
+
+
+async def test_another_byte_order_after_a_reconnect():
+    async def talk(connection):
+        order = '<' if connection.number == 1 else '>'
+        await connection.send(joints(0.5, order=order))
+        if connection.number > 1:
             await connection.stay()
 
-        async with Peer(talk) as peer, Harness(peer.port) as harness:
-            await until(lambda: harness.packets)
-            assert harness.messages[0].joints == (0.25,) * 10
-            assert harness.link.dialect == dialect
-            answers = []
-            harness.link.post(JointTrajPt(1, (0.5,) * 10, 0.1, 2.0), lambda *a: answers.append(a))
-            await until(lambda: answers)
-            assert bytes(peer.received) == point
-
-    run(scenario())
-
-
-def test_another_byte_order_after_a_reconnect():
-    async def scenario():
-        async def talk(connection):
-            order = '<' if connection.number == 1 else '>'
-            await connection.send(joints(0.5, order=order))
-            if connection.number > 1:
-                await connection.stay()
-
-        async with Peer(talk) as peer, Harness(peer.port) as harness:
-            await until(lambda: len(harness.packets) == 2)
-            assert greetings(harness) == [0.5, 0.5]
-            assert harness.link.dialect == BIG_ENDIAN
-
-    run(scenario())
+    async with Peer(talk) as peer, Harness(peer.port) as harness:
+        await until(lambda: len(harness.packets) == 2)
+        assert greetings(harness) == [0.5, 0.5]
+        assert harness.link.dialect == BIG_ENDIAN
 
 
 @pytest.mark.parametrize('asked', [True, False], ids=['sent', 'received'])
-def test_a_connection_that_was_used_in_another_byte_order_than_the_state_connects_again(asked):
+async def test_a_connection_that_was_used_in_another_byte_order_than_the_state_connects_again(
+    asked,
+):
     """Otherwise what was sent is lost, and the next reply ends the connection in mid-motion."""
 
-    async def scenario():
-        async with Peer(silent if asked else greet) as peer, Harness(peer.port) as harness:
-            link = harness.link
-            await until(lambda: link.connected)
-            if asked:
-                link.follow(LITTLE_ENDIAN)
-                link.post(JointTrajPt(1), lambda *_: None)
-                link.follow(LITTLE_ENDIAN)
-            else:
-                await until(lambda: harness.packets)
-                link.follow(link.dialect)
-            assert peer.connections == 1
-            other = BIG_ENDIAN if link.dialect == LITTLE_ENDIAN else LITTLE_ENDIAN
-            link.follow(other)
-            await until(lambda: peer.connections == 2)
-            await until(lambda: link.connected)
-            assert ', the state is' in harness.reasons('backing_off')[0]
-            assert len(harness.reasons('backing_off')) == 1
-
-    run(scenario())
+    async with Peer(silent if asked else greet) as peer, Harness(peer.port) as harness:
+        link = harness.link
+        await until(lambda: link.connected)
+        if asked:
+            link.follow(LITTLE_ENDIAN)
+            link.post(JointTrajPt(1), lambda *_: None)
+            link.follow(LITTLE_ENDIAN)
+        else:
+            await until(lambda: harness.packets)
+            link.follow(link.dialect)
+        assert peer.connections == 1
+        other = BIG_ENDIAN if link.dialect == LITTLE_ENDIAN else LITTLE_ENDIAN
+        link.follow(other)
+        await until(lambda: peer.connections == 2)
+        await until(lambda: link.connected)
+        assert ', the state is' in harness.reasons('backing_off')[0]
+        assert len(harness.reasons('backing_off')) == 1
 
 
-def test_a_byte_order_that_is_set_is_not_detected():
-    async def scenario():
-        async with (
-            Peer(greet) as peer,
-            Harness(peer.port, byte_order=ByteOrder.BIG) as harness,
-        ):
-            assert harness.link.dialect == BIG_ENDIAN
-            await until(lambda: harness.reasons('backing_off'))
-            assert 'is the byte order right?' in harness.reasons('backing_off')[0]
-            assert not harness.packets
-
-    run(scenario())
+async def test_a_byte_order_that_is_set_is_not_detected():
+    async with (
+        Peer(greet) as peer,
+        Harness(peer.port, byte_order=ByteOrder.BIG) as harness,
+    ):
+        assert harness.link.dialect == BIG_ENDIAN
+        await until(lambda: harness.reasons('backing_off'))
+        assert 'is the byte order right?' in harness.reasons('backing_off')[0]
+        assert not harness.packets
 
 
 BAD = [
@@ -314,26 +283,23 @@ BAD = [
 ]
 
 
-def test_a_bad_frame_is_counted_by_its_field_and_the_connection_kept():
-    async def scenario():
-        async def talk(connection):
-            for _field, data in BAD:
-                await connection.send(data)
-            await greet(connection)
+async def test_a_bad_frame_is_counted_by_its_field_and_the_connection_kept():
+    async def talk(connection):
+        for _field, data in BAD:
+            await connection.send(data)
+        await greet(connection)
 
-        async with Peer(talk) as peer, Harness(peer.port) as harness:
-            await until(lambda: harness.packets)
-            assert greetings(harness) == [1.0]
-            assert harness.link.statistics.bad_frames == {
-                'msg_type': 1,
-                'comm_type': 2,
-                'reply_code': 2,
-                'body': 2,
-            }
-            assert peer.connections == 1
-            assert harness.link.statistics.frames_received == len(BAD) + 1
-
-    run(scenario())
+    async with Peer(talk) as peer, Harness(peer.port) as harness:
+        await until(lambda: harness.packets)
+        assert greetings(harness) == [1.0]
+        assert harness.link.statistics.bad_frames == {
+            'msg_type': 1,
+            'comm_type': 2,
+            'reply_code': 2,
+            'body': 2,
+        }
+        assert peer.connections == 1
+        assert harness.link.statistics.frames_received == len(BAD) + 1
 
 
 @pytest.mark.parametrize('order', '<>')
@@ -349,255 +315,222 @@ def test_a_bad_frame_is_counted_by_its_field_and_the_connection_kept():
     ],
     ids=['PING', 'PING of the REP', 'GET_VERSION', 'vendor type', 'STATUS', 'JOINT_POSITION'],
 )
-def test_requests_to_the_client_are_answered(asked, answer, order):
-    async def scenario():
-        expected = frame(*answer, order=order)
+async def test_requests_to_the_client_are_answered(asked, answer, order):
+    expected = frame(*answer, order=order)
 
-        async def talk(connection):
-            await connection.send(frame(*asked, order=order))
-            await connection.receive(len(expected))
-            await connection.send(joints(1.0, order=order))
-            await connection.stay()
+    async def talk(connection):
+        await connection.send(frame(*asked, order=order))
+        await connection.receive(len(expected))
+        await connection.send(joints(1.0, order=order))
+        await connection.stay()
 
-        async with Peer(talk) as peer, Harness(peer.port) as harness:
-            await until(lambda: harness.packets)
-            assert bytes(peer.received) == expected
-            assert len(harness.packets) == 1  # a request is not shown to the owner
-
-    run(scenario())
+    async with Peer(talk) as peer, Harness(peer.port) as harness:
+        await until(lambda: harness.packets)
+        assert bytes(peer.received) == expected
+        assert len(harness.packets) == 1  # a request is not shown to the owner
 
 
-def test_a_reply_nobody_waits_for_is_counted_and_passed_on():
-    async def scenario():
-        async def talk(connection):
-            await connection.send(joints(comm_type=3, reply_code=2, sequence=4))
-            await connection.stay()
+async def test_a_reply_nobody_waits_for_is_counted_and_passed_on():
+    async def talk(connection):
+        await connection.send(joints(comm_type=3, reply_code=2, sequence=4))
+        await connection.stay()
 
-        async with Peer(talk) as peer, Harness(peer.port) as harness:
-            await until(lambda: harness.packets)
-            assert harness.packets[0].reply_code is ReplyCode.FAILURE
-            assert harness.link.statistics.unsolicited_replies == 1
-
-    run(scenario())
+    async with Peer(talk) as peer, Harness(peer.port) as harness:
+        await until(lambda: harness.packets)
+        assert harness.packets[0].reply_code is ReplyCode.FAILURE
+        assert harness.link.statistics.unsolicited_replies == 1
 
 
-def test_a_reply_comes_once_with_its_time():
-    async def scenario():
-        async def talk(connection):
-            for _ in range(3):
-                await connection.read_frame()
-                await connection.send(joints(comm_type=3, reply_code=1))
-            await connection.stay()
+async def test_a_reply_comes_once_with_its_time():
+    async def talk(connection):
+        for _ in range(3):
+            await connection.read_frame()
+            await connection.send(joints(comm_type=3, reply_code=1))
+        await connection.stay()
 
-        async with Peer(talk) as peer, Harness(peer.port) as harness:
-            await harness.connected()
-            now = asyncio.get_running_loop().time
-            answers = []
-            for sequence in range(3):
-                sent = now()
-                harness.link.post(JointTrajPt(sequence), lambda *a: answers.append(a))
-                await until(lambda: len(answers) == sequence + 1)  # noqa: B023 - awaited here
-                packet, received = answers[-1]
-                assert packet.reply_code is ReplyCode.SUCCESS
-                assert sent <= received <= now()
-            assert not harness.packets
-            latencies = harness.link.statistics.reply_latencies
-            assert len(latencies) == 3
-            assert all(0.0 <= latency < 1.0 for latency in latencies)
-
-    run(scenario())
+    async with Peer(talk) as peer, Harness(peer.port) as harness:
+        await harness.connected()
+        now = asyncio.get_running_loop().time
+        answers = []
+        for sequence in range(3):
+            sent = now()
+            harness.link.post(JointTrajPt(sequence), lambda *a: answers.append(a))
+            await until(lambda: len(answers) == sequence + 1)  # noqa: B023 - awaited here
+            packet, received = answers[-1]
+            assert packet.reply_code is ReplyCode.SUCCESS
+            assert sent <= received <= now()
+        assert not harness.packets
+        latencies = harness.link.statistics.reply_latencies
+        assert len(latencies) == 3
+        assert all(0.0 <= latency < 1.0 for latency in latencies)
 
 
-def test_posting_without_a_connection_is_an_error():
-    async def scenario():
-        async with Harness(vacant_port()) as harness:
-            await until(lambda: harness.reasons('backing_off'))
-            with pytest.raises(ConnectionError, match=r'test link is (backing_off|connecting)'):
-                harness.link.post(Ping(), lambda *_: None)
-        with pytest.raises(ConnectionError, match='test link is disconnected'):
+async def test_posting_without_a_connection_is_an_error():
+    async with Harness(vacant_port()) as harness:
+        await until(lambda: harness.reasons('backing_off'))
+        with pytest.raises(ConnectionError, match=r'test link is (backing_off|connecting)'):
             harness.link.post(Ping(), lambda *_: None)
-
-    run(scenario())
-
-
-def test_a_request_is_forgotten_when_the_link_is_lost():
-    async def scenario():
-        async def talk(connection):
-            if connection.number == 1:
-                await connection.read_frame()
-                return  # without an answer
-            await connection.send(joints(comm_type=3, reply_code=1))  # too late: the link is new
-            await connection.stay()
-
-        async with Peer(talk) as peer, Harness(peer.port) as harness:
-            await harness.connected()
-            answers = []
-            harness.link.post(JointTrajPt(0), lambda *a: answers.append(a))
-            await until(lambda: harness.packets)
-            assert peer.connections == 2
-            assert not answers
-            assert harness.link.statistics.unsolicited_replies == 1
-
-    run(scenario())
+    with pytest.raises(ConnectionError, match='test link is disconnected'):
+        harness.link.post(Ping(), lambda *_: None)
 
 
-def test_a_link_that_is_asked_to_reconnect_sends_what_was_posted_and_starts_anew():
-    async def scenario():
-        async def talk(connection):
-            await connection.stay()
+async def test_a_request_is_forgotten_when_the_link_is_lost():
+    async def talk(connection):
+        if connection.number == 1:
+            await connection.read_frame()
+            return  # without an answer
+        await connection.send(joints(comm_type=3, reply_code=1))  # too late: the link is new
+        await connection.stay()
 
-        async with Peer(talk) as peer, Harness(peer.port) as harness:
-            await harness.connected()
-            answers = []
-            harness.link.post(JointTrajPt(0), lambda *a: answers.append(a))
-            harness.link.reconnect('a reply is missing')
-            with pytest.raises(ConnectionError):
-                harness.link.post(JointTrajPt(1), lambda *a: answers.append(a))
-            await until(lambda: peer.connections == 2 and harness.link.connected)
-            assert harness.states[-3:] == ['backing_off', 'connecting', 'connected']
-            assert harness.reasons('backing_off') == [f'127.0.0.1:{peer.port}: a reply is missing']
-            assert len(peer.received) == 68  # the one point
-            assert not answers
-
-    run(scenario())
+    async with Peer(talk) as peer, Harness(peer.port) as harness:
+        await harness.connected()
+        answers = []
+        harness.link.post(JointTrajPt(0), lambda *a: answers.append(a))
+        await until(lambda: harness.packets)
+        assert peer.connections == 2
+        assert not answers
+        assert harness.link.statistics.unsolicited_replies == 1
 
 
-def test_nothing_is_handled_of_what_came_with_the_reason_to_reconnect():
-    async def scenario():
-        async def talk(connection):
-            await connection.send(joints(1.0) + joints(2.0))
-            await connection.stay()
+async def test_a_link_that_is_asked_to_reconnect_sends_what_was_posted_and_starts_anew():
+    async def talk(connection):
+        await connection.stay()
 
-        async with Peer(talk) as peer, Harness(peer.port) as harness:
-            harness.on_packet = lambda _: harness.link.reconnect('enough')
-            await until(lambda: peer.connections == 2)
-            assert greetings(harness)[0] == 1.0
-            assert 2.0 not in greetings(harness)
-            assert harness.reasons('backing_off')[0].endswith('enough')
+    async with Peer(talk) as peer, Harness(peer.port) as harness:
+        await harness.connected()
+        answers = []
+        harness.link.post(JointTrajPt(0), lambda *a: answers.append(a))
+        harness.link.reconnect('a reply is missing')
+        with pytest.raises(ConnectionError):
+            harness.link.post(JointTrajPt(1), lambda *a: answers.append(a))
+        await until(lambda: peer.connections == 2 and harness.link.connected)
+        assert harness.states[-3:] == ['backing_off', 'connecting', 'connected']
+        assert harness.reasons('backing_off') == [f'127.0.0.1:{peer.port}: a reply is missing']
+        assert len(peer.received) == 68  # the one point
+        assert not answers
 
-    run(scenario())
+
+async def test_nothing_is_handled_of_what_came_with_the_reason_to_reconnect():
+    async def talk(connection):
+        await connection.send(joints(1.0) + joints(2.0))
+        await connection.stay()
+
+    async with Peer(talk) as peer, Harness(peer.port) as harness:
+        harness.on_packet = lambda _: harness.link.reconnect('enough')
+        await until(lambda: peer.connections == 2)
+        assert greetings(harness)[0] == 1.0
+        assert 2.0 not in greetings(harness)
+        assert harness.reasons('backing_off')[0].endswith('enough')
 
 
 @pytest.mark.invariant(9)
 @pytest.mark.parametrize('where', ['packet', 'trace', 'turn'])
-def test_inv9_what_the_owner_raises_ends_the_link_and_is_raised(where):
+async def test_inv9_what_the_owner_raises_ends_the_link_and_is_raised(where):
     """docs/invariants.md, 9: asyncio only logs what a protocol raises."""
     many = 60 if where == 'turn' else 1
 
-    async def scenario():
-        async def talk(connection):
-            await connection.send(joints(1.0) * many)
-            await connection.stay()
+    async def talk(connection):
+        await connection.send(joints(1.0) * many)
+        await connection.stay()
 
-        async with Peer(talk) as peer:
-            harness = Harness(peer.port)
+    async with Peer(talk) as peer:
+        harness = Harness(peer.port)
 
-            def fail(*_):
-                if len(harness.packets) == many:
-                    raise LookupError('a mistake')
+        def fail(*_):
+            if len(harness.packets) == many:
+                raise LookupError('a mistake')
 
-            if where == 'trace':
-                harness.link.trace = lambda event, _: event is WireEvent.RECEIVED and 1 / 0
-            else:
-                harness.on_packet = fail
-            with pytest.raises((LookupError, ZeroDivisionError)):
-                await harness.link.run()
-            await until(lambda: not peer.busy)
-            assert not harness.link.connected
-
-    run(scenario())
+        if where == 'trace':
+            harness.link.trace = lambda event, _: event is WireEvent.RECEIVED and 1 / 0
+        else:
+            harness.on_packet = fail
+        with pytest.raises((LookupError, ZeroDivisionError)):
+            await harness.link.run()
+        await until(lambda: not peer.busy)
+        assert not harness.link.connected
 
 
-def test_the_trace_sees_the_bytes_of_both_directions_and_the_statistics_count_them():
-    async def scenario():
-        traced = {event: bytearray() for event in WireEvent}
-        steps = []
-        sent = bytearray()
+async def test_the_trace_sees_the_bytes_of_both_directions_and_the_statistics_count_them():
+    traced = {event: bytearray() for event in WireEvent}
+    steps = []
+    sent = bytearray()
 
-        async def talk(connection):
-            for data in (joints(1.0), frame(1, 2), frame(99, 7)):
-                sent.extend(data)
-                await connection.send(data)
-            await connection.receive(16)
-            await connection.read_frame()
-            data = frame(11, 3, 1)
+    async def talk(connection):
+        for data in (joints(1.0), frame(1, 2), frame(99, 7)):
             sent.extend(data)
             await connection.send(data)
-            await connection.stay()
+        await connection.receive(16)
+        await connection.read_frame()
+        data = frame(11, 3, 1)
+        sent.extend(data)
+        await connection.send(data)
+        await connection.stay()
 
-        def trace(direction, data):
-            assert isinstance(data, bytes)
-            traced[direction] += data
-            steps.append(direction)
+    def trace(direction, data):
+        assert isinstance(data, bytes)
+        traced[direction] += data
+        steps.append(direction)
 
-        async with Peer(talk) as peer, Harness(peer.port, trace=trace) as harness:
-            await until(lambda: harness.packets)
-            answers = []
-            harness.link.post(JointTrajPt(0), lambda *a: answers.append(a))
-            await until(lambda: answers)
-            assert traced['received'] == sent
-            assert traced['sent'] == peer.received
-            counted = harness.link.statistics
-            assert counted.bytes_received == len(sent)
-            assert counted.bytes_sent == len(peer.received)
-            assert counted.frames_received == 4
-            assert counted.frames_sent == 2
-            assert counted.connections == 1
-            assert counted.bad_frames.total() == 1
-        assert steps[0] == 'opened'
-        assert steps[-1] == 'closed'
-        assert not {'opened', 'closed', 'ended', 'reset'}.intersection(steps[1:-1])
-
-    run(scenario())
+    async with Peer(talk) as peer, Harness(peer.port, trace=trace) as harness:
+        await until(lambda: harness.packets)
+        answers = []
+        harness.link.post(JointTrajPt(0), lambda *a: answers.append(a))
+        await until(lambda: answers)
+        assert traced['received'] == sent
+        assert traced['sent'] == peer.received
+        counted = harness.link.statistics
+        assert counted.bytes_received == len(sent)
+        assert counted.bytes_sent == len(peer.received)
+        assert counted.frames_received == 4
+        assert counted.frames_sent == 2
+        assert counted.connections == 1
+        assert counted.bad_frames.total() == 1
+    assert steps[0] == 'opened'
+    assert steps[-1] == 'closed'
+    assert not {'opened', 'closed', 'ended', 'reset'}.intersection(steps[1:-1])
 
 
-def test_small_frames_are_not_delayed_and_a_vanished_peer_is_noticed():
-    async def scenario():
-        async with Peer(silent) as peer, Harness(peer.port) as harness:
-            await harness.connected()
-            ours = harness.link.transport.get_extra_info('socket')
-            assert ours.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
-            assert ours.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
-            if hasattr(socket, 'TCP_KEEPIDLE'):
-                idle = ours.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE)
-                interval = ours.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL)
-                count = ours.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT)
-                assert idle + interval * count <= 5
-
-    run(scenario())
+async def test_small_frames_are_not_delayed_and_a_vanished_peer_is_noticed():
+    async with Peer(silent) as peer, Harness(peer.port) as harness:
+        await harness.connected()
+        ours = harness.link.transport.get_extra_info('socket')
+        assert ours.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+        assert ours.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+        if hasattr(socket, 'TCP_KEEPIDLE'):
+            idle = ours.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE)
+            interval = ours.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL)
+            count = ours.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT)
+            assert idle + interval * count <= 5
 
 
 @pytest.mark.invariant(7)
-def test_inv7_a_peer_that_asks_and_never_reads_fills_no_memory():
+async def test_inv7_a_peer_that_asks_and_never_reads_fills_no_memory():
     """docs/invariants.md, 7."""
 
-    async def scenario():
-        sizes = []
+    sizes = []
 
-        async def ask_for_ever(connection):
-            connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-            pings = frame(1, 2, 0, b'\x00' * 40) * 200
-            for _ in range(400):
-                await connection.send(pings)
+    async def ask_for_ever(connection):
+        connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        pings = frame(1, 2, 0, b'\x00' * 40) * 200
+        for _ in range(400):
+            await connection.send(pings)
 
-        async def talk(connection):
-            if connection.number == 1:
-                await ask_for_ever(connection)
-            else:
-                await greet(connection)
+    async def talk(connection):
+        if connection.number == 1:
+            await ask_for_ever(connection)
+        else:
+            await greet(connection)
 
-        def trace(_direction, _data):
-            sizes.append(harness.link.transport.get_write_buffer_size())
+    def trace(_direction, _data):
+        sizes.append(harness.link.transport.get_write_buffer_size())
 
-        async with Peer(talk) as peer, Harness(peer.port, trace=trace) as harness:
-            await harness.connected()
-            ours = harness.link.transport.get_extra_info('socket')
-            ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
-            await until(lambda: harness.packets)
-            assert max(sizes) <= 200_000
-            assert 'unread' in harness.reasons('backing_off')[0]
-
-    run(scenario())
+    async with Peer(talk) as peer, Harness(peer.port, trace=trace) as harness:
+        await harness.connected()
+        ours = harness.link.transport.get_extra_info('socket')
+        ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
+        await until(lambda: harness.packets)
+        assert max(sizes) <= 200_000
+        assert 'unread' in harness.reasons('backing_off')[0]
 
 
 @pytest.mark.invariant(7)
@@ -616,22 +549,19 @@ def test_inv7_a_peer_that_asks_and_never_reads_fills_no_memory():
     ],
     ids=range(9),
 )
-def test_inv7_any_bytes_at_all_and_the_next_connection_works(data):
+async def test_inv7_any_bytes_at_all_and_the_next_connection_works(data):
     """docs/invariants.md, 7."""
 
-    async def scenario():
-        async def talk(connection):
-            if connection.number == 1:
-                await connection.send(data)
-            else:
-                await connection.send(joints(42.0))
-                await connection.stay()
+    async def talk(connection):
+        if connection.number == 1:
+            await connection.send(data)
+        else:
+            await connection.send(joints(42.0))
+            await connection.stay()
 
-        async with Peer(talk) as peer, Harness(peer.port, receive_timeout=0.5) as harness:
-            await until(lambda: JointPosition(0, (42.0,) + (0.0,) * 9) in harness.messages)
-            assert harness.running
-
-    run(scenario())
+    async with Peer(talk) as peer, Harness(peer.port, receive_timeout=0.5) as harness:
+        await until(lambda: JointPosition(0, (42.0,) + (0.0,) * 9) in harness.messages)
+        assert harness.running
 
 
 @pytest.mark.invariant(7)
@@ -673,15 +603,12 @@ def open_sockets():
     return sum(link.startswith('socket:') for link in links)
 
 
-def test_unsolicited_and_opaque_topics_reach_the_owner():
-    async def scenario():
-        async def talk(connection):
-            await connection.send(frame(1500, 1, 0, b'abc'))
-            await connection.stay()
+async def test_unsolicited_and_opaque_topics_reach_the_owner():
+    async def talk(connection):
+        await connection.send(frame(1500, 1, 0, b'abc'))
+        await connection.stay()
 
-        async with Peer(talk) as peer, Harness(peer.port) as harness:
-            await until(lambda: harness.packets)
-            assert harness.messages == [Opaque(1500, b'abc')]
-            assert harness.link.statistics.bad_frames.total() == 0
-
-    run(scenario())
+    async with Peer(talk) as peer, Harness(peer.port) as harness:
+        await until(lambda: harness.packets)
+        assert harness.messages == [Opaque(1500, b'abc')]
+        assert harness.link.statistics.bad_frames.total() == 0

@@ -41,51 +41,48 @@ def test_back_off_begins_at_once_never_shrinks_and_is_at_most_a_second():
     assert waits[-1] == max(waits) == 1.0
 
 
-def test_a_second_client_is_told_once_and_then_of_the_change(caplog, monkeypatch):
+async def test_a_second_client_is_told_once_and_then_of_the_change(caplog, monkeypatch):
     """Of a port that serves one client, every other connection is closed at once."""
     caplog.set_level(logging.INFO)
     monkeypatch.setattr(link_reports, 'SHORT_S', 2.0)  # however slow this machine is
 
-    async def check():
-        accepted = 0
-        served = False
-        end = asyncio.Event()
+    accepted = 0
+    served = False
+    end = asyncio.Event()
 
-        async def serve(_reader, writer):
-            nonlocal accepted
-            accepted += 1
-            if served:
-                await end.wait()
-            writer.close()
+    async def serve(_reader, writer):
+        nonlocal accepted
+        accepted += 1
+        if served:
+            await end.wait()
+        writer.close()
 
-        server = await asyncio.start_server(serve, '127.0.0.1', 0)
-        port = server.sockets[0].getsockname()[1]
-        link = Link(
-            'motion',
-            '127.0.0.1',
-            port,
-            on_packet=lambda _: None,
-            on_state=lambda _, why: reports.tell(why),
-        )
-        reports = LinkReports(link, 'rc620, c3_a601s')
-        task = asyncio.create_task(link.run())
-        await until(lambda: accepted >= MAX_SHORT + 2)
-        told = [line for line in caplog.messages if 'serves one client' in line]
-        assert len(told) == 1
-        count = len(caplog.messages)
-        await until(lambda: accepted >= MAX_SHORT + 3)
-        assert len(caplog.messages) == count
-        served = True
-        await until(lambda: len(caplog.messages) > count)
-        assert caplog.messages[-1] == (
-            f'motion link connected: 127.0.0.1:{port}, configured as rc620, c3_a601s'
-        )
-        end.set()
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
-        server.close()
-
-    run(check())
+    server = await asyncio.start_server(serve, '127.0.0.1', 0)
+    port = server.sockets[0].getsockname()[1]
+    link = Link(
+        'motion',
+        '127.0.0.1',
+        port,
+        on_packet=lambda _: None,
+        on_state=lambda _, why: reports.tell(why),
+    )
+    reports = LinkReports(link, 'rc620, c3_a601s')
+    task = asyncio.create_task(link.run())
+    await until(lambda: accepted >= MAX_SHORT + 2)
+    told = [line for line in caplog.messages if 'serves one client' in line]
+    assert len(told) == 1
+    count = len(caplog.messages)
+    await until(lambda: accepted >= MAX_SHORT + 3)
+    assert len(caplog.messages) == count
+    served = True
+    await until(lambda: len(caplog.messages) > count)
+    assert caplog.messages[-1] == (
+        f'motion link connected: 127.0.0.1:{port}, configured as rc620, c3_a601s'
+    )
+    end.set()
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+    server.close()
 
 
 MANY = 1000
@@ -99,33 +96,27 @@ def sends(data):
     return talk
 
 
-def test_others_have_their_turn_between_frames():
-    async def scenario():
-        async with Peer(sends(joints(1.0) * MANY)) as peer, Harness(peer.port) as harness:
-            most, seen = 0, 0
-            while seen < MANY:
-                await asyncio.sleep(0)
-                most, seen = max(most, len(harness.packets) - seen), len(harness.packets)
-            assert 0 < most <= MAX_FRAMES_PER_TURN
-
-    run(scenario())
+async def test_others_have_their_turn_between_frames():
+    async with Peer(sends(joints(1.0) * MANY)) as peer, Harness(peer.port) as harness:
+        most, seen = 0, 0
+        while seen < MANY:
+            await asyncio.sleep(0)
+            most, seen = max(most, len(harness.packets) - seen), len(harness.packets)
+        assert 0 < most <= MAX_FRAMES_PER_TURN
 
 
-def test_a_turn_of_others_is_no_silence():
+async def test_a_turn_of_others_is_no_silence():
     """What was received may take longer to handle than the link waits for more."""
 
-    async def scenario():
-        async with (
-            Peer(sends(joints(1.0) * MANY)) as peer,
-            Harness(peer.port, receive_timeout=0.5) as harness,
-        ):
-            while len(harness.packets) < MANY:
-                if harness.packets:
-                    _be_busy()
-                await asyncio.sleep(0)
-            assert 'backing_off' not in harness.states
-
-    run(scenario())
+    async with (
+        Peer(sends(joints(1.0) * MANY)) as peer,
+        Harness(peer.port, receive_timeout=0.5) as harness,
+    ):
+        while len(harness.packets) < MANY:
+            if harness.packets:
+                _be_busy()
+            await asyncio.sleep(0)
+        assert 'backing_off' not in harness.states
 
 
 def _be_busy():
@@ -167,50 +158,44 @@ def test_what_is_heard_begins_it_anew():
 
 
 @pytest.mark.parametrize('phase', [0.0, 0.3, 0.9])
-def test_the_patience_counts_from_what_was_heard_last(phase):
+async def test_the_patience_counts_from_what_was_heard_last(phase):
     """Wherever in a slice that was."""
 
-    async def scenario():
-        silence = ReceiveTimeout(2.0)
-        began = now()
-        heard = began + (10.0 + phase) * silence.slice
-        loop = asyncio.get_running_loop()
-        loop.call_at(began + 1.0, lambda: silence.heard(now()))
-        loop.call_at(heard, lambda: silence.heard(now()))
-        await silent(silence)
-        assert now() - heard == pytest.approx(2.0, abs=1e-3)
-
-    run(scenario())
+    silence = ReceiveTimeout(2.0)
+    began = now()
+    heard = began + (10.0 + phase) * silence.slice
+    loop = asyncio.get_running_loop()
+    loop.call_at(began + 1.0, lambda: silence.heard(now()))
+    loop.call_at(heard, lambda: silence.heard(now()))
+    await silent(silence)
+    assert now() - heard == pytest.approx(2.0, abs=1e-3)
 
 
-def test_what_came_while_the_loop_stood_still_is_read_first():
+async def test_what_came_while_the_loop_stood_still_is_read_first():
     """A timer that is overdue and a socket that is readable: the reader has had its turn."""
 
-    async def scenario():
-        ours, theirs = socket.socketpair()
-        ours.setblocking(False)
-        silence = ReceiveTimeout(0.01 * SLICES)
-        heard = []
+    ours, theirs = socket.socketpair()
+    ours.setblocking(False)
+    silence = ReceiveTimeout(0.01 * SLICES)
+    heard = []
 
-        def read():
-            heard.append(ours.recv(10))
-            silence.heard(now())
+    def read():
+        heard.append(ours.recv(10))
+        silence.heard(now())
 
-        loop = asyncio.get_running_loop()
-        loop.add_reader(ours, read)
-        last_slice = now() + 0.01 * (SLICES - 1)
-        waiting = asyncio.create_task(silent(silence))
-        # what holds the loop up may stand in line right before the timer
-        loop.call_at(last_slice + 0.009, lambda: (stand_still(0.1), theirs.send(b'state')))
-        await until(lambda: heard)
-        came = now()
-        await waiting
-        assert now() - came == pytest.approx(silence.patience, abs=1e-3)
-        loop.remove_reader(ours)
-        theirs.close()
-        ours.close()
-
-    run(scenario())
+    loop = asyncio.get_running_loop()
+    loop.add_reader(ours, read)
+    last_slice = now() + 0.01 * (SLICES - 1)
+    waiting = asyncio.create_task(silent(silence))
+    # what holds the loop up may stand in line right before the timer
+    loop.call_at(last_slice + 0.009, lambda: (stand_still(0.1), theirs.send(b'state')))
+    await until(lambda: heard)
+    came = now()
+    await waiting
+    assert now() - came == pytest.approx(silence.patience, abs=1e-3)
+    loop.remove_reader(ours)
+    theirs.close()
+    ours.close()
 
 
 def silent_after(data):
@@ -221,56 +206,47 @@ def silent_after(data):
     return talk
 
 
-def test_a_loop_that_stood_still_is_not_the_peers_silence():
+async def test_a_loop_that_stood_still_is_not_the_peers_silence():
     """Each time longer than the link waits; the peer sent all the while."""
 
-    async def scenario():
-        async def talk(connection):
-            while True:
-                await connection.send(joints(1.0))
-                await asyncio.sleep(TIMEOUT / 20)
+    async def talk(connection):
+        while True:
+            await connection.send(joints(1.0))
+            await asyncio.sleep(TIMEOUT / 20)
 
-        async with Peer(talk) as peer, Harness(peer.port, receive_timeout=TIMEOUT) as harness:
-            await harness.connected()
-            for _ in range(4):
-                stand_still(2 * TIMEOUT)  # the peer is in this loop: it cannot send either
-                seen = len(harness.packets)
-                await until(lambda seen=seen: len(harness.packets) > seen + 2)
-            assert harness.states == ['connecting', 'connected']
-
-    run(scenario())
+    async with Peer(talk) as peer, Harness(peer.port, receive_timeout=TIMEOUT) as harness:
+        await harness.connected()
+        for _ in range(4):
+            stand_still(2 * TIMEOUT)  # the peer is in this loop: it cannot send either
+            seen = len(harness.packets)
+            await until(lambda seen=seen: len(harness.packets) > seen + 2)
+        assert harness.states == ['connecting', 'connected']
 
 
-def test_time_in_which_the_loop_stood_still_is_no_silence():
+async def test_time_in_which_the_loop_stood_still_is_no_silence():
     """Nothing comes, and the loop is hardly there: after three patiences it still waits."""
 
-    async def scenario():
-        async with (
-            Peer(silent_after(joints(1.0))) as peer,
-            Harness(peer.port, receive_timeout=TIMEOUT) as harness,
-        ):
-            await until(lambda: harness.packets)
-            stood = 0.0
-            while stood < 3 * TIMEOUT:  # less than SLICES times
-                stand_still(TIMEOUT)
-                stood += TIMEOUT
-                await asyncio.sleep(0)
-            assert harness.link.connected
-            await until(lambda: 'backing_off' in harness.states)  # and a silent peer is lost
-            assert f'silent for {TIMEOUT} s' in harness.reasons('backing_off')[0]
-
-    run(scenario())
+    async with (
+        Peer(silent_after(joints(1.0))) as peer,
+        Harness(peer.port, receive_timeout=TIMEOUT) as harness,
+    ):
+        await until(lambda: harness.packets)
+        stood = 0.0
+        while stood < 3 * TIMEOUT:  # less than SLICES times
+            stand_still(TIMEOUT)
+            stood += TIMEOUT
+            await asyncio.sleep(0)
+        assert harness.link.connected
+        await until(lambda: 'backing_off' in harness.states)  # and a silent peer is lost
+        assert f'silent for {TIMEOUT} s' in harness.reasons('backing_off')[0]
 
 
-def test_a_silent_peer_is_lost_after_its_patience_and_neither_sooner_nor_later():
-    async def scenario():
-        async with (
-            Peer(silent_after(joints(1.0))) as peer,
-            Harness(peer.port, receive_timeout=TIMEOUT) as harness,
-        ):
-            await until(lambda: harness.packets)
-            heard = now()
-            await until(lambda: 'backing_off' in harness.states)
-            assert now() - heard == pytest.approx(TIMEOUT, abs=1e-3)
-
-    run(scenario())
+async def test_a_silent_peer_is_lost_after_its_patience_and_neither_sooner_nor_later():
+    async with (
+        Peer(silent_after(joints(1.0))) as peer,
+        Harness(peer.port, receive_timeout=TIMEOUT) as harness,
+    ):
+        await until(lambda: harness.packets)
+        heard = now()
+        await until(lambda: 'backing_off' in harness.states)
+        assert now() - heard == pytest.approx(TIMEOUT, abs=1e-3)

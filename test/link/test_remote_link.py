@@ -58,106 +58,88 @@ def motion(answer):
     return lambda line: HOME if 'Print' in line else answer
 
 
-def test_the_state_is_joints_in_rad_and_what_the_flags_say():
-    async def scenario():
-        peer = RemotePeer(Execute='#execute,"90 0 0 0 0 -180 0"', GetStatus=READY.lower())
-        async with peer, Linked(peer.port) as there:
-            await until(lambda: there.told_of(JointPosition))
-        (position, *_), (status, *_) = there.told_of(JointPosition), there.told_of(Status)
-        assert position.joints[:6] == pytest.approx((1.5707963, 0, 0, 0, 0, -3.1415927))
-        assert status.drives_powered == TriState.FALSE
-        assert status.in_motion == TriState.FALSE
-        assert not there.link.joints_withheld
-
-    run(scenario())
+async def test_the_state_is_joints_in_rad_and_what_the_flags_say():
+    peer = RemotePeer(Execute='#execute,"90 0 0 0 0 -180 0"', GetStatus=READY.lower())
+    async with peer, Linked(peer.port) as there:
+        await until(lambda: there.told_of(JointPosition))
+    (position, *_), (status, *_) = there.told_of(JointPosition), there.told_of(Status)
+    assert position.joints[:6] == pytest.approx((1.5707963, 0, 0, 0, 0, -3.1415927))
+    assert status.drives_powered == TriState.FALSE
+    assert status.in_motion == TriState.FALSE
+    assert not there.link.joints_withheld
 
 
 @pytest.mark.parametrize('flag', range(7))
-def test_no_joints_are_asked_for_where_the_controller_would_refuse(flag):
+async def test_no_joints_are_asked_for_where_the_controller_would_refuse(flag):
     """Of Test, Teach, SError, Safeguard, EStop, Error and Paused each forbids $Execute."""
     places = (0, 1, 4, 5, 6, 7, 8)
     flags = ''.join('1' if place in (2, places[flag]) else '0' for place in range(11))
 
-    async def scenario():
-        peer = RemotePeer(GetStatus=f'#GetStatus,{flags},0000')
-        async with peer, Linked(peer.port) as there:
-            await until(lambda: len(there.told) > 2)
-        assert not peer.given('Execute')
-        assert not there.told_of(JointPosition)
-        assert there.told[0].motion_possible == TriState.FALSE
-
-    run(scenario())
+    peer = RemotePeer(GetStatus=f'#GetStatus,{flags},0000')
+    async with peer, Linked(peer.port) as there:
+        await until(lambda: len(there.told) > 2)
+    assert not peer.given('Execute')
+    assert not there.told_of(JointPosition)
+    assert there.told[0].motion_possible == TriState.FALSE
 
 
 @pytest.mark.invariant(6)
-def test_while_a_statement_is_under_way_there_are_no_joints_and_the_arm_moves():
-    async def scenario():
-        peer = RemotePeer(Execute=motion(None))
-        async with peer, Linked(peer.port) as there:
-            await until(lambda: there.told_of(JointPosition))
-            there.post(MOVE)
-            assert there.link.joints_withheld
-            there.told.clear()
-            await until(lambda: len(there.told) > 3)
-            assert not there.told_of(JointPosition)
-            assert all(status.in_motion == TriState.TRUE for status in there.told_of(Status)[1:])
-            with pytest.raises(RemoteError, match='another command is being executed'):
-                await there.link.ask('Execute,"Print Oport(1)"')
-
-    run(scenario())
+async def test_while_a_statement_is_under_way_there_are_no_joints_and_the_arm_moves():
+    peer = RemotePeer(Execute=motion(None))
+    async with peer, Linked(peer.port) as there:
+        await until(lambda: there.told_of(JointPosition))
+        there.post(MOVE)
+        assert there.link.joints_withheld
+        there.told.clear()
+        await until(lambda: len(there.told) > 3)
+        assert not there.told_of(JointPosition)
+        assert all(status.in_motion == TriState.TRUE for status in there.told_of(Status)[1:])
+        with pytest.raises(RemoteError, match='another command is being executed'):
+            await there.link.ask('Execute,"Print Oport(1)"')
 
 
 @pytest.mark.invariant(3)
-def test_abort_passes_a_statement_and_both_answers_find_who_asked():
-    async def scenario():
-        peer = RemotePeer(Execute=motion(None))
-        peer.answers['Abort'] = '!Execute,99\r\n#Abort,0'
-        async with peer, Linked(peer.port) as there:
-            await until(lambda: there.told_of(JointPosition))
-            there.post(MOVE)
-            await until(lambda: len(peer.given('Execute')) > 1)
-            there.post(STOP)
-            await until(lambda: len(there.answers) == 2)
-        moved, stopped = there.answers
-        assert moved.reply_code is ReplyCode.FAILURE
-        assert 'error 99' in moved.message.why
-        assert stopped.reply_code is ReplyCode.SUCCESS
-
-    run(scenario())
+async def test_abort_passes_a_statement_and_both_answers_find_who_asked():
+    peer = RemotePeer(Execute=motion(None))
+    peer.answers['Abort'] = '!Execute,99\r\n#Abort,0'
+    async with peer, Linked(peer.port) as there:
+        await until(lambda: there.told_of(JointPosition))
+        there.post(MOVE)
+        await until(lambda: len(peer.given('Execute')) > 1)
+        there.post(STOP)
+        await until(lambda: len(there.answers) == 2)
+    moved, stopped = there.answers
+    assert moved.reply_code is ReplyCode.FAILURE
+    assert 'error 99' in moved.message.why
+    assert stopped.reply_code is ReplyCode.SUCCESS
 
 
 @pytest.mark.invariant(3)
-def test_a_motion_that_was_not_sent_yet_is_never_sent_after_a_stop():
-    async def scenario():
-        peer = RemotePeer(delay=0.2)
-        async with peer, Linked(peer.port) as there:
-            await until(lambda: there.told_of(JointPosition))
-            before = len(peer.given('Execute'))
-            await until(lambda: len(peer.given('Execute')) > before)  # the state is being asked
-            there.post(MOVE)
-            there.post(STOP)
-            await until(lambda: len(there.answers) == 2)
-            there.told.clear()
-            await until(lambda: there.told_of(JointPosition))
-        assert there.answers[0].reply_code is ReplyCode.FAILURE
-        assert not any('Go' in line for line in peer.lines)
-
-    run(scenario())
+async def test_a_motion_that_was_not_sent_yet_is_never_sent_after_a_stop():
+    peer = RemotePeer(delay=0.2)
+    async with peer, Linked(peer.port) as there:
+        await until(lambda: there.told_of(JointPosition))
+        before = len(peer.given('Execute'))
+        await until(lambda: len(peer.given('Execute')) > before)  # the state is being asked
+        there.post(MOVE)
+        there.post(STOP)
+        await until(lambda: len(there.answers) == 2)
+        there.told.clear()
+        await until(lambda: there.told_of(JointPosition))
+    assert there.answers[0].reply_code is ReplyCode.FAILURE
+    assert not any('Go' in line for line in peer.lines)
 
 
 @pytest.mark.invariant(9)
-def test_an_aborted_statement_that_is_not_answered_ends_the_connection():
-    async def scenario():
-        peer = RemotePeer(Execute=motion(None))
-        async with peer, Linked(peer.port) as there:
-            await until(lambda: there.told_of(JointPosition))
-            there.post(MOVE)
-            there.post(STOP)
-            await until(lambda: peer.connections == 2)
-        assert 'the aborted command is not answered' in there.why()
-        assert 'goes on to the end of the command' in there.why()
-
-    run(scenario())
+async def test_an_aborted_statement_that_is_not_answered_ends_the_connection():
+    peer = RemotePeer(Execute=motion(None))
+    async with peer, Linked(peer.port) as there:
+        await until(lambda: there.told_of(JointPosition))
+        there.post(MOVE)
+        there.post(STOP)
+        await until(lambda: peer.connections == 2)
+    assert 'the aborted command is not answered' in there.why()
+    assert 'goes on to the end of the command' in there.why()
 
 
 @pytest.mark.parametrize(
@@ -190,43 +172,34 @@ def test_a_port_that_answers_wrongly_is_left_with_the_reason(answers, why):
     run(scenario())
 
 
-def test_a_port_that_hangs_up_at_the_login_serves_another_client():
+async def test_a_port_that_hangs_up_at_the_login_serves_another_client():
     async def hang_up(_reader, writer):
         writer.close()
 
-    async def scenario():
-        server = await asyncio.start_server(hang_up, '127.0.0.1', 0)
-        async with server, Linked(server.sockets[0].getsockname()[1]) as there:
-            await until(lambda: len(there.states) > 3)
-        assert 'it serves one client of Remote Ethernet and has one' in there.why()
-        assert not any(state == 'connected' for state, _ in there.states)
-
-    run(scenario())
+    server = await asyncio.start_server(hang_up, '127.0.0.1', 0)
+    async with server, Linked(server.sockets[0].getsockname()[1]) as there:
+        await until(lambda: len(there.states) > 3)
+    assert 'it serves one client of Remote Ethernet and has one' in there.why()
+    assert not any(state == 'connected' for state, _ in there.states)
 
 
-def test_slow_answers_are_waited_for():
-    async def scenario():
-        peer = RemotePeer(delay=0.4)
-        async with peer, Linked(peer.port) as there:
-            await until(lambda: len(there.told_of(JointPosition)) > 2)
-        assert peer.connections == 1
-
-    run(scenario())
+async def test_slow_answers_are_waited_for():
+    peer = RemotePeer(delay=0.4)
+    async with peer, Linked(peer.port) as there:
+        await until(lambda: len(there.told_of(JointPosition)) > 2)
+    assert peer.connections == 1
 
 
 @pytest.mark.invariant(7)
-def test_the_password_is_in_no_trace():
-    async def scenario():
-        peer = RemotePeer()
-        async with peer, Linked(peer.port, 'secret') as there:
-            taken = []
-            there.link.trace = lambda _, data: taken.append(data)
-            await until(lambda: there.told_of(JointPosition))
-        assert b'$Login\r\n' in taken
-        assert not any(b'secret' in data for data in taken)
-        assert peer.given('Login') == ['$Login,secret']
-
-    run(scenario())
+async def test_the_password_is_in_no_trace():
+    peer = RemotePeer()
+    async with peer, Linked(peer.port, 'secret') as there:
+        taken = []
+        there.link.trace = lambda _, data: taken.append(data)
+        await until(lambda: there.told_of(JointPosition))
+    assert b'$Login\r\n' in taken
+    assert not any(b'secret' in data for data in taken)
+    assert peer.given('Login') == ['$Login,secret']
 
 
 @pytest.mark.parametrize('cut', [1, 2, 3, 100])

@@ -6,7 +6,7 @@ import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from support.driver_harness import JOINTS, Harness, ScriptedController, open_gate
-from support.event_loop import now, run, until
+from support.event_loop import now, until
 
 from epson_driver.link import LinkState
 from epson_driver.node.diagnostics import Diagnostics
@@ -269,26 +269,20 @@ def test_counters_and_rates(harness, diagnostics):
     assert third['frame rate [Hz]'] == '0.0'
 
 
-def test_a_running_driver_without_a_controller():
-    async def scenario():
-        async with Harness(Ports(1, 1, 0, 0)) as harness:
-            message = Diagnostics(harness.driver, 'epson_driver', lambda _: 1).build(STAMP, now())
-            assert {row.level for row in message.status} == {ERROR, STALE}
-
-    run(scenario())
+async def test_a_running_driver_without_a_controller():
+    async with Harness(Ports(1, 1, 0, 0)) as harness:
+        message = Diagnostics(harness.driver, 'epson_driver', lambda _: 1).build(STAMP, now())
+        assert {row.level for row in message.status} == {ERROR, STALE}
 
 
-def test_a_connection_has_its_time_until_it_is_lost():
-    async def scenario():
-        async with ScriptedController() as controller, Harness(controller.ports) as harness:
-            await harness.ready()
-            links = (harness.driver.state_link, harness.driver.motion_link)
-            assert all(0 < link.statistics.connected_since <= now() for link in links)
-            await controller.__aexit__()
-            await until(lambda: not any(link.connected for link in links))
-            assert [link.statistics.connected_since for link in links] == [None, None]
-
-    run(scenario())
+async def test_a_connection_has_its_time_until_it_is_lost():
+    async with ScriptedController() as controller, Harness(controller.ports) as harness:
+        await harness.ready()
+        links = (harness.driver.state_link, harness.driver.motion_link)
+        assert all(0 < link.statistics.connected_since <= now() for link in links)
+        await controller.__aexit__()
+        await until(lambda: not any(link.connected for link in links))
+        assert [link.statistics.connected_since for link in links] == [None, None]
 
 
 def test_the_arm_knows_its_joints(harness):

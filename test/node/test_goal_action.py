@@ -7,7 +7,7 @@ import asyncio
 import numpy as np
 import pytest
 from support.driver_harness import JOINTS, LIMITS, Submitted, cell, pose
-from support.event_loop import run, until
+from support.event_loop import until
 
 from epson_driver.driver.goal.goal import Goal
 from epson_driver.driver.outcome import End, ErrorCode, Outcome
@@ -96,27 +96,24 @@ def test_single_points_now_and_then_are_no_stream():
     assert not any(streams.noticed(1 + count % 2, 2.0, PERIOD * count) for count in range(50))
 
 
-def test_a_stream_of_single_points_ends_every_goal_and_leaves_the_arm_at_rest():
-    async def check():
-        async with cell() as (harness, _):
-            goals = []
-            for count in range(1, 51):
-                target = pose(0.006 * count)  # 0.3 rad/s
-                single = Trajectory(LIMITS.names, np.array([PERIOD]), target[None])
-                goals.append(Submitted(Goal(single, np.full(JOINTS, 0.01), goal_time=0.0)))
-                harness.driver.goal_queue.submit(goals[-1].handle)
-                await asyncio.sleep(PERIOD)
-            await until(lambda: all(goal.outcomes for goal in goals))
-            for goal in goals[:-1]:
-                assert goal.outcome.end is End.ABORTED or goal.outcome.end is End.SUCCEEDED
-                assert goal.outcome.text
-            assert await harness.rests()
-            assert not harness.driver.goal_queue.busy
-            assert harness.gate is None
-            assert 0.0 < harness.at[0] <= 0.3 + 1e-3
-            fastest = max(abs(sample.velocities).max() for _, sample in harness.events.samples)
-            assert fastest < LIMITS.velocity[0]
-            following = harness.submit(harness.at + pose(0.1))
-            assert (await following.end()).end is End.SUCCEEDED
-
-    run(check())
+async def test_a_stream_of_single_points_ends_every_goal_and_leaves_the_arm_at_rest():
+    async with cell() as (harness, _):
+        goals = []
+        for count in range(1, 51):
+            target = pose(0.006 * count)  # 0.3 rad/s
+            single = Trajectory(LIMITS.names, np.array([PERIOD]), target[None])
+            goals.append(Submitted(Goal(single, np.full(JOINTS, 0.01), goal_time=0.0)))
+            harness.driver.goal_queue.submit(goals[-1].handle)
+            await asyncio.sleep(PERIOD)
+        await until(lambda: all(goal.outcomes for goal in goals))
+        for goal in goals[:-1]:
+            assert goal.outcome.end is End.ABORTED or goal.outcome.end is End.SUCCEEDED
+            assert goal.outcome.text
+        assert await harness.rests()
+        assert not harness.driver.goal_queue.busy
+        assert harness.gate is None
+        assert 0.0 < harness.at[0] <= 0.3 + 1e-3
+        fastest = max(abs(sample.velocities).max() for _, sample in harness.events.samples)
+        assert fastest < LIMITS.velocity[0]
+        following = harness.submit(harness.at + pose(0.1))
+        assert (await following.end()).end is End.SUCCEEDED

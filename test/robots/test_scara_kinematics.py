@@ -80,13 +80,15 @@ def test_the_range_of_the_axis_that_moves_up_and_down_is_kept():
 def test_a_tool_that_leans_has_no_solution_and_the_reason_is_said():
     arm = Kinematics(GX4)
     pose = arm.forward(np.array([0.3, 0.8, -0.1, 0.0]))
-    assert arm.hindrance(pose) == ''
+    assert arm.why_unreachable(pose) == ''
     pose[:3, :3] = pose[:3, :3] @ rotation_of_uvw(np.radians([0.0, 0.0, 3.0]))
     assert not len(arm.inverse(pose))
-    assert arm.hindrance(pose) == ('it leans by 3 degrees, and the tool of a SCARA stays upright')
+    assert arm.why_unreachable(pose) == (
+        'it leans by 3 degrees, and the tool of a SCARA stays upright'
+    )
     upside_down = arm.forward(np.zeros(4))
     upside_down[:3, :3] = upside_down[:3, :3] @ np.diag([1.0, -1.0, -1.0])
-    assert 'leans by 180 degrees' in arm.hindrance(upside_down)
+    assert 'leans by 180 degrees' in arm.why_unreachable(upside_down)
 
 
 def test_a_chain_that_is_no_scara_is_refused_with_its_reason():

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""How asynchronous tests run: `run(scenario())`, with `until(condition)` inside.
+"""How asynchronous tests run: `async def test_…` as by `run`, with `until(condition)` inside.
 
 Sockets are real, time is virtual: when every callback has run and nothing more can be read, the
 loop's clock jumps to its next timer. What takes ten seconds takes as long as its work does, and a

@@ -10,8 +10,7 @@ import numpy as np
 from epson_driver.motion.smoother import MERGE_TOLERANCE, plan
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.arm.executor import Point
-from epson_driver.sim_controller.arm.streaming import Streaming
-from epson_driver.sim_controller.arm.timing import Timing
+from epson_driver.sim_controller.arm.streaming import DeadlineCounters, Streaming
 
 LIMITS = load_robot_model('c3_a601s').limits
 HOME = np.zeros(6)
@@ -71,7 +70,7 @@ class StreamingHarness:
         self, delay=0.012, start=HOME, look_ahead=1.0, look_ahead_points=1000, **settings
     ):
         self.planner = SlowPlanner(delay)
-        self.timing = Timing()
+        self.timing = DeadlineCounters()
         self.failures: list[Any] = []
         self.arm = Streaming(
             LIMITS,

@@ -42,7 +42,7 @@ def events_of(steps, number=0):
     return [e for i, e in enumerate(events) if i == 0 or e is not events[i - 1]]
 
 
-def test_a_trace_holds_every_byte_of_every_connection(tmp_path):
+async def test_a_trace_holds_every_byte_of_every_connection(tmp_path):
     path = tmp_path / 'a.pcap'
     points = []
 
@@ -53,60 +53,54 @@ def test_a_trace_holds_every_byte_of_every_connection(tmp_path):
         if connection.number == 2:
             await connection.stay()
 
-    async def scenario():
-        async with Peer(talk) as peer:
-            harness = Harness(peer.port)
-            trace = Trace([harness.link])
-            before = time.time()
-            trace.begin(open_trace(str(path.parent), path.name))
-            async with harness:
-                for number in (1, 2):
-                    await until(lambda n=number: len(harness.packets) == n)
-                    answers = []
-                    harness.link.post(JointTrajPt(number), lambda *a, to=answers: to.append(a))
-                    await until(lambda to=answers: to)
-            trace.end('the test ends', PATIENCE)
-            after = time.time()
-            assert harness.link.trace is None
-        steps = read_recording(path)
-        assert {step.number for step in steps} == {0, 1}
-        assert all(step.server == ('127.0.0.1', peer.port) for step in steps)
-        for number in (0, 1):
-            assert bytes_of(steps, WireEvent.SENT, number) == points[number]
-            expected = joints(number + 1.0) + frame(11, 3, 1)
-            assert bytes_of(steps, WireEvent.RECEIVED, number) == expected
-        usual = ['opened', 'received', 'sent', 'received']
-        assert events_of(steps, 0) == [*usual, 'ended', 'closed']
-        assert events_of(steps, 1) == [*usual, 'closed']
-        times = [step.time for step in steps]
-        assert times == sorted(times)
-        assert before - 1e-3 <= times[0]
-        assert times[-1] <= after
-
-    run(scenario())
+    async with Peer(talk) as peer:
+        harness = Harness(peer.port)
+        trace = Trace([harness.link])
+        before = time.time()
+        trace.begin(open_trace(str(path.parent), path.name))
+        async with harness:
+            for number in (1, 2):
+                await until(lambda n=number: len(harness.packets) == n)
+                answers = []
+                harness.link.post(JointTrajPt(number), lambda *a, to=answers: to.append(a))
+                await until(lambda to=answers: to)
+        trace.end('the test ends', PATIENCE)
+        after = time.time()
+        assert harness.link.trace is None
+    steps = read_recording(path)
+    assert {step.number for step in steps} == {0, 1}
+    assert all(step.server == ('127.0.0.1', peer.port) for step in steps)
+    for number in (0, 1):
+        assert bytes_of(steps, WireEvent.SENT, number) == points[number]
+        expected = joints(number + 1.0) + frame(11, 3, 1)
+        assert bytes_of(steps, WireEvent.RECEIVED, number) == expected
+    usual = ['opened', 'received', 'sent', 'received']
+    assert events_of(steps, 0) == [*usual, 'ended', 'closed']
+    assert events_of(steps, 1) == [*usual, 'closed']
+    times = [step.time for step in steps]
+    assert times == sorted(times)
+    assert before - 1e-3 <= times[0]
+    assert times[-1] <= after
 
 
-def test_a_connection_that_was_reset_shows_it(tmp_path):
+async def test_a_connection_that_was_reset_shows_it(tmp_path):
     async def talk(connection):
         await connection.receive(1)
         connection.reset()
 
-    async def scenario():
-        async with Peer(talk) as peer:
-            harness = Harness(peer.port)
-            trace = Trace([harness.link])
-            trace.begin(open_trace(str(tmp_path), 'a.pcap'))
-            async with harness:
-                await harness.connected()
-                harness.link.post(JointTrajPt(0), lambda *_: None)
-                await until(lambda: 'backing_off' in harness.states)
-            trace.end('', PATIENCE)
-        assert events_of(read_recording(tmp_path / 'a.pcap')) == ['opened', 'sent', 'reset']
-
-    run(scenario())
+    async with Peer(talk) as peer:
+        harness = Harness(peer.port)
+        trace = Trace([harness.link])
+        trace.begin(open_trace(str(tmp_path), 'a.pcap'))
+        async with harness:
+            await harness.connected()
+            harness.link.post(JointTrajPt(0), lambda *_: None)
+            await until(lambda: 'backing_off' in harness.states)
+        trace.end('', PATIENCE)
+    assert events_of(read_recording(tmp_path / 'a.pcap')) == ['opened', 'sent', 'reset']
 
 
-def test_a_trace_that_begins_within_a_frame_begins_with_that_frame(tmp_path):
+async def test_a_trace_that_begins_within_a_frame_begins_with_that_frame(tmp_path):
     path = tmp_path / 'a.pcap'
     state = joints(1.0)
     go_on = asyncio.Event()
@@ -117,23 +111,20 @@ def test_a_trace_that_begins_within_a_frame_begins_with_that_frame(tmp_path):
         await connection.send(state[20:])
         await connection.stay()
 
-    async def scenario():
-        async with Peer(talk) as peer, Harness(peer.port) as harness:
-            await until(lambda: harness.link.statistics.bytes_received == len(state) + 20)
-            trace = Trace([harness.link])
-            trace.begin(open_trace(str(path.parent), path.name))
-            go_on.set()
-            await until(lambda: len(harness.packets) == 2)
-            trace.end('', PATIENCE)
-            assert harness.link.trace is None
-        steps = read_recording(path)
-        assert bytes_of(steps, WireEvent.RECEIVED) == state
-        assert events_of(steps) == ['opened', 'received']  # it was still open at the end
-
-    run(scenario())
+    async with Peer(talk) as peer, Harness(peer.port) as harness:
+        await until(lambda: harness.link.statistics.bytes_received == len(state) + 20)
+        trace = Trace([harness.link])
+        trace.begin(open_trace(str(path.parent), path.name))
+        go_on.set()
+        await until(lambda: len(harness.packets) == 2)
+        trace.end('', PATIENCE)
+        assert harness.link.trace is None
+    steps = read_recording(path)
+    assert bytes_of(steps, WireEvent.RECEIVED) == state
+    assert events_of(steps) == ['opened', 'received']  # it was still open at the end
 
 
-def test_a_file_has_a_largest_size_and_the_end_is_in_the_log(tmp_path, caplog):
+async def test_a_file_has_a_largest_size_and_the_end_is_in_the_log(tmp_path, caplog):
     caplog.set_level(logging.INFO)
     path = tmp_path / 'a.pcap'
 
@@ -142,21 +133,18 @@ def test_a_file_has_a_largest_size_and_the_end_is_in_the_log(tmp_path, caplog):
             await connection.send(joints(1.0))
         await connection.stay()
 
-    async def scenario():
-        async with Peer(talk) as peer:
-            harness = Harness(peer.port)
-            trace = Trace([harness.link])
-            trace.largest = 2000
-            trace.begin(open_trace(str(path.parent), path.name))
-            assert harness.link.trace is not None
-            async with harness:
-                await until(lambda: len(harness.packets) == 100)  # the link goes on
-                assert harness.link.trace is None
-                await until(lambda: 'reached its size, 0.002 MB' in caplog.text)
-        assert 2000 <= path.stat().st_size < 2000 + 100 * 60
-        assert read_recording(path)
-
-    run(scenario())
+    async with Peer(talk) as peer:
+        harness = Harness(peer.port)
+        trace = Trace([harness.link])
+        trace.largest = 2000
+        trace.begin(open_trace(str(path.parent), path.name))
+        assert harness.link.trace is not None
+        async with harness:
+            await until(lambda: len(harness.packets) == 100)  # the link goes on
+            assert harness.link.trace is None
+            await until(lambda: 'reached its size, 0.002 MB' in caplog.text)
+    assert 2000 <= path.stat().st_size < 2000 + 100 * 60
+    assert read_recording(path)
 
 
 class BrokenFile:
@@ -172,7 +160,7 @@ class BrokenFile:
         self.closed = True
 
 
-def test_a_disk_error_ends_the_trace_and_not_the_link(caplog, monkeypatch):
+async def test_a_disk_error_ends_the_trace_and_not_the_link(caplog, monkeypatch):
     monkeypatch.setattr(trace_module, 'WRITE_PERIOD_S', 0.001)
 
     def full(_data):
@@ -185,23 +173,20 @@ def test_a_disk_error_ends_the_trace_and_not_the_link(caplog, monkeypatch):
             await connection.send(joints(1.0))
             await asyncio.sleep(0.001)
 
-    async def scenario():
-        async with Peer(talk) as peer:
-            harness = Harness(peer.port)
-            trace = Trace([harness.link])
-            trace.begin(file)
-            async with harness:
-                await until(lambda: harness.link.trace is None)
-                count = len(harness.packets)
-                await until(lambda: len(harness.packets) > count + 3)
-                assert harness.link.statistics.connections == 1
-        assert file.closed
-        assert os.strerror(errno.ENOSPC) in caplog.text
-
-    run(scenario())
+    async with Peer(talk) as peer:
+        harness = Harness(peer.port)
+        trace = Trace([harness.link])
+        trace.begin(file)
+        async with harness:
+            await until(lambda: harness.link.trace is None)
+            count = len(harness.packets)
+            await until(lambda: len(harness.packets) > count + 3)
+            assert harness.link.statistics.connections == 1
+    assert file.closed
+    assert os.strerror(errno.ENOSPC) in caplog.text
 
 
-def test_a_disk_that_hangs_is_not_waited_for(caplog, monkeypatch):
+async def test_a_disk_that_hangs_is_not_waited_for(caplog, monkeypatch):
     monkeypatch.setattr(trace_module, 'WRITE_PERIOD_S', 0.001)
     monkeypatch.setattr(trace_module, 'MAX_UNWRITTEN_BYTES', 2000)
     going = trace_module.threading.Event()
@@ -213,18 +198,15 @@ def test_a_disk_that_hangs_is_not_waited_for(caplog, monkeypatch):
             await asyncio.sleep(0)
         await connection.stay()
 
-    async def scenario():
-        async with Peer(talk) as peer:
-            harness = Harness(peer.port)
-            trace = Trace([harness.link])
-            trace.begin(file)
-            async with harness:
-                await until(lambda: len(harness.packets) == 200)
-                assert harness.link.trace is None
-        assert 'does not keep up' in caplog.text
-        going.set()
-
-    run(scenario())
+    async with Peer(talk) as peer:
+        harness = Harness(peer.port)
+        trace = Trace([harness.link])
+        trace.begin(file)
+        async with harness:
+            await until(lambda: len(harness.packets) == 200)
+            assert harness.link.trace is None
+    assert 'does not keep up' in caplog.text
+    going.set()
 
 
 def test_a_file_that_exists_is_left_alone(tmp_path):

@@ -30,7 +30,7 @@ OnReply = Callable[[Packet, float], None]
 
 @dataclass(frozen=True)
 class DeliveryRules:
-    """What the controller takes: parameters and its profile.
+    """Which points the controller takes, by parameters and its profile.
 
     motoman: its points need Motoman's commands. uses: which fields of a JOINT_TRAJ_PT count;
     speed: a fraction, of a controller that uses none of them. buffer, dead_time (s per point): of

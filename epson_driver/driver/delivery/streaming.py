@@ -114,7 +114,7 @@ class MotomanDelivery(FullStreaming):
         """Counts trajectories and stops: what belongs to an older one is not sent any more."""
 
     def post(self, message: Message, on_reply: OnReply) -> None:
-        """Send a point or STOP, with what Motoman wants before or instead."""
+        """Send a point or STOP as Motoman's commands, trajectory mode first."""
         if message == STOP:
             self._trajectory += 1
             self._link.post(_command(Command.STOP_MOTION), on_reply)

@@ -59,7 +59,7 @@ class Tolerances:
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """A trajectory in the controller's joint order and what counts as having done it.
+    """A trajectory in the controller's joint order, with its tolerances.
 
     goal_tolerance: shape (n,), rad; inf where it is not checked. goal_time: s after the planned
     end within which the arm must be there; 0 means no limit. goal_velocity: shape (n,), rad/s,
@@ -157,7 +157,7 @@ def _end_velocities(trajectory: Trajectory, limits: JointLimits) -> Iterable[str
 
 
 def listed(found: Sequence[str]) -> str:
-    """Return what was found as one text: the first few, and how many more there are."""
+    """Return problems as one text: the first few, and how many more there are."""
     text = '; '.join(islice(found, MAX_MENTIONED_PROBLEMS))
     rest = len(found) - MAX_MENTIONED_PROBLEMS
     return f'{text}; and {rest} more' if rest > 0 else text
@@ -226,14 +226,14 @@ class Arrival:
         return bool(np.all(self._distance <= self._goal.goal_tolerance))
 
     def _came_nearer(self) -> bool:
-        """Return whether the joint with the longest way has gone more than half of it."""
+        """Return whether the joint with the longest distance has covered more than half of it."""
         distance = self._distance
         start = distance if self._start is None else self._start
         joint = int(np.argmax(start))
         return bool(start[joint] < MIN_DISPLACEMENT or distance[joint] < start[joint] / 2)
 
     def shortfall(self) -> str:
-        """Return what an arm that stands where it does has not done, as a clause."""
+        """Return why an arm that stands where it does has not reached the goal, as a clause."""
         if not self._left:
             return 'the controller acknowledged all points, but the arm did not move'
         distance, tolerance = self._distance, self._goal.goal_tolerance

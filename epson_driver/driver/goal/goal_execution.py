@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One goal on its way through the controller, from the first point to its one outcome.
+"""The execution of one goal, from the first point to its one outcome.
 
 The rules, and what may follow what, are in goal_states.py.
 
@@ -221,7 +221,7 @@ class GoalExecution:
 
     @cached_property
     def _arrival(self) -> Arrival:
-        """What compares the arm with the end of the goal, once that is prepared."""
+        """The comparison of the arm with the end of the goal, once that is prepared."""
         return Arrival(self.goal)
 
     def _begin(self, schedule: PointSchedule, now: float) -> None:
@@ -387,7 +387,7 @@ class GoalExecution:
         self._send_stop()
 
     def _look_for_cause(self, robot: RobotState, gap: float) -> None:
-        """End a rejected goal with what the first status after the rejection says, if it comes.
+        """End a rejected goal with the cause in the first status after the rejection, if it comes.
 
         Of the time since the last look, `gap`, s, only a part of the patience counts: a status
         that came while this process was not scheduled is read before the next look.
@@ -479,7 +479,7 @@ class GoalExecution:
             self.fault(self._arrival.shortfall(), ErrorCode.GOAL_TOLERANCE_VIOLATED)
 
     def _other_speed(self, timing: Timing) -> str:
-        """Return what to add to the outcome of a goal that ran at another speed than planned."""
+        """Return a clause on a goal that ran at another speed than planned, or ''."""
         own = self.goal.message is not None  # the controller's own pace
         why = '' if self._planned_speed is None or own else self._planned_speed.deviation(timing)
         if not why:
@@ -530,7 +530,7 @@ class GoalExecution:
                 self._due = min(self._due + unseen, now)
 
     def _keep_time(self, robot: RobotState, sample: JointSample, now: float) -> None:
-        """Let the clock go on, see whether the controller is paused, and send what was held.
+        """Advance the clock, detect a pause, and send a point that was held back.
 
         The plan is where it was when the joints were measured: they may have waited since, in the
         network or for this process.

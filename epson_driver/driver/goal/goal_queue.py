@@ -152,7 +152,7 @@ class GoalQueue:
 
     @contextlib.contextmanager
     def stopping(self, why: str) -> Iterator[None]:
-        """End what waits, and whatever comes in this block: it may have been sent before."""
+        """End waiting goals, and those that come during this block: they may be older."""
         self._stops.append(why)
         self.end_waiting(why)
         try:
@@ -161,7 +161,7 @@ class GoalQueue:
             self._stops.remove(why)
 
     def make_ready(self) -> None:
-        """Start the process that smooths, so that the first goal need not wait for it."""
+        """Start the smoothing process, so that the first goal need not wait for it."""
         if self.smoother is not None:
             self.smoother.make_ready()
 
@@ -200,7 +200,7 @@ class GoalQueue:
             self._submit(handle, now)
 
     def _wait_no_longer(self, handle: GoalHandle, turns: int) -> None:
-        """Submit a goal that still waits for a fresh pose, after so many turns of the loop."""
+        """Submit a goal that still waits for a fresh pose, after `turns` turns of the loop."""
         if handle is not self._unread:
             return
         if turns:

@@ -124,7 +124,7 @@ BRAKING_STATES = UNCONFIRMED_STATES | CONFIRMED_STATES
 
 @dataclass(frozen=True, slots=True)
 class Aftermath:
-    """What is known of arm and controller when a goal has ended.
+    """The state of arm and controller, as far as known, when a goal has ended.
 
     at_rest: the arm stands. broken_off: nobody knows what the controller will do with the points
     that it has taken. unanswered: because an answer is missing, which may come later. spliced:

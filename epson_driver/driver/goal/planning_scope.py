@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Goals that are asked for but still being planned: whatever ends waiting goals ends them, too.
+"""Goals whose motion is still being planned, and which end with the waiting goals.
 
 Planning takes up to seconds. Who stops, disables or moves the arm meanwhile must be sure that
 nothing moves afterwards that was asked for before, also if the arm is enabled again by then.
@@ -32,7 +32,7 @@ class PlanningScope:
         self._ended: asyncio.Future[None] | None = None
 
     def end(self, why: str) -> None:
-        """Let the goal not begin any more, and tell whoever waits for its planning."""
+        """Cancel the goal before it begins, and tell whoever waits for its planning."""
         if self.why is None:
             self.why = why
             if self._ended is not None and not self._ended.done():
@@ -87,7 +87,7 @@ class PlanningScopes:
 
 
 def _take(done: 'asyncio.Future[T]', *, left: bool) -> None:
-    """Take what a plan raised after everybody had left: that it was given up, as a rule."""
+    """Retrieve the exception of a plan nobody waits for any more, usually that it was given up."""
     if done.cancelled():
         return
     error = done.exception()

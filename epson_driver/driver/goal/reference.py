@@ -53,7 +53,7 @@ class SpeedScaling:
         return self._target
 
     def set(self, factor: float, now: float) -> None:
-        """Go to another factor from now on. Raises ValueError with what is allowed."""
+        """Go to another factor from now on. Raises ValueError that names the allowed range."""
         if not (factor == 0.0 or MIN_FACTOR <= factor <= 1.0):
             raise ValueError(
                 f'the factor {factor:g} must be 0 (pause) or from {MIN_FACTOR:g} to 1 (as planned)'

@@ -54,7 +54,7 @@ LATEST_SHARE = 2.0
 
 
 def look_ahead(limits: JointLimits) -> float:
-    """Return how far ahead of its clock a goal is sent that may be replaced on the way, s.
+    """Return how far ahead of its clock a replaceable goal is sent, s.
 
     A controller must know the way of a stop to move at full speed.
     """
@@ -120,7 +120,7 @@ class SplicePoint:
 
 @dataclass(frozen=True, eq=False)
 class SplicedTrajectory:
-    """What is executed of a new goal: the rest of the old one's points, the way in, its own.
+    """The trajectory of a spliced goal: the rest of the old points, the way in, the new points.
 
     It begins at 0 s where the old goal's clock was. `first` is the index of the first point that
     the controller does not have yet; factors: with which those before were sent.
@@ -134,7 +134,7 @@ class SplicedTrajectory:
 def spliced(
     old: SplicePoint, new: Trajectory, limits: JointLimits, start_tolerance: float
 ) -> SplicedTrajectory:
-    """Join a new trajectory to one that is left on its way.
+    """Join a new trajectory to one that is left at a splice point.
 
     Raises GoalRejectedError if it begins elsewhere, or if no way inside the limits leads there.
     """
@@ -171,7 +171,7 @@ def spliced(
 def begun(
     new: Trajectory, start: Array, limits: JointLimits, tolerance: float, *, leavable: bool
 ) -> Trajectory:
-    """Return what to execute of a trajectory from where the arm stands, shape (n,), rad or m.
+    """Return the trajectory to execute from where the arm stands, shape (n,), rad or m.
 
     `leavable`: it can be left on the way. Raises GoalRejectedError as `check_start` does.
     """
@@ -180,7 +180,7 @@ def begun(
 
 
 def from_rest(new: Trajectory, start: Array, limits: JointLimits) -> Trajectory:
-    """Return what to execute of a trajectory from rest at `start`, shape (n,), rad or m.
+    """Return the trajectory to execute from rest at `start`, shape (n,), rad or m.
 
     It can be left on the way. It begins at 0 s, at its first point or, if that comes later, at
     `start`.
@@ -201,7 +201,7 @@ def numbered(messages: Sequence[Message], first: int, sequence: int) -> list[Mes
 
 
 def _time_left(old: SplicePoint, new: Trajectory, position: Array, passed: float) -> float:
-    """Return how much of the time to a new goal's first point is left for the way in, s.
+    """Return the time left for the way in to a new goal's first point, s.
 
     So much of it has `passed` where the way in begins, at `position`.
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A gripper that two outputs open and close, and two inputs tell of.
+"""A gripper with two outputs that open and close it, and two inputs that show its state.
 
 It is as safe as the I/O it uses: it does not depend on whether the arm is enabled, and nothing can
 stop it on its way (docs/io.md).
@@ -54,7 +54,7 @@ class GripperWiring:
 
 @dataclass(frozen=True, slots=True)
 class GripperState:
-    """What the inputs show. With neither it is on its way, or holds something."""
+    """The state that the inputs show. With neither it moves, or holds something."""
 
     opened: bool
     closed: bool
@@ -74,7 +74,7 @@ class Gripper:
         self._seen = False
 
     async def state(self) -> GripperState:
-        """Return what the inputs show now. Raises GripperError."""
+        """Return the state that the inputs show now. Raises GripperError."""
         return self._believed(*await self._inputs())
 
     async def _inputs(self) -> tuple[bool, bool]:

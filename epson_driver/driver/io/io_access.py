@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The controller's I/O, however it is reached: what the driver's users have of it."""
+"""The controller's I/O for the driver's users, whichever protocol it has."""
 
 from collections.abc import Callable, Sequence
 from typing import Protocol
@@ -69,7 +69,7 @@ def make_io(
     turns: RemoteTurns,
     login: Login | None = None,
 ) -> Io:
-    """Return the way to the I/O that a profile names. `ports`: I/O port, remote port.
+    """Return the I/O client that a profile asks for. `ports`: I/O port, remote port.
 
     login: how to be logged in at the latter; None: anew for each request.
     """

@@ -274,7 +274,7 @@ class IoDriver:
         self._take()
 
     def _on_packet(self, packet: Packet) -> None:
-        """Take a publication. What was not subscribed to is dropped, and counted."""
+        """Take a publication, dropping and counting ranges that were not subscribed to."""
         message = packet.message
         if packet.comm_type is not CommType.TOPIC or not isinstance(message, IoPublish):
             return

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What became of one point, as a sentence: its address, the value, and the limit it met."""
+"""Results of I/O requests as sentences with address, value and limit."""
 
 from collections.abc import Callable, Sequence
 

@@ -85,7 +85,7 @@ class MotomanIo:
         return [await self._ask(_reading(item), '') for item in addresses]
 
     async def write(self, settings: Sequence[IoSetting]) -> list[Told]:
-        """Set points in their order. Raises IoUnavailableError, which says what may be done."""
+        """Set points in their order. Raises IoUnavailableError, which says which may be set."""
         unsure = '; the points may have been written'
         return [await self._ask(_writing(item), unsure) for item in settings]
 

@@ -83,13 +83,13 @@ class Points(Protocol):
         """Write as the state server does."""
 
     async def run(self, came: Callable[[], None], lost: Callable[[str], None]) -> None:
-        """Serve until cancelled, and tell when the controller can be asked and when no more."""
+        """Serve until cancelled, reporting when the controller can be asked and when not."""
 
     async def read(self, addresses: Sequence[IoAddress]) -> list[Told]:
         """Return a value per address, or why there is none. Raises IoUnavailableError."""
 
     async def write(self, settings: Sequence[IoSetting]) -> list[Told]:
-        """Set points in their order. Raises IoUnavailableError, which says what may be done."""
+        """Set points in their order. Raises IoUnavailableError, which says which may be set."""
 
 
 class PolledIo:
@@ -152,7 +152,7 @@ class PolledIo:
             await self._points.run(self._wake.set, lambda why: self._lost(IoUnavailableError(why)))
 
         async def nothing() -> None:
-            """What keeps asking has failed: there is nothing to stop."""
+            """Do nothing, as reading moves nothing."""
 
         try:
             await run_task_group({'the I/O port': serve, 'asking for the I/O': self._ask}, nothing)
@@ -226,7 +226,7 @@ class PolledIo:
                     await self._wake.wait()
 
     async def _values(self) -> tuple[IoValues, ...]:
-        """Return the values of what is shown. Raises IoUnavailableError."""
+        """Return the values of the published ranges. Raises IoUnavailableError."""
         found = []
         for held in self._shown:
             group = IoType.GROUP_INPUT

@@ -76,7 +76,7 @@ class RemoteEthernetIo:
         return await self._give([_reading(item) for item in addresses], '')
 
     async def write(self, settings: Sequence[IoSetting]) -> list[Told]:
-        """Set points in their order. Raises IoUnavailableError, which says what may be done."""
+        """Set points in their order. Raises IoUnavailableError, which says which may be set."""
         commands = [_writing(item) for item in settings]
         return await self._give(commands, '; the points may have been written')
 

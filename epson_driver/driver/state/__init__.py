@@ -1,3 +1,3 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the controller reports, and what follows from it: pose, velocity, standstill, pauses."""
+"""The controller's state, as reported and derived: pose, velocity, standstill, pauses."""

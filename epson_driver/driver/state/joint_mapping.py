@@ -35,7 +35,7 @@ class JointMapping:
 
     @cached_property
     def identity(self) -> bool:
-        """Whether both count alike: then values pass as they are, bit by bit."""
+        """Whether controller and ROS count joints alike, so that values pass bit by bit."""
         return not self.j23_factor and bool(np.all(self.signs == 1.0) and not self.offsets.any())
 
     def positions_to_ros(self, values: Array) -> Array:

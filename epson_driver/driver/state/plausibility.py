@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What joints cannot be: outside their range, or where they cannot have got to in the time.
+"""Plausibility of joint positions: within range, and reachable in the time since the last ones.
 
 Such values come from a wrong robot model, wrong units, a lost encoder or a damaged message. Where
 the arm is, nobody knows then: it must not be moved.

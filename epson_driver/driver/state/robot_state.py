@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the controller reported last, how old it is, and how fast the joints move."""
+"""The newest state of the controller, its age, and the velocities of the joints."""
 
 import math
 from collections import deque
@@ -81,7 +81,7 @@ class JointSample:
 
 @dataclass(frozen=True, slots=True)
 class StateRules:
-    """What to expect of the state: a message each `period` s, and joints within limits.
+    """Expectations of the state: a message each `period` s, and joints within limits.
 
     Every message takes a slot of the controller's clock, those with a STATUS, too. The period is
     what to begin with; it follows what comes. Without `limits` joints may be anything. A pose that
@@ -199,7 +199,7 @@ class RobotState:
         self._pause.see(status)
 
     def enabled(self) -> None:
-        """Somebody enabled the arm: what the controller allowed before that says nothing now."""
+        """Forget what the controller allowed before, as the arm was enabled."""
         self._pause = PauseDetector()
         if self.status is not None:
             self._pause.see(self.status)
@@ -215,7 +215,7 @@ class RobotState:
         return TriState.UNKNOWN if self.status is None else self.status.in_motion
 
     def why_not_ready(self, now: float) -> str | None:
-        """Return why nobody knows where the arm is now, or None if it is known."""
+        """Return why the arm's position is not known now, or None."""
         if self._impossible is not None and now - self._impossible[0] < DISTRUST_TIME_S:
             return self._impossible[1]
         if self.sample is None:
@@ -227,7 +227,7 @@ class RobotState:
 
     @property
     def withheld(self) -> bool:
-        """Whether the controller tells no joints in its present condition."""
+        """Whether the controller reports no joints in its present condition."""
         return self._withheld()
 
     def stale(self, now: float) -> bool:
@@ -239,7 +239,7 @@ class RobotState:
         return self.withheld or now - self.sample.measured > allowed
 
     def why_not_standing(self, stopped_velocity: float) -> str | None:
-        """Return what shows that the arm moves, or None if it stands, by all that is known.
+        """Return the evidence that the arm moves, as a clause, or None if it stands.
 
         `stopped_velocity`: rad/s or m/s, below which a joint counts as standing.
         """
@@ -274,7 +274,7 @@ class RobotState:
             self._measured += shift
 
     def _passed(self, told: float | None, longest: float) -> float | None:
-        """Return the time since the joints before that the controller tells, if that can be.
+        """Return the time between the last two joints by the controller's clock, if plausible.
 
         On the wire it has seven digits, and who knows its unit: too coarse, or too long for the
         time that has passed here, and slots are counted instead.

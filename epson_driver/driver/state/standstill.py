@@ -41,7 +41,7 @@ class Standstill:
         self._stands_at: Array = np.zeros(0)
 
     def expect(self, after: float | None, rest: float = REST_TIME_S) -> None:
-        """Only what comes after this time counts: before it, the motion may not have begun.
+        """Count only samples after this time, before which the motion may not have begun.
 
         None: nothing counts yet. `rest`: how long the arm must stand, s.
         """
@@ -50,7 +50,7 @@ class Standstill:
         self._since = None
 
     def expect_rest(self, rest: float) -> None:
-        """Have the arm stand for so long, s, what it has stood already included."""
+        """Require rest for `rest` s, including the time the arm has stood already."""
         self._rest = rest
 
     def see(self, sample: JointSample, robot: RobotState, stopped: Array, now: float) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 
 class GateError(RuntimeError):
-    """The gate stays closed: something closed it after somebody asked to open it."""
+    """The gate stays closed, as something closed it after the request to open it."""
 
 
 class Enabling:
@@ -91,6 +91,6 @@ class ArmGate:
         return True
 
     def see_motors_on(self) -> None:
-        """Take note that the motors are on: who wants to open it may rely on that."""
+        """Record that the motors are on, on which requests to open the gate rely."""
         for enabling in self._under_way:
             enabling.motors_on = True

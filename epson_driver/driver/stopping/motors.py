@@ -41,7 +41,7 @@ READY_FLAG = 10
 
 @dataclass(frozen=True, slots=True)
 class Commands:
-    """What an action is called: in Remote Ethernet, by Motoman, and for a person."""
+    """An action's names: in Remote Ethernet, by Motoman, and for a person."""
 
     remote_ethernet: str
     motoman: Command
@@ -49,7 +49,7 @@ class Commands:
 
 
 class Action(Enum):
-    """What is done to the controller, with its commands."""
+    """An action on the controller, with its commands."""
 
     MOTORS_ON = Commands(
         'SetMotorsOn,1', Command.START_SERVOS, 'switch the motors on at the controller'
@@ -61,7 +61,7 @@ class Action(Enum):
 
 
 class MotorsError(RuntimeError):
-    """It could not be done, with the reason and what a person can do as its text.
+    """An action that failed: the reason, and what a person can do, as its text.
 
     `unanswered`: the controller may have got the command, and may obey it yet.
     """
@@ -72,7 +72,7 @@ class MotorsError(RuntimeError):
 
 
 class Motors(Protocol):
-    """A way to the motors. `missing`: why there is none, or '' if there is one.
+    """Switches the motors. `missing`: why that is not possible, or ''.
 
     `restarts`: switching the motors on starts the controller's program too.
     """
@@ -98,7 +98,7 @@ class MotorsByHand:
 
 
 class RemoteEthernetMotors:
-    """Switches the motors by EPSON's Remote Ethernet, before whoever else uses the port."""
+    """Switches the motors by EPSON's Remote Ethernet, ahead of other users of the port."""
 
     missing = ''
     restarts = False
@@ -192,7 +192,7 @@ class MotomanMotors:
 
 
 class SerializedMotors:
-    """Another way to the motors, with one command on its way at a time.
+    """Switches the motors through another object, one command at a time.
 
     So the one that was given last has the last word. Somebody who waits for a command and is
     cancelled leaves it on its way, if it is; if it is not yet, it is not given.
@@ -258,7 +258,7 @@ def make_motors(
     turns: RemoteTurns | None = None,
     login: Login | None = None,
 ) -> Motors:
-    """Return the way that a controller's profile and its port of Remote Ethernet leave.
+    """Return what switches the motors, by the controller's profile and its Remote Ethernet port.
 
     login: how to be logged in there; None: anew for each action.
     """

@@ -63,7 +63,7 @@ _log = logging.getLogger(__name__)
 
 
 class Stopper:
-    """Sends what the driver has for the motion port. Sees each STOP through.
+    """Sends every message for the motion port, and sees each STOP through.
 
     `joints` is their number. `before_point` is called before each point, and may raise
     ConnectionError. `on_alarm(why, unanswered)` is called once for each stop that does
@@ -306,7 +306,7 @@ class Stopper:
             self._timer = None
 
     def _look(self) -> None:
-        """See whether the stop takes too long, and do what can be done about an alarm."""
+        """Raise the alarm if the stop takes too long, and repeat STOP or switch the motors off."""
         if self._since is None:
             return
         now = _now()

@@ -37,7 +37,7 @@ REFINEMENT_SHARE = 0.75
 
 
 def improves(request: Request) -> bool:
-    """Return whether a better path is looked for: where nothing but the limits says how fast."""
+    """Return whether to refine the path: only where nothing but the limits says how fast."""
     return request.refine and request.scale == 1.0 and not request.timed.any()
 
 

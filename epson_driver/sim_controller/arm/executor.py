@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the motion program and the arm agree on: points in, motion out.
+"""The interface between motion program and arm: points in, motion out.
 
 There are two executors. `PointToPoint` goes from point to point, as SPEL+'s `Go`. `Streaming`
 takes points ahead of the arm and goes through them smoothly.
@@ -13,7 +13,7 @@ from typing import Protocol
 from epson_driver.motion import Array, JointLimits, LineMotion
 from epson_driver.tool_motion.curve_motion import CurveMotion
 
-Way = Callable[[Array, bool], LineMotion | CurveMotion]
+PathMotion = Callable[[Array, bool], LineMotion | CurveMotion]
 """Returns the motion from where the arm rests, shape (n,), rad, to a target; at low power or not.
 
 It keeps to the arm's limits, and must not raise.
@@ -26,7 +26,7 @@ class Point:
 
     `target` has shape (n,), rad, within the limits; `velocity` is a fraction (0, 1] of the
     joints' speed, `duration` the time from the point before, s; 0 means that none is given. `cp`:
-    whether the motion may blend into the next one; None: as the executor does it with all. `way`:
+    whether the motion may blend into the next one; None: as the executor does it with all. `path`:
     how it goes there, if that is not straight in joint space; then it never blends.
     """
 
@@ -35,7 +35,7 @@ class Point:
     velocity: float
     duration: float
     cp: bool | None = None
-    way: Way | None = None
+    path: PathMotion | None = None
 
 
 class Executor(Protocol):
@@ -56,7 +56,7 @@ class Executor(Protocol):
 
     @property
     def limits(self) -> JointLimits:
-        """What the arm never exceeds."""
+        """The limits that the arm never exceeds."""
 
     @property
     def position(self) -> Array:

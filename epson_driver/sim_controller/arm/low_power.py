@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What SPEL+'s Power Low does to a motion: it is slow, and so slow that a person can step back.
+"""Motion under SPEL+'s Power Low: so slow that a person can step back.
 
 The tool's speed is bounded without the kinematics: a joint moves the tool by no more than its
 velocity times its reach, the largest distance of the tool from its axis (a prismatic joint: by its
@@ -70,10 +70,10 @@ class LowPower:
         ValueError as `limits` does.
         """
         self._check(limits)
-        way = np.abs(direction)
-        # The time that the joint that binds takes for the way at full speed.
-        time = float(np.max(way / limits.velocity))
-        tool = float(way @ self.reach)
+        distances = np.abs(direction)
+        # The time that the joint that binds takes for the distance at full speed.
+        time = float(np.max(distances / limits.velocity))
+        tool = float(distances @ self.reach)
         if tool == 0.0 or time == 0.0:
             return self.fraction
         return min(self.fraction, self.tool_speed * time / tool)

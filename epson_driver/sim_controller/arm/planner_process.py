@@ -103,7 +103,7 @@ class PlannerProcess:
         failed: Callable[[str], None],
         present: Callable[[], AbstractContextManager[object]] = nullcontext,
     ) -> None:
-        """Pass plans on, and when the process ends, tell `failed` why and start it again.
+        """Pass plans on, and when the process ends, call `failed` with the reason and restart it.
 
         Either happens within `present()`: whoever gets a plan knows what time it is.
         """

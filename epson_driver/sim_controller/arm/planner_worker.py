@@ -36,7 +36,7 @@ def main() -> None:
 
 
 def _warm_up(limits: JointLimits) -> None:
-    """Plan a little, so that the first plan that counts takes no longer than the others."""
+    """Plan a little, so that the first real plan takes no longer than the others."""
     span = limits.position_max - limits.position_min
     smoother = Smoother(limits, limits.position_min + 0.5 * span)
     for index in range(1, 5):

@@ -10,7 +10,7 @@ A point taken is a `Go` statement. The rules:
   deceleration begins: if the next one is known then, their motions overlap, where that exceeds no
   limit; if not, the arm comes to rest first. `late_blend`: they also overlap if the next one comes
   while the arm decelerates, as it does from a program that goes on then.
-* A statement with a `way` of its own goes along it, from rest to rest: it never overlaps.
+* A statement with a `path` of its own goes along it, from rest to rest: it never overlaps.
 * Points are acknowledged when they are executed ('done'; the next is taken only then), or when
   they are taken ('taken'; so many as `look_ahead_points` are taken ahead of the one executed).
 """
@@ -26,7 +26,7 @@ from epson_driver.motion import Array, JointLimits, LineMotion, go
 from epson_driver.motion.joint_stop import JointStop, stop_joints
 from epson_driver.motion.overlap import blend_start
 from epson_driver.motion.point_to_point import check_fractions, check_target, go_in
-from epson_driver.sim_controller.arm.executor import Point, Way
+from epson_driver.sim_controller.arm.executor import PathMotion, Point
 from epson_driver.sim_controller.arm.low_power import LowPower
 from epson_driver.tool_motion.curve_motion import CurveMotion
 
@@ -39,7 +39,7 @@ class Statement:
 
     duration: how long it takes at least, s; 0: no matter. executed: whether the program goes on
     after it, though the arm may still decelerate. begun: whether the arm has begun it. cp: whether
-    it is executed as soon as the arm decelerates. way: how it goes there, if not straight.
+    it is executed as soon as the arm decelerates. path: how it goes there, if not straight.
     """
 
     target: Array
@@ -50,11 +50,11 @@ class Statement:
     executed: bool = False
     begun: bool = False
     cp: bool = False
-    way: Way | None = None
+    path: PathMotion | None = None
 
 
 @dataclass(slots=True, eq=False)
-class Leg:
+class Segment:
     """The motion of a statement since `begin`, s, at a speed, at low power or not.
 
     decelerates: whether its deceleration has begun, and the next statement with it.
@@ -140,7 +140,7 @@ class PointToPoint:
         self._rest = go(limits, start, start, speed, accel).end
         self._queue: deque[Statement] = deque()  # not begun
         # Begun, and perhaps one that will begin before the last has ended. Two move at most.
-        self._legs: list[Leg] = []
+        self._segments: list[Segment] = []
         self._brake: Brake | None = None
         self._stopping = False
         self._held = False
@@ -168,12 +168,12 @@ class PointToPoint:
     @property
     def moving(self) -> bool:
         """Whether the arm moves or has points to go to, held or not."""
-        return bool(self._legs or self._queue or self._brake)
+        return bool(self._segments or self._queue or self._brake)
 
     @property
     def still(self) -> bool:
         """Whether the arm stands, with nothing that would move it: at rest, or held at rest."""
-        return not (self._legs or self._brake) and (self._held or not self._queue)
+        return not (self._segments or self._brake) and (self._held or not self._queue)
 
     @property
     def has_room(self) -> bool:
@@ -197,7 +197,7 @@ class PointToPoint:
             return self._queue[-1].target.copy()
         if self._brake is not None:
             return self._brake.motion.end.copy()
-        return self._legs[-1].motion.end.copy() if self._legs else self._rest.copy()
+        return self._segments[-1].motion.end.copy() if self._segments else self._rest.copy()
 
     @property
     def position(self) -> Array:
@@ -230,12 +230,12 @@ class PointToPoint:
         cp = self._cp if point.cp is None else point.cp
         target = point.target.copy()
         self._queue.append(
-            Statement(target, speed, self._accel, ready, duration, cp=cp, way=point.way)
+            Statement(target, speed, self._accel, ready, duration, cp=cp, path=point.path)
         )
-        if not self._legs and not self._brake and not self._held:
+        if not self._segments and not self._brake and not self._held:
             self._skip(self._rest)
-        elif self._legs and self._legs[-1].decelerates:
-            last = self._legs[-1]
+        elif self._segments and self._segments[-1].decelerates:
+            last = self._segments[-1]
             if self._now <= (last.end if self._late else last.braking):
                 self._blend()
 
@@ -258,7 +258,7 @@ class PointToPoint:
         """
         if not self._held:
             self._held = True
-            self._queue.extendleft(leg.statement for leg in reversed(self._legs))
+            self._queue.extendleft(segment.statement for segment in reversed(self._segments))
             self._begin_brake()
 
     def resume(self) -> None:
@@ -295,19 +295,19 @@ class PointToPoint:
     def _state(self) -> tuple[Array, Array, Array]:
         if self._brake is not None:
             return self._brake.motion.at(self._now - self._brake.begin)
-        if not self._legs:
+        if not self._segments:
             zeros = np.zeros_like(self._rest)
             return self._rest.copy(), zeros, zeros.copy()
-        first, *others = self._legs
+        first, *others = self._segments
         position, velocity, acceleration = first.motion.at(self._now - first.begin)
-        for leg in others:
-            p, v, a = leg.motion.at(self._now - leg.begin)
-            position = position + (p - leg.motion.origin)
+        for segment in others:
+            p, v, a = segment.motion.at(self._now - segment.begin)
+            position = position + (p - segment.motion.origin)
             velocity, acceleration = velocity + v, acceleration + a
         return position, velocity, acceleration
 
     def _statements(self) -> list[Statement]:
-        return [leg.statement for leg in self._legs] + list(self._queue)
+        return [segment.statement for segment in self._segments] + list(self._queue)
 
     def _unexecuted(self) -> int:
         return sum(not statement.executed for statement in self._statements())
@@ -318,34 +318,34 @@ class PointToPoint:
         """Return when something happens next, s."""
         if self._brake is not None:
             return self._brake.end
-        if self._legs:
-            last = self._legs[-1]
+        if self._segments:
+            last = self._segments[-1]
             braking = last.braking if last.statement.cp and not last.decelerates else inf
-            return min(self._legs[0].end, braking)
+            return min(self._segments[0].end, braking)
         return self._queue[0].ready if self._queue and not self._held else inf
 
     def _happen(self) -> None:
-        """Let what is due happen."""
+        """Do what is due."""
         if self._brake is not None:
             self._rest = self._brake.motion.end
             self._brake = None
             self._stopping = False
-        elif not self._legs:
+        elif not self._segments:
             self._skip(self._rest)
             if self._queue and self._queue[0].ready <= self._now:
                 self._begin(self._queue[0])
-                self._legs.append(self._leg(self._queue.popleft(), self._rest))
-        elif self._now < self._legs[0].end:
-            last = self._legs[-1]
+                self._segments.append(self._segment(self._queue.popleft(), self._rest))
+        elif self._now < self._segments[0].end:
+            last = self._segments[-1]
             last.decelerates = last.statement.executed = True
             self._blend()
         else:
-            ended = self._legs.pop(0)
+            ended = self._segments.pop(0)
             self._rest = ended.motion.end
             ended.statement.executed = True
 
     def _skip(self, position: Array) -> None:
-        """Leave out the moves to where the arm is as far as messages (float32) can tell."""
+        """Skip moves to where the arm is, within the resolution of messages (float32)."""
         while self._queue and np.array_equal(
             position.astype(np.float32), self._queue[0].target.astype(np.float32)
         ):
@@ -357,76 +357,78 @@ class PointToPoint:
         self.begun += not statement.begun
         statement.begun = True
 
-    def _leg(self, statement: Statement, start: Array, overlap: float = 0.0) -> Leg:
+    def _segment(self, statement: Statement, start: Array, overlap: float = 0.0) -> Segment:
         """Return the move of a statement that begins now.
 
         It ends the statement's duration after the move before, which it overlaps by `overlap` s.
         """
-        if statement.way is not None:
-            along = statement.way(start, self.low_power)
-            return Leg(statement, along, self._now, statement.speed, self.low_power)
+        if statement.path is not None:
+            along = statement.path(start, self.low_power)
+            return Segment(statement, along, self._now, statement.speed, self.low_power)
         speed, accel, most = statement.speed, statement.accel, 1.0
         if self.low_power and self._caps is not None:
             speed = min(speed, self._caps.speed(self.limits, statement.target - start))
             most = self._caps.fraction
         # With CP two moves overlap: each may have half of what the arm can do.
-        overlaps = statement.cp or bool(self._legs)
+        overlaps = statement.cp or bool(self._segments)
         accel = min(accel, OVERLAP_SHARE * most if overlaps else most)
-        way = (self.limits, start, statement.target)
+        ends = (self.limits, start, statement.target)
         duration = statement.duration + overlap if statement.duration else 0.0
-        motion = go_in(*way, duration, speed, accel)
-        return Leg(statement, motion, self._now, speed, self.low_power)
+        motion = go_in(*ends, duration, speed, accel)
+        return Segment(statement, motion, self._now, speed, self.low_power)
 
     def _blend(self) -> None:
-        """Let the next move overlap the deceleration of the last leg, which begins now."""
-        last = self._legs[-1]
+        """Let the next move overlap the deceleration of the last segment, which begins now."""
+        last = self._segments[-1]
         self._skip(last.motion.end)
         if not self._queue or self.low_power is not last.low_power:
             return
         statement = self._queue[0]
-        if statement.way is not None or last.statement.way is not None:
+        if statement.path is not None or last.statement.path is not None:
             return
         # Only two moves may overlap.
-        others_end = self._legs[-2].end if len(self._legs) > 1 else 0.0
+        others_end = self._segments[-2].end if len(self._segments) > 1 else 0.0
         begin, overlap = max(self._now, statement.ready, others_end), 0.0
         for _ in range(OVERLAP_ATTEMPTS):
-            leg = self._leg(statement, last.motion.end, overlap)
-            begin = max(begin, self._overlap_begin(last, leg, begin))
+            segment = self._segment(statement, last.motion.end, overlap)
+            begin = max(begin, self._overlap_begin(last, segment, begin))
             if begin >= last.end:
                 return
-            leg.begin = begin
+            segment.begin = begin
             if statement.duration == 0.0 or last.end - begin <= overlap:
-                self._legs.append(leg)
+                self._segments.append(segment)
                 self._begin(self._queue.popleft())
                 return
             overlap = last.end - begin
 
-    def _overlap_begin(self, last: Leg, leg: Leg, earliest: float) -> float:
-        """Return when a leg may begin, `earliest` or later, s: no two overlap."""
+    def _overlap_begin(self, last: Segment, segment: Segment, earliest: float) -> float:
+        """Return when a segment may begin, `earliest` or later, s: no two overlap."""
         caps = self._caps if self.low_power else None
-        # What has a way of its own does not come here.
+        # What has a path of its own does not come here.
         assert isinstance(last.motion, LineMotion)  # noqa: S101
-        assert isinstance(leg.motion, LineMotion)  # noqa: S101
+        assert isinstance(segment.motion, LineMotion)  # noqa: S101
         return last.begin + blend_start(
             last.motion,
-            leg.motion,
+            segment.motion,
             self.limits,
             earliest - last.begin,
-            speed=max(last.speed, leg.speed),
+            speed=max(last.speed, segment.speed),
             accel=1.0 if caps is None else caps.fraction,
             tool=None if caps is None else (caps.reach, caps.tool_speed),
         )
 
     def _begin_brake(self) -> None:
         """Leave the lines, and brake."""
-        if not self._legs:
+        if not self._segments:
             return
-        begun = [leg for leg in self._legs if leg.begin < self._now] or self._legs[:1]
+        begun = [
+            segment for segment in self._segments if segment.begin < self._now
+        ] or self._segments[:1]
         if len(begun) == 1:
             motion: Stop = begun[0].motion.stop(self._now - begun[0].begin)
         else:
             motion = stop_joints(self.limits, *self._state())
-        self._legs.clear()
+        self._segments.clear()
         self._brake = Brake(motion, self._now)
         if motion.duration == 0.0:
             self._happen()

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The servos and encoders: between where the joints are commanded to be and what is reported.
+"""The servos and encoders: from commanded to reported joint positions.
 
 Each joint follows its command with a first-order lag, solved exactly for a command that is linear
 from step to step. What such a joint does is a mean of what was commanded before: it never exceeds
@@ -49,7 +49,7 @@ class Servo:
 
     @property
     def position(self) -> Array:
-        """What the encoders report now, shape (n,), rad."""
+        """The positions that the encoders report now, shape (n,), rad."""
         position = self._actual.copy()
         if self._pulses is not None:
             counted = np.rint(position * self._pulses) / self._pulses
@@ -60,7 +60,7 @@ class Servo:
 
     @property
     def velocity(self) -> Array:
-        """How fast the joints are as the encoders tell, shape (n,), rad/s."""
+        """The velocities of the joints by the encoders, shape (n,), rad/s."""
         velocity = self._velocity.copy()
         for joint in self._frozen:
             velocity[joint] = 0.0
@@ -73,7 +73,7 @@ class Servo:
 
     @property
     def actual(self) -> Array:
-        """Where the joints really are, shape (n,), rad, whatever the encoders say."""
+        """The true positions of the joints, shape (n,), rad, whatever the encoders report."""
         return self._actual
 
     def step(self, commanded: Array, dt: float) -> None:
@@ -93,10 +93,10 @@ class Servo:
             return
         # Behind a command of constant speed a joint is one lag; the rest dies away.
         behind = self._lag * speed
-        way = behind + (before - self._actual - behind) * math.exp(-dt / self._lag)
-        self._actual = commanded - way
-        self._velocity = way / self._lag
-        if unchanged and float(np.abs(way).max()) <= max(SETTLE_DISTANCE, SETTLE_JERK * dt**3):
+        lag = behind + (before - self._actual - behind) * math.exp(-dt / self._lag)
+        self._actual = commanded - lag
+        self._velocity = lag / self._lag
+        if unchanged and float(np.abs(lag).max()) <= max(SETTLE_DISTANCE, SETTLE_JERK * dt**3):
             self._velocity = self._rest
             self._arrive(unchanged)
 

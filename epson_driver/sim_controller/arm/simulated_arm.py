@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The arm as a whole: what is commanded, the way back after the door, joints that follow."""
+"""The arm as a whole: commanded motion, recovery after the door, joints that follow."""
 
 from collections.abc import Callable
 
@@ -31,7 +31,7 @@ class Recovery:
 
     @property
     def still(self) -> bool:
-        """Whether it is over: the arm is there, or was stopped on the way."""
+        """Whether the recovery is over: complete, or stopped."""
         return self._time >= self._motion.duration
 
     def stop(self) -> None:
@@ -112,7 +112,7 @@ class SimulatedArm:
         self.brake_recovery()
 
     def brake_recovery(self) -> None:
-        """Brake, if the arm is on its way back."""
+        """Brake, if the arm is recovering."""
         if self._recovery is not None and not self._recovery.still:
             self._recovery.stop()
 
@@ -122,7 +122,7 @@ class SimulatedArm:
         self._recovery = Recovery(self.executor.limits, *way, self._caps)
 
     def went_back(self) -> None:
-        """End the way back, whether the arm came to its end or not: it stands."""
+        """End the recovery of a standing arm, whether it is complete or not."""
         stands = self.commanded
         self._recovery = self._pushed = None
         if not self.executor.moving and not np.array_equal(stands, self.executor.position):

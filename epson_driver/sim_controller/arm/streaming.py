@@ -4,6 +4,7 @@
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -12,7 +13,33 @@ from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.smoother import Plan, Request, Smoother
 from epson_driver.profiles.profile_rules import FieldsUsed
 from epson_driver.sim_controller.arm.executor import Point
-from epson_driver.sim_controller.arm.timing import Timing
+
+
+@dataclass(slots=True)
+class DeadlineCounters:
+    """Counts since the start.
+
+    deadline_misses: motion cycles that came a whole period late. late_plans: plans of smooth
+    motion that came after they should have begun; the plan before went on then.
+    planner_failures: how often the planner died or found no way. violations: how often smooth
+    motion was not what was planned, and was braked before it broke a limit.
+    """
+
+    deadline_misses: int = 0
+    late_plans: int = 0
+    planner_failures: int = 0
+    violations: int = 0
+
+    def since(self, before: 'DeadlineCounters') -> str:
+        """Return a sentence about the counts since `before`, or ''."""
+        counts = (
+            (self.deadline_misses - before.deadline_misses, 'motion cycle(s) came late'),
+            (self.late_plans - before.late_plans, 'plan(s) came too late and were not used'),
+            (self.planner_failures - before.planner_failures, 'failure(s) of the planner'),
+            (self.violations - before.violations, 'limit violation(s) averted'),
+        )
+        return ', '.join(f'{count} {text}' for count, text in counts if count)
+
 
 MAX_ATTEMPTS = 10
 """Plans from rest that may fail one after the other before that counts as a failure."""
@@ -53,7 +80,7 @@ class PlanningLatency:
 
 
 class Planner(Protocol):
-    """Who plans, one request at a time."""
+    """The planner, which takes one request at a time."""
 
     @property
     def ready(self) -> bool:
@@ -93,7 +120,7 @@ class Streaming:
         limits: JointLimits,
         start: Array,
         planner: Planner,
-        timing: Timing,
+        timing: DeadlineCounters,
         failed: Callable[[str], None],
         look_ahead: float,
         look_ahead_points: int,
@@ -288,8 +315,8 @@ class Streaming:
         if not 0.0 < share < 1.0:
             return None
         origin = self._position if self._goal is None else self._goal
-        way = float(np.max(np.abs(point.target - origin) / self.limits.velocity))
-        return way / share or None
+        distance = float(np.max(np.abs(point.target - origin) / self.limits.velocity))
+        return distance / share or None
 
     def _answered(self, plan: Plan | None) -> None:
         request, self._request = self._request, None

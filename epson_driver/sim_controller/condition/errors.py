@@ -44,7 +44,7 @@ class Rejection:
     sentence: str
 
     def about(self, what: str) -> 'Rejection':
-        """Return the same with what it is about in front."""
+        """Return the rejection with its subject in front."""
         return Rejection(self.number, f'{what}: {self.sentence}')
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What SPEL+ statements set, as a table of ranges (SPEL+ language reference), and what is set now.
+"""Settings of SPEL+ statements: a table of ranges (SPEL+ language reference), and values.
 
 Speed, SpeedFactor and Accel act on point-to-point motion; SpeedS, AccelS, SpeedR, AccelR and
 SpeedFactor on the straight lines of a SPEL+ program. The others are kept and can be printed: there
@@ -66,13 +66,13 @@ class SpelSettings:
 
     @property
     def speed(self) -> float:
-        """What Speed and SpeedFactor make of the joints' speed, a fraction (0, 1]."""
+        """The joints' speed by Speed and SpeedFactor, a fraction (0, 1]."""
         factor = self.values('SpeedFactor')[0] / 100.0
         return self.values('Speed')[0] / 100.0 * factor
 
     @property
     def accel(self) -> float:
-        """What Accel makes of the acceleration, a fraction (0, 1]: the smaller one counts.
+        """The joints' acceleration by Accel, a fraction (0, 1]: the smaller of its values.
 
         SPEL+ has one number for acceleration and one for deceleration.
         """

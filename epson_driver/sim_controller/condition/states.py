@@ -56,7 +56,7 @@ class Door(Enum):
 
 
 class Tasks(Enum):
-    """What becomes of the Normal tasks: the motion server and the I/O server."""
+    """The Normal tasks: the motion server and the I/O server."""
 
     RUNNING = 'running'
     PAUSED = 'paused'

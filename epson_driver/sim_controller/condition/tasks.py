@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The SPEL+ tasks of the controller's program, and what they are doing in which condition.
+"""The SPEL+ tasks of the controller's program, and their state in each condition.
 
 A Normal task pauses with pause and door, and is aborted by an E-stop and by errors. A NoEmgAbort
 task survives all of that. (SPEL+ language reference, Xqt and TaskState.)
@@ -63,7 +63,7 @@ class Task(NamedTuple):
     type: TaskType
 
     def state(self, condition: Condition) -> TaskState:
-        """Return what the task is doing."""
+        """Return the state of the task."""
         return TASK_STATES[self.type][condition.tasks]
 
 

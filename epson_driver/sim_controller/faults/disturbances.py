@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the faults of connections do to a message on its way to the client, as a table."""
+"""The effects of connection faults on a message to the client, as a table."""
 
 import random
 import struct
@@ -18,7 +18,7 @@ _COMM_TYPE_OFFSET = 8
 
 @dataclass(slots=True)
 class OutgoingMessage:
-    """One message on its way: what is left of it, and how it is to be sent.
+    """One message to the client: its remaining bytes, and how to send them.
 
     No `data`: it is lost. It is held for `delay` s; then, if `gather` > 0, until what is gathered
     in that many s is sent as one piece.

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The faults there are, as one table: what each does, where, and its parameters.
+"""The kinds of faults, as one table: effect, ports and parameters of each.
 
 A fault disturbs what the controller sends, cuts or silences its connections, or is a failure of
 the controller itself. No fault changes a byte that a client has sent: what a session receives is
@@ -44,7 +44,7 @@ class Parameter:
 
     @property
     def range(self) -> str:
-        """What may be given, in words."""
+        """The allowed range, in words."""
         if self.choices:
             return ' or '.join(self.choices)
         unit = f' {self.unit}' if self.unit else ''
@@ -69,7 +69,7 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """What one fault is. `ports` are those that it can act on, if any.
+    """One kind of fault. `ports` are those that it can act on, if any.
 
     `replies` limits it to replies to requests. `boots`: every connection ends, that of the person
     who asked for it too, and nothing ends it early.

@@ -25,7 +25,7 @@ _MAX_QUOTED_CHARACTERS = 40
 
 
 def parse(text: str) -> Fault:
-    """Return the fault that a text names, with defaults for what it does not say.
+    """Return the fault that a text names, with defaults for missing parameters.
 
     Raises FaultError, which names the parameter, its value and what is allowed.
     """
@@ -57,7 +57,7 @@ def parse(text: str) -> Fault:
 
 
 def write(fault: Fault) -> str:
-    """Return the text of a fault, with its port and without what is 0 or not given."""
+    """Return the text of a fault, with its port, without parameters that are 0 or not given."""
     parts = [fault.name]
     for parameter in fault.kind.parameters:
         value = fault.values[parameter.name]
@@ -69,7 +69,7 @@ def write(fault: Fault) -> str:
 
 
 def describe(names: Iterable[str] = FAULTS) -> str:
-    """Return what the faults of these names do and their parameters, for people."""
+    """Return a description of faults by name, with their parameters."""
     lines = []
     for name in names:
         kind = FAULTS[name]
@@ -79,7 +79,7 @@ def describe(names: Iterable[str] = FAULTS) -> str:
 
 
 def parameter_texts(kind: Kind) -> dict[str, str]:
-    """Return for each parameter what it means, what it may be and what it is by default."""
+    """Return each parameter's meaning, range and default."""
     texts = {}
     for each in kind.parameters:
         default = 'none' if each.default is None else each.write(each.default)

@@ -29,7 +29,7 @@ _log = logging.getLogger(__name__)
 
 
 class Actions(Protocol):
-    """What the controller itself must do for a fault. None of these is refused or moves the arm.
+    """The controller's own part in faults. None of these is refused or moves the arm.
 
     Joints are indices, from 0.
     """
@@ -102,7 +102,7 @@ class ActiveFault:
         return random.Random(f'{self._seed} {self.fault.name} {port} {serial}')  # noqa: S311
 
     def text(self, now: float) -> str:
-        """Return the fault and what is left of it, in one line without commas."""
+        """The fault and its remaining time or count, in one line without commas."""
         remark = ''
         if self.until is not None:
             seconds = max(self.until.due - now, 0.0)
@@ -115,7 +115,7 @@ class ActiveFault:
 
 
 class Faults:
-    """The faults of one controller, each acting on what the active ones before it left.
+    """The faults of one controller, which act on messages one after the other.
 
     `joints` is how many the robot has.
     """

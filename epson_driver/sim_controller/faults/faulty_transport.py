@@ -30,7 +30,7 @@ class _Held:
 
 
 class FaultyTransport:
-    """One connection of a port. What is sent keeps its order, whatever disturbs it.
+    """One connection of a port, whose messages keep their order under every fault.
 
     `transmit` takes what goes into the socket at once; `hang_up` closes the connection and is
     called at most once, possibly within `send` or `receive`. With `byte_by_byte` every byte is
@@ -80,14 +80,14 @@ class FaultyTransport:
         return b'' if self._closed else data
 
     def close(self) -> None:
-        """Drop what is held: the connection is gone. Twice is no error."""
+        """Drop held messages, as the connection is gone. A second call is no error."""
         self._closed = True
         self._plain = False
         self._forget_held()
         self._faults.detach(self)
 
     def cut(self) -> None:
-        """Close the connection at once, and drop what is held."""
+        """Close the connection at once, and drop held messages."""
         if not self._closed:
             self.close()
             self._hang_up()
@@ -158,7 +158,7 @@ class FaultyTransport:
         self._update_plain()
 
     def _release(self, until: float) -> None:
-        """Transmit what is due by then, what was gathered for the same moment in one piece."""
+        """Transmit the messages due by `until`, those of one moment in one piece."""
         while self._held and self._held[0].due <= until:
             first = self._held.popleft()
             data = [first.data]

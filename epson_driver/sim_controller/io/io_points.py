@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 
 
 class IoError(Exception):
-    """What cannot be read or written: the result code, and a sentence with address and limit."""
+    """An I/O error: result code, and a sentence with address and limit."""
 
     def __init__(self, result: IoResult, sentence: str) -> None:
         super().__init__(sentence)
@@ -36,7 +36,7 @@ class IoError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class _Kind:
-    """How a type of points is called, and what may be done with it over the network."""
+    """The name of a type of points, and its operations over the network."""
 
     short: str
     name: str
@@ -95,7 +95,7 @@ class IoPoints:
         self._set(kind, known, index, value)
 
     def set_input(self, io_type: int, index: int, value: int) -> None:
-        """Set an input or a group of inputs, as what is wired to it does. Raises IoError."""
+        """Set an input or a group of inputs, as its wiring does. Raises IoError."""
         kind, known = self._checked(io_type, index)
         if kind.bits not in _INPUTS and known not in _INPUTS:
             raise IoError(
@@ -167,7 +167,7 @@ class IoPoints:
     # What happens to all.
 
     def listen(self, listener: Listener) -> Callable[[], None]:
-        """Have `listener` called after changes, until what is returned is called."""
+        """Call `listener` after changes, until the returned function is called."""
         self._listeners.append(listener)
 
         def stop() -> None:
@@ -220,7 +220,7 @@ class IoPoints:
         return kind, known
 
     def _spans(self, io_type: IoType) -> list[tuple[int, int]]:
-        """Return first index and number of what there is of a type."""
+        """Return first index and number of the points of a type."""
         bits = _KINDS[io_type].bits
         if bits is None:
             spans = [(0, len(self._values[io_type]))]

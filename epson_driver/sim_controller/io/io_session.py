@@ -96,7 +96,7 @@ class IoSession:
                 self._send(encode(packet, self._dialect))
 
     def closed(self) -> None:
-        """Take note that the client is gone, with what it had subscribed to and written."""
+        """Drop the client's subscription, and reset the points it had written."""
         if self._open:
             self._open = False
             self._stream.close()

@@ -25,7 +25,7 @@ def timestamp(clock: Clock) -> int:
 
 
 class IoStream:
-    """Publishes every `publish_period`, and soon after a change, by what `publish` does.
+    """Calls `publish` every `publish_period`, and soon after a change.
 
     A change goes out when the clock is next advanced, together with all others of that moment,
     but no sooner than `publish_interval` after the last time. While `paused()` nothing goes out.

@@ -54,7 +54,7 @@ INITIAL_S = 0.002
 
 
 class CpuBudget:
-    """What a client has used of the processor lately. With more than its share, it must wait."""
+    """A client's recent use of the processor. Above its share, it must wait."""
 
     def __init__(self, now: float) -> None:
         self._saved = INITIAL_S
@@ -93,7 +93,7 @@ class SpareDescriptor:
 
 
 class PortRules(NamedTuple):
-    """What differs from port to port.
+    """The rules of one port.
 
     One client more than `max_clients` waits for a place, and is refused if there is none soon;
     None: each gets in, if need be in another one's place, also without a file descriptor left. A
@@ -235,7 +235,7 @@ class PortServer:
             self._spare.keep()
 
     def _cannot(self, listening: socket.socket, why: str) -> None:
-        """Log why nobody can be accepted, and pause: the event loop would call at once again."""
+        """Log why nobody can be accepted, and pause, as the loop would call again at once."""
         _log.error('%s port: nobody can be accepted now: %s', self._rules.name, why)
         self._pause(listening, ACCEPT_RETRY_S)
         if self._rules.max_clients is None:

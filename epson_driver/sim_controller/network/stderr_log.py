@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Log lines to stderr that never wait for whoever reads them, however many there are.
+"""Logging to stderr that never waits for its reader.
 
 A pipe that nobody reads would otherwise stop the whole controller at its 64 KiB, and a client that
 is refused all the time would fill the disk.
@@ -52,7 +52,7 @@ class StderrLog(logging.Handler):
             self._lines.put_nowait(line.encode(errors='replace') + b'\n')
 
     def finish(self) -> None:
-        """Write what waits, but not for longer than half a second."""
+        """Write the waiting lines, for half a second at most."""
         with suppress(queue.Full):
             self._lines.put_nowait(None)
             self._thread.join(_FLUSH_TIMEOUT_S)

@@ -27,7 +27,7 @@ LAST = SpecialSequence.END_TRAJECTORY
 
 
 class _Phase(Enum):
-    """What becomes of points with a sequence that is not negative."""
+    """The phase of a download, which decides about points with a sequence of 0 or more."""
 
     NONE = 'no download is under way'
     COLLECTING = 'they are kept'
@@ -60,7 +60,7 @@ class Download:
 
     @property
     def rejected(self) -> bool:
-        """Whether the download under way was refused: what is left of it is dropped."""
+        """Whether the download under way was refused, and its remaining points are dropped."""
         return self._phase is _Phase.REJECTED
 
     def begin(self, comm_type: CommType) -> None:

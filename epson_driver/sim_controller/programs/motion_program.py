@@ -164,7 +164,7 @@ class MotionProgram:
 
     @property
     def downloaded(self) -> int:
-        """How many points are kept of the download under way."""
+        """The number of points kept of the download under way."""
         return len(self._download)
 
     def receive(self, frame: Frame) -> None:
@@ -217,7 +217,7 @@ class MotionProgram:
             self._silent = None
 
     def client_silent(self, seconds: float) -> None:
-        """Stop, as the client has hung for so long with points on their way or executed."""
+        """Stop, as the client has hung for `seconds` while the arm moves."""
         if not (self._arm.moving or len(self._queue) or len(self._download)):
             return
         self._send(failure(MessageType.PING))
@@ -227,7 +227,7 @@ class MotionProgram:
         self._errors.enter(self._silent)
 
     def detach(self) -> None:
-        """Forget the client and what it was not told to be taken, but let the arm go on."""
+        """Forget the client and its unacknowledged points, but let the arm go on."""
         self._queue.detach()
         self._download.forget()
         self._topics = False
@@ -373,7 +373,7 @@ class MotionProgram:
         )
 
     def _room_rejection(self) -> Rejection | None:
-        """Return why the whole download cannot wait behind what waits already, or None."""
+        """Return why the whole download cannot wait behind the waiting points, or None."""
         most = max(self._pending_limit, self._profile.download.buffer)
         if len(self._queue) + len(self._download) <= most:
             return None

@@ -57,7 +57,7 @@ class MotionServer(Protocol):
 
     @property
     def program(self) -> Program:
-        """What serves the client."""
+        """The program that serves the client."""
 
     def show(self, rejection: Rejection) -> None:
         """Show in STATUS why something was rejected."""
@@ -66,11 +66,11 @@ class MotionServer(Protocol):
         """Begin to serve a motion client."""
 
     def client_lost(self) -> None:
-        """Do what this kind of controller does without its motion client."""
+        """React to the loss of the motion client as this kind of controller does."""
 
 
 class MotionSession:
-    """The session of the one motion client, until that is gone, for whatever reason.
+    """The session of the one motion client.
 
     `watchdog` hears every message; None: the client may be silent.
     """
@@ -103,7 +103,7 @@ class MotionSession:
             raise
 
     def closed(self) -> None:
-        """The client is gone: the controller does what its kind does then."""
+        """End the session, and have the controller react to the loss of its client."""
         if self._open:
             self._open = False
             if self._watchdog is not None:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motoman's trajectory mode: whether points are taken, and what is missing if not."""
+"""Motoman's trajectory mode: whether points are taken, and why not."""
 
 import logging
 from collections.abc import Callable

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a JOINT_TRAJ_PT_FULL must be before the arm moves for it, with Motoman's subcodes.
+"""Checks of a JOINT_TRAJ_PT_FULL before the arm moves, with Motoman's subcodes.
 
 As MotoROS 1.9 checks it: group, valid fields, time, start position, speed. Stricter than MotoROS:
 it warns only of times that do not increase, it sees positions outside the limits when the arm gets
@@ -38,7 +38,7 @@ class InvalidReason(NamedTuple):
 
 
 def invalid_form(point: JointTrajPtFull) -> InvalidReason | None:
-    """Return what is wrong with the point by itself, or None. Unused joints count too."""
+    """Return the fault of the point by itself, or None. Unused joints count too."""
     if point.robot_id != 0:
         return InvalidReason(
             Invalid.GROUPNO, f'robot_id = {point.robot_id}: there is only group 0'
@@ -67,7 +67,7 @@ def invalid_form(point: JointTrajPtFull) -> InvalidReason | None:
 def invalid_start(
     point: JointTrajPtFull, position: Array, limits: JointLimits
 ) -> InvalidReason | None:
-    """Return what is wrong with point 0 of an arm that stands at `position`, shape (n,), rad."""
+    """Return the fault of point 0 for an arm that stands at `position`, shape (n,), rad."""
     off = np.abs(np.array(point.positions[: len(position)]) - position)
     joint = int(np.argmax(off))
     if off[joint] > START_TOLERANCE:
@@ -83,7 +83,7 @@ def invalid_start(
 def invalid_next(
     point: JointTrajPtFull, before: float, limits: JointLimits
 ) -> InvalidReason | None:
-    """Return what is wrong with a point that follows one of the time `before`, s, or None."""
+    """Return the fault of a point that follows one of the time `before`, s, or None."""
     if point.time <= before:
         sentence = f'time = {point.time:g} s: must be after {before:g} s, the point before'
         return InvalidReason(Invalid.DATA_TIME, sentence)

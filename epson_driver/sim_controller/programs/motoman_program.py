@@ -73,7 +73,7 @@ from epson_driver.simple_message.motoman import Command, Invalid, Result
 
 
 def success(packet: Packet) -> MotionReply:
-    """Return SUCCESS with what a reply repeats of a message: group, sequence, command.
+    """Return SUCCESS with the repeated fields of a message: group, sequence, command.
 
     The command of a message that is none is its type; group and sequence are -1 where it has none.
     """
@@ -91,7 +91,7 @@ def unreadable(msg_type: int) -> MotionReply:
 
 
 def too_short(frame: Frame) -> MotionReply:
-    """Return SUCCESS with what a reply repeats of a frame, 0 for what the body lacks."""
+    """Return SUCCESS with the repeated fields of a frame, 0 for those the body lacks."""
     if frame.msg_type not in (MessageType.MOTION_CTRL, MessageType.JOINT_TRAJ_PT_FULL):
         return unreadable(frame.msg_type)
     order: Literal['big', 'little'] = 'big' if frame.byte_order is ByteOrder.BIG else 'little'
@@ -170,7 +170,7 @@ class MotomanProgram:
 
     @property
     def ready(self) -> bool:
-        """What CHECK_MOTION_READY answers."""
+        """The answer to CHECK_MOTION_READY."""
         return self._mode.missing() is None
 
     @property

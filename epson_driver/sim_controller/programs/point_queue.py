@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The arm's side of the motion program: what waits, what the arm does now, when it is answered."""
+"""The point queue of the motion program: waiting points, the arm's present ones, answers."""
 
 from collections import deque
 from collections.abc import Callable
@@ -76,7 +76,7 @@ class PointQueue:
         self._waiting.append(entry)
 
     def flush(self) -> tuple[list[Entry], bool]:
-        """Brake. Return what is not answered, and whether points that were answered are lost."""
+        """Brake. Return the unanswered points, and whether answered ones are lost."""
         lost = self._arm.stop()
         entries = [] if self._current is None else [self._current]
         entries += self._waiting
@@ -85,11 +85,11 @@ class PointQueue:
         return entries, lost
 
     def drop(self) -> None:
-        """Forget what waits, but let the arm go on to the points that it has."""
+        """Forget the waiting points, but let the arm go on to those it has."""
         self._waiting.clear()
 
     def detach(self) -> None:
-        """Answer nobody any more, and forget points that wait for their answer."""
+        """Forget the client, and the points that wait for their answer."""
         if self._current is not None:
             self._current = replace(self._current, reply_to=None)
         self._waiting = deque(entry for entry in self._waiting if entry.reply_to is None)
@@ -107,7 +107,7 @@ class PointQueue:
                 return
 
     def advance(self) -> None:
-        """Have answered what is done, and give the arm the next points that it has room for.
+        """Answer the points that are done, and give the arm the next ones that it has room for.
 
         In a pause nothing is done.
         """

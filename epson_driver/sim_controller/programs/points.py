@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a JOINT_TRAJ_PT must be before the arm moves for it."""
+"""Checks of a JOINT_TRAJ_PT before the arm moves."""
 
 import numpy as np
 
@@ -33,7 +33,7 @@ POINT_LENGTH_BYTES = 64
 
 
 def frame_fault(frame: Frame) -> str | None:
-    """Return what is wrong with a frame for a program that knows JOINT_TRAJ_PT only, or None."""
+    """Return the fault of a frame for a program that knows JOINT_TRAJ_PT only, or None."""
     length = HEADER_SIZE + len(frame.body)
     if length != POINT_LENGTH_BYTES:
         return f'length = {length}: must be {POINT_LENGTH_BYTES}'

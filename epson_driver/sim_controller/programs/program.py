@@ -47,7 +47,7 @@ class Program(Protocol):
         """Abort, and forget the trajectory: the next one begins anew."""
 
     def detach(self) -> None:
-        """Forget the client, who is gone, but not the points that it knows to be taken."""
+        """Forget the client, which is gone, but not its acknowledged points."""
 
     def pause(self) -> None:
         """Give the arm no more points and answer none, until `resume`. Twice is no error.

@@ -1,13 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a remote command may ask of a controller, and what it may do to it."""
+"""The controller, as remote commands need it."""
 
 from collections.abc import Iterable
 from typing import Protocol
 
 from epson_driver.profiles.profile import ControllerProfile
 from epson_driver.robots import RobotModel
-from epson_driver.sim_controller.arm.timing import Timing
+from epson_driver.sim_controller.arm.streaming import DeadlineCounters
 from epson_driver.sim_controller.condition.errors import Rejection
 from epson_driver.sim_controller.condition.spel_settings import SpelSettings
 from epson_driver.sim_controller.condition.states import Condition, Event
@@ -26,7 +26,7 @@ class ControllerInterface(Protocol):
 
     @property
     def profile(self) -> ControllerProfile:
-        """What kind of controller it is."""
+        """The controller's profile."""
 
     @property
     def condition(self) -> Condition:
@@ -57,22 +57,22 @@ class ControllerInterface(Protocol):
 
     @property
     def spel(self) -> SpelSettings:
-        """What SPEL+ statements have set."""
+        """The settings of SPEL+ statements."""
 
     @property
     def faults(self) -> Faults:
         """The faults that can be asked for."""
 
     @property
-    def timing(self) -> Timing:
-        """What came too late in its motion."""
+    def timing(self) -> DeadlineCounters:
+        """Missed deadlines of its motion."""
 
     def apply(self, event: Event) -> None:
         """Apply an event. Raises RejectedError: why not, and what to do."""
 
     @property
     def window(self) -> CommandWindow:
-        """What executes $Execute."""
+        """The program that executes $Execute."""
 
     def show(self, rejection: Rejection) -> None:
         """Show an error number, and log why."""
@@ -81,7 +81,7 @@ class ControllerInterface(Protocol):
         """Yield the tasks there are, as people see them."""
 
     def task_state(self, task: Task) -> TaskState:
-        """Return what a task is doing."""
+        """Return the state of a task."""
 
     def disturb(self, joint: int, push: float) -> None:
         """Push one joint (index from 0) by some rad or m. Raises RejectedError."""

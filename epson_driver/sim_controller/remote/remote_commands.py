@@ -216,7 +216,7 @@ def _get_status(dialogue: Dialogue, parameters: list[str]) -> str:
 
 
 def _execute(dialogue: Dialogue, parameters: list[str]) -> str | None:
-    """Execute what stands between the first and the last quote: it may hold others."""
+    """Execute the text between the first and the last quote, which may contain others."""
     given = parameters[0] if parameters else ''
     if len(given) < 2 or not given.startswith('"') or not given.rstrip().endswith('"'):
         raise CommandError(RemoteErrorNumber.FORMAT, 'statements stand in double quotes')

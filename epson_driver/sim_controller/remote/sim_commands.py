@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`$Sim,…`: buttons, door, pushes and faults, and what only a simulation can tell.
+"""`$Sim,…`: buttons, door, pushes and faults, and data that only a simulation has.
 
 An answer with several parts has `;` between them, and within a part `=` after its name.
 """
@@ -41,7 +41,7 @@ _MAX_PUSH = 360.0  # degrees, or mm
 
 
 class SimCommand(NamedTuple):
-    """How it is written after `$Sim`, and what runs on what follows its name."""
+    """A command after `$Sim`: its form, and the function that takes its parameters."""
 
     usage: str
     text: str

@@ -48,7 +48,7 @@ def error(controller: ControllerInterface) -> bool:
 
 
 def never(_controller: ControllerInterface) -> bool:
-    """Return False: what the simulation does not have."""
+    """Return False, for flags that the simulation does not have."""
     return False
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a motion statement asks of the arm: from point to point, along lines and arcs."""
+"""Motion statements for the arm: from point to point, along lines and arcs."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -13,7 +13,7 @@ from epson_driver.robots.model import SCARA
 from epson_driver.sim_controller.arm.executor import Point
 from epson_driver.sim_controller.arm.low_power import LOW_POWER
 from epson_driver.sim_controller.spel_host.robot_points import UNREACHABLE
-from epson_driver.sim_controller.spel_host.robot_values import Robot
+from epson_driver.sim_controller.spel_host.robot_values import RobotContext
 from epson_driver.spel import ErrorNumber, MotionRequest, SpelError
 from epson_driver.spel import Point as SpelPoint
 from epson_driver.spel.frames import combined
@@ -23,8 +23,8 @@ from epson_driver.tool_motion.pose_path import PosePath
 _log = logging.getLogger(__name__)
 
 _MM = 1000.0
-SHORTEST_WAY = 1e-6
-"""m; a straight way that is shorter is none: only the orientation changes."""
+SHORTEST_PATH = 1e-6
+"""m; a path that is shorter is none: only the orientation changes."""
 
 JERK_PER_ACCELERATION = 10.0
 """1/s: a ramp of 0.1 s."""
@@ -36,16 +36,16 @@ TURN_DEGREES_S, TURN_DEGREES_S2 = 50.0, 500.0
 """SpeedR and AccelR until they are set: a guess."""
 
 
-def points_of(robot: Robot, request: MotionRequest) -> Sequence[Point]:
+def points_of(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     """Return where the arm goes for a statement, one after the other. Raises SpelError."""
     return MOVES[request.name](robot, request)
 
 
-def _go(robot: Robot, request: MotionRequest) -> Sequence[Point]:
+def _go(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     return [_at(robot.points.joints(request.points[-1], robot.here))]
 
 
-def _jump(robot: Robot, request: MotionRequest) -> Sequence[Point]:
+def _jump(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     """Up to LimZ, across, and down, with a rest between: as with C7, that is without an arch."""
     model = robot.controller.model
     if model.kind != SCARA:
@@ -65,36 +65,36 @@ def _jump(robot: Robot, request: MotionRequest) -> Sequence[Point]:
     return [_at(up), _at(across), _at(target)]
 
 
-def _move(robot: Robot, request: MotionRequest) -> Sequence[Point]:
+def _move(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     return [_line(robot, request, request.points[-1], robot.motion.start)]
 
 
-def _line(robot: Robot, request: MotionRequest, point: SpelPoint, start: Array) -> Point:
-    """Return a straight way to a point, an arc where the statement has a point between."""
+def _line(robot: RobotContext, request: MotionRequest, point: SpelPoint, start: Array) -> Point:
+    """Return a line to a point, or an arc where the statement has a point between."""
     name = request.name.capitalize()
     via = request.points[0] if request.name in ('arc', 'arc3') else None
-    samples, path = robot.points.way(point, start, via)
-    turns = path.length < SHORTEST_WAY < path.angle
+    samples, path = robot.points.path_to(point, start, via)
+    turns = path.length < SHORTEST_PATH < path.angle
     if turns and 'rot' not in request.words:
         text = f'{name}: only the orientation changes to {point}: {name} … ROT'
         raise SpelError(ErrorNumber.ARGUMENT, text)
-    if max(path.length, path.angle) < SHORTEST_WAY:
+    if max(path.length, path.angle) < SHORTEST_PATH:
         return _at(start)
-    way = _Straight(robot, point, samples, path, _turning if turns else _straight)
+    straight = _Straight(robot, point, samples, path, _turning if turns else _straight)
     try:
-        way(start, False)
+        straight(start, False)
     except ValueError as error:
         raise SpelError(UNREACHABLE, f'{name}: {error}') from error
-    return replace(_at(samples[-1]), way=way.from_rest)
+    return replace(_at(samples[-1]), path=straight.from_rest)
 
 
-def _arc(robot: Robot, request: MotionRequest) -> Sequence[Point]:
+def _arc(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     if len(request.points) != 2:
         raise SpelError(ErrorNumber.ARGUMENT, f'{request.name.capitalize()} takes two points')
     return _move(robot, request)
 
 
-def _relative(robot: Robot, request: MotionRequest) -> MotionRequest:
+def _relative(robot: RobotContext, request: MotionRequest) -> MotionRequest:
     """Return the target of TGo, TMove (by the tool), BGo, BMove (by the base)."""
     by = robot.points.stored(request.points[-1])
     here = robot.points.place(robot.motion.start)
@@ -106,15 +106,15 @@ def _relative(robot: Robot, request: MotionRequest) -> MotionRequest:
     return replace(request, points=(place,))
 
 
-def _relative_go(robot: Robot, request: MotionRequest) -> Sequence[Point]:
+def _relative_go(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     return _go(robot, _relative(robot, request))
 
 
-def _relative_move(robot: Robot, request: MotionRequest) -> Sequence[Point]:
+def _relative_move(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     return _move(robot, _relative(robot, request))
 
 
-def _jump3(robot: Robot, request: MotionRequest) -> Sequence[Point]:
+def _jump3(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     """Straight to the first point, across to the second, straight to the third (p484)."""
     if len(request.points) != 3:
         raise SpelError(ErrorNumber.ARGUMENT, f'{request.name.capitalize()} takes three points')
@@ -127,7 +127,7 @@ def _jump3(robot: Robot, request: MotionRequest) -> Sequence[Point]:
     return [*found, _line(robot, request, target, found[-1].target)]
 
 
-def _pass(robot: Robot, request: MotionRequest) -> Sequence[Point]:
+def _pass(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     """Near the points, not over them: a motion begins while the one before decelerates."""
     near, found = robot.motion.start, []
     for point in request.points:
@@ -136,7 +136,7 @@ def _pass(robot: Robot, request: MotionRequest) -> Sequence[Point]:
     return found
 
 
-def _one_joint(robot: Robot, request: MotionRequest) -> Sequence[Point]:
+def _one_joint(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     """JTran and PTran: one joint by degrees (mm) or pulses."""
     joint = robot.joint(request.name, request.numbers['joint'])
     model = robot.controller.model
@@ -147,7 +147,7 @@ def _one_joint(robot: Robot, request: MotionRequest) -> Sequence[Point]:
     return [_at(robot.points.joints(shown, robot.motion.start))]
 
 
-def _home(robot: Robot, _request: MotionRequest) -> Sequence[Point]:
+def _home(robot: RobotContext, _request: MotionRequest) -> Sequence[Point]:
     """All joints at once: Hordr is not simulated."""
     home = robot.controller.spel.home
     if home is None:
@@ -157,7 +157,7 @@ def _home(robot: Robot, _request: MotionRequest) -> Sequence[Point]:
     return _go(robot, MotionRequest('go', (SpelPoint('pulses', tuple(map(float, home))),)))
 
 
-MOVES: dict[str, Callable[[Robot, MotionRequest], Sequence[Point]]] = {
+MOVES: dict[str, Callable[[RobotContext, MotionRequest], Sequence[Point]]] = {
     'go': _go,
     'pulse': _go,
     'home': _home,
@@ -179,18 +179,18 @@ MOVES: dict[str, Callable[[Robot, MotionRequest], Sequence[Point]]] = {
 
 
 class _Straight:
-    """A straight way of Tool 0 to a point, from where the arm was, or is after a pause.
+    """A line of Tool 0 to a point, from where the arm was, or is after a pause.
 
-    `speed`: what is asked for on a way, at low power or not.
+    `speed`: what is asked for on a path, at low power or not.
     """
 
     def __init__(
         self,
-        robot: Robot,
+        robot: RobotContext,
         point: SpelPoint,
         samples: Array,
         path: PosePath,
-        speed: Callable[[Robot, PosePath, bool], CurveSpeed],
+        speed: Callable[[RobotContext, PosePath, bool], CurveSpeed],
     ) -> None:
         self._robot = robot
         self._point = point
@@ -202,12 +202,12 @@ class _Straight:
         """Return the motion. Raises SpelError, ValueError."""
         samples, path = self._samples, self._path
         if not np.allclose(start, samples[0], rtol=0.0, atol=1e-9):
-            samples, path = self._robot.points.way(self._point, start)
+            samples, path = self._robot.points.path_to(self._point, start)
         speed = self._speed(self._robot, path, low_power)
         return go_along(_limits(self._robot, low_power), Curve(samples), speed)
 
     def from_rest(self, start: Array, low_power: bool) -> LineMotion | CurveMotion:
-        """Return the motion, which is slow and in joint space where no straight way is left."""
+        """Return the motion, slow and in joint space where no line is possible."""
         try:
             return self(start, low_power)
         except (SpelError, ValueError) as error:
@@ -217,7 +217,7 @@ class _Straight:
             return go(limits, start, self._samples[-1], slow, slow)
 
 
-def _limits(robot: Robot, low_power: bool) -> JointLimits:
+def _limits(robot: RobotContext, low_power: bool) -> JointLimits:
     limits = robot.controller.model.limits
     if not low_power:
         return limits
@@ -230,25 +230,25 @@ def _limits(robot: Robot, low_power: bool) -> JointLimits:
     )
 
 
-def _straight(robot: Robot, path: PosePath, low_power: bool) -> CurveSpeed:
-    """Return what SpeedS and AccelS ask for."""
+def _straight(robot: RobotContext, path: PosePath, low_power: bool) -> CurveSpeed:
+    """Return the limits of SpeedS and AccelS."""
     speed = robot.controller.spel.values('SpeedS')[0]
     accel = robot.controller.spel.values('AccelS')[0]
     if low_power:
         speed, accel = min(speed, LOW_POWER_MM_S), min(accel, LOW_POWER_MM_S2)
-    way = max(path.length, SHORTEST_WAY) * _MM
-    return _shares(robot, speed / way, accel / way)
+    length = max(path.length, SHORTEST_PATH) * _MM
+    return _shares(robot, speed / length, accel / length)
 
 
-def _turning(robot: Robot, path: PosePath, _low_power: bool) -> CurveSpeed:
-    """Return what SpeedR and AccelR ask for."""
+def _turning(robot: RobotContext, path: PosePath, _low_power: bool) -> CurveSpeed:
+    """Return the limits of SpeedR and AccelR."""
     speed = (robot.controller.spel.values('SpeedR') or (TURN_DEGREES_S,))[0]
     accel = (robot.controller.spel.values('AccelR') or (TURN_DEGREES_S2,))[0]
-    way = float(np.degrees(max(path.angle, SHORTEST_WAY)))
-    return _shares(robot, speed / way, accel / way)
+    angle = float(np.degrees(max(path.angle, SHORTEST_PATH)))
+    return _shares(robot, speed / angle, accel / angle)
 
 
-def _shares(robot: Robot, velocity: float, acceleration: float) -> CurveSpeed:
+def _shares(robot: RobotContext, velocity: float, acceleration: float) -> CurveSpeed:
     factor = robot.controller.spel.values('SpeedFactor')[0] / 100.0
     acceleration *= factor
     return CurveSpeed(velocity * factor, acceleration, acceleration * JERK_PER_ACCELERATION)

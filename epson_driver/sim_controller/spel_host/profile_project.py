@@ -16,7 +16,7 @@ _MS = 1000.0
 
 
 def profile_project(profile: SpelProfile, model: RobotModel) -> dict[str, str]:
-    """Return the files of a profile's project, with what it says that is changed in them.
+    """Return the files of a profile's project, with the profile's changes.
 
     What a person takes from the robot's manual, or measures, is the robot model's, where they have
     lines for it: `#define J1_SPEED` and so on, degrees/s (mm/s), how many joints, and how long an
@@ -27,7 +27,7 @@ def profile_project(profile: SpelProfile, model: RobotModel) -> dict[str, str]:
 
 
 def robot_defines(files: Mapping[str, str], model: RobotModel) -> dict[str, str]:
-    """Return what a project's #define lines have for a robot. Raises InputError for others."""
+    """Return a project's #define lines for a robot. Raises InputError for unknown ones."""
     text = '\n'.join(files.values())
     limits, joints, scara = model.limits, len(model.joint_names), 'm' in model.limits.units
     if f'{joints} {scara}' not in ('6 False', '4 True') and 'JOINT_COUNT' in text:

@@ -53,7 +53,7 @@ class PortObject(Session):
         self._news()
 
     def receive(self, data: bytes) -> None:
-        """Keep what a client sends until the program reads it."""
+        """Keep bytes from a client until the program reads them."""
         if not self.connected:
             return
         if len(self.unread) + len(data) > MAX_UNREAD_BYTES:
@@ -71,7 +71,7 @@ class PortObject(Session):
         self._send(data)
 
     def closed(self) -> None:
-        """Note that the client is gone, while what it sent can still be read."""
+        """Record that the client is gone. Its bytes can still be read."""
         self.connected = False
         self._send = self._close = None
         self._news()
@@ -102,7 +102,7 @@ class ProgramNetwork:
         self.news: Callable[[], None] = _nothing
 
     def name(self, tcp_port: int) -> str:
-        """Return what a TCP port of the program is called."""
+        """Return the name of a TCP port of the program."""
         return self._names.get(tcp_port, str(tcp_port))
 
     # Clients
@@ -183,7 +183,7 @@ class ProgramNetwork:
         return found is not None and found.connected
 
     def received(self, port: int) -> bytes:
-        """Return what the client has sent and is not read."""
+        """Return the client's unread bytes."""
         found = self._objects.get(port)
         return bytes(found.unread) if found is not None else b''
 
@@ -203,7 +203,7 @@ class ProgramNetwork:
 
 
 def _nobody(_port: object) -> None:
-    """Listen to nobody, connect to nobody: without sockets, clients connect by themselves."""
+    """Do nothing, as without sockets clients connect by themselves."""
 
 
 def _nothing() -> None:

@@ -8,14 +8,14 @@ from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.sim_controller.condition.spel_settings import SETTINGS
 from epson_driver.sim_controller.condition.states import Event, Motors, RejectedError
 from epson_driver.sim_controller.core import Controller
-from epson_driver.sim_controller.spel_host.robot_values import Robot
+from epson_driver.sim_controller.spel_host.robot_values import RobotContext
 from epson_driver.spel import Completion, Point, SpelError, Value
 from epson_driver.spel import ErrorNumber as SpelNumber
 from epson_driver.spel.commands import WITHOUT_EFFECT
 
 Arguments = Sequence[Value | Point | None]
 Words = tuple[str, ...]
-Run = Callable[[Robot, Arguments, Words], Completion | None]
+Run = Callable[[RobotContext, Arguments, Words], Completion | None]
 
 _IGNORED = {'fine', 'ptpboost', 'qp', 'inertia', *map(str.lower, WITHOUT_EFFECT)}
 """Taken, and nothing follows: there is nothing here that they would change."""
@@ -44,7 +44,9 @@ class Until:
         return float(self.done)
 
 
-def command(robot: Robot, name: str, arguments: Arguments, words: Words) -> Completion | None:
+def command(
+    robot: RobotContext, name: str, arguments: Arguments, words: Words
+) -> Completion | None:
     """Execute a statement by its name in lower case. Raises SpelError."""
     if name in SETTING_WORDS:
         _set(robot.controller, SETTING_WORDS[name], arguments)
@@ -74,7 +76,7 @@ def _set(controller: Controller, name: str, arguments: Arguments) -> None:
     controller.change_setting(name, numbers)
 
 
-def _motor(robot: Robot, _: Arguments, words: Words) -> Completion:
+def _motor(robot: RobotContext, _: Arguments, words: Words) -> Completion:
     controller = robot.controller
     if 'on' in words:
         apply(controller, Event.MOTORS_ON)
@@ -83,28 +85,28 @@ def _motor(robot: Robot, _: Arguments, words: Words) -> Completion:
     return Until(lambda: controller.condition.motors in (Motors.OFF, Motors.HELD))
 
 
-def _power(robot: Robot, _: Arguments, words: Words) -> None:
+def _power(robot: RobotContext, _: Arguments, words: Words) -> None:
     high = 'high' in words
     if high and robot.controller.condition.motors is not Motors.ON:
         return  # it would be low again with the motors
     apply(robot.controller, Event.PROGRAM_POWER_HIGH if high else Event.PROGRAM_POWER_LOW)
 
 
-def _reset(robot: Robot, _: Arguments, _words: Words) -> None:
+def _reset(robot: RobotContext, _: Arguments, _words: Words) -> None:
     if robot.controller.condition.estopped:
         text = 'Reset: no program can reset an E-stop: release it, then reset by hand'
         raise SpelError(ErrorNumber.TASK_ABORTED, text)
     apply(robot.controller, Event.RESET, ErrorNumber.TASK_ABORTED)
 
 
-def _quit_all(robot: Robot, _: Arguments, _words: Words) -> None:
+def _quit_all(robot: RobotContext, _: Arguments, _words: Words) -> None:
     robot.motion.abort(SpelError(ErrorNumber.MOTION_ABORTED))
     robot.controller.forget_settings()
     robot.motion.lim_z = 0.0
     apply(robot.controller, Event.PROGRAM_POWER_LOW)
 
 
-def _start_main(robot: Robot, _: Arguments, _words: Words) -> None:
+def _start_main(robot: RobotContext, _: Arguments, _words: Words) -> None:
     """Check whether main may be started now, by the interpreter."""
     condition = robot.controller.condition
     if condition.estopped or robot.controller.error_number:
@@ -113,25 +115,25 @@ def _start_main(robot: Robot, _: Arguments, _words: Words) -> None:
     apply(robot.controller, Event.START, ErrorNumber.TASK_ABORTED)
 
 
-def _abort_motion(robot: Robot, _: Arguments, _words: Words) -> None:
+def _abort_motion(robot: RobotContext, _: Arguments, _words: Words) -> None:
     if not robot.motion.abort(SpelError(ErrorNumber.MOTION_ABORTED, 'the motion was aborted')):
         raise SpelError(ErrorNumber.NO_MOTION, 'AbortMotion: no task moves the robot')
 
 
-def _wait_position(robot: Robot, _: Arguments, _words: Words) -> Completion:
+def _wait_position(robot: RobotContext, _: Arguments, _words: Words) -> Completion:
     return Until(lambda: not robot.controller.in_motion)
 
 
-def _cp(robot: Robot, _: Arguments, words: Words) -> None:
+def _cp(robot: RobotContext, _: Arguments, words: Words) -> None:
     robot.motion.cp = 'on' in words
 
 
-def _lim_z(robot: Robot, arguments: Arguments, _words: Words) -> None:
+def _lim_z(robot: RobotContext, arguments: Arguments, _words: Words) -> None:
     (height,) = (float(each) for each in arguments if isinstance(each, int | float))
     robot.motion.lim_z = height / MM
 
 
-def _home_set(robot: Robot, arguments: Arguments, _words: Words) -> None:
+def _home_set(robot: RobotContext, arguments: Arguments, _words: Words) -> None:
     numbers = tuple(round(float(each)) for each in arguments if isinstance(each, int | float))
     try:
         robot.points.joints(Point('pulses', tuple(map(float, numbers))), robot.here)
@@ -141,7 +143,7 @@ def _home_set(robot: Robot, arguments: Arguments, _words: Words) -> None:
 
 
 def _only(name: str, number: int) -> Run:
-    def run(_robot: Robot, arguments: Arguments, _words: Words) -> None:
+    def run(_robot: RobotContext, arguments: Arguments, _words: Words) -> None:
         if arguments and arguments[0] != number:
             text = f'{name} {arguments[0]}: only {number} is simulated'
             raise SpelError(SpelNumber.ARGUMENT, text)
@@ -156,11 +158,11 @@ def _tool_number(name: str, argument: Value | Point | None, least: int) -> int:
     return round(argument)
 
 
-def _tool(robot: Robot, arguments: Arguments, _words: Words) -> None:
+def _tool(robot: RobotContext, arguments: Arguments, _words: Words) -> None:
     robot.points.use(_tool_number('Tool', arguments[0], 0))
 
 
-def _define_tool(robot: Robot, arguments: Arguments, _words: Words) -> None:
+def _define_tool(robot: RobotContext, arguments: Arguments, _words: Words) -> None:
     number = _tool_number('TLSet', arguments[0], 1)
     point = arguments[1] if len(arguments) > 1 else None
     robot.points.define(number, point if isinstance(point, Point) else None)
@@ -182,6 +184,6 @@ COMMANDS: dict[str, Run] = {
     'tlset': _define_tool,
     'tlclr': _define_tool,
     'arm': _only('Arm', 0),
-    'robot': _only('Robot', 1),
+    'robot': _only('RobotContext', 1),
 }
 """By name in lower case, besides the settings and those without effect."""

@@ -32,7 +32,7 @@ class Motion:
 
     @property
     def share(self) -> float:
-        """How much of the way is done, 0 to 1."""
+        """The share of the distance covered, 0 to 1."""
         return 1.0 if self.done else self._share()
 
 
@@ -145,7 +145,7 @@ class RobotMotion:
         return not self.sensed
 
     def _share(self) -> float:
-        """Return how much of the way is done: of the sum of its parts in joint space."""
+        """Return the share of the path covered, in joint space."""
         parts = [float(np.linalg.norm(b - a)) for a, b in pairwise(self._stops)]
         target = len(parts) - len(self._points) - (self._down is not None)
         left = sum(parts[target:])

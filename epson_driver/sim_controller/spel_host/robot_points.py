@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Points of a SPEL+ program as joint angles of the arm, and the way back."""
+"""Points of a SPEL+ program as joint angles of the arm, and back."""
 
 import logging
 import math
@@ -23,7 +23,7 @@ from epson_driver.tool_motion.pose_path import PosePath, arc, line
 UNREACHABLE = 4007
 STEP_M = 0.02
 STEP_RAD = 0.1
-"""How densely a straight way is looked at; between, a spline is near it by some micrometres."""
+"""how densely a line is looked at; between, a spline is near it by some micrometres."""
 
 STRAIGHT_RAD = 1e-6
 """A SCARA that is stretched out is bent to either side."""
@@ -130,11 +130,13 @@ class RobotPoints:
             raise SpelError(SpelNumber.ARGUMENT, f'{point}: {text}')
         return np.asarray(np.array(point.values[:count]) / per_unit)
 
-    def way(self, point: Point, start: Array, via: Point | None = None) -> tuple[Array, PosePath]:
-        """Return joints along the straight way of the tool from joints, shape (n,), to a point.
+    def path_to(
+        self, point: Point, start: Array, via: Point | None = None
+    ) -> tuple[Array, PosePath]:
+        """Return joints along the tool's line from joints, shape (n,), to a point.
 
-        With `via` it is an arc over that point. rad, shape (k, n), at even shares of the way.
-        Raises SpelError: 4001, or 4007 for a way that
+        With `via` it is an arc over that point. rad, shape (k, n), at even shares of the path.
+        Raises SpelError: 4001, or 4007 for a path that
         leaves the reach or a joint's range, or on which a joint would have to jump.
         """
         here = self._kinematics.forward(start)

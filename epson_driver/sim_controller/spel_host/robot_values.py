@@ -25,8 +25,8 @@ _MOST_ACCEL = 100
 _MM = 1000.0
 
 
-class Robot(NamedTuple):
-    """What the functions look at."""
+class RobotContext(NamedTuple):
+    """The parts of the controller that the functions read."""
 
     controller: Controller
     motion: RobotMotion
@@ -50,20 +50,20 @@ class Robot(NamedTuple):
         return int(number) - 1
 
 
-def value(robot: Robot, name: str, arguments: Arguments) -> Result:
+def value(robot: RobotContext, name: str, arguments: Arguments) -> Result:
     """Return a function of the language by its name in lower case. Raises SpelError."""
     return VALUES[name](robot, arguments)
 
 
-def _truth(predicate: status_words.Predicate) -> Callable[[Robot, Arguments], int]:
+def _truth(predicate: status_words.Predicate) -> Callable[[RobotContext, Arguments], int]:
     return lambda robot, _: -1 if predicate(robot.controller) else 0
 
 
-def _one(predicate: status_words.Predicate) -> Callable[[Robot, Arguments], int]:
+def _one(predicate: status_words.Predicate) -> Callable[[RobotContext, Arguments], int]:
     return lambda robot, _: int(predicate(robot.controller))
 
 
-def _ctrl_info(robot: Robot, arguments: Arguments) -> int:
+def _ctrl_info(robot: RobotContext, arguments: Arguments) -> int:
     words = {
         1: lambda: status_words.word(status_words.CTRL_INFO_1, robot.controller),
         5: lambda: _CONTROL_DEVICE,
@@ -73,7 +73,7 @@ def _ctrl_info(robot: Robot, arguments: Arguments) -> int:
     return _chosen('CtrlInfo', words, arguments)
 
 
-def _robot_info(robot: Robot, arguments: Arguments) -> int:
+def _robot_info(robot: RobotContext, arguments: Arguments) -> int:
     def state() -> int:
         bits = status_words.word(status_words.ROBOT_INFO_0, robot.controller)
         return bits | (_TILL_HIT if robot.motion.till_on else 0)
@@ -81,7 +81,7 @@ def _robot_info(robot: Robot, arguments: Arguments) -> int:
     return _chosen('RobotInfo', {0: state}, arguments)
 
 
-def _stat(robot: Robot, arguments: Arguments) -> int:
+def _stat(robot: RobotContext, arguments: Arguments) -> int:
     words = {
         0: lambda: status_words.word(status_words.STAT_0, robot.controller),
         1: lambda: (
@@ -100,8 +100,8 @@ def _chosen(name: str, table: dict[int, Callable[[], int]], arguments: Arguments
     return table[int(number)]()
 
 
-def _setting(name: str, usual: float) -> Callable[[Robot, Arguments], float]:
-    def read(robot: Robot, arguments: Arguments) -> float:
+def _setting(name: str, usual: float) -> Callable[[RobotContext, Arguments], float]:
+    def read(robot: RobotContext, arguments: Arguments) -> float:
         values = robot.controller.spel.values(name) or (usual,)
         which = arguments[0] if arguments else 1
         if isinstance(which, Point) or not 1 <= which <= 6:
@@ -111,13 +111,13 @@ def _setting(name: str, usual: float) -> Callable[[Robot, Arguments], float]:
     return read
 
 
-def _angle(robot: Robot, arguments: Arguments) -> float:
+def _angle(robot: RobotContext, arguments: Arguments) -> float:
     joint = robot.joint('Agl', arguments[0])
     return float(robot.here[joint] * robot.controller.model.shown_per_unit[joint])
 
 
-def _pulses(name: str, real: bool) -> Callable[[Robot, Arguments], int]:
-    def read(robot: Robot, arguments: Arguments) -> int:
+def _pulses(name: str, real: bool) -> Callable[[RobotContext, Arguments], int]:
+    def read(robot: RobotContext, arguments: Arguments) -> int:
         joint = robot.joint(name, arguments[0])
         angles = robot.encoders if real else robot.here
         return round(float(angles[joint] * robot.points.pulses_per_unit[joint]))
@@ -125,7 +125,7 @@ def _pulses(name: str, real: bool) -> Callable[[Robot, Arguments], int]:
     return read
 
 
-def _range(robot: Robot, arguments: Arguments) -> int:
+def _range(robot: RobotContext, arguments: Arguments) -> int:
     joint = robot.joint('JRange', arguments[0])
     if arguments[1] not in (1, 2):
         raise SpelError(ErrorNumber.ARGUMENT, f'JRange: {arguments[1]} is not 1 or 2')
@@ -135,11 +135,11 @@ def _range(robot: Robot, arguments: Arguments) -> int:
     return int(np.ceil(low) if arguments[1] == 1 else np.floor(high))
 
 
-def _place(real: bool) -> Callable[[Robot, Arguments], Point]:
+def _place(real: bool) -> Callable[[RobotContext, Arguments], Point]:
     return lambda robot, _: robot.points.place(robot.encoders if real else robot.here)
 
 
-def _coordinate(axis: str) -> Callable[[Robot, Arguments], float]:
+def _coordinate(axis: str) -> Callable[[RobotContext, Arguments], float]:
     return lambda robot, arguments: robot.points.coordinate(_point(arguments[0]), axis)
 
 
@@ -149,17 +149,17 @@ def _point(argument: int | float | Point) -> Point:
     return argument
 
 
-def _point_pulses(robot: Robot, arguments: Arguments) -> int:
+def _point_pulses(robot: RobotContext, arguments: Arguments) -> int:
     joint = robot.joint('PPls', arguments[1])
     return round(float(robot.points.pulses(_point(arguments[0]), robot.here)[joint]))
 
 
-def _point_angle(robot: Robot, arguments: Arguments) -> float:
+def _point_angle(robot: RobotContext, arguments: Arguments) -> float:
     joint = robot.joint('PAgl', arguments[1])
     return float(robot.points.degrees(_point(arguments[0]), robot.here)[joint])
 
 
-def _target_ok(robot: Robot, arguments: Arguments) -> int:
+def _target_ok(robot: RobotContext, arguments: Arguments) -> int:
     try:
         robot.points.joints(_point(arguments[0]), robot.here)
     except SpelError:
@@ -167,7 +167,7 @@ def _target_ok(robot: Robot, arguments: Arguments) -> int:
     return -1
 
 
-def _time(robot: Robot, arguments: Arguments) -> float:
+def _time(robot: RobotContext, arguments: Arguments) -> float:
     """Return how long Go takes from here, or 0 if it is impossible."""
     try:
         target = robot.points.joints(_point(arguments[0]), robot.here)
@@ -177,13 +177,13 @@ def _time(robot: Robot, arguments: Arguments) -> float:
     return go(robot.controller.model.limits, robot.here, target, spel.speed, spel.accel).duration
 
 
-def _found(robot: Robot, _: Arguments) -> Point:
+def _found(robot: RobotContext, _: Arguments) -> Point:
     if robot.motion.found is None:
         raise SpelError(ErrorNumber.POINT_UNDEFINED, 'FindPos: no Find has found anything')
     return robot.points.place(robot.motion.found)
 
 
-def _tool(robot: Robot, arguments: Arguments) -> Point:
+def _tool(robot: RobotContext, arguments: Arguments) -> Point:
     number = arguments[0]
     tool = None if isinstance(number, Point) else robot.points.tools.get(int(number))
     if tool is None:
@@ -191,7 +191,7 @@ def _tool(robot: Robot, arguments: Arguments) -> Point:
     return tool
 
 
-def _at_home(robot: Robot, _: Arguments) -> int:
+def _at_home(robot: RobotContext, _: Arguments) -> int:
     home = robot.controller.spel.home
     if home is None:
         return 0
@@ -199,7 +199,7 @@ def _at_home(robot: Robot, _: Arguments) -> int:
     return -1 if now.tolist() == list(home) else 0
 
 
-VALUES: dict[str, Callable[[Robot, Arguments], Result]] = {
+VALUES: dict[str, Callable[[RobotContext, Arguments], Result]] = {
     'ctrlinfo': _ctrl_info,
     'robotinfo': _robot_info,
     'stat': _stat,

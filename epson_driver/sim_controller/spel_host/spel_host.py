@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a SPEL+ program asks of the world, answered by the simulated controller."""
+"""The host of a SPEL+ program in the simulated controller: motion, I/O, ports, console."""
 
 from collections.abc import Callable, Sequence
 
@@ -11,7 +11,7 @@ from epson_driver.sim_controller.spel_host.motion_statements import points_of
 from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
 from epson_driver.sim_controller.spel_host.robot_commands import command
 from epson_driver.sim_controller.spel_host.robot_motion import Motion
-from epson_driver.sim_controller.spel_host.robot_values import Robot, value
+from epson_driver.sim_controller.spel_host.robot_values import RobotContext, value
 from epson_driver.simple_message import IoType
 from epson_driver.spel import (
     Array,
@@ -52,7 +52,7 @@ class SpelHost:
     def __init__(
         self,
         controller: Controller,
-        robot: Robot,
+        robot: RobotContext,
         network: ProgramNetwork,
         terminal: Terminal,
         news: Callable[[], None],
@@ -74,7 +74,7 @@ class SpelHost:
     # Terminal
 
     def write(self, caller: Caller, text: str) -> None:
-        """Show what is printed."""
+        """Show printed text."""
         self._terminal.write(caller, text)
 
     def read_line(self) -> str | None:
@@ -104,7 +104,7 @@ class SpelHost:
         return self._network.connected(port)
 
     def received(self, port: int) -> bytes:
-        """Return what has come and is not taken."""
+        """Return the unread bytes of a port."""
         return self._network.received(port)
 
     def take(self, port: int, count: int) -> bytes:
@@ -187,10 +187,10 @@ class SpelHost:
         raise SpelError(ErrorNumber.NO_LIBRARY, f'{name} of {library}')
 
     def task_failed(self, error: TaskError) -> None:
-        """Be told that an error ended a task."""
+        """Take note that an error ended a task."""
         self._failed(error)
 
     def paused(self, on: bool) -> bool:
-        """Be told that a program asked for Pause, or for Cont: the controller lets tasks go on."""
+        """Take note that a program asked for Pause, or for Cont."""
         self._pauses(on)
         return False

@@ -20,7 +20,7 @@ from epson_driver.sim_controller.ports import Answer
 from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
 from epson_driver.sim_controller.spel_host.robot_motion import RobotMotion
 from epson_driver.sim_controller.spel_host.robot_points import RobotPoints
-from epson_driver.sim_controller.spel_host.robot_values import Robot
+from epson_driver.sim_controller.spel_host.robot_values import RobotContext
 from epson_driver.sim_controller.spel_host.spel_host import SpelHost
 from epson_driver.sim_controller.spel_host.terminals import CommandTerminal, LogTerminal
 from epson_driver.simple_message import Frame
@@ -95,7 +95,7 @@ class SpelProgram:
         self._timing = Timing()
         self._motion = RobotMotion(arm, controller.clock, self._soon, self._timing.scan, claim)
         self._terminal = CommandTerminal(terminal or LogTerminal(controller.clock))
-        robot = Robot(controller, self._motion, RobotPoints(controller.model))
+        robot = RobotContext(controller, self._motion, RobotPoints(controller.model))
         self._host = SpelHost(
             controller,
             robot,
@@ -131,13 +131,13 @@ class SpelProgram:
     # Time
 
     def _soon(self) -> None:
-        """Let the tasks run as soon as the controller has done what it does now."""
+        """Run the tasks as soon as the controller's present call is over."""
         if self._timer is not None:
             self._timer.cancel()
         self._timer = self._controller.clock.after(0.0, self._run)
 
     def _run(self) -> None:
-        """Let the tasks run until now, and then whatever follows from that."""
+        """Run the tasks until now, and their consequences."""
         self._timer = None
         now = self._pass_time()
         self._start_main()
@@ -268,7 +268,7 @@ class SpelProgram:
 
     @property
     def ready(self) -> bool:
-        """Always: what it takes, its own statements decide."""
+        """Always, as its own statements decide what to take."""
         return True
 
     @property
@@ -312,7 +312,7 @@ class SpelProgram:
         self._after_tasks(end)
 
     def detach(self) -> None:
-        """Nothing: its own ports tell its statements that a client is gone."""
+        """Do nothing, as its statements see by the port that the client is gone."""
 
     def boot(self) -> None:
         """Begin anew, keeping the values of preserved variables."""
@@ -378,7 +378,7 @@ class SpelProgram:
 
 
 def _plain(name: str) -> str:
-    """Return a file name without what separates the parts of an answer."""
+    """Return a file name without the separators of an answer."""
     return ''.join('_' if each in ',;=' or not each.isprintable() else each for each in name)
 
 

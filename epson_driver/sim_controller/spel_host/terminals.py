@@ -26,7 +26,7 @@ class LogTerminal:
         self._lines: dict[int, str] = {}
 
     def write(self, caller: Caller, text: str) -> None:
-        """Show what is printed: lines with time, task and function."""
+        """Log printed text line by line, with time, task and function."""
         *lines, rest = (self._lines.pop(caller.task, '') + text).split('\n')
         for line in lines:
             self._show(caller, line)
@@ -46,7 +46,7 @@ class LogTerminal:
             _terminal.handle(record)
 
     def read_line(self) -> str | None:
-        """Return None: nobody types anything."""
+        """Return None, as there is no input."""
         return None
 
     def message_box(self, caller: Caller, text: str, _buttons: int, title: str) -> int | None:
@@ -56,20 +56,20 @@ class LogTerminal:
 
 
 class CommandTerminal:
-    """A terminal that keeps what a command prints, and hands everything else on."""
+    """A terminal that keeps a command's output, and hands everything else on."""
 
     def __init__(self, terminal: Terminal) -> None:
         self._terminal = terminal
         self._printed: list[str] = []
 
     def taken(self) -> str:
-        """Return what was printed since, without the last line end."""
+        """Return the output since the last call, without the last line end."""
         text = ''.join(self._printed)
         self._printed.clear()
         return text.removesuffix('\n').replace('\n', '\r\n')
 
     def write(self, caller: Caller, text: str) -> None:
-        """Keep what a command prints, and show what a program prints."""
+        """Keep a command's output, and show a program's."""
         if caller.task == COMMAND_TASK:
             self._printed.append(text)
         else:

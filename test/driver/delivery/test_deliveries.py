@@ -20,7 +20,7 @@ from support.driver_harness import (
     pose,
     simulated,
 )
-from support.event_loop import now, run, until
+from support.event_loop import now, until
 from support.examples import one_in
 
 from epson_driver.driver.delivery.delivery import DeliveryRules
@@ -136,38 +136,32 @@ PLANS = {'line': line, 'there and back': there_and_back, 'dense': dense}
 
 
 @pytest.mark.parametrize('name', one_in(2, PROFILES))
-def test_the_same_three_plans_succeed_on_every_controller(name):
-    async def check():
-        async with cell_of(name) as (harness, controller, _):
-            for make in PLANS.values():
-                begin = where(controller)
-                start = plan([0.0, 0.5], [begin, HOME])
-                assert (await hand_in(harness, start).end()).end is End.SUCCEEDED
-                goal = make()
-                outcome = await hand_in(harness, goal).end()
-                assert outcome.end is End.SUCCEEDED, outcome
-                assert not controller.in_motion
-                end = goal.trajectory.positions[-1]
-                assert np.abs(where(controller) - end).max() < 1e-4
-
-    run(check())
+async def test_the_same_three_plans_succeed_on_every_controller(name):
+    async with cell_of(name) as (harness, controller, _):
+        for make in PLANS.values():
+            begin = where(controller)
+            start = plan([0.0, 0.5], [begin, HOME])
+            assert (await hand_in(harness, start).end()).end is End.SUCCEEDED
+            goal = make()
+            outcome = await hand_in(harness, goal).end()
+            assert outcome.end is End.SUCCEEDED, outcome
+            assert not controller.in_motion
+            end = goal.trajectory.positions[-1]
+            assert np.abs(where(controller) - end).max() < 1e-4
 
 
 @pytest.mark.parametrize('name', ['rc620', 'rc700a', 'generic', 'abb'])
 @pytest.mark.parametrize('interface', ['streaming', 'download'])
-def test_both_interfaces_execute_a_plan(name, interface):
-    async def check():
-        async with cell_of(name, interface) as (harness, controller, received):
-            outcome = await hand_in(harness, there_and_back()).end()
-            assert outcome.end is End.SUCCEEDED, outcome
-            expected = {
-                'streaming': [(CommType.SERVICE_REQUEST, sequence) for sequence in (0, 1, 2)],
-                'download': [(CommType.TOPIC, sequence) for sequence in (-1, 1, -3)],
-            }
-            assert [(p.comm_type, p.message.sequence) for p in received] == expected[interface]
-            assert not controller.in_motion
-
-    run(check())
+async def test_both_interfaces_execute_a_plan(name, interface):
+    async with cell_of(name, interface) as (harness, controller, received):
+        outcome = await hand_in(harness, there_and_back()).end()
+        assert outcome.end is End.SUCCEEDED, outcome
+        expected = {
+            'streaming': [(CommType.SERVICE_REQUEST, sequence) for sequence in (0, 1, 2)],
+            'download': [(CommType.TOPIC, sequence) for sequence in (-1, 1, -3)],
+        }
+        assert [(p.comm_type, p.message.sequence) for p in received] == expected[interface]
+        assert not controller.in_motion
 
 
 @pytest.mark.parametrize(
@@ -205,353 +199,296 @@ def test_parameters_that_do_not_go_together(name, interface, message, text):
 # ---- download
 
 
-def test_a_download_that_is_too_long_is_refused_before_anything_is_sent():
-    async def check():
-        async with cell_of('abb') as (harness, _, received):
-            times = np.arange(101) * 0.05
-            shares = np.linspace(0.0, 1.0, 101)
-            outcome = await hand_in(harness, plan(times, np.outer(shares, A))).end()
-            assert outcome.end is End.ABORTED
-            assert outcome.code is ErrorCode.INVALID_GOAL
-            assert re.search(r'101 points, .* keeps 100 ', outcome.text), outcome.text
-            assert received == []
-            allowed = plan(times[:100], np.outer(shares, A)[:100])
-            assert (await hand_in(harness, allowed).end()).end is End.SUCCEEDED
-
-    run(check())
+async def test_a_download_that_is_too_long_is_refused_before_anything_is_sent():
+    async with cell_of('abb') as (harness, _, received):
+        times = np.arange(101) * 0.05
+        shares = np.linspace(0.0, 1.0, 101)
+        outcome = await hand_in(harness, plan(times, np.outer(shares, A))).end()
+        assert outcome.end is End.ABORTED
+        assert outcome.code is ErrorCode.INVALID_GOAL
+        assert re.search(r'101 points, .* keeps 100 ', outcome.text), outcome.text
+        assert received == []
+        allowed = plan(times[:100], np.outer(shares, A)[:100])
+        assert (await hand_in(harness, allowed).end()).end is End.SUCCEEDED
 
 
-def test_a_single_point_is_sent_twice():
-    async def check():
-        async with cell_of('rc620', 'download') as (harness, controller, received):
-            outcome = await hand_in(harness, plan([0.5], [A])).end()
-            assert outcome.end is End.SUCCEEDED, outcome
-            first, last = (packet.message for packet in received)
-            assert (first.sequence, last.sequence) == (-1, -3)
-            assert replace(first, sequence=-3) == last
-            assert np.abs(where(controller) - A).max() < 1e-4
-
-    run(check())
+async def test_a_single_point_is_sent_twice():
+    async with cell_of('rc620', 'download') as (harness, controller, received):
+        outcome = await hand_in(harness, plan([0.5], [A])).end()
+        assert outcome.end is End.SUCCEEDED, outcome
+        first, last = (packet.message for packet in received)
+        assert (first.sequence, last.sequence) == (-1, -3)
+        assert replace(first, sequence=-3) == last
+        assert np.abs(where(controller) - A).max() < 1e-4
 
 
-def test_a_download_waits_for_the_dead_time_of_all_points():
+async def test_a_download_waits_for_the_dead_time_of_all_points():
     """The arm stands for seconds after the last point was sent; nothing may take that for the end.
 
     The plan ends where it begins, and is short enough to be at its goal all the time.
     """
 
-    async def check():
-        rc620 = load_controller_profile('rc620')
-        download = replace(rc620.program.download, dead_time=0.15)
-        slow = replace(rc620, program=replace(rc620.program, download=download))
-        async with cell_of(slow, 'download') as (harness, controller, received):
-            shares = np.concatenate([np.linspace(0, 1, 6), np.linspace(1, 0, 6)])
-            goal = plan(np.arange(12) * 0.1, np.outer(shares, pose(0.005)))
-            goal_in = hand_in(harness, goal)
-            await until(lambda: len(received) == 12)
-            moved = False
-            while not goal_in.outcomes:
-                moved |= controller.in_motion
-                await asyncio.sleep(0.005)
-            assert goal_in.outcome.end is End.SUCCEEDED
-            assert moved
-            assert not controller.in_motion
-
-    run(check())
+    rc620 = load_controller_profile('rc620')
+    download = replace(rc620.program.download, dead_time=0.15)
+    slow = replace(rc620, program=replace(rc620.program, download=download))
+    async with cell_of(slow, 'download') as (harness, controller, received):
+        shares = np.concatenate([np.linspace(0, 1, 6), np.linspace(1, 0, 6)])
+        goal = plan(np.arange(12) * 0.1, np.outer(shares, pose(0.005)))
+        goal_in = hand_in(harness, goal)
+        await until(lambda: len(received) == 12)
+        moved = False
+        while not goal_in.outcomes:
+            moved |= controller.in_motion
+            await asyncio.sleep(0.005)
+        assert goal_in.outcome.end is End.SUCCEEDED
+        assert moved
+        assert not controller.in_motion
 
 
-def test_stop_of_a_download_is_a_request_and_ends_the_goal_at_rest():
-    async def check():
-        async with cell_of('abb') as (harness, controller, received):
-            goal = hand_in(harness, plan([0.0, 3.0], [HOME, pose(1.5)]))
-            await harness.until_moving()
-            harness.driver.goal_queue.cancel(goal.handle)
-            outcome = await goal.end()
-            assert outcome.end is End.CANCELED
-            assert (received[-1].comm_type, received[-1].message.sequence) == (
-                CommType.SERVICE_REQUEST,
-                -4,
-            )
-            assert not controller.in_motion
-            assert where(controller)[0] < 1.4
-
-    run(check())
+async def test_stop_of_a_download_is_a_request_and_ends_the_goal_at_rest():
+    async with cell_of('abb') as (harness, controller, received):
+        goal = hand_in(harness, plan([0.0, 3.0], [HOME, pose(1.5)]))
+        await harness.until_moving()
+        harness.driver.goal_queue.cancel(goal.handle)
+        outcome = await goal.end()
+        assert outcome.end is End.CANCELED
+        assert (received[-1].comm_type, received[-1].message.sequence) == (
+            CommType.SERVICE_REQUEST,
+            -4,
+        )
+        assert not controller.in_motion
+        assert where(controller)[0] < 1.4
 
 
-def test_a_download_that_the_controller_refuses_ends_with_its_error():
+async def test_a_download_that_the_controller_refuses_ends_with_its_error():
     """Its joints are counted otherwise, and so the goal is beyond a limit that it alone knows."""
 
-    async def check():
-        mapping = joint_mapping(JOINTS, [1], [-2.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0)
-        async with cell_of('rc620', 'download', mapping=mapping) as (harness, controller, _):
-            goal = hand_in(harness, plan([0.0, 1.0], [harness.at, harness.at + pose(3.5)]))
-            outcome = await goal.end()
-            assert outcome.end is End.ABORTED
-            assert '4001' in outcome.text
-            assert not controller.in_motion
-
-    run(check())
+    mapping = joint_mapping(JOINTS, [1], [-2.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0)
+    async with cell_of('rc620', 'download', mapping=mapping) as (harness, controller, _):
+        goal = hand_in(harness, plan([0.0, 1.0], [harness.at, harness.at + pose(3.5)]))
+        outcome = await goal.end()
+        assert outcome.end is End.ABORTED
+        assert '4001' in outcome.text
+        assert not controller.in_motion
 
 
-def test_an_e_stop_ends_a_download():
-    async def check():
-        async with cell_of('abb') as (harness, controller, _):
-            goal = hand_in(harness, plan([0.0, 3.0], [HOME, pose(1.5)]))
-            await harness.until_moving()
-            controller.apply(Event.ESTOP_PRESS)
-            outcome = await goal.end()
-            assert outcome.end is End.ABORTED
-            assert 'E-stop' in outcome.text
-            assert harness.gate is not None
-
-    run(check())
+async def test_an_e_stop_ends_a_download():
+    async with cell_of('abb') as (harness, controller, _):
+        goal = hand_in(harness, plan([0.0, 3.0], [HOME, pose(1.5)]))
+        await harness.until_moving()
+        controller.apply(Event.ESTOP_PRESS)
+        outcome = await goal.end()
+        assert outcome.end is End.ABORTED
+        assert 'E-stop' in outcome.text
+        assert harness.gate is not None
 
 
 @pytest.mark.invariant(7)
-def test_inv7_a_long_download_never_fills_the_memory():
+async def test_inv7_a_long_download_never_fills_the_memory():
     """docs/invariants.md, 7: points wait while the controller does not read."""
 
-    async def check():
-        rc620 = load_controller_profile('rc620')
-        download = replace(rc620.program.download, buffer=10_000, dead_time=0.0)
-        profile = replace(rc620, program=replace(rc620.program, download=download))
-        async with cell_of(profile, 'download') as (harness, _, received):
-            count = 5000
-            shares = np.linspace(0.0, 1.0, count)
-            goal = hand_in(harness, plan(np.arange(count) * 0.01, np.outer(shares, A)))
-            most = 0
-            while len(received) < count:
-                most = max(most, harness.driver.motion_link.unsent)
-                assert not goal.outcomes, goal.outcome
-                await asyncio.sleep(0)
-            assert most < 32768
-            assert [packet.message.sequence for packet in received[1:-1]] == [*range(1, count - 1)]
-            harness.driver.goal_queue.cancel(goal.handle)
-            assert (await goal.end()).end is End.CANCELED
-
-    run(check())
+    rc620 = load_controller_profile('rc620')
+    download = replace(rc620.program.download, buffer=10_000, dead_time=0.0)
+    profile = replace(rc620, program=replace(rc620.program, download=download))
+    async with cell_of(profile, 'download') as (harness, _, received):
+        count = 5000
+        shares = np.linspace(0.0, 1.0, count)
+        goal = hand_in(harness, plan(np.arange(count) * 0.01, np.outer(shares, A)))
+        most = 0
+        while len(received) < count:
+            most = max(most, harness.driver.motion_link.unsent)
+            assert not goal.outcomes, goal.outcome
+            await asyncio.sleep(0)
+        assert most < 32768
+        assert [packet.message.sequence for packet in received[1:-1]] == [*range(1, count - 1)]
+        harness.driver.goal_queue.cancel(goal.handle)
+        assert (await goal.end()).end is End.CANCELED
 
 
 # ---- Motoman
 
 
-def test_motoman_gets_its_mode_then_points_with_time_position_and_velocity():
-    async def check():
-        async with cell_of('motoman') as (harness, _, received):
-            goal = dense()
-            outcome = await hand_in(harness, goal).end()
-            assert outcome.end is End.SUCCEEDED, outcome
-            mode, *points = (packet.message for packet in received)
-            assert isinstance(mode, MotionCtrl)
-            assert mode.command == Command.START_TRAJ_MODE
-            assert all(isinstance(point, JointTrajPtFull) for point in points)
-            # A point that finds the controller BUSY is sent again.
-            points = [point for point, _ in itertools.groupby(points)]
-            assert [point.sequence for point in points] == [*range(20)]
-            assert {point.valid_fields for point in points} == {7}
-            plan_sent = goal.trajectory
-            times = [point.time for point in points]
-            np.testing.assert_allclose(times, plan_sent.times, atol=1e-6)
-            velocities = [point.velocities[:JOINTS] for point in points]
-            np.testing.assert_allclose(velocities, plan_sent.velocities, atol=1e-6)
-
-    run(check())
+async def test_motoman_gets_its_mode_then_points_with_time_position_and_velocity():
+    async with cell_of('motoman') as (harness, _, received):
+        goal = dense()
+        outcome = await hand_in(harness, goal).end()
+        assert outcome.end is End.SUCCEEDED, outcome
+        mode, *points = (packet.message for packet in received)
+        assert isinstance(mode, MotionCtrl)
+        assert mode.command == Command.START_TRAJ_MODE
+        assert all(isinstance(point, JointTrajPtFull) for point in points)
+        # A point that finds the controller BUSY is sent again.
+        points = [point for point, _ in itertools.groupby(points)]
+        assert [point.sequence for point in points] == [*range(20)]
+        assert {point.valid_fields for point in points} == {7}
+        plan_sent = goal.trajectory
+        times = [point.time for point in points]
+        np.testing.assert_allclose(times, plan_sent.times, atol=1e-6)
+        velocities = [point.velocities[:JOINTS] for point in points]
+        np.testing.assert_allclose(velocities, plan_sent.velocities, atol=1e-6)
 
 
-def test_a_busy_motoman_gets_the_same_point_again_until_it_takes_it():
-    async def check():
-        motoman = load_controller_profile('motoman')
-        small = replace(motoman, motion=replace(motoman.motion, pending_limit=2))
-        async with cell_of(small) as (harness, controller, received):
-            outcome = await hand_in(harness, dense()).end()
-            assert outcome.end is End.SUCCEEDED, outcome
-            sequences = [
-                packet.message.sequence
-                for packet in received
-                if isinstance(packet.message, JointTrajPtFull)
-            ]
-            assert len(sequences) > 20  # some came more than once
-            assert sequences == sorted(sequences)
-            assert set(sequences) == set(range(20))
-            assert np.abs(where(controller) - B).max() < 1e-4
-
-    run(check())
+async def test_a_busy_motoman_gets_the_same_point_again_until_it_takes_it():
+    motoman = load_controller_profile('motoman')
+    small = replace(motoman, motion=replace(motoman.motion, pending_limit=2))
+    async with cell_of(small) as (harness, controller, received):
+        outcome = await hand_in(harness, dense()).end()
+        assert outcome.end is End.SUCCEEDED, outcome
+        sequences = [
+            packet.message.sequence
+            for packet in received
+            if isinstance(packet.message, JointTrajPtFull)
+        ]
+        assert len(sequences) > 20  # some came more than once
+        assert sequences == sorted(sequences)
+        assert set(sequences) == set(range(20))
+        assert np.abs(where(controller) - B).max() < 1e-4
 
 
-def test_a_busy_point_is_not_sent_again_after_stop():
-    async def check():
-        motoman = load_controller_profile('motoman')
-        small = replace(motoman, motion=replace(motoman.motion, pending_limit=1))
-        async with cell_of(small) as (harness, controller, received):
-            goal = hand_in(harness, plan(np.arange(9) * 1.0, np.outer(np.arange(9.0), pose(0.2))))
-            await harness.until_moving()
-            harness.driver.goal_queue.cancel(goal.handle)
-            assert (await goal.end()).end is End.CANCELED
-            stop = next(
-                index
-                for index, packet in enumerate(received)
-                if isinstance(packet.message, MotionCtrl)
-                and packet.message.command == Command.STOP_MOTION
-            )
-            assert await harness.rests()
-            assert received[stop + 1 :] == []
-            assert not controller.in_motion
-
-    run(check())
+async def test_a_busy_point_is_not_sent_again_after_stop():
+    motoman = load_controller_profile('motoman')
+    small = replace(motoman, motion=replace(motoman.motion, pending_limit=1))
+    async with cell_of(small) as (harness, controller, received):
+        goal = hand_in(harness, plan(np.arange(9) * 1.0, np.outer(np.arange(9.0), pose(0.2))))
+        await harness.until_moving()
+        harness.driver.goal_queue.cancel(goal.handle)
+        assert (await goal.end()).end is End.CANCELED
+        stop = next(
+            index
+            for index, packet in enumerate(received)
+            if isinstance(packet.message, MotionCtrl)
+            and packet.message.command == Command.STOP_MOTION
+        )
+        assert await harness.rests()
+        assert received[stop + 1 :] == []
+        assert not controller.in_motion
 
 
-def test_a_motoman_that_refuses_says_why():
-    async def check():
-        async with cell_of('motoman') as (harness, controller, _):
-            controller.apply(Event.PAUSE)
-            outcome = await hand_in(harness, line()).end()
-            assert outcome.end is End.ABORTED
-            assert 'NOT_READY' in outcome.text
-            assert '5007: the controller is on hold' in outcome.text
-
-    run(check())
+async def test_a_motoman_that_refuses_says_why():
+    async with cell_of('motoman') as (harness, controller, _):
+        controller.apply(Event.PAUSE)
+        outcome = await hand_in(harness, line()).end()
+        assert outcome.end is End.ABORTED
+        assert 'NOT_READY' in outcome.text
+        assert '5007: the controller is on hold' in outcome.text
 
 
-def test_stop_reaches_a_motoman_that_does_nothing():
-    async def check():
-        async with cell_of('motoman') as (harness, _, received):
-            assert 'acknowledged STOP' in await harness.commands.stop()
-            assert received[-1].message.command == Command.STOP_MOTION
-
-    run(check())
+async def test_stop_reaches_a_motoman_that_does_nothing():
+    async with cell_of('motoman') as (harness, _, received):
+        assert 'acknowledged STOP' in await harness.commands.stop()
+        assert received[-1].message.command == Command.STOP_MOTION
 
 
-def test_a_plan_that_begins_beside_the_arm_takes_it_there_slowly():
-    async def check():
-        async with cell_of('motoman') as (harness, controller, received):
-            goal = plan([0.0, 0.01, 0.5], [pose(0.01), pose(0.0101), A])
-            outcome = await hand_in(harness, goal).end()
-            assert outcome.end is End.SUCCEEDED, outcome
-            first, second = (
-                packet.message
-                for packet in received
-                if isinstance(packet.message, JointTrajPtFull) and packet.message.sequence < 2
-            )
-            assert first.positions[:JOINTS] == tuple(HOME)
-            speed = (second.positions[0] - first.positions[0]) / (second.time - first.time)
-            assert speed == pytest.approx(0.1 * LIMITS.velocity[0], rel=1e-3)
-            assert np.abs(where(controller) - A).max() < 1e-4
-
-    run(check())
+async def test_a_plan_that_begins_beside_the_arm_takes_it_there_slowly():
+    async with cell_of('motoman') as (harness, controller, received):
+        goal = plan([0.0, 0.01, 0.5], [pose(0.01), pose(0.0101), A])
+        outcome = await hand_in(harness, goal).end()
+        assert outcome.end is End.SUCCEEDED, outcome
+        first, second = (
+            packet.message
+            for packet in received
+            if isinstance(packet.message, JointTrajPtFull) and packet.message.sequence < 2
+        )
+        assert first.positions[:JOINTS] == tuple(HOME)
+        speed = (second.positions[0] - first.positions[0]) / (second.time - first.time)
+        assert speed == pytest.approx(0.1 * LIMITS.velocity[0], rel=1e-3)
+        assert np.abs(where(controller) - A).max() < 1e-4
 
 
 @pytest.mark.parametrize('factor', [0.5, 0.1])
-def test_motomans_times_and_velocities_follow_the_speed_scaling(factor):
-    async def check():
-        async with cell_of('motoman') as (harness, _, received):
-            harness.driver.goal_queue.scaling.set(factor, now() - 1.0)
-            goal = plan([0.0, 0.1, 0.2], [HOME, pose(0.02), pose(0.04)])
-            outcome = await hand_in(harness, goal).end()
-            assert outcome.end is End.SUCCEEDED, outcome
-            points = [p.message for p in received if isinstance(p.message, JointTrajPtFull)]
-            times = np.diff([point.time for point in points])
-            np.testing.assert_allclose(times, 0.1 / factor, rtol=0.02)
-            assert points[1].velocities[0] == pytest.approx(0.2 * factor, rel=1e-5)
-
-    run(check())
+async def test_motomans_times_and_velocities_follow_the_speed_scaling(factor):
+    async with cell_of('motoman') as (harness, _, received):
+        harness.driver.goal_queue.scaling.set(factor, now() - 1.0)
+        goal = plan([0.0, 0.1, 0.2], [HOME, pose(0.02), pose(0.04)])
+        outcome = await hand_in(harness, goal).end()
+        assert outcome.end is End.SUCCEEDED, outcome
+        points = [p.message for p in received if isinstance(p.message, JointTrajPtFull)]
+        times = np.diff([point.time for point in points])
+        np.testing.assert_allclose(times, 0.1 / factor, rtol=0.02)
+        assert points[1].velocities[0] == pytest.approx(0.2 * factor, rel=1e-5)
 
 
 # ---- the state
 
 
-def test_motoman_measures_velocities_itself():
-    async def check():
-        async with cell_of('motoman') as (harness, _, _):
-            goal = hand_in(harness, plan([0.0, 1.0], [HOME, pose(1.0)]))
-            await harness.until_moving()
-            measured = []
-            take = harness.driver.robot.on_joints
+async def test_motoman_measures_velocities_itself():
+    async with cell_of('motoman') as (harness, _, _):
+        goal = hand_in(harness, plan([0.0, 1.0], [HOME, pose(1.0)]))
+        await harness.until_moving()
+        measured = []
+        take = harness.driver.robot.on_joints
 
-            def on_joints(data, now, velocities, told):
-                sample = take(data, now, velocities, told)
-                measured.append((velocities, sample))
-                return sample
+        def on_joints(data, now, velocities, told):
+            sample = take(data, now, velocities, told)
+            measured.append((velocities, sample))
+            return sample
 
-            harness.driver.robot.on_joints = on_joints
-            await goal.end()
-            assert measured
-            for velocities, sample in measured:
-                assert velocities is not None
-                np.testing.assert_array_equal(sample.velocities, velocities[:JOINTS])
-            assert max(abs(sample.velocities[0]) for _, sample in measured) > 0.1
-
-    run(check())
+        harness.driver.robot.on_joints = on_joints
+        await goal.end()
+        assert measured
+        for velocities, sample in measured:
+            assert velocities is not None
+            np.testing.assert_array_equal(sample.velocities, velocities[:JOINTS])
+        assert max(abs(sample.velocities[0]) for _, sample in measured) > 0.1
 
 
-def test_joints_are_counted_as_ros_does_in_both_directions():
-    async def check():
-        mapping = joint_mapping(JOINTS, [1, -1, 1, 1, 1, -1], [0.1, 0.0, 0, 0, 0, 0], 1)
-        async with cell_of('generic', mapping=mapping) as (harness, controller, received):
-            start = mapping.positions_to_ros(where(controller))
-            np.testing.assert_allclose(harness.at, start, atol=1e-6)
-            target = start + pose(0.2, 0.15, -0.1, 0.0, 0.0, 0.3)
-            goal = hand_in(harness, plan([0.0, 0.5], [start, target]))
-            assert (await goal.end()).end is End.SUCCEEDED
-            wanted = mapping.positions_to_controller(target)
-            assert np.abs(where(controller) - wanted).max() < 1e-4
-            np.testing.assert_allclose(harness.at, target, atol=1e-6)
-            sent = received[-1].message
-            assert isinstance(sent, JointTrajPt)
-            way = np.abs(mapping.velocities_to_controller(target - start)) / 0.5
-            assert sent.velocity == pytest.approx(max(way / LIMITS.velocity), rel=1e-6)
-
-    run(check())
+async def test_joints_are_counted_as_ros_does_in_both_directions():
+    mapping = joint_mapping(JOINTS, [1, -1, 1, 1, 1, -1], [0.1, 0.0, 0, 0, 0, 0], 1)
+    async with cell_of('generic', mapping=mapping) as (harness, controller, received):
+        start = mapping.positions_to_ros(where(controller))
+        np.testing.assert_allclose(harness.at, start, atol=1e-6)
+        target = start + pose(0.2, 0.15, -0.1, 0.0, 0.0, 0.3)
+        goal = hand_in(harness, plan([0.0, 0.5], [start, target]))
+        assert (await goal.end()).end is End.SUCCEEDED
+        wanted = mapping.positions_to_controller(target)
+        assert np.abs(where(controller) - wanted).max() < 1e-4
+        np.testing.assert_allclose(harness.at, target, atol=1e-6)
+        sent = received[-1].message
+        assert isinstance(sent, JointTrajPt)
+        way = np.abs(mapping.velocities_to_controller(target - start)) / 0.5
+        assert sent.velocity == pytest.approx(max(way / LIMITS.velocity), rel=1e-6)
 
 
-def test_the_final_states_are_reached_in_every_delivery():
+async def test_the_final_states_are_reached_in_every_delivery():
     """A goal that a controller ends by itself leaves nothing behind that could be sent later."""
 
-    async def check():
-        for name in ('rc620', 'abb', 'motoman'):
-            async with cell_of(name) as (harness, _, received):
-                goal = hand_in(harness, dense())
-                await until(lambda got=received: len(got) >= 2)
-                await harness.commands.disable()
-                assert goal.handle.execution.state is GoalState.ABORTED
-                count = len(received)
-                await asyncio.sleep(0.1)
-                assert len(received) == count
-
-    run(check())
+    for name in ('rc620', 'abb', 'motoman'):
+        async with cell_of(name) as (harness, _, received):
+            goal = hand_in(harness, dense())
+            await until(lambda got=received: len(got) >= 2)
+            await harness.commands.disable()
+            assert goal.handle.execution.state is GoalState.ABORTED
+            count = len(received)
+            await asyncio.sleep(0.1)
+            assert len(received) == count
 
 
 # ---- before anything is known
 
 
-def test_what_is_sent_before_any_state_has_the_byte_order_of_the_profile():
-    async def check():
-        async with ScriptedController() as controller:
-            fanuc = load_controller_profile('fanuc').byte_order
-            harness = Harness(controller.ports, usual_byte_order=fanuc)
-            assert harness.driver.motion_link.dialect.byte_order is fanuc
-            async with harness:  # but this one is little endian, and shows it
-                await harness.ready()
-                assert harness.driver.motion_link.dialect.byte_order is ByteOrder.LITTLE
-
-    run(check())
+async def test_what_is_sent_before_any_state_has_the_byte_order_of_the_profile():
+    async with ScriptedController() as controller:
+        fanuc = load_controller_profile('fanuc').byte_order
+        harness = Harness(controller.ports, usual_byte_order=fanuc)
+        assert harness.driver.motion_link.dialect.byte_order is fanuc
+        async with harness:  # but this one is little endian, and shows it
+            await harness.ready()
+            assert harness.driver.motion_link.dialect.byte_order is ByteOrder.LITTLE
 
 
-def test_full_points_without_motomans_commands():
+async def test_full_points_without_motomans_commands():
     """As Staubli's server takes them: each is a request, answered with a JOINT_POSITION."""
 
-    async def check():
-        rules = DeliveryRules(point_message='joint_traj_pt_full')
-        async with (
-            ScriptedController() as controller,
-            Harness(controller.ports, delivery=rules) as harness,
-        ):
-            await harness.ready()
-            await harness.commands.enable()
-            outcome = await hand_in(harness, line()).end()
-            await until(lambda: controller.received == [0, 0, -4])  # group 0 twice, then STOP
-            assert 'the arm stands, and joint_1 is 0.2 rad from the goal' in outcome.text
-
-    run(check())
+    rules = DeliveryRules(point_message='joint_traj_pt_full')
+    async with (
+        ScriptedController() as controller,
+        Harness(controller.ports, delivery=rules) as harness,
+    ):
+        await harness.ready()
+        await harness.commands.enable()
+        outcome = await hand_in(harness, line()).end()
+        await until(lambda: controller.received == [0, 0, -4])  # group 0 twice, then STOP
+        assert 'the arm stands, and joint_1 is 0.2 rad from the goal' in outcome.text
 
 
 OK, NO = ReplyCode.SUCCESS, ReplyCode.FAILURE

@@ -5,7 +5,6 @@
 import numpy as np
 import pytest
 from support.driver_harness import HOME, JOINTS, LIMITS, Submitted, cell, pose
-from support.event_loop import run
 from support.goal_execution_harness import CYCLE, DT, LINE, Harness
 
 from epson_driver.driver.goal.goal import Goal, GoalSettings, Tolerances
@@ -492,48 +491,39 @@ BAD = {
 
 
 @pytest.mark.invariant(2)
-def test_inv2_the_goal_queue_rejects_what_breaks_a_limit_and_nothing_moves():
-    async def check():
-        async with cell() as (harness, controller):
-            before = controller.joint_position().joints
-            for name, (bad, words) in BAD.items():
-                submitted = Submitted(bad)
-                harness.driver.goal_queue.submit(submitted.handle)
-                outcome = await submitted.end()
-                assert outcome.end is End.ABORTED, name
-                expected = (
-                    ErrorCode.INVALID_JOINTS
-                    if name in ('names', 'shape', 'tolerance', 'velocities')
-                    else ErrorCode.INVALID_GOAL
-                )
-                assert outcome.code is expected, name
-                with pytest.raises(AssertionError, match=words):
-                    raise AssertionError(outcome.text)
-            assert controller.joint_position().joints == before
-            assert harness.gate is None
-
-    run(check())
+async def test_inv2_the_goal_queue_rejects_what_breaks_a_limit_and_nothing_moves():
+    async with cell() as (harness, controller):
+        before = controller.joint_position().joints
+        for name, (bad, words) in BAD.items():
+            submitted = Submitted(bad)
+            harness.driver.goal_queue.submit(submitted.handle)
+            outcome = await submitted.end()
+            assert outcome.end is End.ABORTED, name
+            expected = (
+                ErrorCode.INVALID_JOINTS
+                if name in ('names', 'shape', 'tolerance', 'velocities')
+                else ErrorCode.INVALID_GOAL
+            )
+            assert outcome.code is expected, name
+            with pytest.raises(AssertionError, match=words):
+                raise AssertionError(outcome.text)
+        assert controller.joint_position().joints == before
+        assert harness.gate is None
 
 
 @pytest.mark.invariant(2)
-def test_inv2_a_bad_goal_does_not_replace_the_one_that_runs():
-    async def check():
-        async with cell() as (harness, _):
-            running = harness.submit(pose(0.3))
-            await harness.until_moving()
-            bad = Submitted(BAD['45 rad'][0])
-            harness.driver.goal_queue.submit(bad.handle)
-            assert 'look like degrees' in bad.outcome.text
-            assert (await running.end()).end is End.SUCCEEDED
-
-    run(check())
+async def test_inv2_a_bad_goal_does_not_replace_the_one_that_runs():
+    async with cell() as (harness, _):
+        running = harness.submit(pose(0.3))
+        await harness.until_moving()
+        bad = Submitted(BAD['45 rad'][0])
+        harness.driver.goal_queue.submit(bad.handle)
+        assert 'look like degrees' in bad.outcome.text
+        assert (await running.end()).end is End.SUCCEEDED
 
 
-def test_a_goal_may_end_moving_where_that_is_allowed():
-    async def check():
-        async with cell() as (harness, _):
-            submitted = Submitted(goal(velocities=LAST_VELOCITY, may_end_moving=True))
-            harness.driver.goal_queue.submit(submitted.handle)
-            assert (await submitted.end()).end is End.SUCCEEDED
-
-    run(check())
+async def test_a_goal_may_end_moving_where_that_is_allowed():
+    async with cell() as (harness, _):
+        submitted = Submitted(goal(velocities=LAST_VELOCITY, may_end_moving=True))
+        harness.driver.goal_queue.submit(submitted.handle)
+        assert (await submitted.end()).end is End.SUCCEEDED

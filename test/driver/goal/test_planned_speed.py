@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.driver_harness import HOME, JOINTS, LIMITS, Harness, Submitted, pose, simulated
-from support.event_loop import run
 
 from epson_driver.driver.delivery.delivery import DeliveryRules
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
@@ -51,46 +50,37 @@ async def executed(profile, trajectory, **settings):
 
 
 @pytest.mark.invariant(5)
-def test_inv5_a_plan_at_another_speed_is_a_warning_with_both_times_and_why(caplog):
-    async def check():
-        fanuc = load_controller_profile('fanuc')
-        with caplog.at_level(logging.WARNING):
-            harness, outcome, _ = await executed(fanuc, plan())
-        assert outcome.end is End.SUCCEEDED
-        assert 'planned 3 s: this kind of controller ignores the velocities' in outcome.text
-        timing = harness.driver.goal_queue.last_timing
-        assert timing.planned == SLOW
-        assert timing.executed < SLOW / 2
-        assert f'executed in {timing.executed:.3g} s' in outcome.text
-        warnings = [line for line in caplog.messages if 'at another speed' in line]
-        assert len(warnings) == 1
-        assert harness.driver.goal_queue.other_speed == 1
-
-    run(check())
+async def test_inv5_a_plan_at_another_speed_is_a_warning_with_both_times_and_why(caplog):
+    fanuc = load_controller_profile('fanuc')
+    with caplog.at_level(logging.WARNING):
+        harness, outcome, _ = await executed(fanuc, plan())
+    assert outcome.end is End.SUCCEEDED
+    assert 'planned 3 s: this kind of controller ignores the velocities' in outcome.text
+    timing = harness.driver.goal_queue.last_timing
+    assert timing.planned == SLOW
+    assert timing.executed < SLOW / 2
+    assert f'executed in {timing.executed:.3g} s' in outcome.text
+    warnings = [line for line in caplog.messages if 'at another speed' in line]
+    assert len(warnings) == 1
+    assert harness.driver.goal_queue.other_speed == 1
 
 
-def test_a_plan_that_its_controller_keeps_is_no_warning():
-    async def check():
-        harness, outcome, _ = await executed(load_controller_profile('generic'), plan(1.0))
-        assert outcome.end is End.SUCCEEDED
-        timing = harness.driver.goal_queue.last_timing
-        assert timing.executed > 0.9
-        if not timing.deviates:  # a machine that sees the standstill late says so, too
-            assert 'planned' not in outcome.text
-            assert harness.driver.goal_queue.other_speed == 0
-
-    run(check())
+async def test_a_plan_that_its_controller_keeps_is_no_warning():
+    harness, outcome, _ = await executed(load_controller_profile('generic'), plan(1.0))
+    assert outcome.end is End.SUCCEEDED
+    timing = harness.driver.goal_queue.last_timing
+    assert timing.executed > 0.9
+    if not timing.deviates:  # a machine that sees the standstill late says so, too
+        assert 'planned' not in outcome.text
+        assert harness.driver.goal_queue.other_speed == 0
 
 
-def test_such_a_goal_is_rejected_on_request_before_anything_is_sent():
-    async def check():
-        fanuc = load_controller_profile('fanuc')
-        _, outcome, at = await executed(fanuc, plan(), require_planned_speed=True)
-        assert outcome.code is ErrorCode.INVALID_GOAL
-        assert 'the plan takes 3 s, but this kind of controller ignores' in outcome.text
-        np.testing.assert_array_equal(at, HOME)
-
-    run(check())
+async def test_such_a_goal_is_rejected_on_request_before_anything_is_sent():
+    fanuc = load_controller_profile('fanuc')
+    _, outcome, at = await executed(fanuc, plan(), require_planned_speed=True)
+    assert outcome.code is ErrorCode.INVALID_GOAL
+    assert 'the plan takes 3 s, but this kind of controller ignores' in outcome.text
+    np.testing.assert_array_equal(at, HOME)
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from epson_driver.sim_controller.condition.states import Event
 
 
 @pytest.mark.invariant(5)
-def test_who_ends_a_plan_has_its_answer_while_the_thread_still_works():
+async def test_who_ends_a_plan_has_its_answer_while_the_thread_still_works():
     """Not even a thread that never looks whether it is wanted keeps anybody waiting."""
     begun, go_on = threading.Event(), threading.Event()
     asked = []
@@ -30,35 +30,29 @@ def test_who_ends_a_plan_has_its_answer_while_the_thread_still_works():
         asked.append(given_up())
         return 'planned'
 
-    async def scenario():
-        plan = PlanningScope()
-        task = asyncio.create_task(plan.in_thread(work))
-        await until(begun.is_set)
-        assert not task.done()
-        plan.end('canceled')
-        plan.end('something else')
-        with pytest.raises(PlanningEndedError, match=r'^canceled$'):
-            await task
-        assert asked == []
-        go_on.set()
-        await until(lambda: asked)
-        assert asked == [True]
-        with pytest.raises(PlanningEndedError, match=r'^canceled$'):
-            await plan.in_thread(work)
-
-    run(scenario())
+    plan = PlanningScope()
+    task = asyncio.create_task(plan.in_thread(work))
+    await until(begun.is_set)
+    assert not task.done()
+    plan.end('canceled')
+    plan.end('something else')
+    with pytest.raises(PlanningEndedError, match=r'^canceled$'):
+        await task
+    assert asked == []
+    go_on.set()
+    await until(lambda: asked)
+    assert asked == [True]
+    with pytest.raises(PlanningEndedError, match=r'^canceled$'):
+        await plan.in_thread(work)
 
 
-def test_a_plan_that_nobody_ends_gives_what_the_thread_returns_or_raises():
+async def test_a_plan_that_nobody_ends_gives_what_the_thread_returns_or_raises():
     def fails(_given_up):
         raise ValueError('out of reach')
 
-    async def scenario():
-        assert await PlanningScope().in_thread(lambda given_up: given_up()) is False
-        with pytest.raises(ValueError, match='out of reach'):
-            await PlanningScope().in_thread(fails)
-
-    run(scenario())
+    assert await PlanningScope().in_thread(lambda given_up: given_up()) is False
+    with pytest.raises(ValueError, match='out of reach'):
+        await PlanningScope().in_thread(fails)
 
 
 def test_what_fails_after_everybody_left_is_logged(caplog):
@@ -114,13 +108,10 @@ async def move(harness, _controller):
 
 @pytest.mark.invariant(4)
 @pytest.mark.parametrize('happens', [estop, stop, disable, move])
-def test_whatever_stops_or_moves_the_arm_ends_plans_though_it_is_enabled_again(happens):
-    async def scenario():
-        async with cell() as (harness, controller):
-            plan = harness.driver.goal_queue.plans.begin()
-            await happens(harness, controller)
-            await harness.commands.enable()
-            assert plan.why is not None
-            assert harness.driver.goal_queue.plans.begin().why is None
-
-    run(scenario())
+async def test_whatever_stops_or_moves_the_arm_ends_plans_though_it_is_enabled_again(happens):
+    async with cell() as (harness, controller):
+        plan = harness.driver.goal_queue.plans.begin()
+        await happens(harness, controller)
+        await harness.commands.enable()
+        assert plan.why is not None
+        assert harness.driver.goal_queue.plans.begin().why is None

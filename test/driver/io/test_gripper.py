@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 from support.driver_harness import Harness, simulated
-from support.event_loop import now, run, until
+from support.event_loop import now, until
 from support.two_jaws import TwoJaws
 
 from epson_driver.driver.io.gripper import Gripper, GripperError, GripperState, GripperWiring
@@ -33,95 +33,74 @@ async def cell(**jaws):
         yield Gripper(harness.driver.io, WIRING), made, controller
 
 
-def test_it_opens_and_closes_and_says_where_it_is():
-    async def scenario():
-        async with cell() as (gripper, jaws, _):
-            assert await gripper.state() == CLOSED
-            began = now()
-            assert await gripper.move(opened=True) == OPENED
-            assert jaws.travel <= now() - began < jaws.travel + 0.2
-            assert await gripper.move(opened=True) == OPENED
-            assert await gripper.move(opened=False) == CLOSED
-            assert [state.position(0.08) for state in (OPENED, CLOSED, HOLDS)] == [0.08, 0, 0.04]
-
-    run(scenario())
+async def test_it_opens_and_closes_and_says_where_it_is():
+    async with cell() as (gripper, jaws, _):
+        assert await gripper.state() == CLOSED
+        began = now()
+        assert await gripper.move(opened=True) == OPENED
+        assert jaws.travel <= now() - began < jaws.travel + 0.2
+        assert await gripper.move(opened=True) == OPENED
+        assert await gripper.move(opened=False) == CLOSED
+        assert [state.position(0.08) for state in (OPENED, CLOSED, HOLDS)] == [0.08, 0, 0.04]
 
 
-def test_what_it_holds_is_known_after_its_time():
-    async def scenario():
-        async with cell() as (gripper, jaws, _):
-            await gripper.move(opened=True)
-            jaws.part = True
-            began = now()
-            assert await gripper.move(opened=False) == HOLDS
-            assert now() - began == pytest.approx(WIRING.time, abs=0.2)
-
-    run(scenario())
+async def test_what_it_holds_is_known_after_its_time():
+    async with cell() as (gripper, jaws, _):
+        await gripper.move(opened=True)
+        jaws.part = True
+        began = now()
+        assert await gripper.move(opened=False) == HOLDS
+        assert now() - began == pytest.approx(WIRING.time, abs=0.2)
 
 
 @pytest.mark.invariant(9)
-def test_jaws_that_do_not_move_are_an_error_that_says_which_input_is_missing():
-    async def scenario():
-        async with cell() as (gripper, jaws, _):
-            jaws.stuck = True
-            with pytest.raises(GripperError, match=r'DI 4 \(opened\) did not come on within 2 s'):
-                await gripper.move(opened=True)
-            jaws.stuck = False
+async def test_jaws_that_do_not_move_are_an_error_that_says_which_input_is_missing():
+    async with cell() as (gripper, jaws, _):
+        jaws.stuck = True
+        with pytest.raises(GripperError, match=r'DI 4 \(opened\) did not come on within 2 s'):
+            await gripper.move(opened=True)
+        jaws.stuck = False
+        await gripper.move(opened=False)
+        await gripper.move(opened=True)
+        jaws.stuck = True
+        with pytest.raises(GripperError, match=r'DI 5 \(closed\) did not .* it is open'):
             await gripper.move(opened=False)
-            await gripper.move(opened=True)
-            jaws.stuck = True
-            with pytest.raises(GripperError, match=r'DI 5 \(closed\) did not .* it is open'):
-                await gripper.move(opened=False)
-
-    run(scenario())
 
 
-def test_a_newer_command_takes_the_place_of_one_that_waits():
-    async def scenario():
-        async with cell() as (gripper, _, _):
-            opening = asyncio.create_task(gripper.move(opened=True))
-            await asyncio.sleep(0.1)
-            assert await gripper.move(opened=False) == CLOSED
-            with pytest.raises(GripperError, match='a newer command took its place'):
-                await opening
-
-    run(scenario())
+async def test_a_newer_command_takes_the_place_of_one_that_waits():
+    async with cell() as (gripper, _, _):
+        opening = asyncio.create_task(gripper.move(opened=True))
+        await asyncio.sleep(0.1)
+        assert await gripper.move(opened=False) == CLOSED
+        with pytest.raises(GripperError, match='a newer command took its place'):
+            await opening
 
 
 @pytest.mark.invariant(9)
-def test_without_io_it_says_that_nothing_is_known_and_that_the_outputs_were_not_set():
-    async def scenario():
-        async with cell() as (gripper, _, controller):
-            controller.apply(Event.ESTOP_PRESS)
-            with pytest.raises(GripperError, match='outputs of the gripper were not set: '):
-                await gripper.move(opened=True)
-            with pytest.raises(GripperError, match='inputs of the gripper are not known: '):
-                await gripper.state()
-
-    run(scenario())
+async def test_without_io_it_says_that_nothing_is_known_and_that_the_outputs_were_not_set():
+    async with cell() as (gripper, _, controller):
+        controller.apply(Event.ESTOP_PRESS)
+        with pytest.raises(GripperError, match='outputs of the gripper were not set: '):
+            await gripper.move(opened=True)
+        with pytest.raises(GripperError, match='inputs of the gripper are not known: '):
+            await gripper.state()
 
 
-def test_both_inputs_on_are_a_wiring_error():
-    async def scenario():
-        async with cell() as (gripper, jaws, controller):
-            jaws.stuck = True
-            for index in (4, 5):
-                controller.io.set_input(1, index, 1)
-            with pytest.raises(GripperError, match='both on: check the wiring'):
-                await gripper.move(opened=True)
-
-    run(scenario())
+async def test_both_inputs_on_are_a_wiring_error():
+    async with cell() as (gripper, jaws, controller):
+        jaws.stuck = True
+        for index in (4, 5):
+            controller.io.set_input(1, index, 1)
+        with pytest.raises(GripperError, match='both on: check the wiring'):
+            await gripper.move(opened=True)
 
 
-def test_the_outputs_are_never_both_on():
-    async def scenario():
-        async with cell() as (gripper, jaws, _):
-            for opened in (True, False, True):
-                await gripper.move(opened=opened)
-            assert (True, True) not in jaws.seen
-            assert {(True, False), (False, True)} <= set(jaws.seen)
-
-    run(scenario())
+async def test_the_outputs_are_never_both_on():
+    async with cell() as (gripper, jaws, _):
+        for opened in (True, False, True):
+            await gripper.move(opened=opened)
+        assert (True, True) not in jaws.seen
+        assert {(True, False), (False, True)} <= set(jaws.seen)
 
 
 @pytest.mark.parametrize(
@@ -148,11 +127,8 @@ def test_a_wiring_that_cannot_be_is_refused(wrong, expected):
         (replace(WIRING, open_output=999), 'the outputs of the gripper were not set: '),
     ],
 )
-def test_inv9_points_that_the_controller_has_not_are_an_error_that_names_them(wiring, said):
-    async def scenario():
-        async with cell() as (gripper, _, _):
-            odd = Gripper(gripper._io, wiring)
-            with pytest.raises(GripperError, match=f'{said}.*999'):
-                await odd.move(opened=True)
-
-    run(scenario())
+async def test_inv9_points_that_the_controller_has_not_are_an_error_that_names_them(wiring, said):
+    async with cell() as (gripper, _, _):
+        odd = Gripper(gripper._io, wiring)
+        with pytest.raises(GripperError, match=f'{said}.*999'):
+            await odd.move(opened=True)

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 from support.driver_harness import Harness, ScriptedController, frame, pose, simulated
-from support.event_loop import run, until
+from support.event_loop import until
 
 from epson_driver.driver import arm_commands
 from epson_driver.driver.arm_commands import CommandError
@@ -93,60 +93,54 @@ def test_every_profile_says_how():
     assert ways == expected
 
 
-def test_enable_and_disable_switch_a_motomans_servos():
-    async def check():
-        async with (
-            simulated(profile='motoman') as (controller, ports),
-            Harness(ports, **as_motoman()) as harness,
-        ):
-            commands = commands_in(controller)
-            await harness.ready()
-            assert controller.status().drives_powered == 0
-            assert await harness.commands.enable() == 'the arm is enabled'
-            assert controller.status().drives_powered == 1
-            assert commands[0] == Command.STOP_MOTION
-            assert others(commands) == [Command.START_SERVOS]
-            outcome = await harness.submit(harness.at, harness.at + pose(0.1)).end()
-            assert outcome.end is End.SUCCEEDED, outcome
-            assert others(commands) == [Command.START_SERVOS, Command.START_TRAJ_MODE]
-            goal = harness.submit(pose(1.0))
-            await harness.until_moving()
-            assert await harness.commands.disable() == 'the arm is disabled and the motors are off'
-            assert 'disabled on request; the arm stands' in goal.outcome.text
-            assert commands[-2:] == [Command.STOP_MOTION, Command.STOP_SERVOS]
-            await until(lambda: reports(harness, drives_powered=0))
-            assert harness.gate == 'disabled on request'
-            await harness.commands.enable()
-            outcome = await harness.submit(harness.at, harness.at + pose(0.1)).end()
-            assert outcome.end is End.SUCCEEDED, outcome
-
-    run(check())
+async def test_enable_and_disable_switch_a_motomans_servos():
+    async with (
+        simulated(profile='motoman') as (controller, ports),
+        Harness(ports, **as_motoman()) as harness,
+    ):
+        commands = commands_in(controller)
+        await harness.ready()
+        assert controller.status().drives_powered == 0
+        assert await harness.commands.enable() == 'the arm is enabled'
+        assert controller.status().drives_powered == 1
+        assert commands[0] == Command.STOP_MOTION
+        assert others(commands) == [Command.START_SERVOS]
+        outcome = await harness.submit(harness.at, harness.at + pose(0.1)).end()
+        assert outcome.end is End.SUCCEEDED, outcome
+        assert others(commands) == [Command.START_SERVOS, Command.START_TRAJ_MODE]
+        goal = harness.submit(pose(1.0))
+        await harness.until_moving()
+        assert await harness.commands.disable() == 'the arm is disabled and the motors are off'
+        assert 'disabled on request; the arm stands' in goal.outcome.text
+        assert commands[-2:] == [Command.STOP_MOTION, Command.STOP_SERVOS]
+        await until(lambda: reports(harness, drives_powered=0))
+        assert harness.gate == 'disabled on request'
+        await harness.commands.enable()
+        outcome = await harness.submit(harness.at, harness.at + pose(0.1)).end()
+        assert outcome.end is End.SUCCEEDED, outcome
 
 
-def test_reset_error_resets_a_motomans_alarm_and_moves_nothing():
-    async def check():
-        async with (
-            simulated(profile='motoman') as (controller, ports),
-            Harness(ports, **as_motoman()) as harness,
-        ):
-            commands = commands_in(controller)
-            await harness.ready()
-            await harness.commands.enable()
-            controller.apply(Event.ESTOP_PRESS)
-            await until(lambda: reports(harness, e_stopped=1))
-            text = await rejection(harness.commands.reset_error())
-            said = 'RESET_ALARM: FAILURE: reset the error at the controller'
-            assert text == f'the E-stop is not reset ({said})'
-            controller.apply(Event.ESTOP_RELEASE)
-            await harness.commands.reset_error()
-            assert others(commands) == [Command.START_SERVOS] + [Command.RESET_ALARM] * 2
-            await until(lambda: reports(harness, e_stopped=0, in_error=0))
-            assert 'E-stop' in harness.gate
-            assert controller.status().drives_powered == 0
-            await harness.commands.enable()
-            assert harness.gate is None
-
-    run(check())
+async def test_reset_error_resets_a_motomans_alarm_and_moves_nothing():
+    async with (
+        simulated(profile='motoman') as (controller, ports),
+        Harness(ports, **as_motoman()) as harness,
+    ):
+        commands = commands_in(controller)
+        await harness.ready()
+        await harness.commands.enable()
+        controller.apply(Event.ESTOP_PRESS)
+        await until(lambda: reports(harness, e_stopped=1))
+        text = await rejection(harness.commands.reset_error())
+        said = 'RESET_ALARM: FAILURE: reset the error at the controller'
+        assert text == f'the E-stop is not reset ({said})'
+        controller.apply(Event.ESTOP_RELEASE)
+        await harness.commands.reset_error()
+        assert others(commands) == [Command.START_SERVOS] + [Command.RESET_ALARM] * 2
+        await until(lambda: reports(harness, e_stopped=0, in_error=0))
+        assert 'E-stop' in harness.gate
+        assert controller.status().drives_powered == 0
+        await harness.commands.enable()
+        assert harness.gate is None
 
 
 class ScriptedMotoman(ScriptedController):
@@ -175,51 +169,42 @@ class ScriptedMotoman(ScriptedController):
     ('result', 'words'),
     [(None, 'no reply within 0.1 s'), (Result.ALARM, 'ALARM: the controller has an alarm')],
 )
-def test_a_motoman_that_does_not_obey_leaves_the_gate_closed(monkeypatch, result, words):
+async def test_a_motoman_that_does_not_obey_leaves_the_gate_closed(monkeypatch, result, words):
     monkeypatch.setattr(arm_commands, 'ANSWER_TIMEOUT_S', 0.1)
 
-    async def check():
-        async with (
-            ScriptedMotoman(result) as scripted,
-            Harness(scripted.ports, **as_motoman()) as harness,
-        ):
-            await harness.ready()
-            text = await rejection(harness.commands.enable())
-            assert text == f'START_SERVOS: {words}: switch the motors on at the controller'
-            assert scripted.received[0] == Command.STOP_MOTION
-            assert others(scripted.received) == [Command.START_SERVOS]
-            assert harness.gate is not None
-
-    run(check())
+    async with (
+        ScriptedMotoman(result) as scripted,
+        Harness(scripted.ports, **as_motoman()) as harness,
+    ):
+        await harness.ready()
+        text = await rejection(harness.commands.enable())
+        assert text == f'START_SERVOS: {words}: switch the motors on at the controller'
+        assert scripted.received[0] == Command.STOP_MOTION
+        assert others(scripted.received) == [Command.START_SERVOS]
+        assert harness.gate is not None
 
 
-def test_without_a_link_a_motoman_cannot_be_reset():
-    async def check():
-        async with ScriptedMotoman(None) as scripted:
-            harness = Harness(scripted.ports, **as_motoman())
-            text = await rejection(harness.commands.reset_error())
-            assert 'RESET_ALARM: motion link is disconnected: reset the error at' in text
-
-    run(check())
+async def test_without_a_link_a_motoman_cannot_be_reset():
+    async with ScriptedMotoman(None) as scripted:
+        harness = Harness(scripted.ports, **as_motoman())
+        text = await rejection(harness.commands.reset_error())
+        assert 'RESET_ALARM: motion link is disconnected: reset the error at' in text
 
 
-def test_a_controller_without_commands_leaves_it_to_a_person():
-    async def check():
-        async with (
-            simulated() as (controller, ports),
-            Harness(ports, motors='none') as harness,
-        ):
-            await harness.ready()
-            text = await rejection(harness.commands.enable())
-            assert 'takes no such command' in text
-            assert Action.MOTORS_ON.value.by_hand in text
-            controller.apply(Event.MOTORS_ON)
-            await until(lambda: reports(harness, drives_powered=1))
-            await harness.commands.enable()
-            text = await harness.commands.disable()
-            assert text.endswith('takes no such command, so the motors were left as they are')
-
-    run(check())
+async def test_a_controller_without_commands_leaves_it_to_a_person():
+    async with (
+        simulated() as (controller, ports),
+        Harness(ports, motors='none') as harness,
+    ):
+        await harness.ready()
+        text = await rejection(harness.commands.enable())
+        assert 'takes no such command' in text
+        assert Action.MOTORS_ON.value.by_hand in text
+        controller.apply(Event.MOTORS_ON)
+        await until(lambda: reports(harness, drives_powered=1))
+        await harness.commands.enable()
+        text = await harness.commands.disable()
+        assert text.endswith('takes no such command, so the motors were left as they are')
 
 
 class Slow:
@@ -241,33 +226,27 @@ class Slow:
 
 
 @pytest.mark.invariant(4)
-def test_inv4_a_command_that_nobody_waits_for_any_more_is_given_only_if_it_was_on_its_way():
-    async def check():
-        slow = Slow()
-        motors = SerializedMotors(slow)
-        off = asyncio.create_task(motors.act(Action.MOTORS_OFF, 1.0))
-        on = asyncio.create_task(motors.act(Action.MOTORS_ON, 1.0))
-        await asyncio.sleep(0.1)
-        for task in (off, on):
-            task.cancel()
-        await asyncio.sleep(5.0)
-        assert slow.begun == slow.ended == [Action.MOTORS_OFF]
-        assert not motors.busy
-
-    run(check())
+async def test_inv4_a_command_that_nobody_waits_for_any_more_is_given_only_if_it_was_on_its_way():
+    slow = Slow()
+    motors = SerializedMotors(slow)
+    off = asyncio.create_task(motors.act(Action.MOTORS_OFF, 1.0))
+    on = asyncio.create_task(motors.act(Action.MOTORS_ON, 1.0))
+    await asyncio.sleep(0.1)
+    for task in (off, on):
+        task.cancel()
+    await asyncio.sleep(5.0)
+    assert slow.begun == slow.ended == [Action.MOTORS_OFF]
+    assert not motors.busy
 
 
 @pytest.mark.invariant(4)
-def test_inv4_closing_gives_up_commands_on_their_way_and_those_that_wait():
-    async def check():
-        slow = Slow()
-        motors = SerializedMotors(slow)
-        for action in (Action.MOTORS_OFF, Action.MOTORS_ON):
-            asyncio.create_task(motors.act(action, 1.0)).add_done_callback(lambda _: None)
-        await asyncio.sleep(0.1)
-        await motors.close()
-        assert slow.begun == [Action.MOTORS_OFF]
-        assert slow.ended == ['cancelled']
-        assert not motors.busy
-
-    run(check())
+async def test_inv4_closing_gives_up_commands_on_their_way_and_those_that_wait():
+    slow = Slow()
+    motors = SerializedMotors(slow)
+    for action in (Action.MOTORS_OFF, Action.MOTORS_ON):
+        asyncio.create_task(motors.act(action, 1.0)).add_done_callback(lambda _: None)
+    await asyncio.sleep(0.1)
+    await motors.close()
+    assert slow.begun == [Action.MOTORS_OFF]
+    assert slow.ended == ['cancelled']
+    assert not motors.busy

@@ -58,124 +58,103 @@ async def do(ports, *commands):
     return await execute('127.0.0.1', ports.remote, commands, PATIENCE)
 
 
-def test_enable_switches_the_motors_on_and_starts_the_program():
-    async def check():
-        async with spel_cell() as (harness, controller, _):
-            assert not controller.condition.powered
-            assert await harness.commands.enable() == 'the arm is enabled'
-            assert controller.condition.powered
-            await assert_moves(harness)
-
-    run(check())
+async def test_enable_switches_the_motors_on_and_starts_the_program():
+    async with spel_cell() as (harness, controller, _):
+        assert not controller.condition.powered
+        assert await harness.commands.enable() == 'the arm is enabled'
+        assert controller.condition.powered
+        await assert_moves(harness)
 
 
 @pytest.mark.invariant(4)
-def test_after_an_estop_nothing_moves_until_enable_starts_the_program_again():
+async def test_after_an_estop_nothing_moves_until_enable_starts_the_program_again():
     """Invariant: reset_error starts nothing; ~/enable does, and old points are gone."""
 
-    async def check():
-        async with spel_cell() as (harness, controller, _):
+    async with spel_cell() as (harness, controller, _):
+        await harness.commands.enable()
+        goal = harness.submit(pose(1.5), step=30.0)
+        await harness.until_moving()
+        controller.apply(Event.ESTOP_PRESS)
+        assert (await goal.end()).end is not End.SUCCEEDED
+        await until(lambda: status(harness, e_stopped=1))
+        with pytest.raises(CommandError, match='E-stop is pressed'):
             await harness.commands.enable()
-            goal = harness.submit(pose(1.5), step=30.0)
-            await harness.until_moving()
-            controller.apply(Event.ESTOP_PRESS)
-            assert (await goal.end()).end is not End.SUCCEEDED
-            await until(lambda: status(harness, e_stopped=1))
-            with pytest.raises(CommandError, match='E-stop is pressed'):
-                await harness.commands.enable()
-            controller.apply(Event.ESTOP_RELEASE)
-            await harness.commands.reset_error()
-            await until(lambda: status(harness, e_stopped=0, in_error=0))
-            stands = controller.arm.commanded.copy()
-            assert [row for row in controller.tasks() if row.number == 1] == []
-            assert harness.gate is not None
-            await harness.commands.enable()
-            assert await harness.rests()
-            assert np.array_equal(controller.arm.commanded, stands)
-            await assert_moves(harness)
-
-    run(check())
+        controller.apply(Event.ESTOP_RELEASE)
+        await harness.commands.reset_error()
+        await until(lambda: status(harness, e_stopped=0, in_error=0))
+        stands = controller.arm.commanded.copy()
+        assert [row for row in controller.tasks() if row.number == 1] == []
+        assert harness.gate is not None
+        await harness.commands.enable()
+        assert await harness.rests()
+        assert np.array_equal(controller.arm.commanded, stands)
+        await assert_moves(harness)
 
 
-def test_a_program_that_a_person_has_stopped_is_started_by_enable():
-    async def check():
-        async with spel_cell() as (harness, controller, ports):
-            await harness.commands.enable()
-            await do(ports, 'Stop')
-            await until(lambda: status(harness, motion_possible=0, drives_powered=1))
-            outcome = await harness.submit(harness.at + pose(0.1)).end()
-            assert outcome.end is not End.SUCCEEDED
-            harness.driver.disable('a test')
-            await harness.commands.enable()
-            assert [row.state[:5] for row in controller.tasks() if row.number == 1] == ['waits']
-            await assert_moves(harness)
-
-    run(check())
+async def test_a_program_that_a_person_has_stopped_is_started_by_enable():
+    async with spel_cell() as (harness, controller, ports):
+        await harness.commands.enable()
+        await do(ports, 'Stop')
+        await until(lambda: status(harness, motion_possible=0, drives_powered=1))
+        outcome = await harness.submit(harness.at + pose(0.1)).end()
+        assert outcome.end is not End.SUCCEEDED
+        harness.driver.disable('a test')
+        await harness.commands.enable()
+        assert [row.state[:5] for row in controller.tasks() if row.number == 1] == ['waits']
+        await assert_moves(harness)
 
 
-def test_a_reset_stops_the_program_so_the_arm_must_be_enabled_again():
-    async def check():
-        async with spel_cell() as (harness, controller, _):
-            await harness.commands.enable()
-            goal = harness.submit(pose(1.5), step=30.0)
-            await harness.until_moving()
-            await harness.commands.reset_error()
-            assert (await goal.end()).end is not End.SUCCEEDED
-            assert 'disabled by the reset' in harness.gate
-            assert controller.condition.powered
-            await harness.commands.enable()
-            await assert_moves(harness)
-
-    run(check())
+async def test_a_reset_stops_the_program_so_the_arm_must_be_enabled_again():
+    async with spel_cell() as (harness, controller, _):
+        await harness.commands.enable()
+        goal = harness.submit(pose(1.5), step=30.0)
+        await harness.until_moving()
+        await harness.commands.reset_error()
+        assert (await goal.end()).end is not End.SUCCEEDED
+        assert 'disabled by the reset' in harness.gate
+        assert controller.condition.powered
+        await harness.commands.enable()
+        await assert_moves(harness)
 
 
-def test_disable_stops_the_program_and_switches_the_motors_off():
-    async def check():
-        async with spel_cell() as (harness, controller, _):
-            await harness.commands.enable()
-            goal = harness.submit(pose(1.5), step=30.0)
-            await harness.until_moving()
-            assert await harness.commands.disable() == 'the arm is disabled and the motors are off'
-            assert (await goal.end()).end is not End.SUCCEEDED
-            assert not controller.condition.powered
-            assert await harness.rests()
-
-    run(check())
+async def test_disable_stops_the_program_and_switches_the_motors_off():
+    async with spel_cell() as (harness, controller, _):
+        await harness.commands.enable()
+        goal = harness.submit(pose(1.5), step=30.0)
+        await harness.until_moving()
+        assert await harness.commands.disable() == 'the arm is disabled and the motors are off'
+        assert (await goal.end()).end is not End.SUCCEEDED
+        assert not controller.condition.powered
+        assert await harness.rests()
 
 
 @pytest.mark.invariant(4)
-def test_enable_of_an_enabled_arm_does_not_restart_a_paused_program():
+async def test_enable_of_an_enabled_arm_does_not_restart_a_paused_program():
     """Invariant: what is paused by a person goes on by a person; its goal is not lost."""
 
-    async def check():
-        async with spel_cell() as (harness, controller, ports):
-            await harness.commands.enable()
-            goal = harness.submit(harness.at + pose(0.5), step=3.0)
-            await harness.until_moving()
-            await do(ports, 'Pause')
-            await until(lambda: status(harness, motion_possible=0))
-            assert await harness.commands.enable() == 'the arm is enabled'
-            assert controller.condition.paused
-            await do(ports, 'Continue')
-            outcome = await goal.end()
-            assert outcome.end is End.SUCCEEDED, outcome
-
-    run(check())
+    async with spel_cell() as (harness, controller, ports):
+        await harness.commands.enable()
+        goal = harness.submit(harness.at + pose(0.5), step=3.0)
+        await harness.until_moving()
+        await do(ports, 'Pause')
+        await until(lambda: status(harness, motion_possible=0))
+        assert await harness.commands.enable() == 'the arm is enabled'
+        assert controller.condition.paused
+        await do(ports, 'Continue')
+        outcome = await goal.end()
+        assert outcome.end is End.SUCCEEDED, outcome
 
 
-def test_a_running_program_keeps_the_controller_from_being_ready():
+async def test_a_running_program_keeps_the_controller_from_being_ready():
     """As on a real one: what does not stop it first is told so."""
 
-    async def check():
-        async with spel_cell(motors='remote_ethernet') as (harness, _, ports):
-            flags, _ = (await do(ports, 'GetStatus'))[0].split(',')
-            assert flags[-2:] == '10'  # Running, not Ready
-            with pytest.raises(CommandError, match='error 20'):
-                await harness.commands.enable()
-            await do(ports, 'Stop', 'SetMotorsOn,1', 'Start,0')
-            assert await harness.commands.enable() == 'the arm is enabled'
-
-    run(check())
+    async with spel_cell(motors='remote_ethernet') as (harness, _, ports):
+        flags, _ = (await do(ports, 'GetStatus'))[0].split(',')
+        assert flags[-2:] == '10'  # Running, not Ready
+        with pytest.raises(CommandError, match='error 20'):
+            await harness.commands.enable()
+        await do(ports, 'Stop', 'SetMotorsOn,1', 'Start,0')
+        assert await harness.commands.enable() == 'the arm is enabled'
 
 
 class NeverReady:
@@ -204,13 +183,10 @@ class NeverReady:
         self._over.set()
 
 
-def test_a_controller_that_does_not_get_ready_is_said_and_the_command_is_not_given():
-    async def check():
-        async with NeverReady() as (controller, port):
-            motors = RestartingMotors('127.0.0.1', port)
-            with pytest.raises(MotorsError, match='not Ready: the arm still moves, or a task'):
-                await motors.act(Action.MOTORS_ON, 1.0)
-            assert controller.got[:3] == ['Login,', 'Stop', 'GetStatus']
-            assert set(controller.got[3:]) <= {'GetStatus', 'Logout'}
-
-    run(check())
+async def test_a_controller_that_does_not_get_ready_is_said_and_the_command_is_not_given():
+    async with NeverReady() as (controller, port):
+        motors = RestartingMotors('127.0.0.1', port)
+        with pytest.raises(MotorsError, match='not Ready: the arm still moves, or a task'):
+            await motors.act(Action.MOTORS_ON, 1.0)
+        assert controller.got[:3] == ['Login,', 'Stop', 'GetStatus']
+        assert set(controller.got[3:]) <= {'GetStatus', 'Logout'}

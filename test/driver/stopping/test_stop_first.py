@@ -7,7 +7,7 @@ import struct
 
 import pytest
 from support.driver_harness import Harness, ScriptedController, frame, pose
-from support.event_loop import run, until
+from support.event_loop import until
 from support.fault_play import cell_of, make_ready, standing, where
 
 from epson_driver.driver.arm_commands import CommandError
@@ -54,74 +54,63 @@ class Motoman(ScriptedController):
 
 
 @pytest.mark.invariant(4)
-def test_inv4_a_motoman_gets_stop_motion_first_on_every_connection():
+async def test_inv4_a_motoman_gets_stop_motion_first_on_every_connection():
     """MotoROS keeps its queue over a lost client, and goes on as soon as one connects."""
 
-    async def check():
-        async with (
-            Motoman() as controller,
-            Harness(controller.ports, delivery=MOTOMAN, motors='motoman') as harness,
-        ):
-            for count in (1, 2, 3):
-                await until(
-                    lambda count=count: (
-                        len(controller.connections) == count and (controller.connections[-1])
-                    )
+    async with (
+        Motoman() as controller,
+        Harness(controller.ports, delivery=MOTOMAN, motors='motoman') as harness,
+    ):
+        for count in (1, 2, 3):
+            await until(
+                lambda count=count: (
+                    len(controller.connections) == count and (controller.connections[-1])
                 )
-                await harness.ready()
-                assert controller.connections[-1][0] == Command.STOP_MOTION
-                await harness.commands.enable()
-                controller.motion.close()
-                await until(lambda: harness.gate is not None)
-
-    run(check())
+            )
+            await harness.ready()
+            assert controller.connections[-1][0] == Command.STOP_MOTION
+            await harness.commands.enable()
+            controller.motion.close()
+            await until(lambda: harness.gate is not None)
 
 
 @pytest.mark.invariant(4)
 @pytest.mark.parametrize('status', [False, True], ids=['no state', 'STATUS alone'])
-def test_inv4_a_motoman_is_not_connected_to_before_stop_motion_can_be_written(status):
-    async def check():
-        async with Motoman() as controller:
-            controller.shows_joints, controller.shows_status = False, status
-            async with Harness(
-                controller.ports,
-                delivery=MOTOMAN,
-                motors='motoman',
-                usual_byte_order=ByteOrder.BIG,
-            ) as harness:
-                await until(lambda: harness.driver.state_link.connected)
-                await until(
-                    lambda: harness.driver.state_link.statistics.frames_received or not status
-                )
-                why = r'sends no STATUS|waiting for joints, which show the byte order'
-                with pytest.raises(CommandError, match=why):
-                    await harness.commands.enable()
-                assert controller.connections == []
-                controller.shows_joints = controller.shows_status = True
-                await until(lambda: controller.connections and controller.connections[0])
-                assert controller.connections[0][0] == Command.STOP_MOTION
-
-    run(check())
+async def test_inv4_a_motoman_is_not_connected_to_before_stop_motion_can_be_written(status):
+    async with Motoman() as controller:
+        controller.shows_joints, controller.shows_status = False, status
+        async with Harness(
+            controller.ports,
+            delivery=MOTOMAN,
+            motors='motoman',
+            usual_byte_order=ByteOrder.BIG,
+        ) as harness:
+            await until(lambda: harness.driver.state_link.connected)
+            await until(lambda: harness.driver.state_link.statistics.frames_received or not status)
+            why = r'sends no STATUS|waiting for joints, which show the byte order'
+            with pytest.raises(CommandError, match=why):
+                await harness.commands.enable()
+            assert controller.connections == []
+            controller.shows_joints = controller.shows_status = True
+            await until(lambda: controller.connections and controller.connections[0])
+            assert controller.connections[0][0] == Command.STOP_MOTION
 
 
 @pytest.mark.invariant(4)
-def test_inv4_a_motoman_stands_still_also_when_its_state_comes_back_last():
-    async def check():
-        async with cell_of(load_controller_profile('motoman')) as (harness, controller, _):
-            await make_ready(harness, controller)
-            await harness.commands.enable()
-            goal = harness.submit(*(pose(angle / 10.0) for angle in range(1, 11)), step=0.3)
-            await until(lambda: where(controller)[0] > 0.3)
-            for fault in ('cut for=0.5 port=motion', 'cut for=0.9 port=state'):
-                controller.faults.start(parse(fault))
-            assert 'link was lost' in (await goal.end()).text
-            await standing(controller)
-            stands = where(controller)
-            await until(lambda: harness.driver.motion_link.connected)
-            await asyncio.sleep(0.5)
-            assert abs(where(controller) - stands).max() < 1e-9
-
-    run(check())
+async def test_inv4_a_motoman_stands_still_also_when_its_state_comes_back_last():
+    async with cell_of(load_controller_profile('motoman')) as (harness, controller, _):
+        await make_ready(harness, controller)
+        await harness.commands.enable()
+        goal = harness.submit(*(pose(angle / 10.0) for angle in range(1, 11)), step=0.3)
+        await until(lambda: where(controller)[0] > 0.3)
+        for fault in ('cut for=0.5 port=motion', 'cut for=0.9 port=state'):
+            controller.faults.start(parse(fault))
+        assert 'link was lost' in (await goal.end()).text
+        await standing(controller)
+        stands = where(controller)
+        await until(lambda: harness.driver.motion_link.connected)
+        await asyncio.sleep(0.5)
+        assert abs(where(controller) - stands).max() < 1e-9
 
 
 class Liar(Motoman):
@@ -141,83 +130,71 @@ class Liar(Motoman):
 
 
 @pytest.mark.invariant(4)
-def test_inv4_a_stop_in_a_byte_order_that_proves_wrong_goes_out_again_first_on_a_new_connection(
+async def test_inv4_a_stop_in_a_wrong_byte_order_goes_out_again_first_on_a_new_connection(
     monkeypatch,
 ):
     """A Motoman that has not understood STOP_MOTION still has its queue."""
     for name in ('ANSWER_TIMEOUT_S', 'UNCONFIRMED_REST_TIME_S'):  # that STOP stays unanswered
         monkeypatch.setattr(stopper, name, 1e9)  # is not what ends the connection
 
-    async def check():
-        async with (
-            Liar() as controller,
-            Harness(controller.ports, delivery=MOTOMAN, motors='motoman') as harness,
-        ):
-            link = harness.driver.motion_link
-            await until(lambda: link.statistics.frames_sent)
-            assert controller.connections == [[]]  # it waits for the rest of a very long message
-            controller.lies = False
-            controller.state.close()
-            await until(lambda: len(controller.connections) == 2 and controller.connections[1])
-            assert controller.connections[1][0] == Command.STOP_MOTION
-            await until(lambda: link.connected)
-            await harness.ready()
-            await harness.commands.enable()
-            assert len(controller.connections) == 2
-
-    run(check())
+    async with (
+        Liar() as controller,
+        Harness(controller.ports, delivery=MOTOMAN, motors='motoman') as harness,
+    ):
+        link = harness.driver.motion_link
+        await until(lambda: link.statistics.frames_sent)
+        assert controller.connections == [[]]  # it waits for the rest of a very long message
+        controller.lies = False
+        controller.state.close()
+        await until(lambda: len(controller.connections) == 2 and controller.connections[1])
+        assert controller.connections[1][0] == Command.STOP_MOTION
+        await until(lambda: link.connected)
+        await harness.ready()
+        await harness.commands.enable()
+        assert len(controller.connections) == 2
 
 
 @pytest.mark.invariant(4)
-def test_inv4_the_servos_stay_off_until_stop_motion_was_taken():
+async def test_inv4_the_servos_stay_off_until_stop_motion_was_taken():
     """With the servos, a queue that STOP_MOTION has not emptied would be executed."""
 
-    async def check():
-        async with Motoman() as controller:
-            controller.status = (0, *Motoman.STATUS[1:])  # drives_powered
-            controller.result = Result.MP_FAILURE
-            async with Harness(controller.ports, delivery=MOTOMAN, motors='motoman') as harness:
-                await harness.ready()
-                with pytest.raises(CommandError, match=r'refused STOP.*MP_FAILURE'):
-                    await harness.commands.enable()
-                assert set(controller.connections[0]) == {Command.STOP_MOTION}
-                controller.result = Result.SUCCESS
+    async with Motoman() as controller:
+        controller.status = (0, *Motoman.STATUS[1:])  # drives_powered
+        controller.result = Result.MP_FAILURE
+        async with Harness(controller.ports, delivery=MOTOMAN, motors='motoman') as harness:
+            await harness.ready()
+            with pytest.raises(CommandError, match=r'refused STOP.*MP_FAILURE'):
                 await harness.commands.enable()
-                assert controller.connections[0][-1] == Command.START_SERVOS
-
-    run(check())
+            assert set(controller.connections[0]) == {Command.STOP_MOTION}
+            controller.result = Result.SUCCESS
+            await harness.commands.enable()
+            assert controller.connections[0][-1] == Command.START_SERVOS
 
 
 @pytest.mark.invariant(4)
-def test_inv4_points_of_before_the_lost_link_are_stopped_when_it_is_back():
+async def test_inv4_points_of_before_the_lost_link_are_stopped_when_it_is_back():
     """FANUC's and ABB's programs finish the points that they have: STOP cuts that short."""
 
-    async def check():
-        async with (
-            ScriptedController(lambda _: b'') as controller,
-            Harness(controller.ports, delivery=POINTS) as harness,
-        ):
-            await harness.ready()
-            await harness.commands.enable()
-            goal = harness.submit(harness.at + 0.1)
-            await until(lambda: controller.received == [0])
-            controller.motion.close()
-            await goal.end()
-            await until(lambda: len(controller.received) > 1)
-            assert controller.received[1] == -4
-            assert harness.gate is not None
-
-    run(check())
+    async with (
+        ScriptedController(lambda _: b'') as controller,
+        Harness(controller.ports, delivery=POINTS) as harness,
+    ):
+        await harness.ready()
+        await harness.commands.enable()
+        goal = harness.submit(harness.at + 0.1)
+        await until(lambda: controller.received == [0])
+        controller.motion.close()
+        await goal.end()
+        await until(lambda: len(controller.received) > 1)
+        assert controller.received[1] == -4
+        assert harness.gate is not None
 
 
-def test_a_controller_that_has_nothing_of_ours_gets_nothing_on_connection():
-    async def check():
-        async with (
-            ScriptedController() as controller,
-            Harness(controller.ports, delivery=POINTS) as harness,
-        ):
-            await harness.ready()
-            await harness.commands.enable()
-            assert controller.received == []
-
-    run(check())
+async def test_a_controller_that_has_nothing_of_ours_gets_nothing_on_connection():
+    async with (
+        ScriptedController() as controller,
+        Harness(controller.ports, delivery=POINTS) as harness,
+    ):
+        await harness.ready()
+        await harness.commands.enable()
+        assert controller.received == []

@@ -130,145 +130,124 @@ def test_inv3_inv9_a_stop_that_is_refused_is_no_success_and_the_motors_go_off(ca
     assert any('the motors were switched off' in text for text in texts)
 
 
-def test_inv3_a_refused_stop_is_sent_again_while_the_arm_moves_and_no_longer():
+async def test_inv3_a_refused_stop_is_sent_again_while_the_arm_moves_and_no_longer():
     """docs/invariants.md, 3: without a remote port STOP is all there is."""
 
-    async def scenario():
-        async with disobedient(obeys_after=3, remote_port=0) as (harness, controller, _, stops):
-            text = await rejection(harness.commands.stop())
-            assert 'the arm stands' in text or 'the arm still moves' in text
-            await until(lambda: not controller.moving)
-            assert 0.0 < harness.at[0] < 1.4
-            await until(lambda: harness.driver.stopper.over)
-            count = len(stops)
-            assert count == 4
-            await asyncio.sleep(0.5)
-            assert len(stops) == count
-            assert 'refused STOP' in harness.gate
-            assert arm(harness).level == DiagnosticStatus.ERROR  # until somebody enables the arm
-            await harness.commands.enable()
-            assert arm(harness).level == DiagnosticStatus.OK
-            assert (await harness.submit(pose(0.1), start=harness.at).end()).end is End.SUCCEEDED
-
-    run(scenario())
+    async with disobedient(obeys_after=3, remote_port=0) as (harness, controller, _, stops):
+        text = await rejection(harness.commands.stop())
+        assert 'the arm stands' in text or 'the arm still moves' in text
+        await until(lambda: not controller.moving)
+        assert 0.0 < harness.at[0] < 1.4
+        await until(lambda: harness.driver.stopper.over)
+        count = len(stops)
+        assert count == 4
+        await asyncio.sleep(0.5)
+        assert len(stops) == count
+        assert 'refused STOP' in harness.gate
+        assert arm(harness).level == DiagnosticStatus.ERROR  # until somebody enables the arm
+        await harness.commands.enable()
+        assert arm(harness).level == DiagnosticStatus.OK
+        assert (await harness.submit(pose(0.1), start=harness.at).end()).end is End.SUCCEEDED
 
 
 @pytest.mark.parametrize('remote', [True, False], ids=['remote port', 'no remote port'])
-def test_inv9_disable_of_an_arm_that_refuses_stop(remote):
+async def test_inv9_disable_of_an_arm_that_refuses_stop(remote):
     """docs/invariants.md, 9: success only if the arm was seen to stand."""
 
-    async def scenario():
-        options = {} if remote else {'remote_port': 0}
-        async with disobedient(**options) as (harness, controller, _, _stops):
-            if remote:
-                try:
-                    text = await harness.commands.disable()
-                    assert not controller.moving
-                except CommandError as error:
-                    text = str(error)
-                await until(lambda: controller.status().drives_powered == 0)
-            else:
-                text = await rejection(harness.commands.disable())
-                assert controller.moving
-                assert 'the arm still moves' in text
-            assert 'refused STOP' in text
-            assert harness.gate == 'disabled on request'
-            controller.apply(Event.ESTOP_PRESS)
-            await until(lambda: harness.driver.stopper.over)
-
-    run(scenario())
+    options = {} if remote else {'remote_port': 0}
+    async with disobedient(**options) as (harness, controller, _, _stops):
+        if remote:
+            try:
+                text = await harness.commands.disable()
+                assert not controller.moving
+            except CommandError as error:
+                text = str(error)
+            await until(lambda: controller.status().drives_powered == 0)
+        else:
+            text = await rejection(harness.commands.disable())
+            assert controller.moving
+            assert 'the arm still moves' in text
+        assert 'refused STOP' in text
+        assert harness.gate == 'disabled on request'
+        controller.apply(Event.ESTOP_PRESS)
+        await until(lambda: harness.driver.stopper.over)
 
 
 @pytest.mark.parametrize('how', ['fault', 'empty trajectory', 'shut down'])
-def test_inv3_whatever_sends_the_stop_its_rejection_is_noticed(how):
+async def test_inv3_whatever_sends_the_stop_its_rejection_is_noticed(how):
     """docs/invariants.md, 3."""
 
-    async def scenario():
-        async with disobedient(obeys_after=1, remote_port=0) as (
-            harness,
-            controller,
-            _goal,
-            stops,
-        ):
-            if how == 'fault':
-                harness.driver.goal_queue.execution.fault('for the test')
-            elif how == 'shut down':
-                await harness.driver.shut_down()
-            else:
-                await rejection(harness.commands.stop())
-            await until(lambda: harness.driver.stopper.alarm)
-            await until(lambda: not controller.moving)
-            assert harness.at[0] < 1.4
-            assert len(stops) == 2
-            assert harness.gate is not None
-
-    run(scenario())
+    async with disobedient(obeys_after=1, remote_port=0) as (
+        harness,
+        controller,
+        _goal,
+        stops,
+    ):
+        if how == 'fault':
+            harness.driver.goal_queue.execution.fault('for the test')
+        elif how == 'shut down':
+            await harness.driver.shut_down()
+        else:
+            await rejection(harness.commands.stop())
+        await until(lambda: harness.driver.stopper.alarm)
+        await until(lambda: not controller.moving)
+        assert harness.at[0] < 1.4
+        assert len(stops) == 2
+        assert harness.gate is not None
 
 
-def test_inv9_an_arm_that_moves_on_after_stop_was_taken_is_no_success():
+async def test_inv9_an_arm_that_moves_on_after_stop_was_taken_is_no_success():
     """docs/invariants.md, 9: it says yes and does nothing."""
 
-    async def scenario():
-        async with MovableController() as scripted, Harness(scripted.ports) as harness:
-            await harness.ready()
-            await harness.commands.enable()
-            harness.submit(pose(0.5))
-            scripted.speed = 0.2
-            await until(lambda: harness.driver.robot.sample.velocities[0] > 0.1)
-            text = await rejection(harness.commands.stop())
-            assert 'the arm' in text
-            assert 'moves' in text
-            assert 'moves' in harness.gate
-            await until(lambda: scripted.received.count(STOP) >= 3)
-            scripted.speed = 0.0
-            await until(lambda: harness.driver.stopper.over)
-
-    run(scenario())
+    async with MovableController() as scripted, Harness(scripted.ports) as harness:
+        await harness.ready()
+        await harness.commands.enable()
+        harness.submit(pose(0.5))
+        scripted.speed = 0.2
+        await until(lambda: harness.driver.robot.sample.velocities[0] > 0.1)
+        text = await rejection(harness.commands.stop())
+        assert 'the arm' in text
+        assert 'moves' in text
+        assert 'moves' in harness.gate
+        await until(lambda: scripted.received.count(STOP) >= 3)
+        scripted.speed = 0.0
+        await until(lambda: harness.driver.stopper.over)
 
 
-def test_an_arm_that_somebody_jogs_is_left_alone():
+async def test_an_arm_that_somebody_jogs_is_left_alone():
     """Nothing of ours moves it: STOP is not repeated, and no goal is to blame."""
 
-    async def scenario():
-        async with MovableController() as scripted, Harness(scripted.ports) as harness:
-            await harness.ready()
-            scripted.speed = 0.2
-            await until(lambda: harness.driver.robot.sample.velocities[0] > 0.1)
-            assert 'the arm still moves' in await rejection(harness.commands.stop())
-            await asyncio.sleep(0.7)
-            assert scripted.received == [STOP]
-            scripted.speed = 0.0
-            await until(lambda: harness.driver.stopper.over)
-            assert 'the controller acknowledged STOP' in await harness.commands.stop()
-
-    run(scenario())
+    async with MovableController() as scripted, Harness(scripted.ports) as harness:
+        await harness.ready()
+        scripted.speed = 0.2
+        await until(lambda: harness.driver.robot.sample.velocities[0] > 0.1)
+        assert 'the arm still moves' in await rejection(harness.commands.stop())
+        await asyncio.sleep(0.7)
+        assert scripted.received == [STOP]
+        scripted.speed = 0.0
+        await until(lambda: harness.driver.stopper.over)
+        assert 'the controller acknowledged STOP' in await harness.commands.stop()
 
 
-def test_inv9_a_stop_that_no_joint_state_shows_is_no_success():
+async def test_inv9_a_stop_that_no_joint_state_shows_is_no_success():
     """docs/invariants.md, 9."""
 
-    async def scenario():
-        async with ScriptedController() as scripted:
-            scripted.shows_joints = False
-            async with Harness(scripted.ports) as harness:
-                await until(lambda: harness.driver.motion_link.connected)
-                text = await rejection(harness.commands.stop())
-                assert 'no joint state shows whether the arm stands' in text
-
-    run(scenario())
+    async with ScriptedController() as scripted:
+        scripted.shows_joints = False
+        async with Harness(scripted.ports) as harness:
+            await until(lambda: harness.driver.motion_link.connected)
+            text = await rejection(harness.commands.stop())
+            assert 'no joint state shows whether the arm stands' in text
 
 
-def test_a_stop_of_an_arm_that_stands_is_quick():
-    async def scenario():
-        async with cell() as (harness, _):
-            times = []
-            for _ in range(5):
-                before = asyncio.get_running_loop().time()
-                await harness.commands.stop()
-                times.append(asyncio.get_running_loop().time() - before)
-            assert min(times) < 0.3, times  # REST_TIME and a STATUS: 0.05 and 0.055 s
-
-    run(scenario())
+async def test_a_stop_of_an_arm_that_stands_is_quick():
+    async with cell() as (harness, _):
+        times = []
+        for _ in range(5):
+            before = asyncio.get_running_loop().time()
+            await harness.commands.stop()
+            times.append(asyncio.get_running_loop().time() - before)
+        assert min(times) < 0.3, times  # REST_TIME and a STATUS: 0.05 and 0.055 s
 
 
 # --- a goal after one whose points or STOP nobody answered ------------------------------------
@@ -286,160 +265,140 @@ def submitted_goal(harness, to, goal_time=0.0):
 
 
 @pytest.mark.invariant(5)
-def test_inv5_after_a_goal_time_violation_the_next_goal_waits_until_stop_is_answered():
+async def test_inv5_after_a_goal_time_violation_the_next_goal_waits_until_stop_is_answered():
     """docs/invariants.md, 3 and 5: the controller may still be busy with the first."""
 
-    async def scenario():
-        async with (
-            MovableController(lambda _: b'') as scripted,
-            Harness(scripted.ports) as harness,
-        ):
-            await harness.ready()
-            await harness.commands.enable()
-            first = submitted_goal(harness, 0.3, goal_time=0.1)
-            assert (await first.end()).code is ErrorCode.GOAL_TOLERANCE_VIOLATED
-            second = submitted_goal(harness, -0.3)
-            await until(lambda: STOP in scripted.received)
-            await asyncio.sleep(0.2)
-            assert scripted.received == [0, STOP]
-            assert not second.outcomes
-            scripted.motion.write(answer(2) + answer(1))  # the point is refused now, STOP is taken
-            await until(lambda: scripted.received == [0, STOP, 0])
-            assert harness.gate is None
-
-    run(scenario())
+    async with (
+        MovableController(lambda _: b'') as scripted,
+        Harness(scripted.ports) as harness,
+    ):
+        await harness.ready()
+        await harness.commands.enable()
+        first = submitted_goal(harness, 0.3, goal_time=0.1)
+        assert (await first.end()).code is ErrorCode.GOAL_TOLERANCE_VIOLATED
+        second = submitted_goal(harness, -0.3)
+        await until(lambda: STOP in scripted.received)
+        await asyncio.sleep(0.2)
+        assert scripted.received == [0, STOP]
+        assert not second.outcomes
+        scripted.motion.write(answer(2) + answer(1))  # the point is refused now, STOP is taken
+        await until(lambda: scripted.received == [0, STOP, 0])
+        assert harness.gate is None
 
 
-def test_inv4_a_stop_that_is_never_answered_disables_the_arm_and_ends_the_goal_that_waits():
+async def test_inv4_a_stop_that_is_never_answered_disables_the_arm_and_ends_the_goal_that_waits():
     """docs/invariants.md, 4: then the controller starts the motion that it had been given."""
 
-    async def scenario():
-        async with (
-            MovableController(lambda _: b'') as scripted,
-            Harness(scripted.ports) as harness,
-        ):
-            await harness.ready()
-            await harness.commands.enable()
-            first = submitted_goal(harness, 0.3, goal_time=0.1)
-            await first.end()
-            second = submitted_goal(harness, -0.3)
-            await second.end()
-            assert 'no reply to STOP' in second.outcome.text
-            assert 'no reply to STOP' in harness.gate
-            assert scripted.received.count(0) == 1
-            statistics = harness.driver.motion_link.statistics
-            await until(lambda: statistics.connections == 2)  # no late reply answers anything
-
-    run(scenario())
+    async with (
+        MovableController(lambda _: b'') as scripted,
+        Harness(scripted.ports) as harness,
+    ):
+        await harness.ready()
+        await harness.commands.enable()
+        first = submitted_goal(harness, 0.3, goal_time=0.1)
+        await first.end()
+        second = submitted_goal(harness, -0.3)
+        await second.end()
+        assert 'no reply to STOP' in second.outcome.text
+        assert 'no reply to STOP' in harness.gate
+        assert scripted.received.count(0) == 1
+        statistics = harness.driver.motion_link.statistics
+        await until(lambda: statistics.connections == 2)  # no late reply answers anything
 
 
-def test_inv9_a_stop_that_is_answered_late_but_in_time_is_a_success(monkeypatch):
+async def test_inv9_a_stop_that_is_answered_late_but_in_time_is_a_success(monkeypatch):
     """docs/invariants.md, 9: an arm that stands meanwhile says nothing about the answer."""
     for module in ('arm_commands', 'stopping.stopper'):
         monkeypatch.setattr(f'epson_driver.driver.{module}.ANSWER_TIMEOUT_S', 10.0)
 
-    async def scenario():
-        async with (
-            ScriptedController(lambda number: b'' if number == STOP else answer(1, number)) as it,
-            Harness(it.ports) as harness,
-        ):
-            await harness.ready()
-            await harness.commands.enable()
-            stopping = asyncio.create_task(harness.commands.stop())
-            await until(lambda: STOP in it.received)
-            await asyncio.sleep(3.0)  # the arm stands all the time
-            assert harness.gate is None
-            it.motion.write(answer(1))
-            await stopping
-            assert harness.gate is None
-            assert harness.driver.stopper.alarm is None
-
-    run(scenario())
+    async with (
+        ScriptedController(lambda number: b'' if number == STOP else answer(1, number)) as it,
+        Harness(it.ports) as harness,
+    ):
+        await harness.ready()
+        await harness.commands.enable()
+        stopping = asyncio.create_task(harness.commands.stop())
+        await until(lambda: STOP in it.received)
+        await asyncio.sleep(3.0)  # the arm stands all the time
+        assert harness.gate is None
+        it.motion.write(answer(1))
+        await stopping
+        assert harness.gate is None
+        assert harness.driver.stopper.alarm is None
 
 
-def test_inv4_enable_has_the_controller_drop_what_it_may_still_have():
+async def test_inv4_enable_has_the_controller_drop_what_it_may_still_have():
     """docs/invariants.md, 4: what it has in its queue, too."""
 
-    async def scenario():
-        silent = [True]
-        async with (
-            MovableController(lambda _: b'' if silent[0] else answer(1)) as scripted,
-            Harness(scripted.ports) as harness,
-        ):
-            await harness.ready()
-            await harness.commands.enable()
-            assert scripted.received == []
-            await submitted_goal(harness, 0.3, goal_time=0.1).end()
-            await until(lambda: harness.gate is not None)
-            await until(lambda: harness.driver.motion_link.statistics.connections == 2)
-            await until(lambda: harness.driver.motion_link.connected)
-            stops = scripted.received.count(STOP)
-            assert 'no reply to STOP' in await rejection(harness.commands.enable())
-            assert harness.gate is not None
-            silent[0] = False
-            await until(
-                lambda: harness.driver.stopper.over and harness.driver.motion_link.connected
-            )
-            await harness.commands.enable()
-            assert scripted.received.count(STOP) >= stops + 2
-
-    run(scenario())
+    silent = [True]
+    async with (
+        MovableController(lambda _: b'' if silent[0] else answer(1)) as scripted,
+        Harness(scripted.ports) as harness,
+    ):
+        await harness.ready()
+        await harness.commands.enable()
+        assert scripted.received == []
+        await submitted_goal(harness, 0.3, goal_time=0.1).end()
+        await until(lambda: harness.gate is not None)
+        await until(lambda: harness.driver.motion_link.statistics.connections == 2)
+        await until(lambda: harness.driver.motion_link.connected)
+        stops = scripted.received.count(STOP)
+        assert 'no reply to STOP' in await rejection(harness.commands.enable())
+        assert harness.gate is not None
+        silent[0] = False
+        await until(lambda: harness.driver.stopper.over and harness.driver.motion_link.connected)
+        await harness.commands.enable()
+        assert scripted.received.count(STOP) >= stops + 2
 
 
 # --- STOP's reply in the place of a point's ---------------------------------------------------
 
 
-def test_inv9_a_reply_that_may_be_a_points_confirms_no_standstill_but_the_state_does():
+async def test_inv9_a_reply_that_may_be_a_points_confirms_no_standstill_but_the_state_does():
     """docs/invariants.md, 9: of two requests one is answered, without a number."""
 
-    async def scenario():
-        settings = GoalSettings(reply_timeout=30.0)
-        async with (
-            MovableController(lambda sequence: answer(1) if sequence == STOP else b'') as scripted,
-            Harness(scripted.ports, settings=settings) as harness,
-        ):
-            await harness.ready()
-            await harness.commands.enable()
-            goal = submitted_goal(harness, 0.3)
-            await until(lambda: scripted.received == [0])
-            scripted.speed = 0.2
-            await until(lambda: harness.driver.robot.sample.velocities[0] > 0.1)
-            harness.driver.goal_queue.cancel(goal.handle)
-            await until(lambda: scripted.received[:2] == [0, STOP])
-            await asyncio.sleep(0.3)
-            assert not goal.outcomes  # the arm moves
-            scripted.speed = 0.0
-            await goal.end()
-            assert goal.outcome.end is End.CANCELED
-            assert 'a reply is missing' in goal.outcome.text
-            assert harness.gate is not None
-
-    run(scenario())
+    settings = GoalSettings(reply_timeout=30.0)
+    async with (
+        MovableController(lambda sequence: answer(1) if sequence == STOP else b'') as scripted,
+        Harness(scripted.ports, settings=settings) as harness,
+    ):
+        await harness.ready()
+        await harness.commands.enable()
+        goal = submitted_goal(harness, 0.3)
+        await until(lambda: scripted.received == [0])
+        scripted.speed = 0.2
+        await until(lambda: harness.driver.robot.sample.velocities[0] > 0.1)
+        harness.driver.goal_queue.cancel(goal.handle)
+        await until(lambda: scripted.received[:2] == [0, STOP])
+        await asyncio.sleep(0.3)
+        assert not goal.outcomes  # the arm moves
+        scripted.speed = 0.0
+        await goal.end()
+        assert goal.outcome.end is End.CANCELED
+        assert 'a reply is missing' in goal.outcome.text
+        assert harness.gate is not None
 
 
 @pytest.mark.invariant(9)
-def test_a_process_that_was_not_scheduled_does_not_take_stop_for_unanswered():
+async def test_a_process_that_was_not_scheduled_does_not_take_stop_for_unanswered():
     """docs/invariants.md, 9: the reply waits in the socket."""
 
     def reply(number):
         stand_still(30.0)
         return answer(1, number)
 
-    async def scenario():
-        async with ScriptedController(reply) as scripted, Harness(scripted.ports) as harness:
-            await harness.ready()
-            await harness.commands.enable()
-            harness.driver.stopper.stop()
-            await until(lambda: harness.driver.stopper.over)
-            assert scripted.received == [STOP]
-            assert harness.driver.stopper.alarm is None
-            assert harness.gate is None
-
-    run(scenario())
+    async with ScriptedController(reply) as scripted, Harness(scripted.ports) as harness:
+        await harness.ready()
+        await harness.commands.enable()
+        harness.driver.stopper.stop()
+        await until(lambda: harness.driver.stopper.over)
+        assert scripted.received == [STOP]
+        assert harness.driver.stopper.alarm is None
+        assert harness.gate is None
 
 
 @pytest.mark.invariant(9)
-def test_inv9_a_process_that_stood_still_has_not_waited_for_the_status_that_says_why():
+async def test_inv9_a_process_that_stood_still_has_not_waited_for_the_status_that_says_why():
     """docs/invariants.md, 9: the motors are off, which is why STOP was refused: to be read yet."""
 
     def reply_and_stand_still(number):
@@ -452,13 +411,10 @@ def test_inv9_a_process_that_stood_still_has_not_waited_for_the_status_that_says
 
     scripted = ScriptedController(reply_and_stand_still)
 
-    async def scenario():
-        async with scripted, Harness(scripted.ports) as harness:
-            await harness.ready()
-            await harness.commands.enable()
-            harness.driver.stopper.stop()
-            await until(lambda: harness.driver.stopper.over)
-            assert harness.driver.stopper.alarm is None
-            assert harness.gate == 'the motors are off'
-
-    run(scenario())
+    async with scripted, Harness(scripted.ports) as harness:
+        await harness.ready()
+        await harness.commands.enable()
+        harness.driver.stopper.stop()
+        await until(lambda: harness.driver.stopper.over)
+        assert harness.driver.stopper.alarm is None
+        assert harness.gate == 'the motors are off'

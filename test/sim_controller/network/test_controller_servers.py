@@ -130,29 +130,26 @@ async def test_a_second_motion_client_is_refused_and_the_first_goes_on(served):
 
 
 @pytest.mark.parametrize('port', ['motion', 'state'])
-def test_one_client_too_many_replaces_the_oldest_unless_the_arm_moves(port):
+async def test_one_client_too_many_replaces_the_oldest_unless_the_arm_moves(port):
     """As MotoROS does, where the profile says so (`server.full`)."""
     server = replace(PROFILE.server, full='replace', lost_client='keep', state_clients=1)
 
-    async def test():
-        async with serving(replace(PROFILE, server=server)) as served:
-            served.controller.apply(Event.MOTORS_ON)
-            commands = (await served.connect('motion'))[1]
-            oldest = (await served.connect(port))[0] if port == 'state' else None
-            commands.write(point(0, FAR, SLOW))
-            await until(lambda: served.controller.in_motion)
-            refused, _ = await served.connect(port)
-            assert await rejected(refused)
-            commands.write(point(STOP))
-            await until(lambda: not served.controller.moving)
-            newest, newest_writer = await served.connect(port)
-            newest_writer.write(frame(1, 2, 0))
-            assert (await read_until(newest, 1))[1:] == (3, SUCCESS, b'')
-            if oldest is not None:
-                await read_to_the_end(oldest)
-            assert served.controller.condition.motors is Motors.ON
-
-    run(test())
+    async with serving(replace(PROFILE, server=server)) as served:
+        served.controller.apply(Event.MOTORS_ON)
+        commands = (await served.connect('motion'))[1]
+        oldest = (await served.connect(port))[0] if port == 'state' else None
+        commands.write(point(0, FAR, SLOW))
+        await until(lambda: served.controller.in_motion)
+        refused, _ = await served.connect(port)
+        assert await rejected(refused)
+        commands.write(point(STOP))
+        await until(lambda: not served.controller.moving)
+        newest, newest_writer = await served.connect(port)
+        newest_writer.write(frame(1, 2, 0))
+        assert (await read_until(newest, 1))[1:] == (3, SUCCESS, b'')
+        if oldest is not None:
+            await read_to_the_end(oldest)
+        assert served.controller.condition.motors is Motors.ON
 
 
 async def read_until(reader, msg_type):
@@ -360,33 +357,30 @@ async def test_several_state_clients_and_one_that_shuts_only_its_own_side(served
 
 
 @pytest.mark.invariant(7)
-def test_invariant_7_a_state_client_that_has_shut_its_own_side_gives_its_place_up():
+async def test_invariant_7_a_state_client_that_has_shut_its_own_side_gives_its_place_up():
     """A proxy whose client has gone reads on for ever: the driver must not be kept out."""
     server = replace(PROFILE.server, lost_client='keep', state_clients=3)
 
-    async def test():
-        async with serving(replace(PROFILE, server=server)) as served:
+    async with serving(replace(PROFILE, server=server)) as served:
 
-            async def client():
-                reader, writer = await served.connect('state')
-                await read_frame(reader)
-                return writer, asyncio.create_task(read_to_the_end(reader))
+        async def client():
+            reader, writer = await served.connect('state')
+            await read_frame(reader)
+            return writer, asyncio.create_task(read_to_the_end(reader))
 
-            _, whole = await client()
-            halves = [await client() for _ in range(2)]
-            for writer, _ in halves:
-                writer.write_eof()
-            await asyncio.sleep(0.9 * HALF_CLOSED_S)
-            assert served.servers.clients('state') == 3
-            for _, half in halves:
-                await half
-            assert served.servers.clients('state') == 1
-            for _ in halves:
-                await client()
-            assert await rejected((await served.connect('state'))[0])
-            assert not whole.done()
-
-    run(test())
+        _, whole = await client()
+        halves = [await client() for _ in range(2)]
+        for writer, _ in halves:
+            writer.write_eof()
+        await asyncio.sleep(0.9 * HALF_CLOSED_S)
+        assert served.servers.clients('state') == 3
+        for _, half in halves:
+            await half
+        assert served.servers.clients('state') == 1
+        for _ in halves:
+            await client()
+        assert await rejected((await served.connect('state'))[0])
+        assert not whole.done()
 
 
 @on_sockets
@@ -437,29 +431,26 @@ async def test_requests_on_the_io_port(served):
 
 
 @pytest.mark.parametrize('message', ['joint_position', 'joint_feedback'])
-def test_a_state_client_is_kept_that_was_not_scheduled_for_two_seconds(message):
+async def test_a_state_client_is_kept_that_was_not_scheduled_for_two_seconds(message):
     """Nor was the controller: it makes up for its slots at once, into a buffer that is small."""
     profile = replace(PROFILE, state=replace(PROFILE.state, message=message))
 
-    async def main():
-        async with serving(profile) as served:
-            sock = socket.socket()
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-            sock.setblocking(False)
-            await asyncio.get_running_loop().sock_connect(sock, (HOST, served.ports.state))
-            reader, writer = await asyncio.open_connection(sock=sock)
-            served.writers.append(writer)
+    async with serving(profile) as served:
+        sock = socket.socket()
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        sock.setblocking(False)
+        await asyncio.get_running_loop().sock_connect(sock, (HOST, served.ports.state))
+        reader, writer = await asyncio.open_connection(sock=sock)
+        served.writers.append(writer)
+        await read_frame(reader)
+        writer.transport.pause_reading()
+        for _ in range(2):
+            stand_still(1.0)
+            await asyncio.sleep(0.01)
+        writer.transport.resume_reading()
+        for _ in range(3 * MAX_CATCH_UP_SLOTS):
             await read_frame(reader)
-            writer.transport.pause_reading()
-            for _ in range(2):
-                stand_still(1.0)
-                await asyncio.sleep(0.01)
-            writer.transport.resume_reading()
-            for _ in range(3 * MAX_CATCH_UP_SLOTS):
-                await read_frame(reader)
-            assert served.servers.clients('state') == 1
-
-    run(main())
+        assert served.servers.clients('state') == 1
 
 
 @pytest.mark.invariant(6)
@@ -563,63 +554,54 @@ async def test_invariant_7_a_remote_line_without_end_closes_that_connection(serv
         (b'!Login,77\r\n', RemoteError, r'unknown error number \(error 77\)'),
     ],
 )
-def test_what_else_may_answer_a_remote_command(answer, error, text):
-    async def main():
-        async def serve(reader, writer):
-            await reader.readline()
-            writer.write(answer)
-            await writer.drain()
-            writer.close()
+async def test_what_else_may_answer_a_remote_command(answer, error, text):
+    async def serve(reader, writer):
+        await reader.readline()
+        writer.write(answer)
+        await writer.drain()
+        writer.close()
 
-        server = await asyncio.start_server(serve, HOST, 0)
-        port = server.sockets[0].getsockname()[1]
-        with pytest.raises(error, match=text):
-            await execute(HOST, port, ['Reset'], 20)
-        server.close()
-
-    run(main())
+    server = await asyncio.start_server(serve, HOST, 0)
+    port = server.sockets[0].getsockname()[1]
+    with pytest.raises(error, match=text):
+        await execute(HOST, port, ['Reset'], 20)
+    server.close()
 
 
 @pytest.mark.invariant(9)
 @pytest.mark.parametrize('how', ['end', 'reset'])
-def test_invariant_9_a_controller_that_hangs_up_before_the_login_is_tried_again(how):
-    async def main():
-        comes = 0
-        asked = []
+async def test_invariant_9_a_controller_that_hangs_up_before_the_login_is_tried_again(how):
+    comes = 0
+    asked = []
 
-        async def serve(reader, writer):
-            nonlocal comes
-            comes += 1
-            if comes < MAX_LOGINS:
-                if how == 'reset':
-                    writer.transport.abort()
-                writer.close()
-                return
-            for name in (b'Login', b'Reset'):
-                asked.append(await reader.readline())
-                writer.write(b'#%s,0\r\n' % name)
-            writer.close()  # and no answer to the logout: all that was asked for is done
+    async def serve(reader, writer):
+        nonlocal comes
+        comes += 1
+        if comes < MAX_LOGINS:
+            if how == 'reset':
+                writer.transport.abort()
+            writer.close()
+            return
+        for name in (b'Login', b'Reset'):
+            asked.append(await reader.readline())
+            writer.write(b'#%s,0\r\n' % name)
+        writer.close()  # and no answer to the logout: all that was asked for is done
 
-        server = await asyncio.start_server(serve, HOST, 0)
-        port = server.sockets[0].getsockname()[1]
-        assert await execute(HOST, port, ['Reset'], 20) == ['0']
-        assert asked == [b'$Login,\r\n', b'$Reset\r\n']
-        assert comes == MAX_LOGINS
-        with pytest.raises(ConnectionError, match=f'{HOST}:{port}: .*'):
-            await execute(HOST, port, ['Reset', 'Stop'], 20)
-        assert comes == MAX_LOGINS + 1  # a command is never given twice
-        server.close()
-
-    run(main())
+    server = await asyncio.start_server(serve, HOST, 0)
+    port = server.sockets[0].getsockname()[1]
+    assert await execute(HOST, port, ['Reset'], 20) == ['0']
+    assert asked == [b'$Login,\r\n', b'$Reset\r\n']
+    assert comes == MAX_LOGINS
+    with pytest.raises(ConnectionError, match=f'{HOST}:{port}: .*'):
+        await execute(HOST, port, ['Reset', 'Stop'], 20)
+    assert comes == MAX_LOGINS + 1  # a command is never given twice
+    server.close()
 
 
-def test_a_remote_port_that_is_silent_or_not_there():
-    async def main():
-        with socket.create_server((HOST, 0)) as silent:
-            port = silent.getsockname()[1]
-            with pytest.raises(TimeoutError):
-                await execute(HOST, port, ['Reset'], 0.1)
-        with pytest.raises(ConnectionError, match=rf'{HOST}:{port}: '):
-            await execute(HOST, port, ['Reset'], 20)
-
-    run(main())
+async def test_a_remote_port_that_is_silent_or_not_there():
+    with socket.create_server((HOST, 0)) as silent:
+        port = silent.getsockname()[1]
+        with pytest.raises(TimeoutError):
+            await execute(HOST, port, ['Reset'], 0.1)
+    with pytest.raises(ConnectionError, match=rf'{HOST}:{port}: '):
+        await execute(HOST, port, ['Reset'], 20)

@@ -14,7 +14,7 @@ from epson_driver.sim_controller.arm.low_power import LOW_POWER
 from epson_driver.sim_controller.spel_host.motion_statements import points_of
 from epson_driver.sim_controller.spel_host.robot_motion import RobotMotion
 from epson_driver.sim_controller.spel_host.robot_points import RobotPoints
-from epson_driver.sim_controller.spel_host.robot_values import Robot
+from epson_driver.sim_controller.spel_host.robot_values import RobotContext
 from epson_driver.spel import MotionRequest
 from epson_driver.spel.frames import changed
 
@@ -269,16 +269,16 @@ def test_where_no_straight_way_is_left_after_a_stop_the_arm_goes_slowly_by_its_j
     motion = RobotMotion(
         controller.arm.executor, controller.clock, lambda: None, 0.01, lambda: None
     )
-    robot = Robot(controller, motion, RobotPoints(controller.model))
+    robot = RobotContext(controller, motion, RobotPoints(controller.model))
     place = robot.points.place(BENT)
     target = changed(place, '+', 'x', 50.0)
     (point,) = points_of(robot, MotionRequest('move', (target,)))
     assert point.way is not None
-    straight = point.way(BENT, False)
+    straight = point.path(BENT, False)
     assert np.allclose(straight.end, point.target, atol=1e-9)
     assert caplog.text.count('from joint to joint') == 0
     elsewhere = BENT + np.radians([160.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # the base is in the way
-    slow = point.way(elsewhere, False)
+    slow = point.path(elsewhere, False)
     assert np.allclose(slow.end, point.target, atol=1e-9)
     assert 'Move goes on from joint to joint: ' in caplog.text
     limits = controller.model.limits
