@@ -273,7 +273,7 @@ def test_where_no_straight_way_is_left_after_a_stop_the_arm_goes_slowly_by_its_j
     place = robot.points.place(BENT)
     target = changed(place, '+', 'x', 50.0)
     (point,) = points_of(robot, MotionRequest('move', (target,)))
-    assert point.way is not None
+    assert point.path is not None
     straight = point.path(BENT, False)
     assert np.allclose(straight.end, point.target, atol=1e-9)
     assert caplog.text.count('from joint to joint') == 0
