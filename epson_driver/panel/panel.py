@@ -141,6 +141,11 @@ class Panel:
             ):
                 return
             self._attempt(window, about.control, asked)
+            if word == 'jog':
+                end = {'do': 'jog', 'share': 0.0}
+                window.after_silence(lambda: self._attempt(window, about.control, end))
+        if word in ('stop', 'stop_one'):  # the page says so, large and red, if this does not come
+            window.offer(window.robot, {'stopped': text_of(number(asked, 'at', 0.0, 1e15))})
 
     def _attempt(self, window: Window, control: RobotControl, asked: Mapping[str, Any]) -> None:
         action = self._requests.table.get(asked['do'])

@@ -71,7 +71,7 @@ class RobotControl:
         """Motion by hand, of the model."""
         self.plan: Trajectory | None = None
         """The last trajectory that was sent from here."""
-        self.arming = Arming(self._forbidden, self._on_disarmed, clock)
+        self.arming = Arming(self.forbidden, self._on_disarmed, clock)
         self._model_name = ''
         """As the driver has it: a path, or short."""
         self._pendants = pendants
@@ -143,7 +143,8 @@ class RobotControl:
         else:
             state.simulation, state.times['simulation'] = latest
 
-    def _forbidden(self) -> str | None:
+    def forbidden(self) -> str | None:
+        """Return why nobody may be armed now, or None."""
         now, state = self._clock(), self.robot.state
         for name, text in (
             ('diagnostics', 'the driver does not report'),

@@ -115,6 +115,7 @@ class RobotView:
         return text_of(
             {
                 'armed': armed,
+                'forbidden': self.control.forbidden() or '',
                 'joints': self._state.joint_names,
                 'speed': self._state.speed,
                 'simulated': self.control.simulated,

@@ -40,6 +40,9 @@ LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
+MOST = 1e6
+"""What is beyond is as little a position, rad or m, or a speed as NaN."""
+
 ANSWER_TIMEOUT_S = 15.0
 """Longer than the driver takes to switch motors on, s."""
 
@@ -236,7 +239,7 @@ class RosRobot:
         state = self.state
         names = tuple(message.name)
         positions = np.array(message.position)
-        if len(positions) != len(names) or not np.all(np.isfinite(positions)):
+        if len(positions) != len(names) or not _possible(positions):
             return
         state.joint_names, state.positions = names, positions
         state.measured = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
@@ -260,7 +263,8 @@ class RosRobot:
     def _on_controller_state(self, message: Any, now: float) -> None:
         reference = np.array(message.reference.positions)
         error = np.array(message.error.positions)
-        if len(reference) == len(error) == len(message.joint_names):
+        right = len(reference) == len(error) == len(message.joint_names)
+        if right and _possible(reference) and _possible(error):
             order = self._order(tuple(message.joint_names))
             if order is not None:
                 self.state.reference, self.state.tracking_error = reference[order], error[order]
@@ -274,7 +278,7 @@ class RosRobot:
         self.state.link = message.data
 
     def _on_speed(self, message: Any, _now: float) -> None:
-        self.state.speed = message.data
+        self.state.speed = message.data if _possible(message.data) else None
 
     def _on_io(self, message: Any, _now: float) -> None:
         self.state.io = tuple(
@@ -381,6 +385,10 @@ class RosRobot:
 
 def _never(_message: Any) -> None:
     raise RuntimeError('this subscription is sampled, not served')
+
+
+def _possible(values: Array | float) -> bool:
+    return bool(np.all(np.abs(values) < MOST))
 
 
 def _tri(value: Any) -> Tri:

@@ -72,19 +72,13 @@ class Page(NamedTuple):
 
 def page_files() -> dict[str, Page]:
     """Return the files of the page, by their paths."""
-    kinds = {
-        'html': 'text/html',
-        'js': 'text/javascript',
-        'css': 'text/css',
-        'svg': 'image/svg+xml',
+    own = files('epson_driver.panel').joinpath('assets').iterdir()
+    bodies = {each.name: each.read_bytes() for each in own}
+    bodies |= {name: asset(name).encode() for name in ('bundle.js', 'bundle.css', 'arm.js')}
+    found = {
+        f'/{name}': Page(f'{KINDS[name.rpartition(".")[2]]}; charset=utf-8', body)
+        for name, body in bodies.items()
     }
-    found = {}
-    for each in files('epson_driver.panel').joinpath('assets').iterdir():
-        kind = kinds[each.name.rpartition('.')[2]]
-        found[f'/{each.name}'] = Page(f'{kind}; charset=utf-8', each.read_bytes())
-    for name in ('bundle.js', 'bundle.css', 'arm.js'):
-        kind = kinds[name.rpartition('.')[2]]
-        found[f'/{name}'] = Page(f'{kind}; charset=utf-8', asset(name).encode())
     found['/'] = found.pop('/index.html')
     return found
 

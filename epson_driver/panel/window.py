@@ -21,6 +21,10 @@ MAX_LATE_S = 0.15
 """What asks for motion by itself, as jogging does, counts for so long, s: a message that a line
 has held up for longer would move the arm after the finger has left."""
 
+HELD_S = 0.07
+"""So long after the last request of a held button the arm brakes, s: the page asks each 25 ms
+(hand.js). Without this it would after the driver's `servo.timeout`."""
+
 _numbers = itertools.count(1)
 
 
@@ -50,6 +54,7 @@ class Window:
         self._notes: deque[str] = deque(maxlen=MAX_NOTES)
         self._news = asyncio.Event()
         self._quickest: float | None = None
+        self._silence: asyncio.TimerHandle | None = None
 
     def choose(self, robot: str) -> None:
         """Show another robot from now on: all of it is sent."""
@@ -84,6 +89,12 @@ class Window:
         if self._quickest is None or taken < self._quickest:
             self._quickest = taken
         return taken - self._quickest > MAX_LATE_S
+
+    def after_silence(self, do: Callable[[], object]) -> None:
+        """Have something done once this was not called for HELD_S. In the loop's thread."""
+        if self._silence is not None:
+            self._silence.cancel()
+        self._silence = self._loop.call_later(HELD_S, do)
 
     async def write(self, send: Callable[[str], Awaitable[Any]]) -> None:
         """Send what there is, again and again, until the task is canceled."""

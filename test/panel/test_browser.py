@@ -3,113 +3,26 @@
 """The panel in a real browser: Debian's chromium, driven by playwright."""
 
 import contextlib
-import importlib.util
-import io
 import os
-import shutil
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
 
 pytest.importorskip('websockets')
 
+from support.browser import chromium
 from support.cell import Cell
 from support.panel_client import PanelProcess
-from support.ros_peer import PATIENCE
+from support.panel_page import Page
+from support.ros_peer import stamp
 
-CHROMIUM = shutil.which('chromium') or shutil.which('google-chrome')
-
-pytestmark = [
-    pytest.mark.slow,  # seconds, in a browser without a graphics card
-    pytest.mark.skipif(
-        CHROMIUM is None,
-        reason='there is no browser: apt install --no-install-recommends chromium',
-    ),
-    pytest.mark.skipif(
-        importlib.util.find_spec('playwright') is None,
-        reason='playwright is not installed: make browser',
-    ),
-]
-
-VIEW = {'width': 1100, 'height': 420}
-"""Small: without a graphics card every pixel is computed."""
+pytestmark = pytest.mark.slow  # seconds, in a browser without a graphics card
 
 SIZES = [(1024, 768), (1600, 1000), (390, 844)]
-
-MILLISECONDS = PATIENCE * 1e3
-
-
-class Page:
-    """A page of the panel, and everything that it asked for and complained about."""
-
-    def __init__(self, browser: Any, address: str, size: dict[str, int] = VIEW) -> None:
-        self.requests: list[str] = []
-        self.errors: list[str] = []
-        self.page = browser.new_page(viewport=size)
-        self.page.set_default_timeout(MILLISECONDS)
-        self.page.on('request', lambda request: self.requests.append(request.url))
-        self.page.on('websocket', lambda socket: self.requests.append(socket.url))
-        self.page.on('pageerror', lambda error: self.errors.append(str(error)))
-        self.page.on('console', self._on_console)
-        self.page.goto(address)
-        try:
-            self.lamp('Link', 'good')
-        except Exception as error:
-            shown = self.page.locator('body').inner_text()
-            error.add_note(f'asked for {self.requests}, complained {self.errors}, shows {shown!r}')
-            raise
-
-    def _on_console(self, message: Any) -> None:
-        if message.type == 'error':
-            self.errors.append(message.text)
-
-    def lamp(self, name: str, colour: str) -> None:
-        """Wait until a lamp has a colour."""
-        self.page.wait_for_selector(f'[data-lamp="{name}"][data-colour="{colour}"]')
-
-    def button(self, label: str) -> Any:
-        return self.page.get_by_role('button', name=label, exact=True)
-
-    def armed(self) -> None:
-        """Arm the window, if it is not armed."""
-        if self.button('Arm').is_visible():
-            self.button('Arm').click()
-        self.page.wait_for_selector('body.armed')
-
-    def disarmed(self) -> None:
-        """Disarm the window."""
-        self.button('Disarm').click()
-        self.page.wait_for_selector('body:not(.armed)')
-
-    def text(self, part: str) -> str:
-        found: str = self.page.locator(f'[data-part={part}]').first.inner_text()
-        return found
-
-    def wait(self, true: Callable[[], bool], what: str) -> None:
-        until = time.monotonic() + PATIENCE
-        while not true():
-            assert time.monotonic() < until, f'not: {what}'
-            self.page.wait_for_timeout(100)
-
-    def wait_for_text_of(self, place: str, text: str) -> None:
-        found = self.page.locator(place)
-        self.wait(lambda: text in found.inner_text(), f'{text!r} in {place}')
-
-    def wait_for_text(self, part: str, text: str) -> None:
-        self.wait(lambda: text in self.text(part), f'{text!r} in {part}: {self.text(part)}')
-
-    def picture(self) -> Any:
-        """Return the 3D view as an array of pixels."""
-        import numpy as np
-        from PIL import Image
-
-        taken = self.page.locator('canvas').first.screenshot(timeout=MILLISECONDS)
-        return np.asarray(Image.open(io.BytesIO(taken)).convert('RGB')).astype(int)
 
 
 @pytest.fixture(scope='module')
@@ -123,34 +36,22 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
 
 @pytest.fixture(scope='module')
 def panel(cell: Cell, tmp_path_factory: pytest.TempPathFactory) -> Iterator[PanelProcess]:
-    found = PanelProcess(Path(tmp_path_factory.mktemp('panel')), cell.domain)
+    found = PanelProcess(tmp_path_factory.mktemp('panel'), cell.domain)
     yield found
     assert found.end() == 0
 
 
 @pytest.fixture(scope='module')
-def playwright() -> Iterator[Any]:
-    """What starts browsers; a thread can have only one."""
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as one:
-        yield one
-
-
-@contextlib.contextmanager
-def chromium(playwright: Any, *arguments: str) -> Iterator[Any]:
-    browser = playwright.chromium.launch(
-        executable_path=CHROMIUM, args=['--no-sandbox', *arguments], timeout=MILLISECONDS
-    )
-    try:
-        yield browser
-    finally:
-        browser.close()
+def hasty(cell: Cell, tmp_path_factory: pytest.TempPathFactory) -> Iterator[PanelProcess]:
+    """A panel with the patience that it has for users."""
+    found = PanelProcess(tmp_path_factory.mktemp('hasty'), cell.domain, patience=False)
+    yield found
+    assert found.end() == 0
 
 
 @pytest.fixture(scope='module')
-def page(panel: PanelProcess, playwright: Any) -> Iterator[Page]:
-    with chromium(playwright) as browser:
+def page(panel: PanelProcess) -> Iterator[Page]:
+    with chromium() as browser:
         yield Page(browser, panel.address)
 
 
@@ -158,11 +59,11 @@ def page(panel: PanelProcess, playwright: Any) -> Iterator[Page]:
 @pytest.mark.parametrize('dark', [False, True])
 @pytest.mark.parametrize('size', SIZES)
 def test_without_webgl_it_works_and_it_fits(
-    size: tuple[int, int], dark: bool, panel: PanelProcess, cell: Cell, playwright: Any
+    size: tuple[int, int], dark: bool, panel: PanelProcess, cell: Cell
 ) -> None:
     width, height = size
     options = ['--disable-3d-apis', *(['--force-dark-mode'] if dark else [])]
-    with chromium(playwright, *options) as browser:
+    with chromium(*options) as browser:
         page = Page(browser, panel.address, {'width': width, 'height': height})
         page.page.emulate_media(color_scheme='dark' if dark else 'light')
         page.wait_for_text_of('#view-note', 'No 3D view: this browser has no WebGL')
@@ -221,27 +122,38 @@ def test_the_view_is_not_empty_and_follows_the_arm_until_stop(page: Page, cell: 
     page.disarmed()
 
 
-def renderers() -> list[int]:
-    """Return the processes that draw the pages of browsers that this process has started."""
-    parents, drawing = {}, set()
+@contextlib.contextmanager
+def stopped(what: bytes) -> Iterator[None]:
+    """Stop the processes of browsers of this process, those with a word in their command line."""
+    parents, found = {}, set()
     for each in Path('/proc').iterdir():
         with contextlib.suppress(OSError):
             if each.name.isdigit():
                 words = (each / 'stat').read_text(encoding='utf-8').rpartition(') ')[2].split()
                 parents[int(each.name)] = int(words[1])
-                if b'--type=renderer' in (each / 'cmdline').read_bytes():
-                    drawing.add(int(each.name))
+                if what in (each / 'cmdline').read_bytes():
+                    found.add(int(each.name))
 
     def own(process: int) -> bool:
         return process == os.getpid() or (process in parents and own(parents[process]))
 
-    return [each for each in drawing if own(each)]
+    browsers = [process for process in found if own(process)]
+    assert browsers
+    for process in browsers:
+        os.kill(process, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        for process in browsers:
+            os.kill(process, signal.SIGCONT)
 
 
-@pytest.mark.invariant(3)
-def test_an_armed_page_whose_process_is_stopped_is_disarmed_and_its_goal_canceled(
-    page: Page, cell: Cell
-) -> None:
+RENDERER, WHOLE_BROWSER = b'--type=renderer', b'chromium'
+"""The process that draws a page, as it freezes; all of them, as they are asleep."""
+
+
+def is_executing(page: Page, cell: Cell) -> None:
+    """Have the arm follow the swing."""
     page.armed()
     page.button('Enable').click()
     page.lamp('Arm gate', 'good')
@@ -249,15 +161,53 @@ def test_an_armed_page_whose_process_is_stopped_is_disarmed_and_its_goal_cancele
     page.wait_for_text('log', 'to the start of swing: ')
     page.button('Execute').click()
     cell.peer.wait_for_motion()
-    stopped = renderers()
-    for each in stopped:
-        os.kill(each, signal.SIGSTOP)
-    try:
-        cell.peer.wait_until_still()
-    finally:
-        for each in stopped:
-            os.kill(each, signal.SIGCONT)
-    page.wait_for_text('log', 'the armed window is frozen, hidden or cut off')
+
+
+@pytest.mark.invariant(3)
+@pytest.mark.parametrize('what', [RENDERER, WHOLE_BROWSER])
+def test_a_window_that_is_frozen_or_asleep_stops_the_arm_within_2_s(
+    what: bytes, cell: Cell, hasty: PanelProcess
+) -> None:
+    with chromium('--disable-3d-apis') as browser:
+        page = Page(browser, hasty.address)
+        page.lamp('Door', 'good')
+        is_executing(page, cell)
+        with stopped(what):
+            began = time.time()
+            there = cell.peer.wait_until_still()
+        moved = [s for s in cell.peer.joint_states if list(s.position) != there.tolist()]
+        assert stamp(moved[-1]) - began < 2.0
+        page.wait_for_text('log', 'the armed window is frozen, hidden or cut off')
+
+
+@pytest.mark.invariant(3)
+def test_a_stop_that_is_not_delivered_is_said_large_and_red(
+    cell: Cell, hasty: PanelProcess
+) -> None:
+    said = """(id) => {
+        const each = document.querySelector(id), is = getComputedStyle(each);
+        return [each.innerText, is.color, is.backgroundColor, is.fontSize];
+    }"""
+    with chromium('--disable-3d-apis') as browser:
+        page = Page(browser, hasty.address)
+        before = page.page.locator('#stop').bounding_box()
+        for silent, place, why in (
+            (cell.client, '#alarm', 'the driver has not answered for 0.5 s'),
+            (hasty.process, '#silence span', 'the panel did not answer'),
+        ):
+            silent.send(signal.SIGSTOP)
+            try:
+                page.page.keyboard.press('Escape')
+                page.page.locator(place, has_text='STOP was not delivered').wait_for()
+                text, colour, back, size = page.page.evaluate(said, place)
+            finally:
+                silent.send(signal.SIGCONT)
+            assert text == f'STOP was not delivered: {why}. Press the E-stop.'
+            assert (colour, back) == ('rgb(255, 255, 255)', 'rgb(179, 22, 14)')
+            assert float(size.removesuffix('px')) >= 20
+            assert page.page.locator('#stop').bounding_box() == before
+            page.page.locator(place, has_text='STOP').wait_for(state='hidden')
+            page.lamp('Link', 'good')
 
 
 @pytest.mark.invariant(6)

@@ -240,10 +240,10 @@ def test_what_is_moved_by_hand_stops_with_the_hand(
         until = time.monotonic() + PATIENCE
         while cell.peer.position()[0] < began + 0.005:
             assert time.monotonic() < until, client.log
-            client.ask('jog', axis='1', frame='world', share=0.1, at=time.monotonic())
+            client.ask('jog', axis='1', frame='world', share=0.1)
             time.sleep(0.03)
         if end == 'release':
-            client.ask('jog', share=0, at=time.monotonic())
+            client.ask('jog', share=0)
         elif end == 'a closed window':
             client.close()
         elif end == 'disarming':

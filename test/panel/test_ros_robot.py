@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import rclpy
 from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import JointTrajectoryControllerState
 from epson_msgs.srv import SetSpeedScaling
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import GetParameters
@@ -19,6 +20,7 @@ from rclpy.action.client import ClientGoalHandle
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 from support.ros_peer import PATIENCE
 
@@ -258,10 +260,16 @@ def test_a_goal_for_nobody_is_refused_with_the_name_of_the_action(lonely: RosRob
 def test_joint_states_that_are_no_numbers_are_not_shown(lonely: RosRobot) -> None:
     names = ['joint_1', 'joint_2']
     lonely._on_joints(JointState(name=names, position=[0.1, 0.2]), 10.0)
-    lonely._on_joints(JointState(name=names, position=[0.1, float('nan')]), 20.0)
+    for wrong in (float('nan'), float('-inf'), 1e308):
+        lonely._on_joints(JointState(name=names, position=[0.1, wrong]), 20.0)
+        message = JointTrajectoryControllerState(joint_names=names)
+        message.reference.positions = message.error.positions = [0.1, wrong]
+        lonely._on_controller_state(message, 20.0)
+        lonely._on_speed(Float64(data=wrong), 20.0)
     lonely._on_joints(JointState(name=names, position=[0.3]), 20.0)
     assert lonely.state.positions.tolist() == [0.1, 0.2]
     assert lonely.state.times['joints'] == 10.0
+    assert lonely.state.reference is lonely.state.tracking_error is lonely.state.speed is None
 
 
 class Answer:

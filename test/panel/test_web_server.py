@@ -3,6 +3,7 @@
 """The panel's web server, and who may use it."""
 
 import asyncio
+import functools
 import http.client
 import json
 import re
@@ -25,7 +26,7 @@ from websockets.sync.client import connect
 
 from epson_driver.panel.requests import message_of
 from epson_driver.panel.web_server import WebServer, WebServerError
-from epson_driver.panel.window import MAX_LATE_S, Window
+from epson_driver.panel.window import HELD_S, MAX_LATE_S, Window
 
 HERE = '127.0.0.1'
 
@@ -221,6 +222,20 @@ def test_what_a_line_has_held_up_is_late() -> None:
     assert not window.late(8.0, 102.9)  # quicker than the first
     assert window.late(9.0, 103.95 + MAX_LATE_S)
     window._loop.close()
+
+
+def test_what_follows_silence_is_done_once_after_the_last_request() -> None:
+    async def scene() -> list[str]:
+        done: list[str] = []
+        window = Window(asyncio.get_running_loop())
+        for each in ('first', 'second', 'last'):
+            window.after_silence(functools.partial(done.append, each))
+            await asyncio.sleep(0)
+        assert done == []
+        await asyncio.sleep(2 * HELD_S)
+        return done
+
+    assert asyncio.run(scene()) == ['last']
 
 
 def test_a_port_that_is_taken_is_an_error_and_not_another_port(server: WebServer) -> None:

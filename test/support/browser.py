@@ -14,31 +14,55 @@ CHROMIUM = (
 )
 
 
+class _Playwright:
+    """What drives browsers, while one is open: a thread can have only one, and no other loop."""
+
+    def __init__(self) -> None:
+        self._users = 0
+
+    def __enter__(self) -> Any:
+        if not self._users:
+            api = pytest.importorskip('playwright.sync_api', reason='not there: make browser')
+            self._context = api.sync_playwright()
+            self._api = self._context.__enter__()
+        self._users += 1
+        return self._api
+
+    def __exit__(self, *_: object) -> None:
+        self._users -= 1
+        if not self._users:
+            self._context.__exit__()
+
+
+_playwright = _Playwright()
+
+
+@contextmanager
+def chromium(*arguments: str) -> Iterator[Any]:
+    """Yield a browser. Skips the test where there is none, or no playwright."""
+    if CHROMIUM is None:
+        pytest.skip('no browser test: apt install --no-install-recommends chromium')
+    with _playwright as api:
+        browser = api.chromium.launch(
+            executable_path=CHROMIUM, args=['--no-sandbox', *arguments], timeout=120_000
+        )
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
 @contextmanager
 def browser_page(
     width: int = 900, height: int = 700
 ) -> Iterator[tuple[Any, list[str], list[str]]]:
-    """Yield a tab, what its console and its errors say, and the addresses it asks for.
-
-    Skips the test where there is no browser or no playwright.
-    """
-    api = pytest.importorskip(
-        'playwright.sync_api', reason='no browser test: pip install playwright'
-    )
-    if CHROMIUM is None:
-        pytest.skip('no browser test: chromium is not installed (apt-get install chromium)')
+    """Yield a tab, what its console and its errors say, and the addresses it asks for."""
     told: list[str] = []
     requested: list[str] = []
-    with api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=CHROMIUM, args=['--no-sandbox'], timeout=120_000
-        )
-        try:
-            tab = browser.new_page(viewport={'width': width, 'height': height})
-            tab.set_default_timeout(120_000)
-            tab.on('console', lambda message: told.append(f'{message.type}: {message.text}'))
-            tab.on('pageerror', lambda error: told.append(f'error: {error}'))
-            tab.on('request', lambda request: requested.append(request.url))
-            yield tab, told, requested
-        finally:
-            browser.close()
+    with chromium() as browser:
+        tab = browser.new_page(viewport={'width': width, 'height': height})
+        tab.set_default_timeout(120_000)
+        tab.on('console', lambda message: told.append(f'{message.type}: {message.text}'))
+        tab.on('pageerror', lambda error: told.append(f'error: {error}'))
+        tab.on('request', lambda request: requested.append(request.url))
+        yield tab, told, requested

@@ -94,7 +94,7 @@ class PanelClient:
 
     def ask(self, word: str, **more: Any) -> None:
         """Send a request, as the page does."""
-        self.send({'do': word, 'robot': self.robot} | more)
+        self.send({'do': word, 'robot': self.robot, 'at': time.monotonic()} | more)
 
     def send(self, message: Any) -> None:
         self._socket.send(json.dumps(message))

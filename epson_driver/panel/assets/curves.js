@@ -53,7 +53,7 @@ export class Curves {
       this.plots.push(new lib.uPlot({
         width: this.width(), height: this.height(),
         scales: { x: { time: false, range: [-SPAN_S, 0] }, y: { range: (_, low, high) => [Math.min(low ?? 0, -LEAST) * 1.05, Math.max(high ?? 0, LEAST) * 1.05] } },
-        axes: [{ ...axis, values: (_, ticks) => ticks.map((t) => (t ? `${t} s` : 'now')) }, { ...axis, size: 44 }],
+        axes: [{ ...axis, values: (_, ticks) => ticks.map((t) => (t ? `${t} s` : 'now')) }, { ...axis, size: 44, space: 18 }],
         cursor: { drag: { x: false, y: false } },
         series: [{}, ...this.names.map((name, j) => ({ label: name, stroke: COLOURS[j % COLOURS.length], width: 1.5, spanGaps: false,
           value: (_, value) => (value === null || value === undefined ? '–' : value.toFixed(1)) }))],

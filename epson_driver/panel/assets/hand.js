@@ -3,7 +3,7 @@
 // Moving by hand: hold a button to move, or one step for each press. The panel is asked again and again while a button is
 // held; whatever ends that (a finger, a hidden or frozen page, a cut line) ends the motion.
 
-const PERIOD_MS = 33;
+const PERIOD_MS = 25;
 const STEPS = [0.1, 1, 5, 10];
 const TURNS = 'UVW';
 const FRAME_OF = { joints: 'world', world: 'world', tool: 'tool' };
@@ -17,7 +17,7 @@ export class Hand {
     this.timer = null;
     this.axes = [];
     this.labels = new Map();
-    $('step').append(new Option('moves while held', ''), ...STEPS.map((each) => new Option(`a step of ${each} mm or °`, each)));
+    $('step').append(new Option('while held', ''), ...STEPS.map((each) => new Option(`by ${each} mm or °`, each)));
     for (const each of document.querySelectorAll('[name=frame]')) each.addEventListener('change', () => this.build());
     $('hand-speed').addEventListener('input', () => { $('hand-percent').textContent = `${$('hand-speed').value} %`; });
     for (const event of ['blur', 'pagehide']) addEventListener(event, () => this.end());
@@ -79,12 +79,11 @@ export class Hand {
     this.end();
     if (button.disabled) return;
     const frame = FRAME_OF[this.frame], share = $('hand-speed').value / 100;
-    const stamped = (request) => this.send({ ...request, axis, frame, at: performance.now() / 1e3 });
     if ($('step').value) {
-      stamped({ do: 'step', size: sign * $('step').value * (this.turns(axis) ? Math.PI / 180 : 1e-3), share });
+      this.send({ do: 'step', axis, frame, size: sign * $('step').value * (this.turns(axis) ? Math.PI / 180 : 1e-3), share });
       return;
     }
-    const go = () => stamped({ do: 'jog', share: sign * share });
+    const go = () => this.send({ do: 'jog', axis, frame, share: sign * share });
     go();
     this.held = button;
     button.classList.add('held');
@@ -100,7 +99,7 @@ export class Hand {
     clearInterval(this.timer);
     this.timer = null;
     this.held.classList.remove('held');
-    this.send({ do: 'jog', share: 0, at: performance.now() / 1e3 });
+    this.send({ do: 'jog', share: 0 });
   }
 
   enable(armed) {

@@ -7,7 +7,7 @@ import { Hand } from './hand.js';
 import { Points } from './points.js';
 import { makeView } from './view.js';
 
-const ALIVE_MS = 300, SILENT_MS = 2000, AGAIN_MS = 1000, NOTE_MS = 8000;
+const ALIVE_MS = 300, SILENT_MS = 2000, ANSWER_MS = 500, AGAIN_MS = 1000, NOTE_MS = 8000;
 const SIGNS = { good: '✓', warn: '!', bad: '✕', off: '–', unknown: '?' };
 const FIELDS = ['X', 'Y', 'Z', 'U', 'V', 'W'];
 const NEAR_END = 0.03;
@@ -16,11 +16,14 @@ const $ = (id) => document.getElementById(id);
 const element = (tag, text = '', className = '') => Object.assign(document.createElement(tag), { textContent: text, className });
 const say = (id, text) => { if ($(id).textContent !== text) $(id).textContent = text; };
 
-let socket = null, chosen = '', heard = -Infinity, controls = {}, arm = null, way = 0;
+let socket = null, chosen = '', heard = -Infinity, stopAt = null, controls = {}, arm = null, way = 0;
 
+/** Send a request, and return when, s. */
 const send = (request) => {
-  if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ robot: chosen, ...request }));
+  const at = performance.now() / 1e3;
+  if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ robot: chosen, at, ...request }));
   else if (request.do !== 'alive') note('Not done: the panel does not answer');
+  return at;
 };
 
 let view = null;
@@ -59,6 +62,7 @@ const parts = {
       made.setAttribute('aria-current', String(each.name === chosen));
     });
   },
+  stopped(at) { if (at === stopAt) stopAt = null; },
   alarms(alarms) {
     $('alarm').hidden = !alarms.length;
     say('alarm', alarms.join(' '));
@@ -130,8 +134,9 @@ const parts = {
     const armed = found.armed === 'yes';
     document.body.classList.toggle('armed', armed);
     $('arm').hidden = armed;
+    $('arm').disabled = Boolean(found.forbidden);
     $('disarm').hidden = !armed;
-    say('armed-note', { yes: 'This window is armed: what moves the robot works here.', no: 'Arm this window to move the robot.', other: 'Another window is armed.' }[found.armed]);
+    say('armed-note', { yes: 'This window is armed: what moves the robot works here.', no: found.forbidden || 'Arm this window to move the robot.', other: 'Another window is armed.' }[found.armed]);
     if (!armed && found.speed !== null) {
       $('speed').value = Math.round(100 * found.speed);
       say('percent', `${$('speed').value} %`);
@@ -261,7 +266,7 @@ function connect() {
   made.addEventListener('message', ({ data }) => {
     heard = performance.now();
     const found = JSON.parse(data);
-    for (const key of ['robots', 'alarms', 'notes', 'pendant']) if (key in found) parts[key](found[key]);
+    for (const key of ['robots', 'stopped', 'alarms', 'notes', 'pendant']) if (key in found) parts[key](found[key]);
     if (found.robot !== chosen) return;
     for (const key of ['arm', 'controls', 'plan', 'lamps', 'advice', 'ages', 'log', 'io', 'history', 'pose', 'row']) {
       if (key in found) parts[key](found[key]);
@@ -277,23 +282,22 @@ const alive = () => { if (!document.hidden) send({ do: 'alive' }); };
 setInterval(alive, ALIVE_MS);
 
 setInterval(() => {
-  const gone = performance.now() - heard > SILENT_MS;
-  if (gone === document.body.classList.contains('gone') && gone === Boolean($('silence').textContent.trim())) return;
-  document.body.classList.toggle('gone', gone);
-  $('silence').firstElementChild.textContent = gone
-    ? 'No news from the panel: what is shown may be wrong, and STOP does not work. Press the E-stop.' : '';
+  const now = performance.now(), gone = now - heard > SILENT_MS, lost = stopAt !== null && (gone || now - 1e3 * stopAt > ANSWER_MS);
+  document.body.classList.toggle('gone', gone || lost);
+  say('silence-text', lost ? 'STOP was not delivered: the panel did not answer. Press the E-stop.'
+    : gone ? 'No news from the panel: what is shown may be wrong, and STOP does not work. Press the E-stop.' : '');
   if (gone) hand.end();
-}, 200);
+}, 100);
 
 // --- what a person does ----------------------------------------------------------------------------
 
-const stop = () => {
+const stop = (word) => {
   hand.end();
-  send({ do: 'stop' });
+  stopAt = send({ do: word });
 };
-$('stop').addEventListener('click', stop);
-addEventListener('keydown', (event) => { if (event.key === 'Escape') stop(); }, true);
-$('stop-one').addEventListener('click', () => send({ do: 'stop_one' }));
+$('stop').addEventListener('click', () => stop('stop'));
+addEventListener('keydown', (event) => { if (event.key === 'Escape') stop('stop'); }, true);
+$('stop-one').addEventListener('click', () => stop('stop_one'));
 for (const each of document.querySelectorAll('[data-do]')) each.addEventListener('click', () => send({ do: each.dataset.do }));
 $('speed').addEventListener('input', () => {
   say('percent', `${$('speed').value} %`);

@@ -1,0 +1,154 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Whatever a driver sends: nothing of it is executed in the page, and nothing breaks it."""
+
+import math
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import rclpy
+from control_msgs.msg import JointTrajectoryControllerState
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from epson_msgs.msg import IoRange, IoStates
+from epson_msgs.srv import SetSpeedScaling
+from industrial_msgs.msg import RobotStatus
+from rcl_interfaces.msg import Log
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, String
+from support.browser import chromium
+from support.panel_client import PanelProcess
+from support.panel_page import Page
+
+from epson_driver.processes.processes import free_ros_domain
+
+pytestmark = pytest.mark.slow  # a browser
+
+HTML = '<img src=x onerror="window.run = 1"><script>window.run = 1</script>'
+LONG = 'joint_' + 'very_' * 400
+NAMES = {
+    'HTML': [f'{HTML}{j}' for j in range(6)],
+    'long': [f'{LONG}{j}' for j in range(6)],
+    '200 joints': [f'joint_{j}' for j in range(200)],
+    'none': [],
+    'two of one name': ['joint_1'] * 6,
+    'usual': [f'joint_{j}' for j in range(1, 7)],
+}
+VALUES = (math.nan, math.inf, 1e308, -1e308, 1e5, 0.1)
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class Liar:
+    """What the panel takes for a driver. It sends the same text everywhere."""
+
+    def __init__(self, context: rclpy.Context) -> None:
+        self.node = node = Node('epson_driver', context=context)
+        for name, value in {
+            'robot_model': 'c3_a601s',
+            'joint_names': NAMES['usual'],
+            'robot_ip': HTML,
+            'remote_port': 0,
+            'controller': HTML,
+        }.items():
+            node.declare_parameter(name, value)
+        node.create_service(SetSpeedScaling, '~/set_speed_scaling', lambda _, answer: answer)
+        self.topics = {
+            kind: node.create_publisher(kind, topic, qos)
+            for kind, topic, qos in (
+                (JointState, 'joint_states', 1),
+                (RobotStatus, 'robot_status', 1),
+                (JointTrajectoryControllerState, '~/controller_state', 1),
+                (String, '~/link_state', LATCHED),
+                (Float64, '~/speed_scaling', LATCHED),
+                (IoStates, '~/io_states', LATCHED),
+                (DiagnosticArray, '/diagnostics', 1),
+                (
+                    Log,
+                    '/rosout',
+                    QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL),
+                ),
+            )
+        }
+
+    def say(self, names: list[str], value: float, text: str) -> None:
+        """Send one of each."""
+        values = [value] * len(names)
+        state = JointTrajectoryControllerState(joint_names=names)
+        state.reference.positions = state.error.positions = values
+        told = {'arm gate': text, 'cause': text, 'remedy': text, 'advice': text}
+        arm = DiagnosticStatus(
+            name='epson_driver: arm',
+            message=text,
+            values=[KeyValue(key=key, value=each) for key, each in told.items()],
+        )
+        for message in (
+            JointState(name=names, position=values),
+            RobotStatus(error_codes=[2**31 - 1] * 50),
+            state,
+            String(data=text),
+            Float64(data=value),
+            IoStates(valid=False, message=text),
+            IoStates(valid=True, ranges=[IoRange(type=250, values=[1] * 9)]),
+            DiagnosticArray(status=[arm]),
+            Log(name='epson_driver', msg=text, level=40),
+        ):
+            self.topics[type(message)].publish(message)
+
+
+@pytest.fixture
+def liar(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Liar, PanelProcess]]:
+    """A panel, and what it takes for a driver."""
+    domain = free_ros_domain()
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=domain)
+    found = Liar(context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(found.node)
+    thread = threading.Thread(target=executor.spin)
+    thread.start()
+    panel = PanelProcess(tmp_path, domain, patience=False)
+    try:
+        yield found, panel
+    finally:
+        code = panel.end()
+        executor.shutdown()
+        thread.join()
+        found.node.destroy_node()
+        context.try_shutdown()
+    assert code == 0
+
+
+def test_nothing_that_a_driver_sends_is_executed_or_breaks_the_page(
+    liar: tuple[Liar, PanelProcess],
+) -> None:
+    driver, panel = liar
+    with chromium('--disable-3d-apis') as browser:
+        page = Page(browser, panel.address, {'width': 390, 'height': 844}, link='unknown')
+        made = page.page.evaluate('() => document.querySelectorAll("img, script").length')
+        stop = page.page.locator('#stop').bounding_box()
+        for kind, names in NAMES.items():
+            for value in VALUES:
+                text = f'{kind} {value} {HTML} {LONG}'
+                for _ in range(4):
+                    driver.say(names, value, text)
+                    time.sleep(0.1)
+            page.wait(lambda kind=kind: kind in page.text('log'), kind)
+            wide = page.page.evaluate(
+                """() => [...document.querySelectorAll('main *')].filter((each) =>
+                    each.getBoundingClientRect().right > innerWidth + 1
+                ).map((each) => each.outerHTML.slice(0, 80))"""
+            )
+            assert wide == []
+            assert page.page.locator('#stop').bounding_box() == stop
+        assert page.page.evaluate('() => window.run') is None
+        found = page.page.evaluate('() => document.querySelectorAll("img, script").length')
+        assert found == made
+        page.page.locator('#joints').get_by_text('5.7 °').first.wait_for()
+        assert [each for each in page.errors if 'WebGL' not in each] == []
