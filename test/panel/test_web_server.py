@@ -224,18 +224,14 @@ def test_what_a_line_has_held_up_is_late() -> None:
     window._loop.close()
 
 
-def test_what_follows_silence_is_done_once_after_the_last_request() -> None:
-    async def scene() -> list[str]:
-        done: list[str] = []
-        window = Window(asyncio.get_running_loop())
-        for each in ('first', 'second', 'last'):
-            window.after_silence(functools.partial(done.append, each))
-            await asyncio.sleep(0)
-        assert done == []
-        await asyncio.sleep(2 * HELD_S)
-        return done
-
-    assert asyncio.run(scene()) == ['last']
+async def test_what_follows_silence_is_done_once_after_the_last_request() -> None:
+    done: list[str] = []
+    window = Window(asyncio.get_running_loop())
+    for each in ('first', 'second', 'last'):
+        window.after_silence(functools.partial(done.append, each))
+        await asyncio.sleep(0)
+    await asyncio.sleep(2 * HELD_S)
+    assert done == ['last']
 
 
 def test_a_port_that_is_taken_is_an_error_and_not_another_port(server: WebServer) -> None:
