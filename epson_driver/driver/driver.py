@@ -475,7 +475,8 @@ class Driver:
         if status.drives_powered == TriState.TRUE:
             self.gate.see_motors_on()
         self.stopper.see(now)
-        if (found := status_inhibit(status, self.robot.errors)) is not None:
+        found = self.condition_inhibit(status)
+        if found is not None and found.cause is not Cause.PAUSED:
             self.fault(found.text, motors_off=found.cause is Cause.MOTORS_OFF)
         else:
             self.goal_queue.on_status(now)

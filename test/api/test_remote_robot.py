@@ -16,7 +16,7 @@ from epson_driver import Robot, aio
 from epson_driver.aio import ArgumentError, MotionError, RobotError
 from epson_driver.remote_ethernet.client import HungUpError, execute
 from epson_driver.robots.kinematics import Kinematics
-from epson_driver.sim_controller.condition.states import Event
+from epson_driver.sim_controller.condition.states import Event, RejectedError
 from epson_driver.sim_controller.faults.fault_text import parse
 
 START = [0.0, 0.3, -0.2, 0.0, 0.5, 0.0]
@@ -185,8 +185,8 @@ ENDS = {
         'E-stop is pressed|refused|system error',
     ),
     'motors off': ([Event.MOTORS_OFF], [], 'motors are off|system error'),
-    'door': ([Event.DOOR_OPEN], [Event.DOOR_CLOSE], 'system error'),
-    'manual': ([Event.MODE_MANUAL], [Event.MODE_AUTO], 'motors are off|system error'),
+    'door': ([Event.DOOR_OPEN], [Event.DOOR_CLOSE], 'door is open|system error'),
+    'manual': ([Event.MODE_MANUAL], [Event.MODE_AUTO], 'mode is TEACH|system error'),
 }
 
 
@@ -217,6 +217,30 @@ def test_what_ends_a_motion_leaves_the_arm_still_until_it_is_enabled(what):
             await stands(controller)
             await robot.move_joints(START)
             assert robot.joints == pytest.approx(START, abs=1e-4)
+
+    run(scenario())
+
+
+@pytest.mark.parametrize(
+    ('begun', 'mended'),
+    [(Event.DOOR_OPEN, (Event.DOOR_CLOSE, Event.STOP)), (Event.MODE_MANUAL, (Event.MODE_AUTO,))],
+)
+@pytest.mark.invariant(4)
+def test_an_arm_that_stands_stays_disabled_whoever_switches_its_motors_on(begun, mended):
+    async def scenario():
+        async with remote_cell() as (robot, controller):
+            controller.apply(begun)
+            await until(lambda: not robot.status.enabled)
+            for event in (*mended, Event.START, Event.MOTORS_ON):
+                with contextlib.suppress(RejectedError):
+                    controller.apply(event)
+            await until(lambda: controller.condition.powered)
+            await asyncio.sleep(0.5)
+            with pytest.raises(MotionError, match='enable'):
+                await robot.move_joints(START)
+            await stands(controller)
+            await robot.enable()
+            await robot.move_joints(START)
 
     run(scenario())
 

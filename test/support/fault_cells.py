@@ -16,7 +16,7 @@ from epson_driver.driver.outcome import ErrorCode
 from epson_driver.sim_controller.condition.states import Event
 from support.driver_harness import LIMITS, pose
 
-PROFILES = ('rc620', 'rc700a', 'thesis', 'generic', 'fanuc', 'abb', 'motoman', 'spel')
+PROFILES = ('rc620', 'rc700a', 'thesis', 'generic', 'fanuc', 'abb', 'motoman', 'spel', 'remote')
 DOWNLOADS = ('rc620', 'rc700a', 'spel')
 """Controllers that take whole trajectories, too, although they usually get points. To the thesis'
 program every negative sequence is a STOP, the one that begins a download included."""
@@ -32,7 +32,7 @@ USUAL = 'usual'
 """The interface that the profile says."""
 
 STATE_TIMEOUT = 0.4
-JOINT_1_END = 3.5
+JOINT_1_END = 3.4
 """Where joint 1 cannot go, rad: the controller knows that, the driver is told otherwise."""
 
 WIDER = replace(LIMITS, position_max=LIMITS.position_max + 1.0, velocity=LIMITS.velocity * 1.1)
@@ -51,12 +51,16 @@ class Row:
     events: what happens at the controller; fault: what its connections do, in the words of the
     pendant; clears: it is ended by the person. points: the goal's way; canceled: the goal is
     canceled in the same moment. text: a pattern for the outcome, gate: for the gate's reason.
+    strike: of fault_strikes.STRIKES, what else happens. harmless: the goal succeeds, and the arm
+    stays enabled.
     repair: what a person does at the controller, in this order, boots: before switching it off and
     on, because without that the links do not return; reset: then the error is reset.
     """
 
     events: tuple[Event, ...] = ()
     fault: str = ''
+    strike: str = ''
+    harmless: bool = False
     points: tuple[np.ndarray, ...] = WAY
     canceled: bool = False
     code: ErrorCode = ABORTED
@@ -67,7 +71,7 @@ class Row:
     boots: bool = False
 
 
-LOST = 'the (state|motion) link was lost: .*(closed by the controller|reset)'
+LOST = 'the (state|motion|remote) link was lost: .*(closed by the controller|reset)'
 
 FAULTS: dict[str, Row] = {
     'e_stop': Row(
@@ -102,8 +106,8 @@ FAULTS: dict[str, Row] = {
     ),
     'silence': Row(
         fault=f'half_open for={STATE_TIMEOUT + 0.2}',
-        text=f'the state link was lost: .*silent for {STATE_TIMEOUT} s',
-        gate='the state link was lost',
+        text=f'the (state|remote) link was lost: .*silent for {STATE_TIMEOUT} s',
+        gate='the (state|remote) link was lost',
     ),
     'cut': Row(fault='cut for=0.3', text=LOST, gate='link was lost'),
     'reboot': Row(fault='reboot for=0.3', text=LOST, gate='link was lost'),
@@ -113,7 +117,22 @@ FAULTS: dict[str, Row] = {
         text='the (state|motion) link was lost: .*length',
         gate='link was lost',
     ),
+    'wrong_answer': Row(
+        strike='wrong_answer',
+        text="the remote link was lost: .*'#Hello,0' is no answer to what was asked",
+        gate='the remote link was lost',
+    ),
+    'logged_out': Row(
+        strike='logged_out',
+        text='(the remote link was lost: |refused STOP).*nobody is logged in',
+        gate='the remote link was lost|refused STOP',
+    ),
+    'second_client': Row(strike='second_client', harmless=True),
+    'other_client_first': Row(strike='other_client_first', text=LOST, gate='link was lost'),
 }
+
+REMOTE_ONLY = ('wrong_answer', 'logged_out', 'second_client', 'other_client_first')
+"""Faults of controllers that are driven by Remote Ethernet alone."""
 
 IN_ERROR_4001 = 'the controller is in error 4001'
 STOP_UNANSWERED: dict[str, Any] = {
@@ -162,6 +181,16 @@ EXCEPTIONS: dict[tuple[str, str], dict[str, Any]] = {
     # Each setpoint has a reply, whatever the controller; it may be missed before the state is.
     ('lost_reply', 'setpoints'): {'canceled': False, 'gate': 'no reply to setpoint'},
     ('silence', 'setpoints'): {'gate': 'the state link was lost|no reply to setpoint'},
+    # A motion is one statement: what can be lost is STOP's answer, or that of what it aborts.
+    ('lost_reply', 'remote'): STOP_UNANSWERED | {'fault': '', 'strike': 'lost_answer'},
+    ('failure_reply', 'remote'): {'points': (pose(JOINT_1_END),), 'text': 'refused point 0 of 1'},
+    **{
+        (fault, 'remote'): {'fault': f'{text} port=remote for={lasts:g}'}
+        for fault, text, lasts in (
+            ('silence', 'half_open', STATE_TIMEOUT + 0.2),
+            ('cut', 'cut', 0.3),
+        )
+    },
     # Its servers are dead when their client is gone or the tasks were aborted.
     **{
         (fault, 'thesis'): {'boots': True}
@@ -175,6 +204,7 @@ EXCEPTIONS: dict[tuple[str, str], dict[str, Any]] = {
             'wrong_byte_order',
         )
     },
+    ('door', 'remote'): dict.fromkeys(('text', 'gate'), 'the safeguard door is open'),
     ('door', 'thesis'): {'repair': (Event.DOOR_CLOSE,), 'boots': True},
 }
 
@@ -211,12 +241,15 @@ class Cell:
     def row(self) -> Row:
         """What happens in it, and what is expected."""
         row = FAULTS[self.fault]
+        if self.profile == 'remote':
+            row = replace(row, points=row.points[-1:])  # a statement has no way points
         for key in (self.profile, self.interface, f'{self.profile}:{self.interface}'):
             row = replace(row, **EXCEPTIONS.get((self.fault, key), {}))
         if self.phase == 'stopping':
             row = replace(row, canceled=True)
             if self.fault == 'lost_reply':
-                row = replace(row, **STOP_UNANSWERED)
+                strike = 'lost_abort' if row.strike else ''
+                row = replace(row, **STOP_UNANSWERED, strike=strike)
                 if self.interface == USUAL and self.profile in ANSWER_A_POINT_FIRST:
                     row = replace(row, fault='lost_reply count=1 skip=1')
         return row
@@ -224,6 +257,10 @@ class Cell:
     @property
     def cannot_be(self) -> str:
         """Why there is no such cell; empty if there is."""
+        if (self.profile == 'remote') < (self.fault in REMOTE_ONLY):
+            return 'it strikes Remote Ethernet where that moves the arm'
+        if self.profile == 'remote' and self.fault == 'wrong_byte_order':
+            return 'text has none'
         if self.interface == 'setpoints' and self.phase != 'moving':
             return 'a stream of setpoints has no end of its own'
         if self.fault == 'failure_reply':

@@ -33,16 +33,10 @@ from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
 from epson_driver.sim_controller.condition.states import Event, RejectedError
 from epson_driver.sim_controller.faults.faults import parse
-from epson_driver.simple_message import (
-    Framer,
-    JointTrajPt,
-    JointTrajPtFull,
-    SpecialSequence,
-    decode,
-)
 from support.driver_harness import Harness, pose, simulated
 from support.event_loop import now, until
 from support.fault_cells import STATE_TIMEOUT, STOPPED, USUAL, WIDER, Cell, Row
+from support.fault_strikes import STRIKES, watch
 from support.streams import going_on, positions
 
 REPLY_TIMEOUT = 0.4
@@ -147,59 +141,14 @@ async def cell_of(profile, interface=USUAL):
             options['motors'] = 'restart'
         if not profile.ports.remote:
             options['remote_port'] = 0
+        if profile.program.interface == 'statements':
+            options['state_period'] = profile.state.period
         async with Harness(ports, **options) as harness:
             servo = harness.driver.servo
             servo.settings = replace(servo.settings, reply_timeout=REPLY_TIMEOUT)
             sent = watch(controller)
             await harness.ready()
             yield harness, controller, sent
-
-
-class Tapped:
-    """The clients of a controller whose program takes bytes: the points among them are kept."""
-
-    def __init__(self, clients, points):
-        self._clients = clients
-        self._points = points
-
-    def __getattr__(self, name):
-        return getattr(self._clients, name)
-
-    def connect(self, port, client):
-        session = self._clients.connect(port, client)
-        if port == 'motion':
-            take, framer = session.receive, Framer()
-
-            def receive(data):
-                framer.receive_data(data)
-                while (got := framer.next_frame()) is not None:
-                    message = decode(got).message
-                    stop = getattr(message, 'sequence', None) == SpecialSequence.STOP_TRAJECTORY
-                    if isinstance(message, JointTrajPt) and not stop:
-                        self._points.append(message)
-                take(data)
-
-            session.receive = receive
-        return session
-
-
-def watch(controller):
-    """Return a list that fills with the points which the controller takes, STOP left out."""
-    points: list[Any] = []
-    if controller.profile.spel.project:
-        controller.clients = Tapped(controller.clients, points)
-        return points
-    take = controller.program.receive
-
-    def receive(frame, *rest):
-        message = decode(frame).message
-        stop = getattr(message, 'sequence', None) == SpecialSequence.STOP_TRAJECTORY
-        if isinstance(message, JointTrajPt | JointTrajPtFull) and not stop:
-            points.append(message)
-        return take(frame, *rest)
-
-    controller.program.receive = receive
-    return points
 
 
 def where(controller):
@@ -278,6 +227,7 @@ async def _play(cell: Cell, harness: Any, controller: Any, sent: list[Any]) -> P
     async with contextlib.AsyncExitStack() as stream:
         goal = await _reach(cell, row, harness, controller, sent, stream)
         struck = now()
+        strike = asyncio.create_task(_strike(row, harness, controller))
         for event in row.events:
             controller.apply(event)
         if row.fault:
@@ -285,6 +235,9 @@ async def _play(cell: Cell, harness: Any, controller: Any, sent: list[Any]) -> P
         if row.canceled and goal is not None:
             harness.driver.goal_queue.cancel(goal.handle)
         outcome = None if goal is None else await goal.end()
+        await strike
+        if row.harmless:
+            return await _unharmed(harness, outcome)
         await until(lambda: harness.gate is not None)
         points = len(sent)
         reason = await _reason(harness, row.gate)
@@ -328,6 +281,22 @@ async def _play(cell: Cell, harness: Any, controller: Any, sent: list[Any]) -> P
         return Played(outcome.end.value, int(outcome.code), outcome.text, reason, rest, recovery)
     ended = 'stream ended' if cell.interface == 'setpoints' else 'no goal'
     return Played(ended, None, '', reason, rest, recovery)
+
+
+async def _strike(row: Row, harness: Any, controller: Any) -> None:
+    if row.strike:
+        await STRIKES[row.strike](harness, controller)
+
+
+async def _unharmed(harness: Any, outcome: Any) -> Played:
+    """See that a goal has ended as if nothing had happened, and that another one succeeds."""
+    assert harness.gate is None
+    assert outcome is None or outcome.end in (End.SUCCEEDED, End.CANCELED), outcome
+    again = harness.submit(harness.at + pose(0.0, 0.0, 0.1), step=0.3)
+    assert (await again.end()).end is End.SUCCEEDED, again.outcome
+    if outcome is None:
+        return Played('no goal', None, '', '', 0.0, 0.0)
+    return Played(outcome.end.value, int(outcome.code), outcome.text, '', 0.0, 0.0)
 
 
 async def _reason(harness: Any, pattern: str) -> str:
