@@ -44,8 +44,8 @@ PENDANT = (
 )
 FAULTS = (
     'cut for={t}',
-    'cut ports=state for={t}',
-    'cut ports=motion for={t}',
+    'cut port=state for={t}',
+    'cut port=motion for={t}',
     'half_open for={t}',
     'delay seconds=0.1 for={t}',
     'jitter seconds=0.08 for={t}',
@@ -62,6 +62,10 @@ FAULTS = (
     'reboot for={t}',
 )
 """Faults of the controller, in the words of `pendant fault`."""
+
+
+AXES = ('1', '2', '3', '4', '5', '6', 'X', 'Y', 'Z', 'U', 'V', 'W')
+"""What is moved by hand: a joint, or the tool along or about an axis."""
 
 
 @dataclass(frozen=True)
@@ -133,6 +137,27 @@ def _flip(rng: Rng) -> Parameters:
     return {'port': 'state', 'byte': int(rng.integers(0, 56)), 'bit': int(rng.integers(8))}
 
 
+def _hand(rng: Rng) -> Parameters:
+    return {
+        'axis': str(rng.choice(AXES)),
+        'frame': str(rng.choice(['world', 'tool'])),
+        'share': round(float(rng.uniform(-1.0, 1.0)), 2),
+        'arms': bool(rng.random() < 0.8),
+    }
+
+
+def _held(rng: Rng) -> Parameters:
+    return _hand(rng) | {'seconds': round(float(rng.exponential(1.0)), 3)}
+
+
+def _step(rng: Rng) -> Parameters:
+    return _hand(rng) | {'size': round(float(rng.choice([0.001, 0.02, 0.1, 0.4])), 3)}
+
+
+def _pause(rng: Rng) -> Parameters:
+    return {'seconds': round(float(rng.choice([0.1, 0.5, 1.0, 1.7, 3.0])), 3)}
+
+
 KINDS: dict[str, tuple[float, Callable[[Rng], Parameters]]] = {
     'goal': (8.0, _goal),
     'cancel': (2.0, _no_parameters),
@@ -154,6 +179,16 @@ KINDS: dict[str, tuple[float, Callable[[Rng], Parameters]]] = {
     'driver_hangs': (1.0, _seconds),
     'driver_dies': (0.7, _seconds),
     'second_client': (0.7, _port_for_a_while),
+    'panel_jog': (2.5, _held),
+    'panel_step': (1.0, _step),
+    'panel_arm': (0.5, _no_parameters),
+    'panel_enable': (0.7, _no_parameters),
+    'panel_stop': (0.5, _no_parameters),
+    'panel_disarm': (0.3, _no_parameters),
+    'panel_hangs': (0.5, _pause),
+    'panel_line_stalls': (0.7, _pause),
+    'panel_page_freezes': (1.2, _pause),
+    'panel_page_closes': (0.3, _no_parameters),
 }
 """Kind of event → how often it is drawn, and from what its parameters are."""
 

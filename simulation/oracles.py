@@ -26,6 +26,9 @@ RELEASE_S = 0.999
 REMEMBERED_S = 5.0
 """How long the true joints are kept, s: what is published must be among them."""
 
+HELD_S = 1.0
+"""How long a stream without setpoints still counts as asking for motion, s."""
+
 READ_RAD = 2e-3
 """How far what is published may be from where the arm was, rad: encoders lag and round."""
 
@@ -36,7 +39,10 @@ class BrokenError(AssertionError):
 
 @dataclass
 class Topic:
-    """A topic with setpoints, as its users know it. Times in s."""
+    """A topic with setpoints, as its users know it. Times in s.
+
+    free: a stream was begun since the last stop, as a stream must.
+    """
 
     wanted: float = -np.inf
     """When it last asked for motion."""
@@ -54,21 +60,26 @@ class Wishes:
     may be true, as something closed it while it was being enabled."""
     goals: set[int] = field(default_factory=set)
     """Goals that were handed in since the last stop, and have not ended."""
-    streams: bool = False
-    """Whether a stream was begun since the last stop, as a stream must."""
     person: bool = False
     """Whether a person at the controller had the arm go on."""
     topics: dict[str, Topic] = field(default_factory=dict)
+    asked: float = -np.inf
+    """When somebody last began to want motion, s: between two steps that may be over again."""
 
-    @property
-    def any(self) -> bool:
-        """Whether somebody wants the arm to move."""
-        return bool(self.goals) or self.streams or self.person
+    def goal(self, number: int, now: float) -> None:
+        """Take note of a goal that somebody wants."""
+        self.goals.add(number)
+        self.asked = now
+
+    def any(self, now: float) -> bool:
+        """Return whether somebody wants the arm to move."""
+        followed = (each.free and now - each.wanted < HELD_S for each in self.topics.values())
+        return bool(self.goals) or self.person or any(followed)
 
     def nothing(self, now: float) -> None:
         """Nobody wants motion any more: it was stopped."""
         self.goals.clear()
-        self.streams = self.person = False
+        self.person = False
         for topic in self.topics.values():
             topic.free = False
             topic.closed = now
@@ -86,7 +97,7 @@ class Wishes:
         since = max(topic.wanted, topic.closed)
         if self.open is not False and (topic.free or now - since >= RELEASE_S):
             topic.free = True
-            self.streams = True
+            self.asked = now
         topic.wanted = now
 
 
@@ -145,11 +156,11 @@ class Arm:
         while self._true and now - self._true[0][0] > REMEMBERED_S:
             self._true.popleft()
         self._true.append((now, self.at.copy()))
-        if wishes.any:
+        if wishes.any(now):
             self._unwanted_since, self._rested = None, False
             return
-        if self._unwanted_since is None:
-            self._unwanted_since = now
+        if self._unwanted_since is None or wishes.asked >= self._unwanted_since:
+            self._unwanted_since, self._rested = now, False
         if not moves:
             self._rested |= self.still and now - self._unwanted_since > REACTION_S
         elif self._rested:

@@ -5,7 +5,8 @@
 import asyncio
 import contextlib
 import logging
-from collections.abc import Awaitable, Callable, Iterator
+import re
+from collections.abc import Awaitable, Callable, Coroutine, Iterator
 from contextvars import copy_context
 from functools import cache, partial
 from typing import Any
@@ -42,12 +43,15 @@ from simulation.events import KINDS, number_of
 from simulation.events import Event as Happening
 from simulation.network import HOST, PROCESS, Network
 from simulation.oracles import Arm, BrokenError, Wishes
+from simulation.panel_user import PanelUser
 from simulation.virtual_loop import VirtualLoop
 
-PROFILES = ('rc620', 'rc620', 'rc700a', 'generic', 'spel', 'fanuc', 'abb', 'motoman')
-SETTLE_S = {'fanuc': 60.0, 'abb': 60.0, 'motoman': 10.0, 'generic': 10.0}
+PROFILES = ('rc620', 'rc620', 'rc700a', 'generic', 'spel', 'fanuc', 'abb', 'motoman', 'remote')
+SETTLE_S = {'fanuc': 700.0, 'abb': 700.0, 'motoman': 10.0, 'generic': 10.0, 'remote': 15.0}
 """How long an arm may go on when nobody wants that any more, s: some controllers go to the points
-they have (docs/safety.md)."""
+they have (docs/safety.md), at the speed that was set: 1 % at least."""
+
+SERVICES = ('stop', 'enable', 'disable', 'reset_error')
 
 SETTLE_OTHERS_S = 3.0
 STATE_PERIODS_S = (0.005, 0.02, 0.05)
@@ -78,8 +82,8 @@ CLOSING = (
 )
 """What a person does at the controller after which the arm must be enabled again."""
 
-LINKS = ('motion', 'state')
-"""Ports whose connections the driver needs: without one the arm must be enabled again."""
+ON_ANY_PORT = ('cut', 'half_open', 'delay', 'jitter', 'coalesce', 'one_byte')
+"""Faults that can strike the remote port, too."""
 
 
 class World:
@@ -96,14 +100,19 @@ class World:
         self.broken: BrokenError | None = None
         self.profile_name = str(self.rng.choice(PROFILES))
         self.profile: ControllerProfile = load_controller_profile(self.profile_name)
+        self.statements = self.profile.program.interface == 'statements'
         self.state_period = float(self.rng.choice(STATE_PERIODS_S))
-        self._delay = float(self.rng.choice(DELAYS_S))
+        if self.statements:
+            self.state_period = self.profile.state.period
+        self.links = ('remote',) if self.statements else ('motion', 'state')
+        """Ports that the driver needs: without one the arm must be enabled again."""
+        self.delay = float(self.rng.choice(DELAYS_S))
         self.on_the_way = bool(
             self.rng.random() < 0.3
             and self.profile.program.joins_goals
             and profile_defaults(self.profile)['interface'] == 'streaming'
         )
-        self.network = Network(lambda: self._delay * float(self.rng.uniform(0.5, 1.5)))
+        self.network = Network(lambda: self.delay * float(self.rng.uniform(0.5, 1.5)))
         self.loop = VirtualLoop(self.network)
         self.wishes = Wishes()
         self.events = 0
@@ -119,6 +128,7 @@ class World:
         self._driver: Driver | None = None
         self._lives: list[Any] = []
         """What dead processes had, too: nothing of theirs is collected while others go on."""
+        self._panel: PanelUser | None = None
 
     # --- the world's course ----------------------------------------------------------------------
 
@@ -144,10 +154,12 @@ class World:
     async def _play(self, happenings: list[Happening]) -> None:
         self.say(
             f'{self.profile_name}, state each {self.state_period:g} s, network '
-            f'{self._delay:g} s{", goals on the way" if self.on_the_way else ""}'
+            f'{self.delay:g} s{", goals on the way" if self.on_the_way else ""}'
         )
         async with self._controller():
             self._start_driver()
+            if any(each.kind.startswith('panel_') for each in happenings):
+                self._panel = PanelUser(self, MODEL)
             await self._until(self._linked, 10.0, 'the driver finds its controller')
             if self.rng.random() < 0.8:
                 self._person()
@@ -179,8 +191,8 @@ class World:
         )
         self.servers = ControllerServers(self.controller, spel=spel and spel.network)
         self.ports = await self.servers.open(HOST, Ports(0, 0, 0, 0))
-        settle = SETTLE_S.get(self.profile_name, SETTLE_OTHERS_S)
-        self.arm = Arm(self.controller, self.loop.time, self.wishes, settle)
+        self._settle = SETTLE_S.get(self.profile_name, SETTLE_OTHERS_S)
+        self.arm = Arm(self.controller, self.loop.time, self.wishes, self._settle)
         running = asyncio.create_task(self.servers.run())
         running.add_done_callback(self._process_over)
         PROCESS.reset(token)
@@ -196,6 +208,8 @@ class World:
     async def _recover(self) -> None:
         """End all faults, and do what a person would until the arm works again."""
         self.say('all faults end')
+        if self._panel is not None:
+            self._panel.close()
         for stream in self._streams.values():
             stream.cancel()
         self._streams.clear()
@@ -207,6 +221,8 @@ class World:
         self._scale(1.0)
         await self._until(lambda: not self.controller.faults.active(), 10.0, 'faults are over')
         await self._until(lambda: not self._requests, ANSWER_S, 'every request is answered')
+        patience = max(RECOVERY_S, self._settle)
+        await self._until(lambda: not self.controller.in_motion, patience, 'the arm rests')
         begun, said = self.loop.time(), ''
         while True:
             await asyncio.sleep(0.5)
@@ -261,21 +277,30 @@ class World:
         times = np.arange(1.0, len(points) + 1.0) * step
         if from_here:
             times, points = np.append(0.0, times), np.vstack([at, points])
-        number = self.goals = self.goals + 1
-        goal = Goal(
-            Trajectory(LIMITS.names, times, points),
-            np.full(JOINTS, 0.01),
-            0.0,
-        )
-        handle = GoalHandle(goal, partial(self._ended, number), lambda *_: None)
-        self._handles[number] = handle
-        if self.wishes.open is not False:
-            self.wishes.goals.add(number)
-        self._in_driver(lambda driver: driver.goal_queue.submit(handle))
-        return handle
+        return self._handles[self.hand_in(Trajectory(LIMITS.names, times, points))]
 
-    def _ended(self, number: int, outcome: Any) -> None:
+    def hand_in(
+        self,
+        trajectory: Trajectory,
+        on_end: Callable[[int, Outcome], object] = lambda *_: None,
+        *,
+        wanted: bool = True,
+    ) -> int:
+        """Hand in a goal; return its number. `wanted`: somebody wants it now."""
+        number = self.goals = self.goals + 1
+        goal = Goal(trajectory, np.full(JOINTS, 0.01), 0.0)
+        ended = partial(self._ended, number, on_end)
+        self._handles[number] = handle = GoalHandle(goal, ended, lambda *_: None)
+        if wanted and self.wishes.open is not False:
+            self.wishes.goal(number, self.loop.time())
+        self._in_driver(lambda driver: driver.goal_queue.submit(handle))
+        return number
+
+    def _ended(
+        self, number: int, on_end: Callable[[int, Outcome], object], outcome: Outcome
+    ) -> None:
         handle = self._handles.pop(number, None)
+        on_end(number, outcome)
         self.say(f'goal {number}: {outcome.end.value}: {outcome.text}')
         if handle is None:
             self._break(BrokenError(f'5: goal {number} ended twice: {outcome.text}'))
@@ -290,44 +315,44 @@ class World:
     async def cancel(self) -> None:
         """Cancel the newest goal."""
         if self._handles:
-            handle = self._handles[max(self._handles)]
-            self._in_driver(lambda driver: driver.goal_queue.cancel(handle))
+            self.cancel_goal(max(self._handles))
+
+    def cancel_goal(self, number: int) -> None:
+        """Cancel a goal: nobody wants it any more."""
+        self.wishes.goals.discard(number)
+        handle = self._handles[number]
+        self._in_driver(lambda driver: driver.goal_queue.cancel(handle))
 
     async def scale(self, factor: float) -> None:
         """Set the speed scaling."""
         self._scale(factor)
 
     def _scale(self, factor: float) -> None:
-        self._in_driver(lambda driver: driver.goal_queue.scaling.set(factor, self.loop.time()))
+        def change(driver: Driver) -> None:
+            try:
+                driver.goal_queue.scaling.set(factor, self.loop.time())
+            except ValueError as error:
+                self.say(f'refused: {error}')
 
-    async def stop(self) -> None:
-        """Call ~/stop; who wants motion from now on wants it afterwards."""
-        self.wishes.nothing(self.loop.time())
-        self._request('stop')
+        self._in_driver(change)
 
-    async def enable(self) -> None:
-        """Call ~/enable."""
-        self._request('enable')
+    async def service(self, name: str) -> None:
+        """Call a service of the node."""
+        self.request(name)
 
-    async def disable(self) -> None:
-        """Call ~/disable."""
-        self.wishes.closed(self.loop.time())
-        self._request('disable')
+    def request(self, name: str, say: Callable[[str], object] = lambda _: None) -> None:
+        """Call a service; who wants motion after a stop wants it afterwards."""
+        if name == 'stop':
+            self.wishes.nothing(self.loop.time())
+        elif name == 'disable':
+            self.wishes.closed(self.loop.time())
+        self._request_of(self._answered(name, say))
 
-    async def reset_error(self) -> None:
-        """Call ~/reset_error."""
-        self._request('reset_error')
-
-    def _request(self, name: str) -> None:
-        task = self.loop.create_task(self._answered(name))
-        self._requests.add(task)
-        task.add_done_callback(self._requests.discard)
-
-    async def _answered(self, name: str) -> None:
+    async def _answered(self, name: str, say: Callable[[str], object]) -> None:
         process = self._name
         try:
             async with asyncio.timeout(ANSWER_S):
-                await self._asked(name)
+                say(await self._asked(name))
         except TimeoutError:
             if process == self._name and process not in self.loop.hanging:
                 self._break(BrokenError(f'9: ~/{name} has no answer after {ANSWER_S:g} s'))
@@ -389,7 +414,6 @@ class World:
 
     def _take(self, kind: str, speed: Any, begin: Any, time: float) -> None:
         """Let a setpoint come on the topic of its kind."""
-        now = self.loop.time()
         swing = begin + speed * np.sin(time)
         if kind in ('velocities', 'zeros'):
             speed = speed if kind == 'velocities' else np.zeros(JOINTS)
@@ -403,14 +427,29 @@ class World:
             speeds = np.array([speed * np.cos(time + each) for each in times])
             setpoint = Setpoint('~/servo', ways[-1], speeds[-1], Window(times, ways, speeds))
             moves = bool(np.any(speed))
-        self.wishes.setpoint(setpoint.source, now, moves=moves)
-        self._in_driver(lambda driver: driver.servo.take(setpoint))
+        self._follow(setpoint, moves=moves)
+
+    def jog(self, velocities: Array, *, wanted: bool) -> None:
+        """Let velocities come from the panel."""
+        moves = wanted and bool(np.any(velocities))
+        self._follow(Setpoint('~/joint_jog', None, velocities), moves=moves)
+
+    def _follow(self, setpoint: Setpoint, *, moves: bool) -> None:
+        now = self.loop.time()
+        if not self.statements:  # which follow no streams
+            self.wishes.setpoint(setpoint.source, now, moves=moves)
+        self._in_driver(lambda driver: driver.servo.take(setpoint, now))
 
     async def end_stream(self, publisher: int) -> None:
         """Let a publisher send no more."""
         task = self._streams.pop(publisher, None)
         if task is not None:
             task.cancel()
+
+    async def at_panel(self, what: str, parameters: dict[str, Any]) -> None:
+        """Let a person do something at the panel."""
+        assert self._panel is not None
+        await getattr(self._panel, what)(**parameters)
 
     async def pendant(self, event: str) -> None:
         """Let a person do something at the controller."""
@@ -438,9 +477,13 @@ class World:
 
     async def fault(self, text: str) -> None:
         """Let the controller or its connections fail."""
-        with contextlib.suppress(FaultError), self.servers.pacer.present():
-            self.controller.faults.start(parse(text))
-            if text.startswith('cut'):
+        name = text.split()[0]
+        if self.statements and name in ON_ANY_PORT:
+            text = f'{re.sub(" port=[a-z]+", "", text)} port=remote'
+        fault = parse(text)
+        with contextlib.suppress(FaultError), self.servers.pacer.present():  # there are many
+            self.controller.faults.start(fault)
+            if name == 'cut':
                 self._close()
         self._closed_meanwhile = True
 
@@ -449,21 +492,25 @@ class World:
         with self.servers.pacer.present():
             self.controller.faults.clear()
 
+    def _number_of(self, port: str) -> int:
+        number: int = getattr(self.ports, 'remote' if self.statements else port)
+        return number
+
     async def network_stall(self, port: str, seconds: float) -> None:
         """Let nothing pass on a port for a while."""
-        number = getattr(self.ports, port)
+        number = self._number_of(port)
         self.network.stall(number)
         self.loop.call_later(seconds, self.network.release, number)
 
     async def network_reset(self, port: str) -> None:
         """End the connections of a port."""
-        self.network.reset(getattr(self.ports, port))
-        if port in LINKS:
+        self.network.reset(self._number_of(port))
+        if port in self.links or self.statements:
             self._close()
 
     async def network_half_close(self, port: str) -> None:
         """Let the controller see the end of what its clients send."""
-        self.network.half_close(getattr(self.ports, port))
+        self.network.half_close(self._number_of(port))
 
     async def network_flip(self, port: str, byte: int, bit: int) -> None:
         """Change a bit of what the controller sends next on a port."""
@@ -472,7 +519,7 @@ class World:
             at = byte % len(data)
             return data[:at] + bytes([data[at] ^ 1 << bit]) + data[at + 1 :]
 
-        self.network.flips[getattr(self.ports, port)] = flipped
+        self.network.flips[self._number_of(port)] = flipped
         self._unsure_until = self.loop.time() + UNSURE_S
 
     async def driver_hangs(self, seconds: float) -> None:
@@ -489,6 +536,8 @@ class World:
         self.loop.kill(self._name)
         self._driver = None
         self._handles.clear()
+        if self._panel is not None:
+            self._panel.robot.driver_died()
         self._close()
         await asyncio.sleep(seconds)
         self._start_driver()
@@ -500,12 +549,14 @@ class World:
     async def _stranger(self, port: str, seconds: float) -> None:
         with contextlib.suppress(OSError, TimeoutError):
             async with asyncio.timeout(5.0):
-                _, writer = await asyncio.open_connection(HOST, getattr(self.ports, port))
+                _, writer = await asyncio.open_connection(HOST, self._number_of(port))
+            if self._number_of(port) == self.ports.remote:
+                writer.write(b'$Login,\r\n')
             await asyncio.sleep(seconds)
             writer.close()
 
-    def _request_of(self, work: Awaitable[None]) -> None:
-        task = asyncio.ensure_future(work)
+    def _request_of(self, work: Coroutine[Any, Any, None]) -> None:
+        task = self.loop.create_task(work)
         self._requests.add(task)
         task.add_done_callback(self._requests.discard)
 
@@ -558,6 +609,14 @@ class World:
         if driver is not None:
             self.loop.call_soon(call, driver, context=self._context)
 
+    @property
+    def gate(self) -> bool | None:
+        """Whether the driver says that the arm is enabled; None: it says nothing."""
+        driver = self._driver
+        if driver is None or self._name in self.loop.hanging:
+            return None
+        return driver.gate.reason is None
+
     def _linked(self) -> bool:
         driver = self._driver
         return (
@@ -570,16 +629,22 @@ class World:
 
     def on_joints(self, sample: Any) -> None:
         """Judge what the driver publishes."""
+        if self._panel is not None:
+            self._panel.take(sample=sample)
         if self.controller.faults.active() or self.network.flips:
             self._unsure_until = self.loop.time() + UNSURE_S
         elif self.loop.time() > self._unsure_until:
             self._judge(self.arm.published, sample.positions)
 
     def on_status(self, status: Any) -> None:
-        """Nothing is judged of it."""
+        """Have the panel see it."""
+        if self._panel is not None:
+            self._panel.take(status=status)
 
     def on_link_state(self, name: str, why: str) -> None:
         """Take it into the log."""
+        if self._panel is not None:
+            self._panel.robot.state.link = name
         self.say(f'link: {name}: {why}')
 
     # --- what is seen ----------------------------------------------------------------------------
@@ -595,6 +660,7 @@ class World:
                 ('goal', bool(self.wishes.goals)),
                 ('stream', bool(self._streams)),
                 ('request', bool(self._requests)),
+                ('panel', self._panel is not None and self._panel.armed),
             )
             if there
         )
@@ -653,7 +719,16 @@ class _Errors(logging.Handler):
             self._found(BrokenError(f'9: {record.getMessage()}: {record.exc_info[1]!r}'))
 
 
-ACTS: dict[str, Callable[..., Awaitable[None]]] = {kind: getattr(World, kind) for kind in KINDS}
+def _act(kind: str) -> Callable[..., Awaitable[None]]:
+    if kind in SERVICES:
+        return lambda world: world.service(kind)
+    if kind.startswith('panel_'):
+        return lambda world, **parameters: world.at_panel(kind[len('panel_') :], parameters)
+    act: Callable[..., Awaitable[None]] = getattr(World, kind)
+    return act
+
+
+ACTS = {kind: _act(kind) for kind in KINDS}
 """Kind of event → what it does."""
 
 

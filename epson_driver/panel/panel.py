@@ -231,7 +231,7 @@ class Panel:
             if name in self._views:
                 continue
             control = RobotControl(
-                robot, self._pendants, time.monotonic, allow_motion=self._allow_motion
+                robot, self._pendants.pendant, time.monotonic, allow_motion=self._allow_motion
             )
             label = robot.namespace.strip('/') or name.strip('/')
             view = RobotView(control, self._trajectories, label)

@@ -15,9 +15,9 @@ import numpy as np
 from epson_driver.motion import Array, Trajectory
 from epson_driver.panel.arming import Arming
 from epson_driver.panel.jog import Jog
-from epson_driver.panel.robot_state import RequestError, Simulation
-from epson_driver.panel.ros_robot import ERROR, INFO, WARN, RosRobot
-from epson_driver.panel.sim_pendant import NotSimulatedError, PendantThread, SimPendant
+from epson_driver.panel.robot import Robot
+from epson_driver.panel.robot_state import ERROR, INFO, WARN, RequestError, Simulation
+from epson_driver.panel.sim_pendant import NotSimulatedError, SimPendant
 from epson_driver.robots import RobotModel, load_robot_model
 
 START_TOLERANCE = 0.02
@@ -54,13 +54,14 @@ PENDANT: dict[str, dict[str, Press]] = {
 class RobotControl:
     """One robot, for all browsers. Methods may be called in any thread, and wait for nothing.
 
-    They raise RequestError with a sentence for the person.
+    They raise RequestError with a sentence for the person. `pendant` returns the simulated one of
+    a controller, by its host and port, if it may be asked.
     """
 
     def __init__(
         self,
-        robot: RosRobot,
-        pendants: PendantThread,
+        robot: Robot,
+        pendant: Callable[[str, int], SimPendant | None],
         clock: Callable[[], float],
         *,
         allow_motion: bool,
@@ -74,7 +75,7 @@ class RobotControl:
         self.arming = Arming(self.forbidden, self._on_disarmed, clock)
         self._model_name = ''
         """As the driver has it: a path, or short."""
-        self._pendants = pendants
+        self._pendant_of = pendant
         self._pendant: SimPendant | None = None
         self._pendant_at: tuple[str, int] | None = None
         self._clock = clock
@@ -108,7 +109,7 @@ class RobotControl:
             if self._pendant is not None:
                 self._pendant.end()
             self._pendant_at = at
-            self._pendant = None if at is None else self._pendants.pendant(*at)
+            self._pendant = None if at is None else self._pendant_of(*at)
         latest = None if self._pendant is None else self._pendant.latest
         self._take_over(latest)
         self.arming.watch()

@@ -12,6 +12,9 @@ import numpy as np
 from epson_driver.driver.inhibit import Inhibit
 from epson_driver.motion import Array
 
+INFO, WARN, ERROR = 20, 30, 40
+"""Levels of the log, as in rcl_interfaces/Log."""
+
 MAX_EVENTS = 200
 
 SAME_NEWS_S = 2.0

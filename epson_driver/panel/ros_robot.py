@@ -33,7 +33,18 @@ from std_srvs.srv import Trigger
 from epson_driver.driver.inhibit import Cause, Inhibit, Remedy
 from epson_driver.motion import Array, Trajectory
 from epson_driver.node.trajectory_messages import trajectory_message
-from epson_driver.panel.robot_state import Event, IoRange, RequestError, RobotState, Status, Tri
+from epson_driver.panel.robot import Say
+from epson_driver.panel.robot_state import (
+    ERROR,
+    INFO,
+    WARN,
+    Event,
+    IoRange,
+    RequestError,
+    RobotState,
+    Status,
+    Tri,
+)
 
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Best effort: the driver neither waits for the panel nor repeats anything for it."""
@@ -51,13 +62,7 @@ PARAMETERS_TIMEOUT_S = 3.0
 
 PARAMETERS = ('robot_model', 'joint_names', 'robot_ip', 'remote_port', 'controller')
 
-INFO, WARN, ERROR = 20, 30, 40
-"""Levels of the log, as in rcl_interfaces/Log."""
-
 TRIGGERS = ('stop', 'enable', 'disable', 'reset_error')
-
-Say = Callable[[str, int], object]
-"""Takes a sentence about what became of a request, and its level."""
 
 
 class NoDriverError(RequestError):

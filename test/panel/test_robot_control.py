@@ -28,8 +28,15 @@ from epson_driver.demo.verdict import TOO_BUSY
 from epson_driver.motion import Trajectory
 from epson_driver.panel.arming import ALIVE_WITHIN_S, Arming, NotArmedError
 from epson_driver.panel.robot_control import STOP_ANSWER_S, RequestError, RobotControl
-from epson_driver.panel.robot_state import MAX_AGES_S, RobotState, Simulation
-from epson_driver.panel.ros_robot import ERROR, INFO, WARN, NoDriverError
+from epson_driver.panel.robot_state import (
+    ERROR,
+    INFO,
+    MAX_AGES_S,
+    WARN,
+    RobotState,
+    Simulation,
+)
+from epson_driver.panel.ros_robot import NoDriverError
 from epson_driver.panel.sim_pendant import NotSimulatedError, PendantThread
 from epson_driver.processes import processes
 
@@ -87,7 +94,7 @@ def pendants() -> Iterator[PendantThread]:
 def controlled(robot: Robot, pendants: PendantThread, *, allow_motion: bool) -> RobotControl:
     found = RobotControl(
         robot,  # type: ignore[arg-type]
-        pendants,
+        pendants.pendant,
         lambda: NOW,
         allow_motion=allow_motion,
     )
@@ -198,7 +205,7 @@ def test_a_stop_that_is_not_answered_is_an_alarm_until_one_is(
     now = NOW
     control = RobotControl(
         robot,  # type: ignore[arg-type]
-        pendants,
+        pendants.pendant,
         lambda: now,
         allow_motion=True,
     )

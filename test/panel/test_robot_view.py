@@ -74,7 +74,7 @@ class Made:
         self.robot = Robot(model)
         self.control = RobotControl(
             self.robot,  # type: ignore[arg-type]
-            self.pendants,
+            self.pendants.pendant,
             lambda: NOW,
             allow_motion=True,
         )

@@ -1,0 +1,354 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A person at the panel: a page that can freeze, its line, and the panel's process.
+
+What judges who may move the arm is the panel's own; the page and ROS are played.
+"""
+
+import asyncio
+from collections.abc import Callable
+from contextvars import Context, copy_context
+from typing import Any, Protocol
+
+import numpy as np
+
+from epson_driver.driver.outcome import Outcome
+from epson_driver.motion import Array, Trajectory
+from epson_driver.panel.arming import ALIVE_WITHIN_S
+from epson_driver.panel.requests import Requests
+from epson_driver.panel.robot import Say
+from epson_driver.panel.robot_control import RobotControl
+from epson_driver.panel.robot_state import ERROR, INFO, WARN, RequestError, RobotState, Status, Tri
+from epson_driver.panel.window import Window
+from epson_driver.robots import RobotModel
+from simulation.network import HOST, PROCESS
+from simulation.oracles import Wishes
+from simulation.virtual_loop import VirtualLoop
+
+ALIVE_S, HELD_S, LOOK_S, REPORT_S = 0.3, 0.033, 0.04, 1.0
+"""How often the page gives a sign of life, and moves on while a button is held (panel.js,
+hand.js); how often the panel looks, and the driver sends diagnostics; s."""
+
+NOTICED_S = 0.5
+"""How much later than promised the panel may notice a page that gives no sign of life, s."""
+
+INTENDED_S = 0.4
+"""A request of the page that is older when the driver gets it is nobody's wish any more, s."""
+
+
+class Surroundings(Protocol):
+    """The world, as far as the panel has to do with it. Answers and ends are told later."""
+
+    loop: VirtualLoop
+    rng: np.random.Generator
+    wishes: Wishes
+
+    @property
+    def gate(self) -> bool | None:
+        """Whether the driver says that the arm is enabled; None: it says nothing."""
+
+    def say(self, text: str) -> None:
+        """Write a line of the log."""
+
+    def request(self, name: str, say: Callable[[str], object]) -> None:
+        """Call a service."""
+
+    def hand_in(
+        self, trajectory: Trajectory, on_end: Callable[[int, Outcome], object], *, wanted: bool
+    ) -> int:
+        """Hand in a goal; return its number."""
+
+    def cancel_goal(self, number: int) -> None:
+        """Cancel it."""
+
+    def jog(self, velocities: Array, *, wanted: bool) -> None:
+        """Let velocities come."""
+
+
+class PlayedRobot:
+    """The driver as the panel has it by ROS: what it reports, and what can be asked of it."""
+
+    name = 'driver'
+
+    def __init__(self, world: Surroundings, model: RobotModel) -> None:
+        self.state = RobotState(joint_names=model.joint_names)
+        self.parameters: dict[str, Any] = {
+            'robot_model': model.name,
+            'robot_ip': HOST,
+            'remote_port': 0,
+        }
+        self.asked_at = 0.0
+        """When the page asked for what is done now, s."""
+        self._world = world
+        self._goals: dict[int, bool] = {}
+
+    def report(self) -> None:
+        """Let the diagnostics come, if the driver runs, and a word of its parameters."""
+        now, gate = self._world.loop.time(), self._world.gate
+        if gate is not None:
+            self.state.gate_open = gate
+            self.state.times |= {'diagnostics': now, 'parameters': now}
+
+    def look(self, sample: Any, status: Any) -> None:
+        """Take what is new on the topics."""
+        now, state = self._world.loop.time(), self.state
+        if sample is not None:
+            state.positions = sample.positions
+            if not state.fresh('joints', now):
+                state.times['first joints'] = now
+            state.times['joints'] = now
+        if status is not None:
+            state.status = Status(in_motion=Tri(status.in_motion))
+            state.times['status'] = now
+
+    def log(self, text: str, _level: int) -> None:
+        """Have a line in the world's log."""
+        self._world.say(f'panel: {text}')
+
+    def set_speed(self, factor: float, say: Say) -> None:
+        """Raise RequestError: nobody asks for it."""
+        raise RequestError(f'speed {factor:g}: not played')
+
+    def write_output(self, index: int, value: int, say: Say) -> None:
+        """Raise RequestError: nobody asks for it."""
+        raise RequestError(f'output {index} = {value}: not played')
+
+    def trigger(self, name: str, say: Say) -> None:
+        """Call a service. Raises RequestError if there is no driver."""
+        self._serve(name)
+
+        def answered(said: str) -> None:
+            say(f'~/{name}: {said}', INFO if said.startswith('ok') else ERROR)
+
+        self._world.request(name, answered)
+
+    def execute(self, trajectory: Trajectory, text: str, say: Say) -> None:
+        """Hand in a goal. Raises RequestError if there is no driver."""
+        self._serve(text)
+
+        def ended(number: int, outcome: Outcome) -> None:
+            self._goals.pop(number, None)
+            say(f'{text}: {outcome.text}', INFO)
+
+        number = self._world.hand_in(trajectory, ended, wanted=self._intended)
+        self._goals[number] = True
+
+    def jog(self, _names: Any, velocities: Array) -> None:
+        """Send velocities."""
+        self._world.jog(velocities, wanted=self._intended)
+
+    @property
+    def goals(self) -> list[int]:
+        """The goals that have not ended."""
+        return list(self._goals)
+
+    def cancel_goals(self) -> list[int]:
+        """Cancel them."""
+        for number in self._goals:
+            self._world.cancel_goal(number)
+        return self.goals
+
+    def driver_died(self) -> None:
+        """Forget its goals."""
+        self._goals.clear()
+
+    def _serve(self, what: str) -> None:
+        if self._world.gate is None:
+            raise RequestError(f'nobody serves {what}')
+
+    @property
+    def _intended(self) -> bool:
+        return self._world.loop.time() - self.asked_at < INTENDED_S
+
+
+class PanelUser:
+    """The panel, and who uses it. Methods are events of the world."""
+
+    def __init__(self, world: Surroundings, model: RobotModel) -> None:
+        self.robot = PlayedRobot(world, model)
+        self.control = RobotControl(
+            self.robot, lambda _host, _port: None, world.loop.time, allow_motion=True
+        )
+        self._world = world
+        self._requests = Requests({})
+        self._sample: Any = None
+        self._status: Any = None
+        self._arrived = 0.0
+        self._stalled_until = self._hung_until = self._alive_sent = 0.0
+        self._finger: asyncio.Task[None] | None = None
+        self._page, self._panel = _context('page'), _context('panel')
+        self._open()
+        self._tasks = [
+            self._start(self._page, self._beat()),
+            self._start(self._panel, self._look()),
+            world.loop.create_task(self._report()),
+            world.loop.create_task(self._watch()),
+        ]
+
+    @property
+    def armed(self) -> bool:
+        """Whether the page is armed."""
+        return self.control.arming.holder is not None
+
+    def close(self) -> None:
+        """Close page and panel: what they have started ends."""
+        self._world.loop.go_on('page')
+        self._world.loop.go_on('panel')
+        for task in (self._finger, *self._tasks):
+            if task is not None:
+                task.cancel()
+        self.control.end()
+
+    def take(self, sample: Any = None, status: Any = None) -> None:
+        """Take what the driver publishes."""
+        self._sample, self._status = sample or self._sample, status or self._status
+
+    # --- what is done ------------------------------------------------------------------------
+
+    async def jog(self, arms: bool, axis: str, frame: str, share: float, seconds: float) -> None:
+        """Hold a button."""
+        self._arm_if(arms)
+        self._let_go()
+        self._finger = self._start(self._page, self._hold(axis, frame, share, seconds))
+
+    async def step(self, arms: bool, axis: str, frame: str, share: float, size: float) -> None:
+        """Press a button for one step."""
+        self._arm_if(arms)
+        size = float(np.copysign(size, share))
+        self._send('step', axis=axis, frame=frame, size=size, share=max(abs(share), 0.01))
+
+    async def arm(self) -> None:
+        """Press Arm."""
+        self._send('arm')
+
+    async def enable(self) -> None:
+        """Press Enable."""
+        self._send('enable')
+
+    async def stop(self) -> None:
+        """Press Stop."""
+        self._send('stop_one')
+
+    async def disarm(self) -> None:
+        """Press Disarm."""
+        self._send('disarm')
+
+    async def hangs(self, seconds: float) -> None:
+        """Let the panel's process stand still."""
+        self._hung_until = self._world.loop.time() + seconds
+        self._pause('panel', seconds)
+
+    async def line_stalls(self, seconds: float) -> None:
+        """Let what the page sends come later, all of it at once."""
+        self._stalled_until = self._world.loop.time() + seconds
+
+    async def page_freezes(self, seconds: float) -> None:
+        """Let the page do nothing for a while."""
+        self._pause('page', seconds)
+
+    async def page_closes(self) -> None:
+        """Close the page, and open another one."""
+        self._let_go()
+        number = self._window.number
+        self._deliver(lambda: self.control.arming.disconnect(number))
+        self._open()
+
+    # --- the page ----------------------------------------------------------------------------
+
+    def _open(self) -> None:
+        self._window = window = Window(self._world.loop)
+        self._deliver(lambda: self.control.arming.connect(window.number))
+        self._send_alive()
+
+    async def _beat(self) -> None:
+        while True:
+            self._send_alive()
+            await asyncio.sleep(ALIVE_S)
+
+    def _send_alive(self) -> None:
+        self._alive_sent = self._world.loop.time()
+        number = self._window.number
+        self._deliver(lambda: self.control.arming.alive(number))
+
+    def _arm_if(self, arms: bool) -> None:
+        if arms:
+            self._send('arm')
+
+    async def _hold(self, axis: str, frame: str, share: float, seconds: float) -> None:
+        ends = self._world.loop.time() + seconds
+        while self._world.loop.time() < ends:
+            self._send('jog', axis=axis, frame=frame, share=share)
+            await asyncio.sleep(HELD_S)
+        self._finger = None
+        self._send('jog', share=0)
+
+    def _let_go(self) -> None:
+        if self._finger is not None:
+            self._finger.cancel()
+            self._finger = None
+            self._send('jog', share=0)
+
+    def _send(self, word: str, **parts: Any) -> None:
+        """Send a request, unless the page is frozen."""
+        if 'page' not in self._world.loop.hanging:
+            message = {'do': word, 'at': self._world.loop.time(), **parts}
+            window = self._window
+            self._deliver(lambda: self._received(window, message))
+
+    def _deliver(self, call: Callable[[], object]) -> None:
+        loop = self._world.loop
+        arrival = loop.time() + float(self._world.rng.uniform(0.001, 0.03))
+        self._arrived = max(arrival, self._stalled_until, self._arrived + 1e-9)
+        loop.call_at(self._arrived, call, context=self._panel)
+
+    # --- the panel ---------------------------------------------------------------------------
+
+    def _received(self, window: Window, message: dict[str, Any]) -> None:
+        """Do what a window asks for, as the panel does."""
+        late = window.late(message['at'], self._world.loop.time())
+        if late and message['do'] in ('jog', 'step'):
+            return
+        self.robot.asked_at = message['at']
+        try:
+            self._requests.table[message['do']](self.control, window.number, message)
+        except RequestError as error:
+            self.control.jog_end()
+            self.robot.log(f'not done: {error}', WARN)
+
+    async def _look(self) -> None:
+        while True:
+            self.robot.look(self._sample, self._status)
+            self._sample = self._status = None
+            self.control.look()
+            await asyncio.sleep(LOOK_S)
+
+    # --- the world ---------------------------------------------------------------------------
+
+    async def _report(self) -> None:
+        while True:
+            self.robot.report()
+            await asyncio.sleep(REPORT_S)
+
+    async def _watch(self) -> None:
+        """Let nobody want the panel's goals any more when its page gives no sign of life."""
+        while True:
+            await asyncio.sleep(0.1)
+            now = self._world.loop.time()
+            silent = now - max(self._alive_sent, self._hung_until - ALIVE_WITHIN_S)
+            if silent > ALIVE_WITHIN_S + NOTICED_S:
+                self._world.wishes.goals.difference_update(self.robot.goals)
+
+    def _pause(self, process: str, seconds: float) -> None:
+        loop = self._world.loop
+        loop.hang(process)
+        loop.call_later(seconds, loop.go_on, process)
+
+    def _start(self, context: Context, work: Any) -> asyncio.Task[None]:
+        task: asyncio.Task[None] = context.run(self._world.loop.create_task, work)
+        return task
+
+
+def _context(process: str) -> Context:
+    context = copy_context()
+    context.run(PROCESS.set, process)
+    return context
