@@ -3,12 +3,14 @@
 """What the smoother is held against: from rest to rest at every point, and splines in time."""
 
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 
-from epson_driver.motion import Array, JointLimits, go
+from epson_driver.motion import Array, JointLimits, Trajectory, go
 from epson_driver.motion.interpolation import Interpolation, central_differences
+from epson_driver.motion.smoothed import every, smoothed
 
 
 @dataclass(frozen=True)
@@ -39,22 +41,40 @@ class SplineUse:
     jerk: float
 
 
-def joint_spline(
-    positions: Array, durations: Array, limits: JointLimits, quintic: bool
-) -> SplineUse:
-    """Return what the spline through points (n, joints), rad, demands; durations (n,), s.
-
-    As ros2_control's joint_trajectory_controller: cubic where points carry velocities, quintic
-    with accelerations; it keeps the time whatever the limits say.
-    """
-    knots = np.cumsum(durations)
+def in_time(degree: int, knots: Array, positions: Array, limits: JointLimits) -> Trajectory:
+    """Return points with velocities, and with accelerations too if the degree is 5."""
     velocities = central_differences(knots, positions)
-    accelerations = central_differences(knots, velocities) if quintic else None
-    spline = Interpolation(knots, positions, velocities, accelerations)
-    _, v, a = spline.at(np.arange(0.0, knots[-1], 1.0 / SAMPLE_RATE_HZ))
+    accelerations = central_differences(knots, velocities) if degree == QUINTIC else None
+    return Trajectory(limits.names, knots, positions, velocities, accelerations)
+
+
+def handed_on(knots: Array, positions: Array, limits: JointLimits) -> Trajectory:
+    """Return the points that smooth_goals hands on instead, 8 ms apart."""
+    plan = Trajectory(limits.names, knots, positions)
+    return every(smoothed(plan, limits, refine=False), 2)
+
+
+QUINTIC = 5
+SPLINES = {
+    'cubic': partial(in_time, 3),
+    'quintic': partial(in_time, QUINTIC),
+    'quintic, behind smooth_goals': handed_on,
+}
+"""What ros2_control's joint_trajectory_controller is sent, of points (n, joints), at times."""
+
+
+def joint_spline(name: str, positions: Array, durations: Array, limits: JointLimits) -> SplineUse:
+    """Return what one of SPLINES demands of points (n, joints), rad; durations (n,), s.
+
+    As joint_trajectory_controller: cubic between points with velocities, quintic with
+    accelerations; it keeps the time whatever the limits say.
+    """
+    sent = SPLINES[name](np.cumsum(durations), positions, limits)
+    spline = Interpolation(sent.times, sent.positions, sent.velocities, sent.accelerations)
+    _, v, a = spline.at(np.arange(0.0, sent.duration, 1.0 / SAMPLE_RATE_HZ))
     jerk = np.diff(a, axis=0) * SAMPLE_RATE_HZ
     return SplineUse(
-        float(knots[-1]),
+        sent.duration,
         float(np.max(np.abs(v) / limits.velocity)),
         float(np.max(np.abs(a) / limits.acceleration)),
         float(np.max(np.abs(jerk) / limits.jerk)),

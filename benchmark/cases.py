@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from functools import partial
 
-from benchmark.baselines import SplineUse, joint_spline
+from benchmark.baselines import SPLINES, SplineUse, joint_spline
 from benchmark.limit_sets import limit_set
 from benchmark.metrics import Metrics, commanded_rests, measure
 from benchmark.references import ReferenceTimes
@@ -77,9 +77,9 @@ def run_case(task: Task) -> Case:
     )
     began = time.monotonic()
     if trajectory.durations is not None:
-        for name, quintic in (('cubic', False), ('quintic', True)):
+        for name in SPLINES:
             case.splines[name] = joint_spline(
-                trajectory.positions, trajectory.durations, limits, quintic
+                name, trajectory.positions, trajectory.durations, limits
             )
     for name in task.strategies:
         if STRATEGIES[name].suits(trajectory):

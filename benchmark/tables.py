@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from benchmark.baselines import SPLINES
 from benchmark.cases import Case
 from benchmark.families import FamilyFigures
 from benchmark.family_members import FAMILIES
@@ -115,26 +116,18 @@ def summary(cases: list[Case]) -> str:
         'largest v, a, j / limit | stops | waypoint | overrun'
     )
     rows = [_ptp_row(cases)]
-    for name in ('cubic', 'quintic'):
-        found = [(case, case.splines[name]) for case in cases if name in case.splines]
-        if found:
-            rows.append(
-                [
-                    f'spline in time, {name}',
-                    str(len(found)),
-                    _pair(spline.duration / case.references.ptp for case, spline in found),
-                    '1',
-                    '–',
-                    '–',
-                    ', '.join(
-                        f'{max(float(getattr(spline, key)) for _, spline in found):.3g}'
-                        for key in ('velocity', 'acceleration', 'jerk')
-                    ),
-                    '–',
-                    '0',
-                    '0',
-                ]
+    for name in SPLINES:
+        if found := [(case, case.splines[name]) for case in cases if name in case.splines]:
+            ratio = _pair(spline.duration / case.references.ptp for case, spline in found)
+            over = _pair(
+                spline.duration / case.commanded for case, spline in found if case.commanded
             )
+            largest = (
+                f'{max(float(getattr(spline, key)) for _, spline in found):.3g}'
+                for key in ('velocity', 'acceleration', 'jerk')
+            )
+            title, uses = f'spline in time, {name}', ', '.join(largest)
+            rows.append([title, str(len(found)), ratio, over, '–', '–', uses, '–', '0', '0'])
     for name in STRATEGIES:
         runs = [(case, case.strategies[name]) for case in cases if name in case.strategies]
         if runs:

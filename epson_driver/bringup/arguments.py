@@ -128,6 +128,26 @@ TABLE = (
         SWITCH,
     ),
     Argument('rviz_config', '', 'Display configuration of RViz. Empty: the one of this package.'),
+    Argument(
+        'action',
+        '',
+        'Action of the driver behind smooth_goals, such as '
+        '/joint_trajectory_controller/follow_joint_trajectory. Empty: as params_file says, or '
+        'follow_joint_trajectory.',
+    ),
+    Argument(
+        'limits_file',
+        '',
+        "MoveIt's joint_limits.yaml, or a robot model. Empty: as params_file says, or the URDF "
+        'alone.',
+    ),
+    Argument(
+        'stops',
+        '',
+        'How a goal is left on its way: by a stop inside the limits, or by the stop of the driver '
+        'behind. Empty: as params_file says, or auto.',
+        ('', 'auto', 'brake', 'cancel'),
+    ),
     Argument('namespaces', 'left,right', 'One namespace per robot, separated by commas.'),
     Argument(
         'robot_ips',

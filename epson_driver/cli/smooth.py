@@ -10,7 +10,6 @@ import argparse
 import sys
 import time
 from importlib.util import find_spec
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +18,8 @@ from rich.table import Table
 
 from epson_driver.cli.arguments import argument, picture
 from epson_driver.inputs import InputError, number
-from epson_driver.motion import JointLimits, Trajectory, problems
-from epson_driver.motion.smoothed import smoothed
+from epson_driver.motion import JointLimits, Trajectory, smooth
+from epson_driver.motion.smoothed import every
 from epson_driver.motion.smoother import (
     MAX_PATH_TOLERANCE,
     MERGE_TOLERANCE,
@@ -42,9 +41,6 @@ SAMPLE_PERIOD_S = 0.001
 
 MIN_LOOK_AHEAD_S = 0.01
 """As of the simulated controller; with less, the arm creeps and planning never ends."""
-
-MAX_PROBLEMS_SHOWN = 3
-"""How many of the problems of a plan are spelled out."""
 
 
 NO_PICTURE = "none, as matplotlib is missing: pip install 'epson_driver[report]'"
@@ -82,12 +78,12 @@ def _run(arguments: argparse.Namespace) -> int:
     parts = max(round(1.0 / arguments.rate / SAMPLE_PERIOD_S), 1)
     period = 1.0 / arguments.rate
     try:
-        fine = smoothed(
-            plan_read,
+        fine = smooth(
+            plan_read.positions,
             limits,
-            mode,
-            arguments.look_ahead,
-            period / parts,
+            plan_read.times if mode is Mode.TIME_PRESERVING else None,
+            look_ahead=arguments.look_ahead,
+            period=period / parts,
             planner=planner,
             refine=not arguments.keep_spline,
             path_tolerance=arguments.path_tolerance,
@@ -96,7 +92,7 @@ def _run(arguments: argparse.Namespace) -> int:
         raise _PlanError(f'{file}: {error}') from error
     output = arguments.output or Path(f'{file.stem}_smooth.yaml')
     picture = arguments.picture or Path(f'{file.stem}_smooth.png')
-    written = _every(fine, parts)
+    written = every(fine, parts)
     about = f'{file.name}, smoothed ({mode.value}), one point every {period * 1e3:g} ms'
     write_trajectory(output, written, about)
     command = plan_read if mode is Mode.TIME_PRESERVING else None
@@ -148,38 +144,7 @@ def _checked(file: Path, trajectory: Trajectory, limits: JointLimits, mode: Mode
         raise _PlanError(
             f'{file}: no point has a time: add time_from_start, or use --mode time_optimal'
         )
-    timed = mode is Mode.TIME_PRESERVING
-    times = trajectory.times if timed else np.arange(len(trajectory.times), dtype=float) * 1e3
-    found = problems(Trajectory(limits.names, times, trajectory.positions), limits)
-    wrong = [
-        text for text in found if not text.startswith('points ')
-    ]  # not those that are only too fast: they are slowed down
-    if wrong:
-        more = (
-            f'; and {len(wrong) - MAX_PROBLEMS_SHOWN} more'
-            if len(wrong) > MAX_PROBLEMS_SHOWN
-            else ''
-        )
-        raise _PlanError(f'{file}: {"; ".join(islice(wrong, MAX_PROBLEMS_SHOWN))}{more}')
     return trajectory
-
-
-def _every(trajectory: Trajectory, parts: int) -> Trajectory:
-    """Return every `parts`-th point, and one more at the end where the arm rests already."""
-    count = len(trajectory.times)
-    chosen = np.arange(0, count + parts - 1, parts)
-    period = float(trajectory.times[1] - trajectory.times[0])
-    times = trajectory.times[0] + chosen * period
-    chosen = np.minimum(chosen, count - 1)
-    assert trajectory.velocities is not None  # noqa: S101 - for the type checker
-    assert trajectory.accelerations is not None  # noqa: S101
-    return Trajectory(
-        trajectory.joint_names,
-        times,
-        trajectory.positions[chosen],
-        trajectory.velocities[chosen],
-        trajectory.accelerations[chosen],
-    )
 
 
 def _table(study: Study, planner: _CountingPlanner, look_ahead: float) -> Table:

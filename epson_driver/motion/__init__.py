@@ -4,6 +4,7 @@
 
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.point_to_point import LineMotion, go
+from epson_driver.motion.smooth import smooth
 from epson_driver.motion.trajectory import Trajectory, problems
 
-__all__ = ['Array', 'JointLimits', 'LineMotion', 'Trajectory', 'go', 'problems']
+__all__ = ['Array', 'JointLimits', 'LineMotion', 'Trajectory', 'go', 'problems', 'smooth']

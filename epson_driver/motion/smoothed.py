@@ -16,6 +16,8 @@ from epson_driver.motion.trajectory import Trajectory
 MAX_STEP_S = 0.004
 """The smoother is stepped at least so often, s: it plans between two steps."""
 
+Planner = Callable[[Request, JointLimits], Plan | None]
+
 
 def smoothed(
     trajectory: Trajectory,
@@ -23,7 +25,7 @@ def smoothed(
     mode: Mode = Mode.TIME_PRESERVING,
     look_ahead: float = np.inf,
     period: float = MAX_STEP_S,
-    planner: Callable[[Request, JointLimits], Plan | None] = plan,
+    planner: Planner = plan,
     *,
     refine: bool = True,
     path_tolerance: float = 0.0,
@@ -76,6 +78,22 @@ def smoothed(
         position,
         velocity,
         acceleration,
+    )
+
+
+def every(trajectory: Trajectory, parts: int) -> Trajectory:
+    """Return every `parts`-th point of a motion, and one at the end where it rests already."""
+    count = len(trajectory.times)
+    chosen = np.arange(0, count + parts - 1, parts)
+    period = float(trajectory.times[1] - trajectory.times[0])
+    times = trajectory.times[0] + chosen * period
+    chosen = np.minimum(chosen, count - 1)
+    return Trajectory(
+        trajectory.joint_names,
+        times,
+        trajectory.positions[chosen],
+        None if trajectory.velocities is None else trajectory.velocities[chosen],
+        None if trajectory.accelerations is None else trajectory.accelerations[chosen],
     )
 
 

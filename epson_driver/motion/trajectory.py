@@ -60,9 +60,12 @@ class Trajectory:
         )
 
 
-def problems(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:
+def problems(
+    trajectory: Trajectory, limits: JointLimits, *, too_fast: bool = True
+) -> Iterator[str]:
     """Yield a sentence for everything that forbids executing the trajectory.
 
+    too_fast: also for ways that take longer than planned.
     The joints must be in the order of the limits. Each sentence names the point (counted from 0),
     the joint, the value and the limit; of a plan in degrees only the first one is told.
     Accelerations must be finite, but are not held against a limit: the points are a plan to
@@ -86,7 +89,8 @@ def problems(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:
         yield from _beyond(
             trajectory.velocities, -limits.velocity, limits.velocity, 'velocity', '/s', limits
         )
-    yield from _too_fast(trajectory, limits)
+    if too_fast:
+        yield from _too_fast(trajectory, limits)
 
 
 def _like_degrees(positions: Array, limits: JointLimits) -> bool:

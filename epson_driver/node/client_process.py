@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The process of the ROS 2 node, or of several: it runs until a signal or a failure ends it."""
+"""The process of a ROS 2 node, or of several: it runs until a signal or a failure ends it."""
 
 import asyncio
 import gc
@@ -8,8 +8,8 @@ import logging
 import os
 import sys
 import threading
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
 
 import rclpy
 from rclpy.exceptions import NameValidationException, ParameterException
@@ -27,26 +27,42 @@ DEFAULT_NAME = 'epson_driver'
 _log = logging.getLogger(__name__)
 
 
-def run(namespaces: Sequence[str]) -> int:
+class Client(Protocol):
+    """What a node does: a ClientNode, or another one that moves an arm."""
+
+    async def run(self) -> None:
+        """Do it until cancelled."""
+
+    async def shut_down(self) -> None:
+        """Stop the arm, and let every goal's result leave."""
+
+    def end(self) -> None:
+        """Have every request answered that still waits."""
+
+
+Make = Callable[[Node], Client]
+
+
+def run(namespaces: Sequence[str], make: Make = ClientNode, name: str = DEFAULT_NAME) -> int:
     """Run a node per namespace until a signal, then stop the arms, end their goals, and leave.
 
-    Returns 0, or 1 if a name or a parameter is not valid (no arm is driven then), or if any part
-    failed: a thread, a task or a callback. In that case all arms are stopped before the process
-    ends.
+    `make` gives what they do, `name` is theirs. Returns 0, or 1 if a name or a parameter is not
+    valid (no arm is driven then), or if any part failed: a thread, a task or a callback. In that
+    case all arms are stopped before the process ends.
     """
     try:
         # The signals come to the event loop: results can still be published after Ctrl-C.
         rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     except (RuntimeError, ValueError) as error:  # from rcl; ValueError: not valid text
-        print(f'epson_driver client: {printable(error)}', file=sys.stderr)
+        print(f'{name}: {printable(error)}', file=sys.stderr)
         return 1
     nodes: list[Node] = []
     try:
-        if not _make_nodes(namespaces, nodes):
+        if not _make_nodes(namespaces, nodes, name):
             return 1
         handler = RosLogHandler(nodes[0].get_logger())
         logging.basicConfig(level=logging.INFO, handlers=[handler], format='%(message)s')
-        return _run(nodes)
+        return _run(nodes, make)
     finally:
         for node in nodes:
             node.destroy_node()
@@ -89,12 +105,12 @@ class Failures:
         self.in_thread(f'the thread {name} ended', arguments.exc_value)
 
 
-def _make_nodes(namespaces: Sequence[str], nodes: list[Node]) -> bool:
+def _make_nodes(namespaces: Sequence[str], nodes: list[Node], name: str) -> bool:
     """Make a node for each namespace and return whether all could be made, or log why not."""
-    logger = rclpy.logging.get_logger(DEFAULT_NAME)
+    logger = rclpy.logging.get_logger(name)
     for namespace in namespaces:
         try:
-            nodes.append(Node(DEFAULT_NAME, namespace=namespace))
+            nodes.append(Node(name, namespace=namespace))
         except NameValidationException as error:
             logger.fatal(printable(f'--namespace {namespace}: {error}'))
             return False
@@ -108,7 +124,7 @@ def _make_nodes(namespaces: Sequence[str], nodes: list[Node]) -> bool:
     return not twice
 
 
-def _run(nodes: Sequence[Node]) -> int:
+def _run(nodes: Sequence[Node], make: Make) -> int:
     """Serve ROS in one thread and drive the controllers in this one and return the exit code."""
     signaled = asyncio.Event()
     with (
@@ -121,8 +137,8 @@ def _run(nodes: Sequence[Node]) -> int:
         ros = RosThread(failures.in_thread)
         for node in nodes:
             ros.executor.add_node(node)
-        clients: list[ClientNode] = []
-        driving = loop.create_task(_drive(nodes, clients, ros, signaled, failures))
+        clients: list[Client] = []
+        driving = loop.create_task(_drive(nodes, clients, ros, signaled, failures, make))
         while not driving.done():
             try:
                 loop.run_until_complete(driving)
@@ -140,11 +156,11 @@ def _run(nodes: Sequence[Node]) -> int:
     return 1 if failures.happened.is_set() else driving.result()
 
 
-def _make_clients(nodes: Sequence[Node], clients: list[ClientNode]) -> bool:
+def _make_clients(nodes: Sequence[Node], clients: list[Client], make: Make) -> bool:
     """Make the client of each node and return whether all could be made, or log why not."""
     for node in nodes:
         try:
-            clients.append(ClientNode(node))
+            clients.append(make(node))
         except (ValueError, FileNotFoundError, ParameterException) as error:
             name = f'{node.get_fully_qualified_name()}: ' if len(nodes) > 1 else ''
             node.get_logger().fatal(printable(f'{name}{error}'))
@@ -153,13 +169,14 @@ def _make_clients(nodes: Sequence[Node], clients: list[ClientNode]) -> bool:
 
 async def _drive(
     nodes: Sequence[Node],
-    clients: list[ClientNode],
+    clients: list[Client],
     ros: RosThread,
     signaled: asyncio.Event,
     failures: Failures,
+    make: Make = ClientNode,
 ) -> int:
     """Drive until a signal or a failure, then stop all arms."""
-    if not _make_clients(nodes, clients):
+    if not _make_clients(nodes, clients, make):
         return 1
     gc.collect()
     gc.freeze()  # these objects are never freed: scanning them would stall the loop for 15 ms

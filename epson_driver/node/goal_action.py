@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""An action whose goals the driver's queue executes. Every request is accepted and ends once.
+"""An action whose goals a queue executes. Every request is accepted and ends once.
 
 What differs from action to action, how a request becomes a goal and what feedback and result look
 like, is given to it.
@@ -9,7 +9,7 @@ like, is given to it.
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, Protocol
 
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -18,24 +18,22 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 
-from epson_driver.driver.goal.goal import Goal
-from epson_driver.driver.goal.goal_execution import GoalExecution
-from epson_driver.driver.goal.goal_queue import GoalHandle, GoalQueue
 from epson_driver.driver.goal.planning_scope import PlanningScope
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
-from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.node.loop_bridge import REQUEST_QOS, DriverEndedError, LoopBridge
 from epson_driver.node.remedies import outcome_text
 
 CANCELED = Outcome(End.CANCELED, ErrorCode.SUCCESSFUL, 'canceled before it could start')
 
 
-@dataclass(frozen=True, eq=False)
-class Prepared:
-    """A prepared request. `on_feedback` is called in the loop, with each sample."""
+class Queue(Protocol):
+    """A queue of goals, as far as an action needs it."""
 
-    goal: Goal
-    on_feedback: Callable[[GoalExecution, JointSample], None]
+    def cancel(self, handle: Any) -> None:
+        """End a goal that was submitted, in the loop."""
+
+
+OnEnd = Callable[[Outcome], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,16 +41,17 @@ class ActionType:
     """The parts in which actions differ.
 
     kind: its ROS type, name: such as `~/follow_joint_trajectory`. prepare: reads and checks a
-    request, in the executor; it may raise GoalRejectedError. The plan that it gets is ended when
-    the goal is canceled: whatever takes long is left then. submit: hands a goal and that plan to
-    the queue, in the loop. result: makes the action's result of an outcome. result_timeout: how
-    long that is kept for who asks late, s.
+    request, in the executor, and returns what makes a goal for the queue, given who is told its
+    outcome; it may raise GoalRejectedError. The plan that it gets is ended when the goal is
+    canceled: whatever takes long is left then. submit: hands that goal and the plan to the queue,
+    in the loop. result: makes the action's result of an outcome. result_timeout: how long that is
+    kept for who asks late, s.
     """
 
     kind: Any
     name: str
-    prepare: Callable[[ServerGoalHandle, PlanningScope], Awaitable[Prepared]]
-    submit: Callable[[GoalHandle, PlanningScope], None]
+    prepare: Callable[[ServerGoalHandle, PlanningScope], Awaitable[Callable[[OnEnd], Any]]]
+    submit: Callable[[Any, PlanningScope], None]
     result: Callable[[Outcome], Any]
     result_timeout: int
 
@@ -62,17 +61,17 @@ class _Request:
     """A goal without a result. handle: None while it is being prepared."""
 
     plan: PlanningScope
-    handle: GoalHandle | None = None
+    handle: Any = None
 
 
 class GoalAction:
-    """Serves an action over the driver's queue of goals."""
+    """Serves an action over a queue of goals."""
 
     def __init__(
         self,
         node: Node,
         action: ActionType,
-        queue: GoalQueue,
+        queue: Queue,
         bridge: LoopBridge,
         callback_group: CallbackGroup,
     ) -> None:
@@ -132,10 +131,7 @@ class GoalAction:
         if ros_handle.is_cancel_requested:
             return CANCELED
         done = self._bridge.create_future()
-        handle = GoalHandle(
-            prepared.goal, partial(self._bridge.resolve, done), prepared.on_feedback
-        )
-        request.handle = handle
+        handle = request.handle = prepared(partial(self._bridge.resolve, done))
         self._bridge.hand_over(self._action.submit, handle, request.plan)
         if ros_handle.is_cancel_requested:
             self._bridge.to_loop(self._queue.cancel, handle)

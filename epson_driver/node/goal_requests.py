@@ -38,14 +38,11 @@ class GoalRequests:
     def checked_goal(self, request: FollowJointTrajectory.Goal) -> Goal:
         """Return the goal of a request, names and stamps checked. Raises GoalRejectedError."""
         values = self._parameters
-        if request.multi_dof_trajectory.points:
-            raise GoalRejectedError(
-                ErrorCode.INVALID_GOAL, 'multi_dof_trajectory has points: not supported'
-            )
+        check_single(request)
         trajectory = trajectory_from_message(request.trajectory, self._limits.names)
         if values['timing'] == 'time_optimal':
             trajectory = untimed(trajectory, self._limits)
-        self._check_stamp(request.trajectory.header.stamp, trajectory.duration)
+        check_stamp(request.trajectory.header.stamp, trajectory.duration, self._clock)
         goal_time = duration_in_s(request.goal_time_tolerance)
         return self._goal(trajectory, request.path_tolerance, request.goal_tolerance, goal_time)
 
@@ -79,20 +76,29 @@ class GoalRequests:
         defaults = [self._parameters[f'constraints.{name}.{default}'] for name in names]
         return tolerances_from_messages(given, field, names, np.array(defaults))
 
-    def _check_stamp(self, stamp: Time, duration: float) -> None:
-        """Raise GoalRejectedError for a trajectory that has ended, or begins much later."""
-        start = duration_in_s(stamp)
-        if start == 0.0:
-            return
-        ahead = start - self._clock.now().nanoseconds * 1e-9
-        if ahead + duration < 0.0:
-            raise GoalRejectedError(
-                ErrorCode.OLD_HEADER_TIMESTAMP,
-                f'header.stamp: the trajectory ended {-ahead - duration:.3g} s ago',
-            )
-        if ahead > MAX_START_AHEAD_S:
-            raise GoalRejectedError(
-                ErrorCode.INVALID_GOAL,
-                f'header.stamp is {ahead:.3g} s in the future: a start later than in '
-                f'{MAX_START_AHEAD_S:g} s is not supported',
-            )
+
+def check_single(request: FollowJointTrajectory.Goal) -> None:
+    """Raise GoalRejectedError for joints of several degrees of freedom."""
+    if request.multi_dof_trajectory.points:
+        raise GoalRejectedError(
+            ErrorCode.INVALID_GOAL, 'multi_dof_trajectory has points: not supported'
+        )
+
+
+def check_stamp(stamp: Time, duration: float, clock: Clock) -> None:
+    """Raise GoalRejectedError for a trajectory that has ended, or begins much later."""
+    start = duration_in_s(stamp)
+    if start == 0.0:
+        return
+    ahead = start - clock.now().nanoseconds * 1e-9
+    if ahead + duration < 0.0:
+        raise GoalRejectedError(
+            ErrorCode.OLD_HEADER_TIMESTAMP,
+            f'header.stamp: the trajectory ended {-ahead - duration:.3g} s ago',
+        )
+    if ahead > MAX_START_AHEAD_S:
+        raise GoalRejectedError(
+            ErrorCode.INVALID_GOAL,
+            f'header.stamp is {ahead:.3g} s in the future: a start later than in '
+            f'{MAX_START_AHEAD_S:g} s is not supported',
+        )

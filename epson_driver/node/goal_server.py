@@ -7,7 +7,7 @@ feedback and the outcome come back from there.
 """
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -29,7 +29,7 @@ from epson_driver.driver.outcome import GoalRejectedError, Outcome
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks import report_task_error
 from epson_driver.node import messages
-from epson_driver.node.goal_action import ActionType, GoalAction, Prepared, log_outcome
+from epson_driver.node.goal_action import ActionType, GoalAction, OnEnd, log_outcome
 from epson_driver.node.goal_requests import GoalRequests
 from epson_driver.node.loop_bridge import DriverEndedError, LoopBridge
 from epson_driver.node.remedies import error_text
@@ -156,9 +156,11 @@ class GoalServer:
 
     # --- from ROS: these run in the executor's thread ---------------------------------------
 
-    async def _prepare(self, ros_handle: ServerGoalHandle, _plan: PlanningScope) -> Prepared:
+    async def _prepare(
+        self, ros_handle: ServerGoalHandle, _plan: PlanningScope
+    ) -> Callable[[OnEnd], GoalHandle]:
         goal = self.requests.checked_goal(ros_handle.request)
-        return Prepared(goal, partial(self._on_feedback, ros_handle))
+        return partial(GoalHandle, goal, on_feedback=partial(self._on_feedback, ros_handle))
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
         """Execute a trajectory without an action client, or stop the arm if it has no points."""

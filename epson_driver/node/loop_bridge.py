@@ -44,6 +44,13 @@ TURNS = 4
 TAKEN_TIMEOUT_S = 0.5
 """How long is waited for that, s: somebody may send all the time."""
 
+RESULTS_TIMEOUT_S = 0.3
+"""How long the end of the process waits for results to be sent, s."""
+
+RESULTS_LINGER_S = 0.2
+"""How long it then stays for them to be received, s: shared memory goes with its process, and rmw
+has no acknowledgement for the responses of services, which results are."""
+
 T = TypeVar('T')
 ServiceCallback = Callable[[Any, Any], Awaitable[Any]]
 """Takes a request and an empty response, both of the service's type; returns the response."""
@@ -181,6 +188,23 @@ class LoopBridge:
                     executor.create_task(self._loop.call_soon_threadsafe, passed.set)
                     await passed.wait()
                     turns = turns + 1 if before == self._handed_over else 0
+
+    async def results_sent(self, is_busy: Callable[[], bool], *, busy: bool) -> None:
+        """Let the results of goals leave, in the loop, before ROS is shut down.
+
+        busy: whether there were goals when their end began; is_busy: whether one has no result.
+        Raises TimeoutError if that takes longer than RESULTS_TIMEOUT_S.
+        """
+        executor = self._node.executor
+        async with asyncio.timeout(RESULTS_TIMEOUT_S):
+            waiting = busy
+            while waiting:  # and once more: the last result leaves right after its handle
+                waiting = is_busy()
+                passed = asyncio.Event()
+                executor.create_task(self._loop.call_soon_threadsafe, passed.set)
+                await passed.wait()
+        if busy:
+            await asyncio.sleep(RESULTS_LINGER_S)
 
     def end(self) -> None:
         """Give every future that still waits DriverEndedError: the loop has ended."""

@@ -7,7 +7,7 @@ queue: it is checked, stopped and reported as a trajectory is.
 """
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -34,7 +34,7 @@ from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks import wait_for_fresh_state
 from epson_driver.link.replies import Statement
 from epson_driver.motion import Array
-from epson_driver.node.goal_action import ActionType, GoalAction, Prepared
+from epson_driver.node.goal_action import ActionType, GoalAction, OnEnd
 from epson_driver.node.goal_server import RESULT_TIMEOUT_S, GoalServer
 from epson_driver.node.loop_bridge import LoopBridge
 from epson_driver.node.motion_primitive_messages import primitive_result, primitives_from_message
@@ -136,7 +136,9 @@ class MotionPrimitives:
         self._driver.moves.load = Load(mass) if mass else None
         return True
 
-    async def _prepare(self, ros_handle: ServerGoalHandle, plan: PlanningScope) -> Prepared:
+    async def _prepare(
+        self, ros_handle: ServerGoalHandle, plan: PlanningScope
+    ) -> Callable[[OnEnd], GoalHandle]:
         """Read and plan a sequence. Raises GoalRejectedError, DriverEndedError."""
         if self._parameters['timing'] == 'time_optimal':
             raise _invalid(RETIMED)
@@ -150,7 +152,9 @@ class MotionPrimitives:
         if (moves := self._driver.moves) is not None:
             message = sequence_statement(self._kinematics, self._tool, primitives, planned, moves)
             goal = replace(goal, trajectory=last_point(goal.trajectory), message=message)
-        return Prepared(goal, partial(self._on_feedback, ros_handle, planned))
+        return partial(
+            GoalHandle, goal, on_feedback=partial(self._on_feedback, ros_handle, planned)
+        )
 
     # --- in the loop's thread ---------------------------------------------------------------
 

@@ -50,13 +50,6 @@ from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import Status
 from epson_driver.trace import TraceError
 
-RESULTS_TIMEOUT_S = 0.3
-"""How long the end of the process waits for results to be sent, s."""
-
-RESULTS_LINGER_S = 0.2
-"""How long it then stays for them to be received, s: shared memory goes with its process, and rmw
-has no acknowledgement for the responses of services, which results are."""
-
 DIAGNOSTICS_PERIOD_S = 1.0
 
 
@@ -138,16 +131,7 @@ class ClientNode:
         """
         busy = self._busy
         await self._loop.create_task(self.driver.shut_down(), context=self._context)
-        executor = self._node.executor
-        async with asyncio.timeout(RESULTS_TIMEOUT_S):
-            waiting = busy
-            while waiting:  # and once more: the last result leaves right after its handle
-                waiting = self._busy
-                passed = asyncio.Event()
-                executor.create_task(self._loop.call_soon_threadsafe, passed.set)
-                await passed.wait()
-        if busy:
-            await asyncio.sleep(RESULTS_LINGER_S)
+        await self._bridge.results_sent(lambda: self._busy, busy=busy)
 
     @property
     def _busy(self) -> bool:

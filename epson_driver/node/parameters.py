@@ -435,12 +435,12 @@ def declare(node: Node) -> dict[str, Any]:
     names. Raises InputError that names the parameter, its value and what is allowed, such as the
     profiles or the models there are; what rclpy checks, its ParameterException.
     """
-    values = _declare_rows(node, (CONTROLLER,))
+    values = declare_rows(node, (CONTROLLER,))
     given = profile_defaults(_loaded('controller', values, load_controller_profile))
-    values |= _declare_rows(node, (ROBOT_MODEL,))
+    values |= declare_rows(node, (ROBOT_MODEL,))
     model = _loaded('robot_model', values, load_robot_model)
     given['joint_names'] = list(model.joint_names)
-    values |= _declare_rows(
+    values |= declare_rows(
         node,
         (
             replace(row, default=given.get(row.name, row.default))
@@ -456,7 +456,7 @@ def declare(node: Node) -> dict[str, Any]:
         )
     units = dict(zip(names, model.limits.units, strict=False))
     for joint in names:
-        values |= _declare_rows(node, joint_rows(joint, units.get(joint, 'rad')))
+        values |= declare_rows(node, joint_rows(joint, units.get(joint, 'rad')))
     return values
 
 
@@ -497,7 +497,8 @@ def _not_among(name: str, value: object, choices: Sequence[Any]) -> str:
     return f'parameter {name} = {shown(value)}: must be one of {allowed}'
 
 
-def _declare_rows(node: Node, rows: Iterable[Row]) -> dict[str, Any]:
+def declare_rows(node: Node, rows: Iterable[Row]) -> dict[str, Any]:
+    """Declare the parameters of some rows and return their values by name. Raises as `declare`."""
     values = {}
     for row in rows:
         value = node.declare_parameter(row.name, row.default, row.descriptor).value

@@ -10,6 +10,7 @@ EXECUTABLES = {
     'panel': 'the robots in a browser: 3D, lamps, curves, log and buttons',
     'jog': 'move single joints by keys',
     'smooth': 'make a planned trajectory smooth: a file, a report and a picture',
+    'smooth_goals': 'the same for goals, in front of any driver: FollowJointTrajectory in and out',
     'exercise': 'your own program against the simulated controller, once per fault',
     'doctor': 'what is wrong from this machine to the controller, and what to do',
     'first-run': 'the first day with a real robot, step by step, into one file',

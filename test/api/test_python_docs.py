@@ -18,6 +18,7 @@ SAID = (
     'canceled; the arm stands',
     'out of reach',
     '[0. 0. 0.]',
+    'True',
     'no stream is followed, and the arm stands',
     'link disconnected',
     '0.4',

@@ -310,6 +310,7 @@ def test_the_stored_references_are_those_of_the_set_and_sound(
             assert stored[key].sound(), f'{trajectory.name}, {name}'
 
 
+AFTER = 'quintic, behind smooth_goals'
 LINE = np.array([[0.0, 0.0, 0.5, 0.0, -1.0, 0.0], [1.0, -0.5, 1.0, 0.5, -0.5, 1.0]])
 
 
@@ -321,11 +322,19 @@ def test_a_repeated_point_takes_ptp_no_time() -> None:
 
 def test_splines_in_time_of_a_known_motion() -> None:
     """A quintic from rest to rest: its largest velocity is 15/8 of the mean one."""
-    use = joint_spline(LINE, np.array([0.0, 0.5]), LIMITS, quintic=True)
+    use = joint_spline('quintic', LINE, np.array([0.0, 0.5]), LIMITS)
     mean = np.max(np.abs(LINE[1] - LINE[0]) / LIMITS.velocity) / 0.5
     assert use.velocity == pytest.approx(15 / 8 * mean, rel=1e-4)
-    use = joint_spline(LINE, np.array([0.0, 0.5]), LIMITS, quintic=False)
+    use = joint_spline('cubic', LINE, np.array([0.0, 0.5]), LIMITS)
     assert use.velocity == pytest.approx(3 / 2 * mean, rel=1e-4)
+
+
+def test_behind_smooth_goals_acceleration_and_jerk_are_what_quintics_add() -> None:
+    line, times = LINE[[0, 1, 0]], np.array([0.0, 0.15, 0.15])
+    before, after = (joint_spline(name, line, times, LIMITS) for name in ('quintic', AFTER))
+    assert min(before.velocity, before.acceleration, before.jerk) > 1.2
+    assert max(after.velocity, after.acceleration) <= 1.001
+    assert after.jerk <= 1.8
 
 
 def test_the_digest_knows_points_and_limits() -> None:

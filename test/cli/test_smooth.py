@@ -210,7 +210,7 @@ def test_a_plan_that_is_not_smoothed_leaves_no_file(run, monkeypatch, tmp_path, 
     def fails(*_, **__):
         raise error
 
-    monkeypatch.setattr(smooth, 'smoothed', fails)
+    monkeypatch.setattr(smooth, 'smooth', fails)
     found, _, told = run(FILE)
     assert found == code
     assert said in told

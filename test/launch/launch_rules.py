@@ -23,6 +23,9 @@ ROS_EXECUTABLES = {
 }
 """Executables of other packages, by package."""
 
+NODES = {'smooth_goals'}
+"""Our own ROS nodes besides the client."""
+
 IMPORTS = {'launch', 'launch_ros'}
 """Packages that launch files import."""
 
@@ -85,7 +88,7 @@ def process_faults(process: Any) -> Iterator[str]:
     if isinstance(process, Node) and (process.package, process.executable) == (OWN, 'client'):
         if process.name not in (None, OWN):
             yield f'the client must be named {OWN}, as MoveIt knows it, not {process.name}'
-    elif isinstance(process, Node) and process.package == OWN:
+    elif isinstance(process, Node) and process.package == OWN and process.executable not in NODES:
         yield f'{process.executable} is no ROS node: it takes no --ros-args'
     elif isinstance(process, ExecuteProcess) and process.package not in (OWN, 'ros2cli'):
         yield f'{process.executable} is a ROS node: use Node'

@@ -103,7 +103,7 @@ class Client:
 def test_an_arm_that_could_not_be_stopped_is_told(monkeypatch, caplog, error, failed):
     """A TimeoutError says only that results may not have been published."""
 
-    def made(_nodes, clients):
+    def made(_nodes, clients, _make):
         clients.append(Client(error))
         return True
 
@@ -129,6 +129,6 @@ def test_a_parameter_of_ros_itself_that_cannot_be_is_said(monkeypatch, capfd, er
 
     monkeypatch.setattr(client_process, 'Node', fails)
     nodes = []
-    assert not client_process._make_nodes(['left'], nodes)
+    assert not client_process._make_nodes(['left'], nodes, 'epson_driver')
     assert nodes == []
     assert 'use_sim_time: must be a bool' in capfd.readouterr().err

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Each goal ends once, and each setpoint is taken or refused, whatever fails meanwhile."""
 
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,10 +14,11 @@ from support.request_harness import Made, RosHandle, done
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.driver.arm_commands import CommandError
+from epson_driver.driver.goal.goal_queue import GoalHandle
 from epson_driver.driver.goal.planning_scope import PlanningScope
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.node import goal_action, goal_server, gripper_server
-from epson_driver.node.goal_action import ActionType, GoalAction, Prepared
+from epson_driver.node.goal_action import ActionType, GoalAction
 from epson_driver.node.goal_server import GoalServer
 from epson_driver.node.gripper_server import GripperServer
 from epson_driver.node.loop_bridge import DriverEndedError
@@ -70,7 +72,7 @@ def raises(error):
 
 
 async def ready(_handle, _plan):
-    return Prepared(None, lambda *_: None)
+    return partial(GoalHandle, None, on_feedback=lambda *_: None)
 
 
 REJECTED = GoalRejectedError(ErrorCode.INVALID_JOINTS, 'no joint_7')

@@ -1,0 +1,31 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`ros2 run epson_driver smooth_goals`: goals of MoveIt, made smooth, to any driver's action."""
+
+import argparse
+import sys
+
+from rclpy.utilities import remove_ros_args
+
+from epson_driver.inputs import printable
+from epson_driver.node.client_process import run
+from epson_driver.node.smooth_goals import DEFAULT_NAME, SmoothGoals
+
+
+def main() -> int:
+    """Run until SIGINT or SIGTERM and return the exit code of `run`."""
+    parser = argparse.ArgumentParser(
+        prog='epson_driver smooth_goals',
+        description='Takes FollowJointTrajectory goals on ~/follow_joint_trajectory, makes them '
+        "smooth inside the joints' limits, and hands them on to the action of another driver, "
+        'such as joint_trajectory_controller.',
+        epilog='ROS arguments: --ros-args -p action:=/joint_trajectory_controller/'
+        'follow_joint_trajectory -p limits_file:=joint_limits.yaml; `ros2 param describe` has the '
+        'others.',
+    )
+    try:
+        parser.parse_args(remove_ros_args(sys.argv)[1:])
+    except (RuntimeError, ValueError) as error:  # from rcl; ValueError: not valid text
+        print(f'{parser.prog}: {printable(error)}', file=sys.stderr)
+        return 1
+    return run([''], SmoothGoals, DEFAULT_NAME)

@@ -1,0 +1,60 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""From waypoints to a smooth motion, in one call."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from epson_driver.motion.limits import JointLimits
+from epson_driver.motion.trajectory import Trajectory, problems
+
+MAX_MENTIONED_PROBLEMS = 3
+"""How many of the problems of a plan are spelled out."""
+
+
+def smooth(
+    waypoints: npt.ArrayLike,
+    limits: JointLimits,
+    times: npt.ArrayLike | None = None,
+    *,
+    period: float = 0.004,
+    path_tolerance: float = 0.0,
+    refine: bool = True,
+    look_ahead: float = np.inf,
+    planner: Callable[..., Any] | None = None,
+) -> Trajectory:
+    """Return the smooth motion from rest to rest through waypoints, one point every `period` s.
+
+    waypoints: shape (k, n), rad (or m), in the order of the joints of the limits. times: when
+    each is to be passed, shape (k,), s, kept where the limits allow it; None: as fast as they
+    allow. The rest as in `smoothed`. Raises ValueError that names point, joint, value and limit.
+    """
+    from epson_driver.motion.smoothed import smoothed  # most programs need no smoother
+    from epson_driver.motion.smoother import Mode, plan
+
+    positions = np.asarray(waypoints, dtype=np.float64)
+    if positions.ndim != 2 or positions.shape[1] != len(limits.names):
+        shape = f'(k, {len(limits.names)}), one column for each of {", ".join(limits.names)}'
+        raise ValueError(f'waypoints have the shape {positions.shape}: must be {shape}')
+    count = len(positions)
+    given = np.asarray(np.arange(count) * 1e3 if times is None else times, dtype=np.float64)
+    if given.shape != (count,):
+        raise ValueError(f'times have the shape {given.shape}: must be ({count},)')
+    trajectory = Trajectory(limits.names, given, positions)
+    if found := list(problems(trajectory, limits, too_fast=False)):
+        more = len(found) - MAX_MENTIONED_PROBLEMS
+        text = '; '.join(found[:MAX_MENTIONED_PROBLEMS])
+        raise ValueError(f'{text}; and {more} more' if more > 0 else text)
+    return smoothed(
+        trajectory,
+        limits,
+        Mode.TIME_OPTIMAL if times is None else Mode.TIME_PRESERVING,
+        look_ahead,
+        period,
+        planner or plan,
+        refine=refine,
+        path_tolerance=path_tolerance,
+    )

@@ -1,0 +1,101 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A smooth motion that is known as a whole, and can be left on its way by a stop within limits."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from epson_driver.motion.limits import JointLimits
+from epson_driver.motion.smoothed import MAX_STEP_S, smoothed
+from epson_driver.motion.smoother import Mode, Plan, Request, Smoother, plan
+from epson_driver.motion.trajectory import Trajectory
+
+SAME = 1e-9
+"""How near, rad or m, the motion must be to itself when it is computed again."""
+
+
+class GivenUpError(ValueError):
+    """Nobody waits for the motion any more."""
+
+
+class _GivenUp(BaseException):
+    """Leaves a smoother, which takes any Exception of its planner for a plan not found."""
+
+
+class StoppableMotion:
+    """The smooth motion through a trajectory, `motion`, one point every MAX_STEP_S, and its stops.
+
+    Its path is the spline's, as for goals of the driver. A stop is the smoother's own: on the
+    path, if that can be within the limits. So the smoother goes the way a second time, with the
+    plans of the first one, as far as `follow` says: from there a stop is found at once.
+    `given_up` is asked before each plan. Raises as `smoothed`, and GivenUpError.
+    """
+
+    def __init__(
+        self,
+        trajectory: Trajectory,
+        limits: JointLimits,
+        mode: Mode = Mode.TIME_PRESERVING,
+        given_up: Callable[[], bool] = lambda: False,
+    ) -> None:
+        plans: list[Plan | None] = []
+
+        def planned(request: Request, limits: JointLimits) -> Plan | None:
+            if given_up():
+                raise _GivenUp
+            plans.append(plan(request, limits))
+            return plans[-1]
+
+        try:
+            self.motion = smoothed(trajectory, limits, mode, planner=planned, refine=False)
+        except _GivenUp:
+            raise GivenUpError('the motion is not needed any more') from None
+        trajectory = trajectory.in_order(limits.names)
+        again = iter(plans)
+        self._smoother = Smoother(
+            limits,
+            trajectory.positions[0],
+            mode,
+            planner=lambda *_: next(again, None),
+            refine=False,
+        )
+        durations = np.diff(trajectory.times, prepend=trajectory.times[0])
+        for point, duration in zip(trajectory.positions, durations.tolist(), strict=True):
+            self._smoother.append(point, duration)
+        self._smoother.finish()
+        self._steps = 0
+
+    def follow(self, time: float) -> None:
+        """Be ready for stops that begin `time` s after the beginning of the motion, or later."""
+        steps = min(int(time / MAX_STEP_S + SAME), len(self.motion.times) - 1)
+        while self._steps < steps:
+            self._smoother.step(MAX_STEP_S)
+            self._steps += 1
+
+    def stopped(self, time: float) -> Trajectory:
+        """Return the motion until `time`, s, or up to MAX_STEP_S earlier, and its stop from there.
+
+        Once, and not before what `follow` was told. Raises ValueError if that cannot be said.
+        """
+        self.follow(time)
+        smoother, motion, steps = self._smoother, self.motion, self._steps
+        apart = float(np.abs(smoother.motion.position - motion.positions[steps]).max())
+        if apart > SAME or time < motion.times[steps] - motion.times[0] - SAME:
+            raise ValueError(
+                f'no stop at {time:g} s: the motion is {apart:g} rad or m from itself'
+            )
+        smoother.stop()
+        states = [smoother.motion]
+        while smoother.moving:
+            states.append(smoother.step(MAX_STEP_S))
+        if smoother.violation is not None:
+            raise ValueError(f'the stop breaks a limit: {smoother.violation}')
+        times = motion.times[0] + MAX_STEP_S * np.arange(steps + len(states))
+        kept = (motion.positions, motion.velocities, motion.accelerations)
+        rows = [
+            np.array([*former[:steps], *then])
+            for former, then in zip(kept, zip(*states, strict=True), strict=True)
+            if former is not None
+        ]
+        return Trajectory(motion.joint_names, times, *rows)

@@ -1,0 +1,225 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Another driver's FollowJointTrajectory action and its joint states, for a loop beside rclpy's.
+
+What rclpy is asked runs in its executor's thread: its action client notes a request after it was
+sent, so an answer that another thread takes sooner would be lost.
+"""
+
+import asyncio
+import logging
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from action_msgs.msg import GoalStatus
+from control_msgs.action import FollowJointTrajectory
+from rclpy.action import ActionClient
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import JointState
+
+from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
+from epson_driver.driver.tasks.task_group import report_error
+from epson_driver.motion import Array
+from epson_driver.node.trajectory_messages import duration_in_s
+
+STAMPS = 50
+"""The clock of the joint states is that of the newest of so many."""
+
+QUERY = 'query_state'
+"""The service by which joint_trajectory_controller, and what derives from it, is known."""
+
+NS_PER_S = 1_000_000_000
+
+_log = logging.getLogger(__name__)
+
+
+class Downstream:
+    """The action client. Make it in the event loop. `action`: its name, relative or not."""
+
+    def __init__(self, node: Node, action: str, callback_group: CallbackGroup) -> None:
+        self._node = node
+        self._loop = asyncio.get_running_loop()
+        self.name: str = node.resolve_topic_name(action)
+        self._client = ActionClient(
+            node, FollowJointTrajectory, self.name, callback_group=callback_group
+        )
+
+    @property
+    def there(self) -> bool:
+        """Whether somebody serves the action."""
+        return bool(self._client.server_is_ready())
+
+    @property
+    def keeps_stamps(self) -> bool:
+        """Whether it is a joint_trajectory_controller, whose trajectories begin at their stamp."""
+        service = f'{self.name.rpartition("/")[0]}/{QUERY}'
+        return service in dict(self._node.get_service_names_and_types())
+
+    async def send(
+        self,
+        goal: FollowJointTrajectory.Goal,
+        on_feedback: Callable[[FollowJointTrajectory.Feedback], None],
+        timeout: float,
+    ) -> 'Sent':
+        """Send a goal and return it when it was taken. `on_feedback` is called by the executor.
+
+        Raises GoalRejectedError if it was refused, or not answered within `timeout` s: one that is
+        taken later is canceled.
+        """
+        if not self.there:
+            raise GoalRejectedError(
+                ErrorCode.INVALID_GOAL, f'nobody serves the action {self.name}: start its driver'
+            )
+        answer = self._loop.create_task(
+            self.asked(
+                lambda: self._client.send_goal_async(
+                    goal, lambda message: on_feedback(message.feedback)
+                )
+            )
+        )
+        done, _ = await asyncio.wait({answer}, timeout=timeout)
+        if not done:
+            answer.add_done_callback(self._cancel_late)
+            raise GoalRejectedError(
+                ErrorCode.INVALID_GOAL,
+                f'{self.name} did not answer within {timeout:g} s; the goal is canceled should it '
+                'be taken yet',
+            )
+        handle = answer.result()
+        if not handle.accepted:
+            raise GoalRejectedError(
+                ErrorCode.INVALID_GOAL,
+                f'{self.name} refused the smooth trajectory; its log says why',
+            )
+        return Sent(self, handle)
+
+    async def asked(self, request: Callable[[], Any]) -> Any:
+        """Make a request in the executor's thread and return what its future brings."""
+        done: asyncio.Future[Any] = self._loop.create_future()
+
+        def give(future: Any) -> None:
+            self._loop.call_soon_threadsafe(_settle, done, future)
+
+        def begin() -> None:
+            try:
+                request().add_done_callback(give)
+            except Exception as error:  # noqa: BLE001 - it is raised where it was asked
+                self._loop.call_soon_threadsafe(_fail, done, error)
+
+        self._node.executor.create_task(begin)
+        return await done
+
+    def _cancel_late(self, answer: 'asyncio.Task[Any]') -> None:
+        """Cancel a goal that was taken when nobody waited for that any more."""
+        if answer.cancelled():
+            return
+        if (error := answer.exception()) is not None:
+            report_error('sending a goal failed', error)
+        elif answer.result().accepted:
+            _log.error('%s took a goal too late: it is canceled', self.name)
+            self._loop.create_task(self.asked(answer.result().cancel_goal_async))
+
+
+class Sent:
+    """A goal that was taken. `result` is its end, for as long as the server lives."""
+
+    def __init__(self, downstream: Downstream, handle: Any) -> None:
+        self._downstream = downstream
+        self._handle = handle
+        self.result = asyncio.create_task(self._result())
+
+    async def _result(self) -> Outcome:
+        answer = await self._downstream.asked(self._handle.get_result_async)
+        code, text = answer.result.error_code, answer.result.error_string
+        ended = End.SUCCEEDED if answer.status == GoalStatus.STATUS_SUCCEEDED else End.ABORTED
+        if code not in map(int, ErrorCode):
+            text, code = f'{text} (error code {code})', ErrorCode.INVALID_GOAL
+        if ended is End.ABORTED:
+            how = 'canceled' if answer.status == GoalStatus.STATUS_CANCELED else 'ended'
+            text = f'{self._downstream.name} {how} the goal: {text or "without a reason"}'
+        return Outcome(ended, ErrorCode(code), text)
+
+    async def cancel(self, timeout: float) -> bool:
+        """Cancel it and return whether it ended within `timeout` s."""
+        try:
+            async with asyncio.timeout(timeout):
+                await self._downstream.asked(self._handle.cancel_goal_async)
+                await asyncio.shield(self.result)
+        except TimeoutError:
+            return False
+        return True
+
+
+class ArmState:
+    """Where joints are, as `joint_states` says, and its clock."""
+
+    def __init__(self, node: Node, callback_group: CallbackGroup) -> None:
+        self._clock = node.get_clock()
+        self._loop = asyncio.get_running_loop()
+        self._joints: dict[str, tuple[float, float, float, float]] = {}
+        """When they came, by the loop's clock, their stamp, position and velocity."""
+        self._ahead: deque[float] = deque(maxlen=STAMPS)
+        node.create_subscription(
+            JointState,
+            'joint_states',
+            self._on_state,
+            qos_profile_sensor_data,
+            callback_group=callback_group,
+        )
+
+    def _on_state(self, message: JointState) -> None:
+        stamp, now = duration_in_s(message.header.stamp), self._loop.time()
+        self._ahead.append(stamp - self._clock.now().nanoseconds / NS_PER_S)
+        given = len(message.velocity) == len(message.name)
+        for index, (name, position) in enumerate(
+            zip(message.name, message.position, strict=False)
+        ):
+            before = self._joints.get(name)
+            if given:
+                velocity = message.velocity[index]
+            elif before is not None and stamp > before[1]:
+                velocity = (position - before[2]) / (stamp - before[1])
+            else:
+                velocity = 0.0 if before is None else before[3]
+            self._joints[name] = (now, stamp, position, velocity)
+
+    def now_ns(self) -> int:
+        """Return the time on the joint states' clock, by the newest of their stamps, ns.
+
+        It is that of the driver behind, as a rule; a little less, by the way of the messages.
+        """
+        ahead = max(tuple(self._ahead), default=0.0)
+        return int(self._clock.now().nanoseconds + ahead * NS_PER_S)
+
+    def of(self, names: Sequence[str], oldest: float) -> tuple[Array, Array]:
+        """Return positions and velocities of joints, shapes (n,), no more than `oldest` s old.
+
+        Raises GoalRejectedError that names the joint whose state is missing or older.
+        """
+        now = self._loop.time()
+        for name in names:
+            if name not in self._joints or now - self._joints[name][0] > oldest:
+                raise GoalRejectedError(
+                    ErrorCode.INVALID_GOAL,
+                    f'where {name} is, joint_states did not say in the last {oldest:g} s',
+                )
+        rows = np.array([self._joints[name][2:] for name in names])
+        return rows[:, 0], rows[:, 1]
+
+
+def _settle(done: 'asyncio.Future[Any]', future: Any) -> None:
+    if done.done():
+        return
+    if (error := future.exception()) is not None:
+        done.set_exception(error)
+    else:
+        done.set_result(future.result())
+
+
+def _fail(done: 'asyncio.Future[Any]', error: Exception) -> None:
+    if not done.done():
+        done.set_exception(error)

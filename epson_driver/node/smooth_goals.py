@@ -1,0 +1,559 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The node in front of any driver: FollowJointTrajectory goals in, the same ones smooth out.
+
+1. A goal begins where the arm stands: `joint_states` says where, and whether it does. Its smooth
+   motion is planned as a whole, and handed on as one trajectory.
+2. Feedback and result of the driver behind are passed on, and so are the tolerances; the time
+   that the smooth motion takes longer counts within goal_time_tolerance.
+3. A goal is left by cancel, by a newer goal, or at the end of this process. A newer goal begins
+   when the arm stands.
+4. A joint_trajectory_controller drops its trajectory for another one, and is at once where that
+   has it by its header.stamp. Its feedback says on which clock the first one runs. So the stop is
+   a second one in that time: the same motion up to a moment a little ahead, then the smoother's
+   stop. Whenever it is taken before that moment, what is commanded does not jump.
+5. Where no feedback shows that, or it is not known of a driver, the goal is canceled: how the arm
+   stops then is that driver's. Nothing but a stop has a stamp: a goal that is taken late begins
+   late.
+"""
+
+import asyncio
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
+from math import ceil
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Duration, Time
+from control_msgs.action import FollowJointTrajectory
+from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import String
+
+from epson_driver.driver.goal.goal import listed, untimed
+from epson_driver.driver.goal.planning_scope import PlanningEndedError, PlanningScope
+from epson_driver.driver.goal.splice import check_start
+from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
+from epson_driver.driver.tasks.task_group import report_error
+from epson_driver.inputs import InputError
+from epson_driver.motion import Array, JointLimits, Trajectory, problems
+from epson_driver.motion.interpolation import Interpolation
+from epson_driver.motion.smoothed import MAX_STEP_S, every
+from epson_driver.motion.smoother import Mode
+from epson_driver.motion.stoppable import StoppableMotion
+from epson_driver.node import messages
+from epson_driver.node.downstream import NS_PER_S, ArmState, Downstream, Sent
+from epson_driver.node.goal_action import CANCELED, ActionType, GoalAction, OnEnd
+from epson_driver.node.goal_requests import check_single, check_stamp
+from epson_driver.node.goal_server import RESULT_TIMEOUT_S
+from epson_driver.node.loop_bridge import LoopBridge
+from epson_driver.node.parameters import Row, declare_rows, undeclared
+from epson_driver.node.ros_log import context_of
+from epson_driver.node.trajectory_messages import (
+    duration_in_s,
+    trajectory_from_message,
+    trajectory_message,
+)
+from epson_driver.robots.limit_files import Rows, file_limits, limits_of, urdf_limits
+
+TABLE = (
+    Row(
+        'action',
+        'follow_joint_trajectory',
+        'Action of the driver behind: /joint_trajectory_controller/follow_joint_trajectory, say.',
+    ),
+    Row(
+        'limits_file',
+        '',
+        "Limits of the joints, over those of the URDF on robot_description: MoveIt's "
+        'joint_limits.yaml, or a robot model of this package. Empty: the URDF alone.',
+    ),
+    Row(
+        'acceleration_ratio',
+        5.0,
+        'Where nothing says a limit of acceleration, it is so many times that of velocity [1/s].',
+        0.1,
+        1000.0,
+    ),
+    Row(
+        'jerk_ratio',
+        10.0,
+        'Where nothing says a limit of jerk, it is so many times that of acceleration [1/s].',
+        0.1,
+        1000.0,
+    ),
+    Row(
+        'timing',
+        'as_planned',
+        'When points are to be reached. as_planned: as the trajectory says, or later where the '
+        'limits ask for it; time_optimal: as fast as they allow.',
+        choices=('as_planned', 'time_optimal'),
+    ),
+    Row('period', 0.008, 'Time between two points that are handed on [s].', 0.004, 1.0),
+    Row(
+        'stops',
+        'auto',
+        'How a goal is left on its way. brake: by a stop inside the limits, sent as another '
+        'trajectory, for joint_trajectory_controller and what replaces one by the other as it '
+        'does; cancel: as the driver behind stops; auto: brake where the action has '
+        "joint_trajectory_controller's query_state beside it.",
+        choices=('auto', 'brake', 'cancel'),
+    ),
+    Row(
+        'lead',
+        0.1,
+        'With brake: how far ahead a stop begins; messages must take less [s].',
+        0.02,
+        1.0,
+    ),
+    Row(
+        'start_tolerance',
+        0.02,
+        'How far from the arm a trajectory may begin, each joint [rad, m].',
+        0.0,
+        1.0,
+    ),
+    Row(
+        'stopped_velocity_tolerance',
+        0.02,
+        'Velocity below which a joint counts as standing [rad/s, m/s].',
+        1e-6,
+        10.0,
+    ),
+    Row(
+        'state_timeout', 1.0, 'After so long without joint_states a goal is left [s].', 0.05, 60.0
+    ),
+    Row('reply_timeout', 2.0, 'Patience for the answers of the driver behind [s].', 0.05, 60.0),
+)
+
+DEFAULT_NAME = 'smooth_goals'
+
+STANDS_WITHIN_S = 2.0
+"""How long is waited for an arm that should stand, s."""
+
+WATCH_PERIOD_S = 0.1
+
+SEEN_WITHIN_S = 0.5
+"""A feedback that is older does not show that the arm follows, s."""
+
+FEEDBACKS = 2
+"""So many show it: both must have the same beginning."""
+
+FEEDBACK_WITHIN_S = 0.25
+"""How long a stop waits for them, s, as they come 20 times a second."""
+
+OFF_S, OFF = 1e-3, 1e-4
+"""What the arm is commanded may differ from its plan by so many s at full speed, and rad or m."""
+
+SHUT_DOWN_TIMEOUT_S = 6.0
+
+
+@dataclass(eq=False)
+class PassedGoal:
+    """A goal from ROS to the driver behind. `why`: how it ends if it is left; None: it is not."""
+
+    request: FollowJointTrajectory.Goal
+    trajectory: Trajectory
+    limits: JointLimits
+    on_feedback: Callable[[FollowJointTrajectory.Feedback], None]
+    on_end: OnEnd
+    scope: PlanningScope = field(default_factory=PlanningScope)
+    left: asyncio.Event = field(default_factory=asyncio.Event)
+    why: Outcome | None = None
+
+    def leave(self, why: Outcome) -> None:
+        """Have it left. The first reason counts."""
+        self.why = self.why or why
+        self.scope.end(why.text)
+        self.left.set()
+
+
+@dataclass(eq=False)
+class Driven:
+    """A goal's motion as it was sent. begin: when it was at its beginning, by the feedback, ns.
+
+    seen: when the driver behind last commanded what the motion has at that moment, ns.
+    """
+
+    goal: PassedGoal
+    motion: StoppableMotion
+    points: Trajectory
+    begin: int = 0
+    seen: int = 0
+    feedbacks: int = 0
+    known: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def __post_init__(self) -> None:
+        """Prepare what is commanded between the points, as joint_trajectory_controller has it."""
+        sent = self.points
+        self.spline = Interpolation(
+            sent.times, sent.positions, sent.velocities, sent.accelerations
+        )
+
+    def see(self, stamp: int, passed: int, names: list[str], desired: Array) -> None:
+        """Take what was commanded, when, ns by the driver's clock and from the beginning on."""
+        limits, begin = self.goal.limits, stamp - passed
+        if {*names} != {*limits.names} or len(names) != len(desired):
+            return
+        time = min(max(passed / NS_PER_S, 0.0), self.points.duration)
+        commanded = desired[[names.index(name) for name in limits.names]]
+        off = np.abs(commanded - self.spline.at(time)[0])
+        same = abs(begin - self.begin) <= OFF_S * NS_PER_S
+        self.seen = stamp if same and np.all(off <= OFF_S * limits.velocity + OFF) else 0
+        self.begin = begin
+        self.feedbacks += 1
+        if self.feedbacks >= FEEDBACKS:
+            self.known.set()
+        self.motion.follow(time)
+
+
+class SmoothGoals:
+    """Connects an rclpy node with the driver behind. Make it in the event loop.
+
+    Raises ValueError or FileNotFoundError for parameters that cannot be used.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._logger = node.get_logger()
+        self._loop = asyncio.get_running_loop()
+        self._context = context_of(self._logger)
+        self._parameters = values = declare_rows(node, TABLE)
+        for sentence in undeclared(node):
+            self._logger.warning(sentence)
+        self._described: Rows = {}
+        self._filed = file_limits(values['limits_file']) if values['limits_file'] else {}
+        self._assumed: set[str] = set()
+        self._parts = max(round(values['period'] / MAX_STEP_S), 1)
+        self._goals: list[PassedGoal] = []
+        self._last: asyncio.Task[None] | None = None
+        self._ending: Outcome | None = None
+        self._bridge = LoopBridge(node, self._context, self._leave_all)
+        group = ReentrantCallbackGroup()
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        node.create_subscription(
+            String, 'robot_description', self._on_description, latched, callback_group=group
+        )
+        self._arm = ArmState(node, group)
+        self._behind = Downstream(node, values['action'], group)
+        action = ActionType(
+            FollowJointTrajectory,
+            '~/follow_joint_trajectory',
+            self._prepare,
+            self._submit,
+            messages.result,
+            RESULT_TIMEOUT_S,
+        )
+        self._action = GoalAction(node, action, self, self._bridge, group)
+        self._logger.info(f'smooth goals go to {self._behind.name}')
+
+    # --- the process ------------------------------------------------------------------------
+
+    async def run(self) -> None:
+        """Wait until cancelled: all that is done is asked for by ROS."""
+        await asyncio.Event().wait()
+
+    async def shut_down(self) -> None:
+        """Leave all goals with the arm at rest, and let their results go.
+
+        Raises TimeoutError if the results take long.
+        """
+        busy = self._action.busy
+        self._leave_all('smooth_goals ends')
+        self._ending = _aborted('smooth_goals ends')
+        if self._last is not None:
+            await asyncio.wait({self._last}, timeout=SHUT_DOWN_TIMEOUT_S)
+        await self._bridge.results_sent(lambda: self._action.busy, busy=busy)
+
+    def end(self) -> None:
+        """Have every request answered that still waits. In any thread."""
+        self._bridge.end()
+
+    # --- from ROS: these run in the executor's thread ---------------------------------------
+
+    def _on_description(self, message: String) -> None:
+        try:
+            self._described = urdf_limits(message.data)
+        except InputError as error:
+            self._logger.error(f'robot_description is not used: {error}')
+
+    async def _prepare(
+        self, ros_handle: ServerGoalHandle, _scope: PlanningScope
+    ) -> Callable[[OnEnd], PassedGoal]:
+        request = ros_handle.request
+        check_single(request)
+        trajectory = trajectory_from_message(request.trajectory, request.trajectory.joint_names)
+        names = trajectory.joint_names
+        rows = {name: self._described.get(name, {}) | self._filed.get(name, {}) for name in names}
+        ratios = (self._parameters['acceleration_ratio'], self._parameters['jerk_ratio'])
+        try:
+            limits, assumed = limits_of(names, rows, ratios)
+        except InputError as error:
+            raise GoalRejectedError(ErrorCode.INVALID_JOINTS, str(error)) from error
+        for sentence in assumed:
+            if sentence not in self._assumed:
+                self._logger.warning(f'no limit is known, and assumed is {sentence}')
+        self._assumed |= {*assumed}
+        if self._parameters['timing'] == 'time_optimal':
+            trajectory = untimed(trajectory, limits)
+        positions = limits.settled(trajectory.positions)
+        trajectory = Trajectory(names, trajectory.times, positions)
+        if found := list(problems(trajectory, limits, too_fast=False)):
+            raise _rejected(listed(found))
+        check_stamp(request.trajectory.header.stamp, trajectory.duration, self._node.get_clock())
+        return partial(PassedGoal, request, trajectory, limits, ros_handle.publish_feedback)
+
+    def _on_feedback(self, driven: Driven, feedback: FollowJointTrajectory.Feedback) -> None:
+        try:
+            driven.goal.on_feedback(feedback)
+            self._bridge.to_loop(
+                driven.see,
+                _ns(feedback.header.stamp),
+                _ns(feedback.desired.time_from_start),
+                list(feedback.joint_names),
+                np.array(feedback.desired.positions),
+            )
+        except Exception as error:  # noqa: BLE001 - it is logged, and stops the arm
+            self._bridge.failed('passing feedback on', error)
+
+    # --- in the loop's thread ---------------------------------------------------------------
+
+    def cancel(self, goal: PassedGoal) -> None:
+        """Leave a goal because it was canceled."""
+        goal.leave(replace(CANCELED, text='canceled'))
+
+    def _leave_all(self, why: str) -> None:
+        for goal in self._goals:
+            goal.leave(_aborted(why))
+
+    def _submit(self, goal: PassedGoal, scope: PlanningScope) -> None:
+        """Execute a goal when the arm stands, and leave those before it."""
+        goal.scope = scope
+        if scope.why is not None or self._ending is not None:
+            goal.on_end(self._ending or CANCELED)
+            return
+        self._leave_all('replaced by a newer goal')
+        self._goals.append(goal)
+        work = self._execute(goal, self._last)
+        self._last = self._loop.create_task(work, context=self._context)
+
+    async def _execute(self, goal: PassedGoal, before: 'asyncio.Task[None] | None') -> None:
+        outcome = _aborted('a defect of smooth_goals; its log says more')
+        try:
+            if before is not None:
+                await asyncio.wait({before})
+            outcome = goal.why or await self._outcome(goal)
+        except GoalRejectedError as error:
+            outcome = error.outcome
+        except PlanningEndedError:
+            outcome = goal.why or CANCELED
+        except Exception as error:  # noqa: BLE001 - it is reported, and ends the process
+            report_error('executing a goal failed', error)
+        finally:
+            self._goals.remove(goal)
+            goal.on_end(outcome)
+
+    async def _outcome(self, goal: PassedGoal) -> Outcome:
+        """Plan and hand on a goal and return how it ended. Raises GoalRejectedError."""
+        names, late = goal.limits.names, self._parameters['state_timeout']
+        if (moves := await self._not_standing(goal)) is not None:
+            raise _rejected(f'{moves}: a goal begins where the arm stands')
+        start = goal.limits.settled(self._arm.of(names, late)[0])
+        tolerance = self._parameters['start_tolerance']
+        check_start(goal.trajectory, start, goal.limits, tolerance)
+        try:
+            motion = await goal.scope.in_thread(partial(self._planned, goal, start))
+        except ValueError as error:
+            raise _rejected(str(error)) from error
+        moved = np.abs(self._arm.of(names, late)[0] - start).max()
+        if moved > tolerance:
+            raise _rejected(f'the arm moved by {moved:.3g} while the goal was planned')
+        driven = Driven(goal, motion, every(motion.motion, self._parts))
+        request = _request(goal.request, _goal_time(goal, motion.motion.duration))
+        sent = await self._send(driven, driven.points, request)
+        return await self._watched(driven, sent, duration_in_s(request.goal_time_tolerance))
+
+    @property
+    def _brakes(self) -> bool:
+        stops = self._parameters['stops']
+        return bool(stops == 'brake' or (stops == 'auto' and self._behind.keeps_stamps))
+
+    def _planned(
+        self, goal: PassedGoal, start: Array, given_up: Callable[[], bool]
+    ) -> StoppableMotion:
+        """Return the smooth motion from where the arm stands, shape (n,), in any thread."""
+        planned = goal.trajectory
+        times, positions = planned.times, planned.positions.copy()
+        if times[0] > 0.0 or len(times) == 1:
+            times = np.concatenate([[0.0], np.maximum(times, MAX_STEP_S)])
+            positions = np.vstack([start, positions])
+        positions[0] = start
+        optimal = self._parameters['timing'] == 'time_optimal'
+        mode = Mode.TIME_OPTIMAL if optimal else Mode.TIME_PRESERVING
+        whole = Trajectory(planned.joint_names, times, positions)
+        return StoppableMotion(whole, goal.limits, mode, given_up)
+
+    async def _send(
+        self, driven: Driven, points: Trajectory, request: FollowJointTrajectory.Goal
+    ) -> Sent:
+        """Hand points on. Raises GoalRejectedError."""
+        request.trajectory.joint_names = list(points.joint_names)
+        request.trajectory.points = trajectory_message(points).points
+        patience = self._parameters['reply_timeout']
+        return await self._behind.send(request, partial(self._on_feedback, driven), patience)
+
+    async def _watched(self, driven: Driven, sent: Sent, goal_time: float) -> Outcome:
+        """Wait for the end of what was sent, or stop the arm, and return the outcome."""
+        goal = driven.goal
+        left = self._loop.create_task(goal.left.wait())
+        lost = self._loop.create_task(self._lost(driven, goal_time))
+        try:
+            either: set[asyncio.Task[Any]] = {sent.result, left, lost}
+            await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
+            if sent.result.done():
+                return sent.result.result()
+            why = goal.why or _aborted(lost.result())
+            return replace(why, text=f'{why.text}; {await self._stopped(driven, sent)}')
+        except Exception:
+            await sent.cancel(self._parameters['reply_timeout'])
+            raise
+        finally:
+            for task in (left, lost, sent.result):
+                task.cancel()
+
+    async def _lost(self, driven: Driven, goal_time: float) -> str:
+        """Return, when it is so, why the driver behind cannot be relied on any more."""
+        values = self._parameters
+        patience = driven.points.duration + goal_time + values['reply_timeout']
+        latest = self._loop.time() + patience
+        while self._behind.there:
+            try:
+                self._arm.of(driven.goal.limits.names, values['state_timeout'])
+            except GoalRejectedError as error:
+                return str(error)
+            if goal_time > 0.0 and self._loop.time() > latest:
+                return f'{self._behind.name} gave no result within {patience:.3g} s'
+            await asyncio.sleep(WATCH_PERIOD_S)
+        return f'{self._behind.name} is not served any more'
+
+    async def _stopped(self, driven: Driven, sent: Sent) -> str:
+        """Stop the arm, and return a clause that says how, and what was seen of it."""
+        how = await self._braked(driven, sent)
+        if how is None:
+            how = f'{self._behind.name} stopped it'
+            if not self._behind.there:
+                how = 'nothing can be sent to its driver'
+            elif not await sent.cancel(self._parameters['reply_timeout']):
+                how = f'{self._behind.name} DID NOT ANSWER THE CANCEL'
+            self._logger.warning(f'the stop of a goal was not smooth: {how}')
+        return f'{how}; {await self._not_standing(driven.goal) or "the arm stands"}'
+
+    async def _braked(self, driven: Driven, sent: Sent) -> str | None:
+        """Brake inside the limits and return how; None: that cannot be, or was not taken."""
+        if not self._brakes:
+            return None
+        with suppress(TimeoutError):  # it may have only just begun
+            await asyncio.wait_for(driven.known.wait(), FEEDBACK_WITHIN_S)
+        now, begin = self._arm.now_ns(), driven.begin
+        if not begin < now < driven.seen + SEEN_WITHIN_S * NS_PER_S:
+            return None
+        values, step = self._parameters, self._parts * MAX_STEP_S
+        passed = (now - begin) / NS_PER_S
+        at = ceil((passed + values['lead']) / step) * step
+        patience = values['reply_timeout'] + 2.0 * values['lead']
+        if at >= driven.points.duration:  # it comes to rest by itself, as soon
+            done, _ = await asyncio.wait({sent.result}, timeout=patience)
+            return 'it had come to its end' if done else None
+        try:
+            stop = every(driven.motion.stopped(at), self._parts)
+        except ValueError as error:
+            self._logger.error(f'no smooth stop: {error}')
+            return None
+        first = max(int(passed / step) - 2, 0)
+        rest = Trajectory(
+            stop.joint_names,
+            *(
+                part[first:]
+                for part in (stop.times, stop.positions, stop.velocities, stop.accelerations)
+                if part is not None
+            ),
+        )
+        request = FollowJointTrajectory.Goal(path_tolerance=driven.goal.request.path_tolerance)
+        sec, nanosec = divmod(begin, NS_PER_S)
+        request.trajectory.header.stamp = Time(sec=sec, nanosec=nanosec)
+        try:
+            braking = await self._send(driven, rest, request)
+        except GoalRejectedError as error:
+            self._logger.error(f'no smooth stop: {error}')
+            return None
+        if self._arm.now_ns() > begin + at * NS_PER_S:
+            self._logger.error('a stop was taken late: what was commanded may have jumped')
+        patience += stop.duration - passed
+        done, _ = await asyncio.wait({braking.result}, timeout=patience)
+        if not done:
+            await braking.cancel(values['reply_timeout'])
+            return 'its stop did not end, and was canceled'
+        ended = braking.result.result()
+        return 'it braked' if ended.end is End.SUCCEEDED else f'while it braked, {ended.text}'
+
+    async def _not_standing(self, goal: PassedGoal) -> str | None:
+        """Wait until the arm stands and return None, or what was seen instead."""
+        values, latest = self._parameters, self._loop.time() + STANDS_WITHIN_S
+        names = goal.limits.names
+        while True:
+            try:
+                _, velocities = self._arm.of(names, values['state_timeout'])
+            except GoalRejectedError as error:
+                seen = str(error)
+            else:
+                fast = np.flatnonzero(
+                    ~(np.abs(velocities) <= values['stopped_velocity_tolerance'])
+                )
+                if not len(fast):
+                    return None
+                seen = f'{names[fast[0]]} moves at {velocities[fast[0]]:.3g} /s'
+            if self._loop.time() > latest:
+                return seen
+            await asyncio.sleep(WATCH_PERIOD_S / 5)
+
+
+def _ns(time: Time | Duration) -> int:
+    return int(time.sec * NS_PER_S + time.nanosec)
+
+
+def _aborted(text: str) -> Outcome:
+    return Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, text)
+
+
+def _rejected(text: str) -> GoalRejectedError:
+    return GoalRejectedError(ErrorCode.INVALID_GOAL, text)
+
+
+def _goal_time(goal: PassedGoal, duration: float) -> float:
+    """Return what is left of goal_time_tolerance after a motion of `duration` s."""
+    given = duration_in_s(goal.request.goal_time_tolerance)
+    late = max(duration - goal.trajectory.duration, 0.0)
+    if 0.0 < given <= late:
+        raise GoalRejectedError(
+            ErrorCode.GOAL_TOLERANCE_VIOLATED,
+            f'inside the limits it takes {duration:.3f} s, planned are '
+            f'{goal.trajectory.duration:.3f} s and goal_time_tolerance is {given:g} s',
+        )
+    return given - late if given > 0.0 else given
+
+
+def _request(given: FollowJointTrajectory.Goal, goal_time: float) -> FollowJointTrajectory.Goal:
+    """Return a goal with the tolerances of another one, and no trajectory yet."""
+    copied = {
+        name: getattr(given, name)
+        for name in given.get_fields_and_field_types()
+        if name.endswith('tolerance')
+    }
+    sec, nanosec = divmod(round(goal_time * NS_PER_S), NS_PER_S)
+    return FollowJointTrajectory.Goal(
+        **copied | {'goal_time_tolerance': Duration(sec=sec, nanosec=nanosec)}
+    )

@@ -1,0 +1,42 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Smooth goals in front of any driver's FollowJointTrajectory action."""
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
+from launch_ros.actions import Node
+
+from epson_driver.bringup import launch_arguments
+
+PASSED = ('action', 'limits_file', 'stops')
+
+
+def generate_launch_description():
+    """Return the arguments and the node; the launch ends with it."""
+    arguments = launch_arguments(*PASSED, 'namespace', 'params_file', 'use_sim_time')
+    return LaunchDescription(
+        [
+            *(DeclareLaunchArgument(**each) for each in arguments),
+            OpaqueFunction(function=smooth_goals),
+        ]
+    )
+
+
+def smooth_goals(context: LaunchContext):
+    """Return the node with what is given over params_file."""
+    values = context.launch_configurations
+    given = {name: values[name] for name in PASSED if values[name]}
+    return [
+        Node(
+            package='epson_driver',
+            executable='smooth_goals',
+            name='smooth_goals',
+            namespace=values['namespace'],
+            parameters=[
+                *([values['params_file']] if values['params_file'] else []),
+                given | {'use_sim_time': values['use_sim_time'] == 'true'},
+            ],
+            output='screen',
+            on_exit=Shutdown(reason='smooth_goals ended'),
+        )
+    ]
