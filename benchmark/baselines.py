@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the smoother is held against: from rest to rest at every point, and splines in time."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -55,7 +56,7 @@ def handed_on(knots: Array, positions: Array, limits: JointLimits) -> Trajectory
 
 
 QUINTIC = 5
-SPLINES = {
+SPLINES: dict[str, Callable[[Array, Array, JointLimits], Trajectory]] = {
     'cubic': partial(in_time, 3),
     'quintic': partial(in_time, QUINTIC),
     'quintic, behind smooth_goals': handed_on,

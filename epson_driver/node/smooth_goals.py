@@ -154,7 +154,7 @@ SHUT_DOWN_TIMEOUT_S = 6.0
 
 @dataclass(eq=False)
 class PassedGoal:
-    """A goal from ROS to the driver behind. `why`: how it ends if it is left; None: it is not."""
+    """A goal from ROS to the driver behind. `why`: how it ends if it is left, or None."""
 
     request: FollowJointTrajectory.Goal
     trajectory: Trajectory
@@ -453,7 +453,7 @@ class SmoothGoals:
         return f'{how}; {await self._not_standing(driven.goal) or "the arm stands"}'
 
     async def _braked(self, driven: Driven, sent: Sent) -> str | None:
-        """Brake inside the limits and return how; None: that cannot be, or was not taken."""
+        """Brake inside the limits and return how, or None if it cannot be, or was not taken."""
         if not self._brakes:
             return None
         with suppress(TimeoutError):  # it may have only just begun
