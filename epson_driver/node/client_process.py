@@ -28,7 +28,7 @@ _log = logging.getLogger(__name__)
 
 
 class Client(Protocol):
-    """What a node does: a ClientNode, or another one that moves an arm."""
+    """A ClientNode, or another node that moves an arm."""
 
     async def run(self) -> None:
         """Do it until cancelled."""
