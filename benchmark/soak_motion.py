@@ -38,6 +38,16 @@ MAX_GROWTH_BYTES = 1_000_000
 SAMPLE_S = 2.0
 """The least time between two measurements, s; they are made between episodes."""
 
+PATIENCE_S = 30.0
+"""Of driver and controller with each other: a machine that has too much to do is no finding, s."""
+
+PATIENT = f"""\
+name: patient
+description: An RC620 that waits for its driver
+like: rc620
+server: {{client_timeout: {PATIENCE_S}}}
+"""
+
 MIN_SAMPLES = 8
 PAGE_BYTES = os.sysconf('SC_PAGE_SIZE')
 
@@ -248,8 +258,13 @@ def soak(minutes: float, seed: int, folder: Path, warm_up: float = WARM_UP_S) ->
     """Let everything happen for so long; return the figures."""
     domain, tasks = processes.free_ros_domain(), folder / 'tasks'
     # a third of the states that a C3 sends: this is about duration, not about load
+    patient = folder / 'patient.yaml'
+    patient.write_text(PATIENT, 'utf-8')
     controller = processes.sim_controller(
-        folder / 'controller.log', '--motion=ptp', '--state-period=0.015'
+        folder / 'controller.log',
+        f'--controller={patient}',
+        '--motion=ptp',
+        '--state-period=0.015',
     )
     with processes.ended_at_exit(controller):
         ports = controller.ports()
@@ -258,9 +273,10 @@ def soak(minutes: float, seed: int, folder: Path, warm_up: float = WARM_UP_S) ->
             ports,
             domain,
             run=(sys.executable, '-m', 'benchmark.watched_client', str(tasks)),
-            state_timeout=30.0,
-            io_timeout=30.0,
-            reply_timeout=30.0,
+            controller=str(patient),
+            state_timeout=PATIENCE_S,
+            io_timeout=PATIENCE_S,
+            reply_timeout=PATIENCE_S,
             start_tolerance=1.0,  # a goal that replaces another begins where the arm was last seen
         )
         with processes.ended_at_exit(client):
