@@ -11,6 +11,7 @@ import pytest
 from support.driver_harness import MODEL, simulated
 from support.event_loop import run
 
+from epson_driver.doctor import listening
 from epson_driver.doctor.asking import IO_KEYS
 from epson_driver.doctor.controller_checks import Question, check_controller
 from epson_driver.doctor.findings import Findings, Level
@@ -22,6 +23,7 @@ from epson_driver.remote_ethernet.client import logged_in
 from epson_driver.share import share_file
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.faults.fault_text import parse
+from epson_driver.sim_controller.remote import status_words
 
 NAMES = (
     'abb',
@@ -283,6 +285,24 @@ def test_a_controller_that_falls_silent_is_told():
     assert told(findings, Level.WRONG)['state port'].startswith('accepts, but nothing came in 5')
 
 
+@pytest.mark.parametrize(('lateness', 'level'), [(0.0, Level.WRONG), (0.7, Level.NOTE)])
+def test_a_stream_that_falls_silent_is_wrong_unless_this_machine_is_too_busy_to_tell(
+    monkeypatch, lateness, level
+):
+    def silent(controller):
+        enabled(controller)
+        controller.faults.start(parse('half_open:port=state,after=1'))
+
+    async def late(self):
+        self.heard.lateness = lateness
+
+    monkeypatch.setattr(listening.Conversation, '_watch_lateness', late)
+    _, findings = examined(prepare=silent)
+    assert told(findings, level)['state port'].endswith('half-open')
+    assert findings.exit_code == int(level is Level.WRONG)
+    assert ('too busy to tell' in findings.verdict) == (level is Level.NOTE)
+
+
 def test_a_client_that_is_there_already_is_told():
     held = load_controller_profile('fanuc')
     findings = Findings(lambda finding: None)
@@ -407,6 +427,19 @@ def test_the_remote_port_tells_what_status_does_not(prepare, about, said):
     assert said in held[0].found
     assert len({each.about for each in held}) == len(held)
     assert 'Remote Ethernet answers: ' in told(findings, Level.OK)['remote port']
+
+
+def test_main_that_does_not_run_and_another_control_device_are_told(monkeypatch):
+    monkeypatch.setattr(status_words, 'CONTROL_DEVICE', 21)
+
+    def ended(controller):
+        controller.apply(Event.STOP)
+
+    _, findings = examined('spel', prepare=ended, may_ask=True)
+    held = told(findings, Level.HELD)
+    assert held['control device'].startswith('the control device is the PC with RC+')
+    assert held['main'] == 'main does not run'
+    assert findings.exit_code == 1
 
 
 def test_without_once_nothing_was_looked_at_and_that_is_said():

@@ -19,6 +19,7 @@ from epson_driver.sim_controller.condition.errors import Rejection
 from epson_driver.sim_controller.condition.states import Event, Power, RejectedError
 from epson_driver.sim_controller.io.io_points import BYTE_BITS, WORD_BITS, IoError
 from epson_driver.sim_controller.remote import remote_acceptance as requirements
+from epson_driver.sim_controller.remote import status_words
 from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
 from epson_driver.sim_controller.remote.remote_acceptance import (
     CommandError,
@@ -33,7 +34,6 @@ from epson_driver.sim_controller.remote.remote_acceptance import (
 )
 from epson_driver.sim_controller.remote.robot_type import robot_type
 from epson_driver.sim_controller.remote.sim_commands import simulate
-from epson_driver.sim_controller.remote.status_words import flags
 from epson_driver.simple_message import IoType
 from epson_driver.spel import ErrorNumber, ProgramError, SpelError
 from epson_driver.spel.errors import OWN_NUMBERS
@@ -212,7 +212,7 @@ def _variable(least: int, most: int, _dialogue: Dialogue, parameters: list[str])
 
 def _get_status(dialogue: Dialogue, parameters: list[str]) -> str:
     expect(parameters, 0)
-    return f'{flags(dialogue.controller)},{dialogue.controller.error_number:04d}'
+    return f'{status_words.flags(dialogue.controller)},{dialogue.controller.error_number:04d}'
 
 
 def _execute(dialogue: Dialogue, parameters: list[str]) -> str | None:
@@ -316,6 +316,11 @@ def _get_cont_type(dialogue: Dialogue, parameters: list[str]) -> str:
     return dialogue.controller.profile.name.upper()
 
 
+def _get_cont_dev(_dialogue: Dialogue, parameters: list[str]) -> str:
+    expect(parameters, 0)
+    return str(status_words.CONTROL_DEVICE)
+
+
 def _sim(dialogue: Dialogue, parameters: list[str]) -> str | None:
     if [part.lower() for part in parameters] == ['why']:
         return dialogue.why
@@ -399,6 +404,7 @@ COMMANDS: dict[str, Command] = {
     'GetContNo': Command('', 'serial number', _FREE, _fixed(_SIMULATED)),
     'GetContVer': Command('', 'firmware', _FREE, _fixed(_SIMULATED)),
     'GetContType': Command('', 'controller', _FREE, _get_cont_type),
+    'GetContDev': Command('', 'who has control', _FREE, _get_cont_dev),
     'GetPrjName': Command('', 'project', _FREE, _fixed('epson_driver')),
     'Sim': Command('…', 'only in the simulation', _FREE, _sim, beside=True),
 }

@@ -18,6 +18,9 @@ from epson_driver.sim_controller.condition.states import Door, Fault, Mode, Powe
 from epson_driver.sim_controller.condition.tasks import PROGRAM, TaskState
 from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
 
+CONTROL_DEVICE = 26
+"""Who has control, as CtrlInfo(5) numbers them: Remote Ethernet."""
+
 Predicate = Callable[[ControllerInterface], bool]
 
 

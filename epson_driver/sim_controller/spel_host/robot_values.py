@@ -19,7 +19,6 @@ from epson_driver.spel import ErrorNumber, Point, SpelError
 Arguments = Sequence[int | float | Point]
 Result = int | float | Point | str
 
-_CONTROL_DEVICE = 26  # Remote Ethernet
 _TILL_HIT = 0x4000
 _MOST_ACCEL = 100
 _MM = 1000.0
@@ -66,7 +65,7 @@ def _one(predicate: status_words.Predicate) -> Callable[[RobotContext, Arguments
 def _ctrl_info(robot: RobotContext, arguments: Arguments) -> int:
     words = {
         1: lambda: status_words.word(status_words.CTRL_INFO_1, robot.controller),
-        5: lambda: _CONTROL_DEVICE,
+        5: lambda: status_words.CONTROL_DEVICE,
         6: lambda: 1,
         7: lambda: status_words.word(status_words.CTRL_INFO_7, robot.controller),
     }

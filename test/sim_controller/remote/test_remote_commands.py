@@ -276,6 +276,7 @@ def test_what_epsons_client_for_node_red_asks(remote):
         'GetRobotName,0': '1,c3_a601s',
         'GetRobotSerial,0': '1,simulated',
         'GetCurRobot': '1',
+        'GetContDev': '26',
         'GetPrjName': 'epson_driver',
         'GetStatus': '00100000001,0000',
         'GetMotor,0': '1,0,0',
