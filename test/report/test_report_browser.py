@@ -73,6 +73,32 @@ def test_the_slider_moves_the_arm_and_nobody_is_asked_for_anything(pages):
         assert requested == [f'file://{pages[0]}']
 
 
+PICTURE_AS_IT_IS = """() => {
+    const from = document.querySelector('#scene'), to = document.createElement('canvas');
+    [to.width, to.height] = [from.width, from.height];
+    const drawn = to.getContext('2d', { willReadFrequently: true });
+    drawn.drawImage(from, 0, 0);
+    const { data } = drawn.getImageData(0, 0, to.width, to.height);
+    return new Set(new Uint32Array(data.buffer)).size;
+}"""
+"""How many colours whoever takes the picture between two frames sees, as a printer does."""
+
+
+def test_it_fits_a_phone_and_paper(pages):
+    with browser_page(width=390, height=844) as (tab, _, _):
+        tab.goto(f'file://{pages[1]}')
+        tab.wait_for_selector('body[data-ready=yes]', timeout=120_000)
+        assert tab.evaluate('() => document.documentElement.scrollWidth') == 390
+        tab.wait_for_timeout(1000)
+        assert tab.evaluate(PICTURE_AS_IT_IS) > 100
+        width = '() => document.querySelector(".uplot").clientWidth'
+        on_phone = tab.evaluate(width)
+        tab.evaluate('() => dispatchEvent(new Event("beforeprint"))')
+        assert 600 < tab.evaluate(width) < 700
+        tab.evaluate('() => dispatchEvent(new Event("afterprint"))')
+        assert tab.evaluate(width) == on_phone
+
+
 def test_two_runs_in_one_page_and_the_page_opened_twice(pages):
     with browser_page() as (tab, told, requested):
         for _ in range(2):

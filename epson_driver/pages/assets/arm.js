@@ -105,7 +105,7 @@ const drawing = (() => {
 
   /** A lit floor in a canvas that fills `holder`. Raises an error where there is no WebGL. */
   function stage(canvas, holder) {
-    const renderer = new lib.WebGLRenderer({ canvas, antialias: true, alpha: true });
+    const renderer = new lib.WebGLRenderer({ canvas, antialias: true, alpha: true, preserveDrawingBuffer: true }); // for paper
     renderer.shadowMap.enabled = true;
     renderer.shadowMap.type = lib.PCFShadowMap;
     const scene = new lib.Scene();
@@ -147,7 +147,7 @@ const drawing = (() => {
       renderer.setSize(clientWidth, clientHeight, false);
       camera.aspect = clientWidth / clientHeight;
       camera.updateProjectionMatrix();
-      soon();
+      render();
     }).observe(holder);
     const setDark = (dark) => {
       grid.material.opacity = dark ? 0.14 : 0.6;

@@ -396,6 +396,7 @@
   const jointSeries = (values) => runs.flatMap((run, r) => joints.map((_, j) => ({
     x: run.at, y: values(run)[j], style: { stroke: colours[j % colours.length], dash: r ? [5, 4] : undefined, width: r ? 1.1 : 1.4 },
   })));
+  const PAPER_WIDTH = 660; // of A4 and Letter between their margins, in pixels of CSS
   let time = first;
   const measured = runs.every((run) => run.figures.velocities === 'measured');
   addPlot('Position', `${per('')} · ${compare ? 'dashed: B · dots: points of the plans' : 'dots: points of the plan'}`, jointSeries((run) => run.q), { perJoint: true, height: 200, draw: drawPlans, y: { range: withPlans } });
@@ -407,7 +408,10 @@
     x: run.replies.map((each) => each[0] - run.shift), y: run.replies.map((each) => each[1] * 1e3),
     style: { stroke: RUN_COLOURS[r], width: 0, paths: () => null, points: { show: true, size: 5, stroke: RUN_COLOURS[r], fill: `${RUN_COLOURS[r]}55` } },
   })), { height: 110, y: { range: (_, low, high) => [0, Math.max((high || 0) * 1.1, 1)] } });
-  new ResizeObserver(() => { for (const { u, box } of plots) u.setSize({ width: box.clientWidth - 16, height: u.height }); drawLanes(); }).observe($('plots'));
+  const sizePlots = (width) => { for (const { u, box } of plots) u.setSize({ width: width || box.clientWidth - 16, height: u.height }); };
+  new ResizeObserver(() => { sizePlots(); drawLanes(); }).observe($('plots'));
+  addEventListener('beforeprint', () => sizePlots(PAPER_WIDTH));
+  addEventListener('afterprint', () => sizePlots());
 
   // --- time ---------------------------------------------------------------------------------------
 
