@@ -7,13 +7,14 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from functools import partial
 
-from benchmark.baselines import SPLINES, SplineUse, joint_spline
+from benchmark.baselines import SPLINES, joint_spline
 from benchmark.limit_sets import limit_set
 from benchmark.metrics import Metrics, commanded_rests, measure
 from benchmark.references import ReferenceTimes
 from benchmark.strategies import STRATEGIES, Strategy, run
 from benchmark.trajectories import BenchmarkTrajectory
 from epson_driver.motion import JointLimits
+from epson_driver.motion.motion_figures import Figures
 
 CUT_AFTER = {'time-preserving, 3·A/J known': (1 / 3, 3 / 4), 'time-optimal, 3·A/J known': (1 / 2,)}
 """After what share of the points the stream is cut in another run, per strategy."""
@@ -42,7 +43,7 @@ class Case:
     commanded: float | None
     rests: float
     references: ReferenceTimes
-    splines: dict[str, SplineUse] = field(default_factory=dict)
+    splines: dict[str, Figures] = field(default_factory=dict)
     strategies: dict[str, Metrics] = field(default_factory=dict)
     cut_streams: list[CutStream] = field(default_factory=list)
     errors: dict[str, str] = field(default_factory=dict)

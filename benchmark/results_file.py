@@ -8,13 +8,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from benchmark.baselines import SplineUse
 from benchmark.cases import Case, CutStream
 from benchmark.families import FamilyFigures
 from benchmark.metrics import Metrics
 from benchmark.references import ReferenceTimes
 from benchmark.tables import report
 from benchmark.targets import Outcome
+from epson_driver.motion.motion_figures import Figures
 
 FIGURES, REPORT = 'motion.json', 'motion.md'
 
@@ -67,7 +67,7 @@ def _case(data: dict[str, Any]) -> Case:
         **data
         | {
             'references': ReferenceTimes(**data['references']),
-            'splines': {name: SplineUse(**use) for name, use in data['splines'].items()},
+            'splines': {name: Figures(**use) for name, use in data['splines'].items()},
             'strategies': {name: Metrics(**run) for name, run in data['strategies'].items()},
             'cut_streams': [
                 CutStream(**cut | {'metrics': Metrics(**cut['metrics'])})

@@ -8,7 +8,6 @@ sent, so an answer that another thread takes sooner would be lost.
 
 import asyncio
 import logging
-from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -22,17 +21,12 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
-from epson_driver.driver.tasks.task_group import report_error
+from epson_driver.driver.tasks import report_error
 from epson_driver.motion import Array
 from epson_driver.node.trajectory_messages import duration_in_s
 
-STAMPS = 50
-"""The clock of the joint states is that of the newest of so many."""
-
 QUERY = 'query_state'
 """The service by which joint_trajectory_controller, and what derives from it, is known."""
-
-NS_PER_S = 1_000_000_000
 
 _log = logging.getLogger(__name__)
 
@@ -155,14 +149,12 @@ class Sent:
 
 
 class ArmState:
-    """Where joints are, as `joint_states` says, and its clock."""
+    """Joints, as `joint_states` says where they are."""
 
     def __init__(self, node: Node, callback_group: CallbackGroup) -> None:
-        self._clock = node.get_clock()
         self._loop = asyncio.get_running_loop()
         self._joints: dict[str, tuple[float, float, float, float]] = {}
         """When they came, by the loop's clock, their stamp, position and velocity."""
-        self._ahead: deque[float] = deque(maxlen=STAMPS)
         node.create_subscription(
             JointState,
             'joint_states',
@@ -173,7 +165,6 @@ class ArmState:
 
     def _on_state(self, message: JointState) -> None:
         stamp, now = duration_in_s(message.header.stamp), self._loop.time()
-        self._ahead.append(stamp - self._clock.now().nanoseconds / NS_PER_S)
         given = len(message.velocity) == len(message.name)
         for index, (name, position) in enumerate(
             zip(message.name, message.position, strict=False)
@@ -186,14 +177,6 @@ class ArmState:
             else:
                 velocity = 0.0 if before is None else before[3]
             self._joints[name] = (now, stamp, position, velocity)
-
-    def now_ns(self) -> int:
-        """Return the time on the joint states' clock, by the newest of their stamps, ns.
-
-        It is that of the driver behind, as a rule; a little less, by the way of the messages.
-        """
-        ahead = max(tuple(self._ahead), default=0.0)
-        return int(self._clock.now().nanoseconds + ahead * NS_PER_S)
 
     def of(self, names: Sequence[str], oldest: float) -> tuple[Array, Array]:
         """Return positions and velocities of joints, shapes (n,), no more than `oldest` s old.

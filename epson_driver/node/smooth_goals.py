@@ -38,7 +38,7 @@ from epson_driver.driver.goal.goal import listed, untimed
 from epson_driver.driver.goal.planning_scope import PlanningEndedError, PlanningScope
 from epson_driver.driver.goal.splice import check_start
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
-from epson_driver.driver.tasks.task_group import report_error
+from epson_driver.driver.tasks import report_error
 from epson_driver.inputs import InputError
 from epson_driver.motion import Array, JointLimits, Trajectory, problems
 from epson_driver.motion.interpolation import Interpolation
@@ -46,7 +46,7 @@ from epson_driver.motion.smoothed import MAX_STEP_S, every
 from epson_driver.motion.smoother import Mode
 from epson_driver.motion.stoppable import StoppableMotion
 from epson_driver.node import messages
-from epson_driver.node.downstream import NS_PER_S, ArmState, Downstream, Sent
+from epson_driver.node.downstream import ArmState, Downstream, Sent
 from epson_driver.node.goal_action import CANCELED, ActionType, GoalAction, OnEnd
 from epson_driver.node.goal_requests import check_single, check_stamp
 from epson_driver.node.goal_server import RESULT_TIMEOUT_S
@@ -132,6 +132,8 @@ TABLE = (
 
 DEFAULT_NAME = 'smooth_goals'
 
+NS_PER_S = 1_000_000_000
+
 STANDS_WITHIN_S = 2.0
 """How long is waited for an arm that should stand, s."""
 
@@ -176,14 +178,17 @@ class PassedGoal:
 class Driven:
     """A goal's motion as it was sent. begin: when it was at its beginning, by the feedback, ns.
 
-    seen: when the driver behind last commanded what the motion has at that moment, ns.
+    stamp: of the last feedback, ns by the clock of the driver behind, and `came` by the loop's,
+    s. follows: whether what was commanded then is what the motion has then.
     """
 
     goal: PassedGoal
     motion: StoppableMotion
     points: Trajectory
     begin: int = 0
-    seen: int = 0
+    stamp: int = 0
+    came: float = -np.inf
+    follows: bool = False
     feedbacks: int = 0
     known: asyncio.Event = field(default_factory=asyncio.Event)
 
@@ -203,12 +208,19 @@ class Driven:
         commanded = desired[[names.index(name) for name in limits.names]]
         off = np.abs(commanded - self.spline.at(time)[0])
         same = abs(begin - self.begin) <= OFF_S * NS_PER_S
-        self.seen = stamp if same and np.all(off <= OFF_S * limits.velocity + OFF) else 0
-        self.begin = begin
+        self.follows = bool(same and np.all(off <= OFF_S * limits.velocity + OFF))
+        self.begin, self.stamp, self.came = begin, stamp, asyncio.get_running_loop().time()
         self.feedbacks += 1
         if self.feedbacks >= FEEDBACKS:
             self.known.set()
         self.motion.follow(time)
+
+    def passed(self) -> float | None:
+        """Return how far the motion is, or a little less, s, or None if nothing shows it now."""
+        age = asyncio.get_running_loop().time() - self.came
+        if not self.follows or age > SEEN_WITHIN_S:
+            return None
+        return (self.stamp - self.begin) / NS_PER_S + age
 
 
 class SmoothGoals:
@@ -458,11 +470,9 @@ class SmoothGoals:
             return None
         with suppress(TimeoutError):  # it may have only just begun
             await asyncio.wait_for(driven.known.wait(), FEEDBACK_WITHIN_S)
-        now, begin = self._arm.now_ns(), driven.begin
-        if not begin < now < driven.seen + SEEN_WITHIN_S * NS_PER_S:
+        if (passed := driven.passed()) is None:
             return None
-        values, step = self._parameters, self._parts * MAX_STEP_S
-        passed = (now - begin) / NS_PER_S
+        values, step, began = self._parameters, self._parts * MAX_STEP_S, self._loop.time()
         at = ceil((passed + values['lead']) / step) * step
         patience = values['reply_timeout'] + 2.0 * values['lead']
         if at >= driven.points.duration:  # it comes to rest by itself, as soon
@@ -483,14 +493,14 @@ class SmoothGoals:
             ),
         )
         request = FollowJointTrajectory.Goal(path_tolerance=driven.goal.request.path_tolerance)
-        sec, nanosec = divmod(begin, NS_PER_S)
+        sec, nanosec = divmod(driven.begin, NS_PER_S)
         request.trajectory.header.stamp = Time(sec=sec, nanosec=nanosec)
         try:
             braking = await self._send(driven, rest, request)
         except GoalRejectedError as error:
             self._logger.error(f'no smooth stop: {error}')
             return None
-        if self._arm.now_ns() > begin + at * NS_PER_S:
+        if self._loop.time() - began > at - passed:
             self._logger.error('a stop was taken late: what was commanded may have jumped')
         patience += stop.duration - passed
         done, _ = await asyncio.wait({braking.result}, timeout=patience)
