@@ -21,6 +21,9 @@ LIMITS = load_robot_model('c3_a601s').limits
 START = [0.0, 0.1, 0.2, 0.0, -0.5, 0.0]
 FAR = [1.5, 0.5, -0.3, 0.4, -1.1, 0.6]
 
+LEAD_S, LASTS_S = 1.0, 6.0
+"""A stop begins so long ahead on a machine that may be busy, of a motion that takes longer."""
+
 pytestmark = pytest.mark.slow
 
 
@@ -30,7 +33,7 @@ class Front:
     def __init__(self, folder: Path, **parameters: Any) -> None:
         self.domain = processes.free_ros_domain()
         self.behind = JtcLike(self.domain, LIMITS.names, START)
-        values = {'action': ACTION, 'limits_file': 'c3_a601s', 'lead': 0.3} | parameters
+        values = {'action': ACTION, 'limits_file': 'c3_a601s', 'lead': LEAD_S} | parameters
         words = [word for name, value in values.items() for word in ('-p', f'{name}:={value}')]
         self.process = processes.Process(
             'smooth_goals',
@@ -91,7 +94,7 @@ def test_a_plan_of_positions_becomes_a_motion_inside_the_limits(make: Any) -> No
 @pytest.mark.invariant(2, 3, 5)
 def test_cancel_brakes_inside_the_limits_on_the_way(make: Any) -> None:
     front = make()
-    goal = front.peer.goal(trajectory((0.0, START), (2.0, FAR)))
+    goal = front.peer.goal(trajectory((0.0, START), (LASTS_S, FAR)))
     front.under_way()
     goal.cancel()
     ended, code, text = goal.result()
@@ -105,9 +108,9 @@ def test_cancel_brakes_inside_the_limits_on_the_way(make: Any) -> None:
 @pytest.mark.invariant(2, 3, 5)
 def test_a_newer_goal_begins_when_the_arm_has_braked(make: Any) -> None:
     front = make()
-    first = front.peer.goal(trajectory((0.0, START), (2.0, FAR)))
+    first = front.peer.goal(trajectory((0.0, START), (LASTS_S, FAR)))
     front.under_way()
-    second = front.peer.goal(trajectory((2.0, START)))
+    second = front.peer.goal(trajectory((3.0, START)))
     ended, code, text = first.result()
     assert (ended, code) == ('aborted', -1)
     assert text == 'replaced by a newer goal; it braked; the arm stands'
@@ -120,7 +123,7 @@ def test_a_newer_goal_begins_when_the_arm_has_braked(make: Any) -> None:
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_the_end_of_the_process_brakes_the_arm(make: Any, number: signal.Signals) -> None:
     front = make()
-    goal = front.peer.goal(trajectory((0.0, START), (2.0, FAR)))
+    goal = front.peer.goal(trajectory((0.0, START), (LASTS_S, FAR)))
     front.under_way()
     assert front.process.end(number) == 0
     assert goal.result()[2] == 'smooth_goals ends; it braked; the arm stands'
@@ -128,7 +131,7 @@ def test_the_end_of_the_process_brakes_the_arm(make: Any, number: signal.Signals
     front.check()
 
 
-def goal_from_here(front: Front, lasts: float = 3.0) -> Any:
+def goal_from_here(front: Front, lasts: float = LASTS_S) -> Any:
     """Send the arm to the farther one of two poses."""
     here = front.at()
     far = max(START, FAR, key=lambda pose: np.abs(pose - here).max())
