@@ -27,7 +27,7 @@ LIMIT_TOLERANCE_RAD = 1e-9
 SAME_SOLUTION_RAD = 1e-5
 """Solutions closer than this in all joints count as one; a stretched arm has such pairs."""
 
-GIMBAL_LOCK_RAD = 1e-9
+GIMBAL_LOCK_RAD = 1e-6
 """V closer than this to ±π/2 counts as ±π/2."""
 
 
@@ -39,6 +39,9 @@ class Solver(Protocol):
 
     def why_unreachable(self, pose: Array, /) -> str:
         """Return why the orientation of a pose is unreachable, or ''."""
+
+    def sides(self, joints: Array, /) -> tuple[float, ...]:
+        """Return how far the arm is on the usual side of each choice that a pose leaves it."""
 
 
 class Kinematics:
@@ -119,6 +122,14 @@ class Kinematics:
     def why_unreachable(self, pose: Array) -> str:
         """Return why the tool can have the orientation of a pose nowhere, or ''. As `inverse`."""
         return self._solver.why_unreachable(self._of_tool0(_checked_pose(pose)))
+
+    def sides(self, joints: Array) -> tuple[float, ...]:
+        """Return on which side of each choice that a pose leaves it the arm is, 0 on its edge.
+
+        Of a SCARA: joint 2, rad. Of a six-axis arm: how far the wrist is in front of joint 1's
+        axis, m, and the bends of elbow (upwards) and wrist, rad. Raises KinematicsError.
+        """
+        return self._solver.sides(self._checked(joints))
 
     def in_base(self, pose: Array) -> Array:
         """Return a pose in base_link as one in `base`, EPSON's world."""

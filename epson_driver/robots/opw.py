@@ -142,6 +142,14 @@ class OpwSolver:
         """Return '': a spherical wrist can point anywhere."""
         return ''
 
+    def sides(self, joints: Array) -> tuple[float, ...]:
+        """Return how far the wrist is in front, m, and the bends of elbow and wrist, rad."""
+        _, second, third, _, fifth, _ = (self._signs * joints - self._offsets).tolist()
+        a1, a2, _, _, c2, c3, _ = self._lengths.values()
+        bend = (third + atan2(a2, c3) + pi) % (2.0 * pi) - pi
+        front = a1 + c2 * sin(second) + hypot(a2, c3) * sin(second + bend)
+        return front, bend if front >= 0.0 else -bend, fifth
+
     def branches(self, pose: Array, near: Array) -> list[Array]:
         """Return those of the eight solutions that exist, regardless of the joint limits.
 

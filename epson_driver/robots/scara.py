@@ -76,6 +76,10 @@ class ScaraSolver:
             return ''
         return f'it leans by {np.degrees(lean):.3g} degrees, and the tool of a SCARA stays upright'
 
+    def sides(self, joints: Array) -> tuple[float, ...]:
+        """Return joint 2."""
+        return (float(joints[1]),)
+
     def branches(self, pose: Array, near: Array) -> list[Array]:
         """Return the solutions with the elbow on each side, regardless of the joint limits.
 

@@ -11,7 +11,7 @@ from epson_driver.profiles.profile import ControllerProfile
 from epson_driver.profiles.profile_rules import FieldsUsed
 from epson_driver.robots import RobotModel
 from epson_driver.sim_controller.arm.executor import Executor
-from epson_driver.sim_controller.arm.low_power import LOW_POWER, LOW_POWER_TOOL_SPEED, LowPower
+from epson_driver.sim_controller.arm.low_power import LowPower, low_power_caps
 from epson_driver.sim_controller.arm.point_to_point import PointToPoint
 from epson_driver.sim_controller.arm.simulated_arm import SimulatedArm
 from epson_driver.sim_controller.arm.streaming import Planner, Streaming
@@ -103,7 +103,9 @@ def _spel_factories(source: SpelSource, where: Array) -> Factories:
 
     def arm(controller: Controller) -> SimulatedArm:
         return SimulatedArm(
-            _statements(controller, where), controller.servo, _low_power(controller)
+            _statements(controller, where),
+            controller.servo,
+            low_power_caps(controller.model.reach),
         )
 
     def program(controller: Controller, executor: Executor) -> Program:
@@ -136,13 +138,9 @@ def _statements(controller: Controller, start: Array) -> PointToPoint:
         DEFAULT_SPEED,
         DEFAULT_SPEED,
         statement_overhead=controller.profile.motion.statement_overhead,
-        caps=_low_power(controller),
+        caps=low_power_caps(controller.model.reach),
         late_blend=True,
     )
-
-
-def _low_power(controller: Controller) -> LowPower:
-    return LowPower(LOW_POWER, LOW_POWER_TOOL_SPEED, controller.model.reach)
 
 
 def _own_window(controller: Controller) -> SpelProgram:
@@ -166,7 +164,7 @@ def _command_window(controller: Controller) -> SpelProgram:
 
 def _new_arm(controller: Controller, start: Array, planner: Planner | None) -> SimulatedArm:
     """Return an arm that is smooth if there is a planner, and goes point to point otherwise."""
-    caps = _low_power(controller)
+    caps = low_power_caps(controller.model.reach)
     executor = _new_executor(controller, start, planner, caps)
     return SimulatedArm(executor, controller.servo, caps)
 

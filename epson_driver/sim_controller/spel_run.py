@@ -26,8 +26,8 @@ from epson_driver.spel import Caller, Surroundings, build, read_project, with_de
 LOOK_S = 0.02
 """How often it is looked at whether the program is over, s of the controller's time."""
 
-ALL_BITS = 4096
-"""Inputs, and outputs: no file of a project tells which boards its controller has."""
+ALL_BITS, ALL_FLAGS = 4096, 1024
+"""Inputs, outputs; memory bits: no file of a project tells which boards a controller has."""
 
 FAILED, NOT_OVER = 1, 3
 """Exit codes: a task has ended with an error; the time was over before the program."""
@@ -87,7 +87,9 @@ def run(
     files = with_setup(files, setup) if setup else files
     model = load_robot_model(robot)
     profile = load_controller_profile(controller_profile)
-    boards = replace(profile.io, digital_inputs=ALL_BITS, digital_outputs=ALL_BITS)
+    boards = replace(
+        profile.io, digital_inputs=ALL_BITS, digital_outputs=ALL_BITS, flags=ALL_FLAGS
+    )
     profile = replace(profile, io=boards)
     console = WaitingConsole() if fast else Console()
     source = SpelSource(build(files), program_network(profile), console, around)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from epson_driver.spel.commands import TaskType
 from epson_driver.spel.errors import ErrorNumber, SpelError
 from epson_driver.spel.host import Memory
-from epson_driver.spel.library import parse_string, text_of, value_of
+from epson_driver.spel.library import format_string, parse_string, text_of, value_of
 from epson_driver.spel.pallets import checked_number, new_pallet
 from epson_driver.spel.project_data import LAST_POINT
 from epson_driver.spel.task import (
@@ -419,6 +419,12 @@ def parse_into(_task: Task, text: str, into: Array, delimiters: str) -> None:
     parse_string(text, into, delimiters)
 
 
+def format_into(_task: Task, value: Value, form: str, into: Reference) -> None:
+    """FmtStr value, format, variable (p337)."""
+    container, index, type_name = into
+    container[index] = store(format_string(value, form), type_name)
+
+
 def set_point(task: Task, number: int, point: Point) -> None:
     """P(n) = …: as P0, P1, … hold it."""
     world = task.world
@@ -479,5 +485,8 @@ STATEMENTS: dict[str, Callable[..., None]] = {
     'palletclr': clear_pallet,
     'redim': redim,
     'parsestr': parse_into,
+    'fmtstr': format_into,
+    'where': lambda task: print_terminal(task, f'{task.world.host.value("where", ())}\n'),
+    'joint': lambda task: print_terminal(task, f'{task.world.host.value("joint", ())}\n'),
 }
 """By name in lower case; ports.py has those of the network, and Print and Input."""

@@ -24,7 +24,9 @@ _SETTINGS = {'speed': 5, 'accel': 5, 'speeds': 50, 'accels': 200, 'speedfactor':
 }  # fmt: skip
 
 
-OF_A_ROBOT = frozenset({'agl', 'pls', 'realpls', 'ppls', 'pagl', 'jrange', 'ptptime'})
+OF_A_ROBOT = frozenset(
+    {'agl', 'pls', 'realpls', 'ppls', 'pagl', 'jrange', 'ptptime', 'where', 'joint'}
+)
 
 
 class BareHost(Loopback):

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from datetime import datetime, timedelta
 from typing import Any
 
+from epson_driver.spel.commands import TaskType
 from epson_driver.spel.errors import ErrorNumber, SpelError, TaskError
 from epson_driver.spel.host import Memory
 from epson_driver.spel.pallets import checked_number
@@ -63,10 +64,16 @@ def _task_info(task: Task, which: int | str, index: int) -> int:
     found = task.world.task(which)
     if found is None:
         raise SpelError(ErrorNumber.NO_SUCH_TASK, f'TaskInfo: task {which} does not exist')
-    if index not in (1, 2, 3, 4):
-        raise SpelError(ErrorNumber.ARGUMENT, f'TaskInfo: {index} is not in 1..4')
-    states = (found.number, int(found.type), int(found.state), -1 if found.timed_out else 0)
-    return states[index - 1]
+    if not 0 <= index <= 4:
+        raise SpelError(ErrorNumber.ARGUMENT, f'TaskInfo: {index} is not in 0..4')
+    states = (
+        found.number,
+        int(found.type is not TaskType.BACKGROUND),
+        int(found.type),
+        int(found.state),
+        -1 if found.timed_out else 0,
+    )
+    return states[index]
 
 
 def _error(task: Task, which: int | str | None) -> TaskError | None:
@@ -98,7 +105,11 @@ def _net_owner(task: Task, number: int) -> int:
 
 
 def _bits(memory: Memory, width: int) -> Callable[[Task, int], int]:
-    return lambda task, index: task.world.host.read_bits(memory, index, width)
+    def read(task: Task, index: int) -> int:
+        task.since_wait = 0  # a loop that looks at the world is not an endless one
+        return task.world.host.read_bits(memory, index, width)
+
+    return read
 
 
 def _done(task: Task, which: int | str) -> int:
@@ -122,6 +133,16 @@ def _io_number(task: Task, label: str) -> int:
     if found is None:
         raise SpelError(ErrorNumber.ARGUMENT, f'IONumber: there is no I/O label {label}')
     return found
+
+
+def _io_label(task: Task, kind: int, width: int, number: int) -> str:
+    return task.world.program.data.io_labels.get((kind, width, number), '')
+
+
+def _io_defined(task: Task, kind: int | str, width: int = 1, number: int = 0) -> int:
+    if isinstance(kind, str):
+        return -(kind.lower() in map(str.lower, task.world.program.data.io_labels.values()))
+    return -bool(_io_label(task, kind, width, number))
 
 
 TASK_FUNCTIONS: dict[str, Callable[..., Any]] = {
@@ -154,6 +175,8 @@ TASK_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'inbcd': _decimal_in,
     'ctr': _counted,
     'ionumber': _io_number,
+    'iodef': _io_defined,
+    'iolabel$': _io_label,
     'oport': _bits(Memory.OUTPUT, 1),
     'out': _bits(Memory.OUTPUT, 8),
     'outw': _bits(Memory.OUTPUT, 16),

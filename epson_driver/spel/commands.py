@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The statements there are, as one table: argument form, who may not run them, versions.
 
-A form is a list of argument kinds with commas: `n` a number, `s` a string, `p` a point, `q` the
-number of one (P1, its label), `v` a variable, `a` a whole array, `w(A|B)` one of these words; `?`
-after a kind: it may be left out, `*` any number of them. A form that begins with @ is read by a
-method of that name in the parser. Task types and versions are those of words.py.
+A form is a list of argument kinds with commas: `n` a number, `s` a string, `x` either, `p` a
+point, `q` the number of one (P1, its label), `v` a variable, `a` a whole array, `w(A|B)` one of
+these words; `?` after a kind: it may be left out, `*` any number of them. A form that begins with
+@ is read by a method of that name in the parser. Task types and versions are those of words.py.
 """
 
 from collections.abc import Iterator
@@ -57,6 +57,12 @@ class CommandRule:
     since: int
     robot: bool
 
+    @property
+    def needs_arguments(self) -> bool:
+        """Whether it can only display something when it stands alone."""
+        first = self.form.split(',')[0]
+        return bool(first) and first[0] != '@' and first[-1] not in '?*'
+
 
 _FORMS = {
     # Structure
@@ -98,6 +104,7 @@ _FORMS = {
     'Line': '@line_input',
     'MsgBox': 's,n?,s?,v?',
     'ParseStr': 's,a,s',
+    'FmtStr': 'x,s,v',
     # Network
     'SetNet': '@set_net',
     'OpenNet': '@open_net',
@@ -142,11 +149,15 @@ _FORMS = {
     'ClearPoints': '',
     'LoadPoints': 's,w(Merge)?',
     'SavePoints': 's',
-    **dict.fromkeys(('Hand', 'Elbow', 'Wrist', 'J1Flag', 'J2Flag', 'J4Flag', 'J6Flag'), 'q,n'),
+    **dict.fromkeys(('Hand', 'Elbow', 'Wrist', 'J1Flag', 'J2Flag', 'J4Flag', 'J6Flag'), 'q?,n?'),
     'Arch': 'n,n,n',
     'PLocal': 'q,n',
     'Local': '@local',
     'LocalClr': 'n',
+    'Box': '@box',
+    'BoxClr': 'n,n?',
+    'Where': '',
+    'Joint': '',
     # Inputs of a dry run, counters
     'SetSw': 'n,n',
     'SetIn': 'n,n',
@@ -206,6 +217,13 @@ _ROBOT_FORMS = {
     **dict.fromkeys(WITHOUT_EFFECT, 'n*'),
 }
 """Those that are handed to the host."""
+
+SHOWN = {
+    **dict.fromkeys(('speed', 'speeds'), (1, 2, 3)),
+    **dict.fromkeys(('accel', 'accels'), (1, 2, 3, 4, 5, 6)),
+    **dict.fromkeys(('arm', 'cp', 'limz', 'motor', 'power', 'robot', 'speedfactor', 'tool'), ()),
+}
+"""Statements that display a value without an argument: which ones of the function's."""
 
 
 def _rules() -> Iterator[CommandRule]:

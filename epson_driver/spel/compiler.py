@@ -457,6 +457,8 @@ class Compiler:
             return made.point(argument)
         if kind == 'q':
             return made.which_point(argument)
+        if kind == 'x':
+            return made.text_or_number(argument)
         return made.whole(argument) if kind == 'i' else made.number(argument).text
 
     @_statement.register
@@ -627,19 +629,21 @@ class Compiler:
         numbers = ''.join(
             f'{kind!r}: {made.number(value).text}, ' for kind, value in statement.numbers
         )
-        beside = self._beside(statement.parallel) if statement.parallel else 'None'
+        beside = self._beside(statement) if statement.parallel else 'None'
         self._act(
             f'{before}v[0].move({name!r}, ({points}), {statement.cp}, '
             f'{", ".join(conditions)}, {statement.words!r}, {{{numbers}}}, {beside})'
         )
 
-    def _beside(self, block: Block) -> str:
+    def _beside(self, motion: Motion) -> str:
         """Add the instructions of !…! for the motion to pass over, and return where they begin."""
         start, at = self._start, self._at
         inside, behind = self._mark(), self._mark()
         self._go(behind)
         self._set(inside)
-        self._block(block)
+        if motion.name.lower().startswith('jump'):  # once it has risen (p57)
+            self._act('v[0].wait_share(0)')
+        self._block(motion.parallel)
         self._act('v[0].leave()')
         self._set(behind)
         self._start, self._at = start, at

@@ -100,6 +100,10 @@ class Expressions:
         """Return the code of a string."""
         return self._expect(expression, (STRING,), 'a string').text
 
+    def text_or_number(self, expression: Expression) -> str:
+        """Return the code of a string or a number."""
+        return self._expect(expression, (*NUMBERS, STRING), 'a number or a string').text
+
     def point(self, expression: Expression) -> str:
         """Return the code of a point, by its label before an I/O label of that name."""
         labelled = self._labelled(expression)

@@ -5,6 +5,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 from epson_driver.spel.errors import ErrorNumber, SpelError
 from epson_driver.spel.functions import AXES, TURNS
@@ -15,6 +16,14 @@ WORLD = Point('xy', (0.0,) * 6)
 _TURNED = {'rx': 'w', 'ry': 'v', 'rz': 'u'}
 PLACES = 9
 """Decimals, mm or degrees, that a product of turns is rounded to."""
+
+
+class Area(NamedTuple):
+    """A box from its lower to its upper corner, mm, in a local, without an axis from 0 to 0."""
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    local: int
 
 
 def changed(point: Point, operator: str, axis: str, value: float) -> Point:
@@ -87,6 +96,16 @@ def in_world(point: Point, locals_: Mapping[int, Point]) -> Point:
         return replace(point, flags=flags)
     placed = combined(_frame(number, locals_), point)
     return replace(placed, flags=flags)
+
+
+def turned_step(step: Point, locals_: Mapping[int, Point]) -> Point:
+    """Return a step along the axes of its local as one along those of Local 0 (p163)."""
+    number = local_of(step)
+    flags = tuple(flag for flag in step.flags if not flag.isdigit())
+    if not number or step.kind != 'xy':
+        return replace(step, flags=flags)
+    turn = replace(WORLD, values=(0.0, 0.0, 0.0, *_frame(number, locals_).values[3:]))
+    return replace(combined(combined(turn, step), within(turn, WORLD)), flags=flags)
 
 
 def _frame(number: int, locals_: Mapping[int, Point]) -> Point:

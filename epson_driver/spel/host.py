@@ -32,7 +32,7 @@ class Completion(Protocol):
 
     @property
     def share(self) -> float:
-        """Return how much of it is done, 0 to 1."""
+        """Return how much of it is done, 0 to 1, or less where !…! has to wait."""
 
     @property
     def done(self) -> bool:
@@ -62,7 +62,7 @@ class MotionRequest:
     over without an error; the host asks at each scan, and ends the motion with the SpelError that
     the question may raise. `find`: where the arm is once it holds is kept; `sense`: a Jump ends
     above its target if it holds there. `words` are other modifiers ('rot'), `numbers` the values
-    of 'c', 'limz' (mm), 'ljm' and 'performmode'.
+    of 'c', 'limz' (mm), 'ljm' and 'performmode', and of the arch 'depart' and 'approach' (mm).
     """
 
     name: str

@@ -13,7 +13,7 @@ from epson_driver.spel.errors import ErrorNumber, SpelError
 from epson_driver.spel.values import LONGEST_STRING, SINGLE, Array, Point, overflow
 
 _NUMBER = re.compile(
-    r'\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|&[hH][0-9a-fA-F]+|&[bB][01]+)'
+    r'\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|&[hH][0-9a-fA-F]+|&[oO][0-7]+|&[bB][01]+)'
 )
 _MOST_ELEMENTS = 200
 
@@ -136,7 +136,7 @@ def value_of(text: str) -> float:
         return 0.0
     word = found[1]
     if word[0] == '&':
-        return float(int(word[2:], 16 if word[1] in 'hH' else 2))
+        return float(int(word[2:], {'h': 16, 'o': 8, 'b': 2}[word[1].lower()]))
     number = float(word)
     if math.isinf(number):
         raise overflow('Double', number)
@@ -232,8 +232,8 @@ def _point(kind: str) -> Callable[..., Point]:
 
 
 def _nearest_way(point: Point, _from: Point | None = None, _flag: int = 1) -> Point:
-    """Return LJM: the point without a posture, which every host reaches by the nearest one."""
-    return replace(point, flags=tuple(each for each in point.flags if each.isdigit()))
+    """Return LJM: the point with the mark that any posture will do, the nearest one."""
+    return replace(point, flags=(*(each for each in point.flags if each.isdigit()), 'ljm'))
 
 
 def _xy(*values: float) -> Point:

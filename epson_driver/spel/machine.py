@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 from epson_driver.spel import frames, library, values
 from epson_driver.spel.actions import STATEMENTS, resume_paused, set_point
+from epson_driver.spel.areas import AREA_FUNCTIONS, AREA_STATEMENTS
 from epson_driver.spel.builtins import TASK_FUNCTIONS
 from epson_driver.spel.code import FunctionCode, Program
 from epson_driver.spel.commands import TaskType
@@ -75,7 +76,8 @@ _EVENT_TRAPS = {
 
 def all_statements() -> dict[str, Callable[..., None]]:
     """Return the statements that the interpreter executes itself, by name in lower case."""
-    return {**STATEMENTS, **NET_STATEMENTS, **POINT_STATEMENTS, **FILE_STATEMENTS}
+    tables = (STATEMENTS, NET_STATEMENTS, POINT_STATEMENTS, FILE_STATEMENTS, AREA_STATEMENTS)
+    return {name: run for table in tables for name, run in table.items()}
 
 
 class TaskView(NamedTuple):
@@ -148,7 +150,7 @@ class Machine:
             'ADDED': frames.added,
         }
         self._names = names
-        in_task = {**TASK_FUNCTIONS, **POINT_FUNCTIONS, **FILE_FUNCTIONS}
+        in_task = {**TASK_FUNCTIONS, **POINT_FUNCTIONS, **FILE_FUNCTIONS, **AREA_FUNCTIONS}
         for table, letter in ((VALUE_FUNCTIONS, 'f'), (in_task, 't')):
             for name, function in table.items():
                 names[f'{letter}_{name.replace("$", "_s")}'] = function

@@ -13,6 +13,7 @@ from epson_driver.inputs import near_name
 from epson_driver.spel.commands import (
     COMMANDS,
     KEYWORDS,
+    SHOWN,
     TASK_TYPE_WORDS,
     TYPES,
 )
@@ -41,8 +42,10 @@ from epson_driver.spel.syntax import (
     If,
     Label,
     Name,
+    Number,
     Parameter,
     PointFlag,
+    Print,
     Select,
     Statement,
     Test,
@@ -270,6 +273,10 @@ class Parser(Statements):
             reader.step()
             return self.read_stub(reader, first)
         reader.step()
+        if reader.at_end() and word in SHOWN:
+            return _displayed(first)
+        if reader.at_end() and rule.robot and rule.needs_arguments:
+            return self.read_stub(reader, first)
         if rule.form.startswith('@'):
             method = getattr(self, rule.form.replace('@', 'read_'))
             statement: Statement = method(reader, first)
@@ -499,6 +506,16 @@ def _test(reader: Reader) -> Test | None:
         until = reader.step().lower == 'until'
         return Test(until, reader.expression())
     return None
+
+
+def _displayed(first: Token) -> Print:
+    """Return what a statement shows that stands alone: the values of its function."""
+    whole = Name(first.text, first.position)
+    parts = (
+        Apply(first.text, (Argument(Number(each, first.position)),), first.position)
+        for each in SHOWN[first.lower]
+    )
+    return Print(None, tuple(parts) or (whole,), True, first.position)
 
 
 def _unknown(first: Token, reader: Reader) -> tuple[str, str]:

@@ -89,8 +89,14 @@ def save_points(task: Task, name: str) -> None:
     world.files.write(name, text.encode('latin-1', 'replace'))
 
 
-def _posture(name: str) -> Callable[[Task, int, float], None]:
-    def run(task: Task, number: int, value: float) -> None:
+def _posture(name: str) -> Callable[..., None]:
+    show = _posture_of(name)
+
+    def run(task: Task, number: int | None = None, value: float | None = None) -> None:
+        if number is None or value is None:  # it is displayed
+            found = None if number is None else point(task, number)
+            print_terminal(task, f'{show(task, found)}\n')
+            return
         flags = POSTURES[name]
         first = 1 if len(flags) == 2 and name[0] != 'j' else 0
         index = within(name, nearest(value), first, first + len(flags) - 1) - first

@@ -112,6 +112,7 @@ def wait_net(task: Task, number: float, time: float | None = None) -> None:
 
 def check_net(task: Task, number: int) -> int:
     """Return ChkNet: bytes that have come, -1 no peer, -2 another task's, -3 not open."""
+    task.since_wait = 0  # it looks at the world
     port = port_of(task, 'ChkNet', number)
     if port.owner == 0:
         return -3

@@ -3,7 +3,7 @@
 """Files to a program: read, parse, compile. All that is wrong with it is said at once."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 from epson_driver.inputs import InputError, shown
 from epson_driver.spel.code import FunctionCode, Program, Variable
@@ -96,8 +96,19 @@ def _parse(
             lines[name] = list(Preprocessor(files, problems).lines(name))
     names = {each for found in lines.values() for each in function_names(found)}
     add_missing(data, files, lines, names, notes)
+    notes += _joined_types(lines.values())
     labels = data.point_labels
     return [Parser(name, found, names, problems, labels).file() for name, found in lines.items()]
+
+
+def _joined_types(files: Iterable[list[Line]]) -> Iterator[Problem]:
+    """Yield each `AsInteger` of a Function line: RC+ builds it, the manual does not have it."""
+    for line in (each for found in files for each in found):
+        if line.tokens and line.tokens[0].lower == 'function':
+            for token in line.tokens[2:]:
+                if token.lower[:2] == 'as' and token.lower[2:] in TYPES:
+                    said = f'{token.text}: write As {token.text[2:]}'
+                    yield Problem(token.position, 'syntax', said, warning=True)
 
 
 def build(files: Mapping[str, str]) -> Program:

@@ -49,6 +49,8 @@ class ProjectData:
     point_files: dict[str, PointFile] = field(default_factory=dict)
     """By name in lower case."""
     point_labels: dict[str, int] = field(default_factory=dict)
+    io_labels: dict[tuple[int, int, int], str] = field(default_factory=dict)
+    """By kind (input 0, output 1, memory 2), width and number, as they are written."""
     unlabelled: set[str] = field(default_factory=set)
     """Labels of I/O whose numbers no file tells, in lower case."""
 
@@ -159,7 +161,8 @@ def project_data(files: Mapping[str, str], problems: list[Problem]) -> ProjectDa
                 data.point_files[lower] = points = _points(block)
                 data.point_labels |= {**points.labels, **data.point_labels}
             elif lower == IO_LABELS:
-                data.labels |= _io_labels(block)
+                data.io_labels = _io_labels(block)
+                data.labels |= {name.lower(): at[2] for at, name in data.io_labels.items()}
             else:
                 for each in block.blocks('Label'):
                     number = int(each.number('nError'))
@@ -250,12 +253,22 @@ def _flags(block: Block) -> Iterator[str]:
         yield str(local)
 
 
-def _io_labels(block: Block) -> dict[str, int]:
-    """Return the numbers of bits, bytes and words by their labels in lower case."""
+_IO = {
+    f'{kind}{unit}Labels': (number, width, f'n{unit}')
+    for number, kind in enumerate(('Input', 'Output', 'Memory'))
+    for unit, width in (('Bit', 1), ('Byte', 8), ('Word', 16))
+}
+"""The blocks of IOLabels.dat."""
+
+
+def _io_labels(block: Block) -> dict[tuple[int, int, int], str]:
+    """Return the labels of bits, bytes and words by kind, width and number."""
     found = {}
-    for kind in block.items:
-        for each in kind.blocks('Label') if isinstance(kind, Block) else ():
-            keys = [item[0] for item in each.items if isinstance(item, tuple)]
-            number = next((key for key in keys if key in ('nBit', 'nByte', 'nWord')), 'nBit')
-            found[each.text('sLabel').lower()] = int(each.number(number))
+    for part in block.items:
+        if isinstance(part, Block) and part.name in _IO:
+            kind, width, key = _IO[part.name]
+            for each in part.blocks('Label'):
+                at = each.number(key, each.number('nBit'))  # RC+ writes nBit for some bytes
+                if each.text('sLabel'):
+                    found[kind, width, int(at)] = each.text('sLabel')
     return found

@@ -10,8 +10,10 @@ from epson_driver.spel.expressions import Reader
 from epson_driver.spel.functions import AXES
 from epson_driver.spel.lexer import END, NAME, Token
 from epson_driver.spel.syntax import (
+    Apply,
     Argument,
     Assign,
+    Binary,
     Call,
     Command,
     Do,
@@ -348,6 +350,22 @@ class Statements:
                 given.append(reader.expression())
         return Command(first.text, tuple(given), first.position, tuple(words))
 
+    def read_box(self, reader: Reader, first: Token) -> Command:
+        """Read Box n, [robot,] six limits[, On|Off] [/LOCALn], the local as the last value."""
+        given = [reader.expression()]
+        words: tuple[str, ...] = ()
+        while reader.takes(','):
+            words = ('logic',) if reader.sees('on', 'off') else words
+            given.append(reader.expression())
+        local: Expression = Number(0, first.position)
+        last = given[-1]
+        if isinstance(last, Binary) and last.operator == '/':
+            given[-1], local = last.left, _local_of(last.right)
+        if len(given) - bool(words) not in (7, 8):
+            text = f'{first.text} takes a number, perhaps a robot, and six limits'
+            raise SyntaxProblem(first.position, text, 'arguments')
+        return Command(first.text, (*given, local), first.position, words)
+
     def read_open(self, reader: Reader, first: Token) -> Command:
         """Read WOpen name As #n, and its like."""
         name = reader.expression()
@@ -471,6 +489,15 @@ class Statements:
             else:
                 arguments.append(reader.argument())
         return Stub(first.text, tuple(arguments), first.position)
+
+
+def _local_of(word: Expression) -> Expression:
+    """Return the number of /LOCAL1 or /LOCAL(i)."""
+    if isinstance(word, Apply) and word.name.lower() == 'local' and len(word.arguments) == 1:
+        return word.arguments[0].value
+    if isinstance(word, Name) and (number := word.name.lower().removeprefix('local')).isdigit():
+        return Number(int(number), word.at)
+    raise SyntaxProblem(word.at, 'expected LOCAL and a number')
 
 
 def _is_pair(reader: Reader) -> bool:

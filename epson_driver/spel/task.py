@@ -12,7 +12,7 @@ from typing import Any
 from epson_driver.spel.code import FunctionCode, Program, Variable
 from epson_driver.spel.commands import COMMANDS, TaskType, forbidden
 from epson_driver.spel.errors import ErrorNumber, SpelError, TaskError, meaning
-from epson_driver.spel.frames import in_local, in_world, local_of
+from epson_driver.spel.frames import Area, in_local, in_world, local_of, turned_step
 from epson_driver.spel.functions import FUNCTIONS, POSTURES
 from epson_driver.spel.host import Caller, Completion, Host, MotionRequest, NetSettings
 from epson_driver.spel.pallets import Pallet
@@ -42,6 +42,9 @@ Instruction = Callable[[list[object]], int]
 Test = Callable[[], object]
 Reference = tuple[list[Value], int, str]
 """A variable: the list it is in, its index, its type."""
+
+GATE = 7
+"""The arch that is none (p111)."""
 
 
 class TaskState(IntEnum):
@@ -194,6 +197,7 @@ class World:
         self.arches = {number: (30.0 + 10.0 * number,) * 2 for number in range(7)}
         """The arch table: depart and approach distance, mm (p111)."""
         self.pallets: dict[int, Pallet] = {}
+        self.areas: dict[int, Area] = {}
         self.conditions: dict[str, Test] = {}
         self.timers: dict[int, float] = {}
         self.elapsed_from = 0.0
@@ -272,10 +276,14 @@ class World:
             )
         return self.tasks.get(which)
 
-    def placed(self, arguments: Sequence[Any]) -> tuple[Any, ...]:
-        """Return values with their points in Local 0. Raises SpelError."""
+    def placed(self, arguments: Sequence[Any], steps: bool = False) -> tuple[Any, ...]:
+        """Return values with their points, or steps from where the arm is, in Local 0.
+
+        Raises SpelError.
+        """
+        into = turned_step if steps else in_world
         return tuple(
-            in_world(each, self.locals) if isinstance(each, Point) else each for each in arguments
+            into(each, self.locals) if isinstance(each, Point) else each for each in arguments
         )
 
     def error_text(self, number: int) -> str:
@@ -480,6 +488,7 @@ class Task:
 
     def value(self, name: str, arguments: tuple[int | float | Point, ...]) -> object:
         """Return a function of the host, with places in Local 0 but for CX to CW."""
+        self.since_wait = 0  # it looks at the world
         if name[0] != 'c':
             arguments = self.world.placed(arguments)
         result = self.world.host.value(name, arguments)
@@ -528,7 +537,12 @@ class Task:
     ) -> None:
         """Begin a motion and wait for its end, with the instructions of !…! at `beside`."""
         self.may(name)
-        placed = self.world.placed(points)
+        placed = self.world.placed(points, steps=name in ('bgo', 'bmove'))
+        arch = numbers.get('c', GATE)
+        if arch in self.world.arches:
+            numbers |= zip(('depart', 'approach'), self.world.arches[int(arch)], strict=True)
+        elif arch != GATE:
+            raise SpelError(ErrorNumber.ARGUMENT, f'C{arch:g}: must be C0 to C{GATE}')
         request = MotionRequest(name, placed, cp, till, find, sense, words, numbers)
         completion = self.world.host.move(request)
         if beside is None:

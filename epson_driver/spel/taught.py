@@ -18,6 +18,9 @@ from epson_driver.spel.words import reserved
 
 _MOTIONS = frozenset(name for name, rule in COMMANDS.items() if rule.form == '@motion')
 _PLACES = frozenset({'here', 'xy', 'ja', 'pulse', 'agltopls', 'curpos', 'realpos', 'pallet'})
+_OF_POINTS = frozenset({'pallet', 'local'})
+"""Statements that take points, and numbers."""
+_SIDES = frozenset({'x', 'y', 'l', 'r', 'baseu', 'outside'})
 _SWITCHED = frozenset({'on', 'off', 'out', 'outw', 'opbcd'})
 _READ = frozenset({'sw', 'in', 'inw', 'oport', 'out', 'outw'})
 
@@ -84,9 +87,9 @@ def _points(lines: Iterable[Line], known: set[str]) -> dict[str, Token]:
             for token in ([second] if moved else []) + ([first] if placed else []):
                 if _is_free(token, known):
                     found.setdefault(token.lower, token)
-        if line.tokens and line.tokens[0].lower == 'pallet':
+        if line.tokens and line.tokens[0].lower in _OF_POINTS:
             for token in line.tokens[1:]:
-                if _is_free(token, known):
+                if token.lower not in _SIDES and _is_free(token, known):
                     found.setdefault(token.lower, token)
     return found
 

@@ -103,6 +103,26 @@ def arc(start: Array, via: Array, end: Array) -> PosePath:
     return PosePath(size * sweep, float(np.linalg.norm(turn)), pose, derivatives)
 
 
+def level_arc(start: Array, via: Array, end: Array) -> PosePath:
+    """Return the part of a circle as `arc` does, seen along z, while z changes evenly."""
+    rise = float(end[2, 3] - start[2, 3])
+    level = end.copy()
+    level[2, 3] = start[2, 3]
+    path = arc(start, np.array([*via[:2], start[2, 3]]), level)
+
+    def pose(share: float) -> Array:
+        found = path.pose(share)
+        found[2, 3] += share * rise
+        return found
+
+    def derivatives(share: float) -> Array:
+        found = path.derivatives(share)
+        found[0, 2] += rise
+        return found
+
+    return PosePath(float(np.hypot(path.length, rise)), path.angle, pose, derivatives)
+
+
 def distance_from(point: Array, positions: Array) -> float:
     """Return how far a point, shape (3,), is from a polygon through positions, shape (k, 3), m."""
     begins, steps = positions[:-1], np.diff(positions, axis=0)

@@ -8,6 +8,7 @@ import pytest
 from support.spel_harness import ScriptedHost, printed, run, value
 
 from epson_driver.spel import Machine, Memory, ProgramError, build
+from epson_driver.spel.areas import AREA_FUNCTIONS
 from epson_driver.spel.bare_host import OF_A_ROBOT
 from epson_driver.spel.builtins import TASK_FUNCTIONS
 from epson_driver.spel.commands import COMMANDS, KEYWORDS, WITHOUT_EFFECT
@@ -148,7 +149,6 @@ VALUES = {
     'curdir$': ('CurDir$', '/'),
     'inbcd': ('InBCD(0)', '8'),
     'js': ('JS', '0'),
-    'jt': ('JT', '0'),
     'posfound': ('PosFound', '0'),
     'findpos': ('CX(FindPos)', '0'),
     'tool': ('Tool', '0'),
@@ -163,13 +163,18 @@ VALUES = {
     'plocal': ('PLocal(XY(0, 0, 0, 0) /2)', '2'),
     'ljm': ('CX(LJM(XY(1, 2, 3, 4), Here))', '1'),
     'cp': ('CP', '0'),
+    'boxdef': ('BoxDef(1)', '0'),
+    'insidebox': ('InsideBox(1)', '0'),
+    'getrobotinsidebox': ('GetRobotInsideBox(1)', '0'),
+    'iodef': ('IODef(0, 1, 3)', '0'),
+    'iolabel$': ('IOLabel$(0, 1, 3)', ''),
     'ptptime': ('PTPTime(XY(0, 0, 0, 0), 0, 0)', '0'),
 }
 """An expression for each function, and what Print shows; input 3 is on."""
 
 WITH_VARIABLES = {
     'parsestr', 'ubound', 'p', 'pdef', 'pallet', 'local', 'eof', 'filelen', 'filedatetime$', 'ctr',
-    'ionumber',
+    'ionumber', 'box',
 }  # fmt: skip
 """Those that need more than one line: below, or in test_types.py."""
 
@@ -193,7 +198,7 @@ def test_every_function_has_a_test_and_one_place_that_works_it_out() -> None:
         for kind in ('value', 'task', 'host')
     }
     assert by['value'] == VALUE_FUNCTIONS.keys()
-    own = {**TASK_FUNCTIONS, **POINT_FUNCTIONS, **FILE_FUNCTIONS}
+    own = {**TASK_FUNCTIONS, **POINT_FUNCTIONS, **FILE_FUNCTIONS, **AREA_FUNCTIONS}
     assert by['task'] == own.keys()
     assert {name for name in FUNCTIONS if not is_a('function', name)} == {'p'}
     assert not FUNCTIONS.keys() & CONSTANTS.keys()
@@ -279,6 +284,11 @@ STATEMENTS_AT_WORK = {
     'memoutw': ('MemOutW 1, -1\nPrint MemInW(1)', ['65535']),
     'pallet': (f'{PALLET}\nP1 = Pallet(1, 5)\nPrint CX(P1), CY(P1), CU(P1)', ['10 10 9']),
     'palletclr': (f'{PALLET}\nPalletClr 1\nOnErr GoTo a\nGo Pallet(1, 1)\na: Print Err', ['7007']),
+    'box': ('Box 1, 0, 1, 0, 1, 0, 1\nPrint BoxDef(1), CX(Box(1, 2))', ['-1 1']),
+    'boxclr': ('Box 1, 0, 1, 0, 1, 0, 1\nBoxClr 1\nPrint BoxDef(1)', ['0']),
+    'fmtstr': ('String s$\nFmtStr 1.5, "00.00", s$\nPrint s$', ['01.50']),
+    'where': ('OnErr GoTo a\nWhere\na:\nPrint Err', ['9999']),
+    'joint': ('OnErr GoTo a\nJoint\na:\nPrint Err', ['9999']),
     'motor': ('Motor On\nPrint Motor', ['1']),
     'power': ('Power High\nPrint Power\nPower Low, Forced\nPrint Power', ['1', '0']),
     'speed': ('Speed 50, 30, 30\nPrint Speed', ['50']),

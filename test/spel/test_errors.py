@@ -251,7 +251,7 @@ def test_an_error_in_the_condition_of_a_trap_is_the_error_of_its_task() -> None:
         ('String t$(1, 1)\nParseStr "a b", t$(), " "', ErrorNumber.ARGUMENT, 5, 'one dimension'),
         ('Print Tmr(64)', ErrorNumber.ARGUMENT, 4, 'Tmr: 64 is not in 0..63'),
         ('i = TaskInfo(9, 3)', ErrorNumber.NO_SUCH_TASK, 4, 'TaskInfo: task 9 does not exist'),
-        ('i = TaskInfo(1, 5)', ErrorNumber.ARGUMENT, 4, 'TaskInfo: 5 is not in 1..4'),
+        ('i = TaskInfo(1, 5)', ErrorNumber.ARGUMENT, 4, 'TaskInfo: 5 is not in 0..4'),
         ('i = 1e308 * 10', ErrorNumber.OVERFLOW, 4, 'inf does not fit Long'),
         ('Pallet 1, JA(1, 2), JA(3, 4), JA(5, 6), 2, 2', ErrorNumber.ARGUMENT, 4, 'in space'),
         ('P1 = JA(1, 2, 3, 4, 5, 6) +X(1)', ErrorNumber.ARGUMENT, 4, 'no coordinate X'),

@@ -310,7 +310,7 @@ FAULTS = [
     ('Function main\n  Wait Sqr(4) = 2\nFend', 'a condition takes inputs, outputs'),
     ('Function main\n  Print (1 + \nFend', 'expected a value, found end of the line'),
     ('Function main\n  Print (1\nFend', 'expected ), found end of the line'),
-    ('Function main\n  Speed\nFend', 'expected a value'),
+    ('Function main\n  Speed ,\nFend', 'expected a value'),
     ('Function main\n  Motor Up\nFend', 'expected On or Off, found Up'),
     ('Function main\n  SetNet #201, "a", 1, CR, NONE, 0, UDP\nFend', 'SetNet with UDP'),
     ('Function main\n  SetNet #201, "a", 1, CR, NONE, 0, 5\nFend', 'expected TCP, found 5'),

@@ -171,6 +171,7 @@ ALONE = """Function main
   Wait Sw(Part) = On
   On Gripper
   Go home1
+  Local 3, (Corner:P1), (Side:home1), X
 Fend
 """
 
@@ -181,9 +182,11 @@ def test_a_program_without_its_files_names_points_and_bits() -> None:
         ('home1 is taken for a label of point', True),
         ('Part is taken for a label of I/O', True),
         ('Gripper is taken for a label of I/O', True),
+        ('Corner is taken for a label of point', True),
+        ('Side is taken for a label of point', True),
     ]
     assert found({'main.prg': ALONE}) == taken
-    assert found({'main.prg': ALONE.replace('Gripper', 'Griper(2)')})[-1][1] is False
+    assert found({'main.prg': ALONE.replace('Gripper', 'Griper(2)')})[3][1] is False
     host = ScriptedHost()
     machine = Machine(build({'main.prg': ALONE.replace('Jump Origin +X(5) C0', '')}), host)
     machine.start()
@@ -193,7 +196,7 @@ def test_a_program_without_its_files_names_points_and_bits() -> None:
 
 def test_a_project_with_its_files_names_nothing_that_they_lack() -> None:
     names = project(ALONE.removeprefix('Function main\n').removesuffix('Fend\n'))
-    assert [warning for _, warning in found(names)].count(False) == 4
+    assert [warning for _, warning in found(names)].count(False) == 5
 
 
 LIBRARY = """Static Integer m_state
@@ -215,3 +218,4 @@ def test_what_a_fielded_project_and_a_library_of_epson_write() -> None:
     machine.start()
     machine.advance(0.1)
     assert host.text.split() == ['3', '3']
+    assert ('AsInteger', True) in found({'main.prg': LIBRARY})

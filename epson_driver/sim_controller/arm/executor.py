@@ -11,9 +11,13 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from epson_driver.motion import Array, JointLimits, LineMotion
+from epson_driver.motion.joint_moves import JointMoves
 from epson_driver.tool_motion.curve_motion import CurveMotion
 
-PathMotion = Callable[[Array, bool], LineMotion | CurveMotion]
+Motion = LineMotion | CurveMotion | JointMoves
+"""From rest to rest."""
+
+PathMotion = Callable[[Array, bool], Motion]
 """Returns the motion from where the arm rests, shape (n,), rad, to a target; at low power or not.
 
 It keeps to the arm's limits, and must not raise.

@@ -81,3 +81,8 @@ class LowPower:
     def _check(self, limits: JointLimits) -> None:
         if self.reach.shape != limits.velocity.shape:
             raise ValueError(f'reach: {self.reach.size} values for {len(limits.names)} joints')
+
+
+def low_power_caps(reach: Array) -> LowPower:
+    """Return the caps of a robot whose joints have these reaches, shape (n,), m."""
+    return LowPower(LOW_POWER, LOW_POWER_TOOL_SPEED, reach)

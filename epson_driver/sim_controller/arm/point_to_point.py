@@ -26,11 +26,10 @@ from epson_driver.motion import Array, JointLimits, LineMotion, go
 from epson_driver.motion.joint_stop import JointStop, stop_joints
 from epson_driver.motion.overlap import blend_start
 from epson_driver.motion.point_to_point import check_fractions, check_target, go_in
-from epson_driver.sim_controller.arm.executor import PathMotion, Point
+from epson_driver.sim_controller.arm.executor import Motion, PathMotion, Point
 from epson_driver.sim_controller.arm.low_power import LowPower
-from epson_driver.tool_motion.curve_motion import CurveMotion
 
-Stop = LineMotion | CurveMotion | JointStop
+Stop = Motion | JointStop
 
 
 @dataclass(slots=True, eq=False)
@@ -61,7 +60,7 @@ class Segment:
     """
 
     statement: Statement
-    motion: LineMotion | CurveMotion
+    motion: Motion
     begin: float
     speed: float
     low_power: bool

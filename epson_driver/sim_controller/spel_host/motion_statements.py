@@ -5,14 +5,16 @@
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits, LineMotion, go
+from epson_driver.motion.joint_moves import JointMoves, Part, time_at
 from epson_driver.robots.model import SCARA
 from epson_driver.sim_controller.arm.executor import Point
-from epson_driver.sim_controller.arm.low_power import LOW_POWER
-from epson_driver.sim_controller.spel_host.robot_points import UNREACHABLE
+from epson_driver.sim_controller.arm.low_power import LOW_POWER, low_power_caps
+from epson_driver.sim_controller.spel_host.robot_points import NEAREST, UNREACHABLE
 from epson_driver.sim_controller.spel_host.robot_values import RobotContext
 from epson_driver.spel import ErrorNumber, MotionRequest, SpelError
 from epson_driver.spel import Point as SpelPoint
@@ -42,11 +44,14 @@ def points_of(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
 
 
 def _go(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    return [_at(robot.points.joints(request.points[-1], robot.here))]
+    point = request.points[-1]
+    if 'ljm' in request.numbers:
+        point = point.flagged(NEAREST)
+    return [_at(robot.points.joints(point, robot.here))]
 
 
 def _jump(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    """Up to LimZ, across, and down, with a rest between: as with C7, that is without an arch."""
+    """Up to LimZ, across, and down, with a rest between, or round the corners of an arch."""
     model = robot.controller.model
     if model.kind != SCARA:
         text = f'Jump: only a SCARA can; {model.name} is none: use Go'
@@ -56,13 +61,70 @@ def _jump(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     lim_z = robot.motion.lim_z
     if 'limz' in request.numbers:
         lim_z = request.numbers['limz'] / _MM
-    top = max(lim_z, float(start[2]), float(target[2]))
-    if top > model.limits.position_max[2]:
+    if lim_z > model.limits.position_max[2]:
         text = f'Jump: LimZ {lim_z * _MM:g} is above the range of joint 3'
         raise SpelError(ErrorNumber.ARGUMENT, text)
+    for number, what, joints in ((4005, 'the arm', start), (4006, 'the target', target)):
+        if joints[2] > lim_z + SHORTEST_PATH:
+            text = f'{what}, at {joints[2] * _MM:g}, is above LimZ {lim_z * _MM:g}'
+            raise SpelError(number, f'Jump: {text}')
     up, across = start.copy(), target.copy()
-    up[2] = across[2] = top
-    return [_at(up), _at(across), _at(target)]
+    up[2] = across[2] = lim_z
+    depart, approach = (request.numbers.get(each, 0.0) / _MM for each in ('depart', 'approach'))
+    if not 0.0 < depart <= lim_z - start[2] or not 0.0 < approach <= lim_z - target[2]:
+        return [_at(up), _at(across), _at(target)]
+    if request.sense is not None:  # it is looked at above the target
+        return [replace(_at(across), path=_Arch(robot, across, depart, 0.0)), _at(target)]
+    return [replace(_at(target), path=_Arch(robot, target, depart, approach, lim_z))]
+
+
+class _Arch:
+    """Up to a height (rad, m, of joint 3), across and down to a target, no joint twice at a time.
+
+    The way across begins once joint 3 has risen by `depart`, and is over where it is `approach`
+    above the target, m. At low power, and after a pause, they come one after the other.
+    """
+
+    def __init__(
+        self,
+        robot: RobotContext,
+        target: Array,
+        depart: float,
+        approach: float,
+        top: float | None = None,
+    ) -> None:
+        self._robot = robot
+        self._target = target
+        self._top = float(target[2]) if top is None else top
+        self._start = robot.motion.start
+        self._distances = depart, approach
+        self._share = robot.controller.spel.speed, robot.controller.spel.accel
+
+    def __call__(self, start: Array, low_power: bool) -> JointMoves:
+        limits = self._robot.controller.model.limits
+        speed, accel = self._share
+        depart, approach = self._distances
+        up, across = start.copy(), self._target.copy()
+        up[2] = across[2] = self._top
+        if np.allclose(up, across, rtol=0.0, atol=SHORTEST_PATH):
+            up = across = start
+        moves = []
+        for begin, end in pairwise((start, up, across, self._target)):
+            fast, hard = speed, accel
+            if low_power:
+                caps = low_power_caps(self._robot.controller.model.reach)
+                fast, hard = min(speed, caps.speed(limits, end - begin)), min(accel, caps.fraction)
+            moves.append(go(limits, begin, end, fast, hard))
+        rise, way, fall = moves
+        arched = not low_power and np.array_equal(start, self._start)
+        begins = time_at(rise, 2, depart) if arched else rise.duration
+        falls = begins + way.duration
+        if arched:
+            falls -= time_at(fall, 2, self._top - float(self._target[2]) - approach)
+        falls = max(falls, rise.duration)
+        times = (0.0, begins, falls)
+        parts = [Part(at, move.origin, move) for at, move in zip(times, moves, strict=True)]
+        return JointMoves(start, parts)
 
 
 def _move(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
@@ -73,7 +135,7 @@ def _line(robot: RobotContext, request: MotionRequest, point: SpelPoint, start: 
     """Return a line to a point, or an arc where the statement has a point between."""
     name = request.name.capitalize()
     via = request.points[0] if request.name in ('arc', 'arc3') else None
-    samples, path = robot.points.path_to(point, start, via)
+    samples, path = robot.points.path_to(point, start, via, level=request.name == 'arc')
     turns = path.length < SHORTEST_PATH < path.angle
     if turns and 'rot' not in request.words:
         text = f'{name}: only the orientation changes to {point}: {name} … ROT'
@@ -99,11 +161,16 @@ def _relative(robot: RobotContext, request: MotionRequest) -> MotionRequest:
     by = robot.points.stored(request.points[-1])
     here = robot.points.place(robot.motion.start)
     if request.name[0] == 't':
-        return replace(request, points=(combined(here, by),))
+        return replace(request, points=(_kept(robot, combined(here, by)),))
     turned = combined(replace(by, values=(0.0, 0.0, 0.0, *by.values[3:])), here)
     moved = (a + b for a, b in zip(here.values[:3], by.values[:3], strict=True))
-    place = replace(turned, values=(*moved, *turned.values[3:]), flags=())
-    return replace(request, points=(place,))
+    place = replace(turned, values=(*moved, *turned.values[3:]), flags=here.flags)
+    return replace(request, points=(_kept(robot, place),))
+
+
+def _kept(robot: RobotContext, place: SpelPoint) -> SpelPoint:
+    """Return a place with the posture that the arm is in (p163): of six axes, the nearest one."""
+    return place if robot.controller.model.kind == SCARA else replace(place, flags=(NEAREST,))
 
 
 def _relative_go(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:

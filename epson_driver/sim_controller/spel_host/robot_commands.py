@@ -80,9 +80,15 @@ def _motor(robot: RobotContext, _: Arguments, words: Words) -> Completion:
     controller = robot.controller
     if 'on' in words:
         apply(controller, Event.MOTORS_ON)
+        _usual(robot)
         return Until(lambda: True)
     apply(controller, Event.MOTORS_OFF)
     return Until(lambda: controller.condition.motors in (Motors.OFF, Motors.HELD))
+
+
+def _usual(robot: RobotContext) -> None:
+    """Set CP and LimZ as they are at first (p549)."""
+    robot.motion.lim_z, robot.motion.cp = 0.0, False
 
 
 def _power(robot: RobotContext, _: Arguments, words: Words) -> None:
@@ -102,7 +108,7 @@ def _reset(robot: RobotContext, _: Arguments, _words: Words) -> None:
 def _quit_all(robot: RobotContext, _: Arguments, _words: Words) -> None:
     robot.motion.abort(SpelError(ErrorNumber.MOTION_ABORTED))
     robot.controller.forget_settings()
-    robot.motion.lim_z = 0.0
+    _usual(robot)
     apply(robot.controller, Event.PROGRAM_POWER_LOW)
 
 

@@ -145,11 +145,25 @@ class RobotMotion:
         return not self.sensed
 
     def _share(self) -> float:
-        """Return the share of the path covered, in joint space."""
-        parts = [float(np.linalg.norm(b - a)) for a, b in pairwise(self._stops)]
+        """Return how much of the way is done: of the sum of its parts in joint space.
+
+        Of a jump, how much of its middle, -1 before it: !…! stands beside nothing else (p57).
+        """
+        stops, position = self._stops, self._arm.position
+        parts = [float(np.linalg.norm(b - a)) for a, b in pairwise(stops)]
         target = len(parts) - len(self._points) - (self._down is not None)
+        if self._motion is not None and self._motion.request.name == 'jump':
+            across = stops[-1] - stops[0]
+            across[2] = 0.0
+            whole = float(across @ across)
+            gone = float((position - stops[0]) @ across) / whole if whole else 1.0
+            return min(gone, 1.0) if gone > 0.0 else -1.0
+        if self._motion is not None and self._motion.request.name.startswith('jump'):
+            if target != 2:
+                return -1.0 if target < 2 else 1.0
+            parts, stops, target = parts[1:2], stops[1:3], 1
         left = sum(parts[target:])
-        left += float(np.linalg.norm(self._stops[target] - self._arm.position))
+        left += float(np.linalg.norm(stops[target] - position))
         whole = sum(parts)
         return min(max(1.0 - left / whole, 0.0), 1.0) if whole else 1.0
 

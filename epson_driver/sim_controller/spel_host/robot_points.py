@@ -4,6 +4,7 @@
 
 import logging
 import math
+from collections.abc import Iterator
 from functools import cached_property
 from typing import Any
 
@@ -11,14 +12,16 @@ import numpy as np
 
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel
-from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw
+from epson_driver.robots.chain import REVOLUTE
+from epson_driver.robots.kinematics import FULL_TURN, Kinematics, rotation_of_uvw
 from epson_driver.robots.model import SCARA
 from epson_driver.robots.opw import KinematicsError
 from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.sim_controller.programs.points import angles_rejection, clipped
 from epson_driver.spel import ErrorNumber as SpelNumber
 from epson_driver.spel import Point, SpelError
-from epson_driver.tool_motion.pose_path import PosePath, arc, line
+from epson_driver.spel.functions import POSTURES
+from epson_driver.tool_motion.pose_path import PosePath, arc, level_arc, line
 
 UNREACHABLE = 4007
 STEP_M = 0.02
@@ -26,18 +29,20 @@ STEP_RAD = 0.1
 """how densely a line is looked at; between, a spline is near it by some micrometres."""
 
 STRAIGHT_RAD = 1e-6
-"""A SCARA that is stretched out is bent to either side."""
+"""An arm that is stretched out by less (rad, m) is bent to either side."""
 
 MIN_SAMPLES, MAX_STEPS = 10, 500
 MAX_JOINT_STEP = 0.3
 """A joint that changes by more from one look to the next, rad or m, jumps."""
 
 _MM = 1000.0
-_IGNORED_FLAGS = frozenset({'0', 'r', 'a', 'nf', 'j1f0', 'j2f0', 'j4f0', 'j6f0'})
-"""Local 0 is the world; the others are the usual posture of a six-axis arm, the nearest one."""
+_SIDES = ('hand', 'elbow', 'wrist')
+"""What `Kinematics.sides` tells, as far as there is more than one posture."""
 
-_HANDS = {'r': 1.0, 'l': -1.0}
-"""The side to which joint 2 of a SCARA is bent."""
+NEAREST = 'ljm'
+"""The flag of a point that LJM has made."""
+
+LJM = 'LJM( )'
 
 ASSUMED_PULSES = 10_000.0
 """Per degree or mm, where a model does not say: no program could count its pulses otherwise."""
@@ -87,7 +92,8 @@ class RobotPoints:
     def joints(self, point: Point, near: Array) -> Array:
         """Return the joint angles of a point within the limits, shape (n,), rad.
 
-        Of a place in space: those nearest to `near`. Raises SpelError: 4001 out of range, 4007
+        Of a place in space: in its posture, or the usual one (after LJM, whatever is nearest), and
+        of what that leaves open the nearest to `near`. Raises SpelError: 4001 out of range, 4007
         out of reach.
         """
         angles = self._angles(point, near)
@@ -107,10 +113,26 @@ class RobotPoints:
     def place(self, angles: Array) -> Point:
         """Return joint angles, shape (n,), rad, as a place in space."""
         where, turn = self._kinematics.epson_point(angles)
-        return Point('xy', (*(where * _MM).tolist(), *np.degrees(turn).tolist()))
+        flags = (words[0] for words in self._posture(angles))
+        if self._model.kind == SCARA:
+            turn[0] = self._counted(float(turn[0]), angles)
+        turned = np.degrees(turn).tolist()
+        return Point(
+            'xy',
+            (*(where * _MM).tolist(), *turned),
+            tuple(each for each in flags if each != 'j1f0'),
+        )
+
+    def _counted(self, u: float, angles: Array) -> float:
+        """Return U of a SCARA, rad, with the full turns that its joints have made."""
+        axes = self._model.chain.axes[:, 2] * self._model.base.matrix[2, 2]
+        revolute = np.array([kind == REVOLUTE for kind in self._model.joint_types])
+        at_zero = self._kinematics.epson_point(np.zeros_like(angles))[1][0]
+        total = float(angles[revolute] @ axes[revolute] + at_zero)
+        return u + FULL_TURN * round((total - u) / FULL_TURN)
 
     def stored(self, point: Point) -> Point:
-        """Return a point as P0, P1, … hold it: a place in space, without turns of the wrist."""
+        """Return a point as P0, P1, … hold it: a place in space with its posture."""
         if point.kind == 'xy':
             return point
         return self.place(self._angles(point, np.zeros(len(self._model.joint_names))))
@@ -131,13 +153,13 @@ class RobotPoints:
         return np.asarray(np.array(point.values[:count]) / per_unit)
 
     def path_to(
-        self, point: Point, start: Array, via: Point | None = None
+        self, point: Point, start: Array, via: Point | None = None, level: bool = False
     ) -> tuple[Array, PosePath]:
-        """Return joints along the tool's line from joints, shape (n,), to a point.
+        """Return joints along the straight way of the tool from joints, shape (n,), to a point.
 
-        With `via` it is an arc over that point. rad, shape (k, n), at even shares of the path.
-        Raises SpelError: 4001, or 4007 for a path that
-        leaves the reach or a joint's range, or on which a joint would have to jump.
+        With `via` it is an arc over that point, of which `level` takes X and Y only. rad, shape
+        (k, n), at even shares of the way. Raises SpelError: 4001, or 4007 for a way that leaves
+        the reach or a joint's range, or on which a joint would have to jump.
         """
         here = self._kinematics.forward(start)
         if point.kind == 'xy':
@@ -148,7 +170,8 @@ class RobotPoints:
             if via is None:
                 path = line(here, there)
             else:
-                path = arc(here, self._pose(self.stored(via))[:3, 3], there)
+                lead = level_arc if level else arc
+                path = lead(here, self._pose(self.stored(via))[:3, 3], there)
         except ValueError as error:
             raise SpelError(UNREACHABLE, f'{point}: {error}') from error
         longest = max(path.length / STEP_M, path.angle / STEP_RAD)
@@ -164,13 +187,45 @@ class RobotPoints:
         return np.array(samples), path
 
     def _reaching(self, point: Point, near: Array) -> Array:
-        found = self._solutions(point, self._pose(point), near)
-        side = next((_HANDS[flag] for flag in point.flags if flag in _HANDS), 0.0)
-        if self._model.kind == SCARA and side:
-            found = found[found[:, 1] * side >= -STRAIGHT_RAD]
-        if not len(found):
-            raise SpelError(UNREACHABLE, f'{point} is out of reach')
-        return np.asarray(found[0])
+        free = NEAREST in point.flags
+        usual = near.copy()
+        if not free and self._model.kind != SCARA:
+            usual[3] = 0.0  # where joints 4 and 6 are in line, joint 6 turns alone (p79)
+        found = self._solutions(point, self._pose(point), usual)
+        fitting = found if free else [each for each in found if self._fits(point, each)]
+        if not len(fitting):
+            why = f': {LJM} takes another posture' if len(found) else ''
+            raise SpelError(UNREACHABLE, f'{point} is out of reach{why}')
+        return np.asarray(min(fitting, key=lambda each: float(np.linalg.norm(each - near))))
+
+    def _fits(self, point: Point, joints: Array) -> bool:
+        """Return whether joints have the posture of a point, and a SCARA's the turns of U."""
+        if self._model.kind == SCARA:
+            u = math.radians(point.values[3])
+            if abs(self._counted(u, joints) - u) > math.pi:
+                return False
+        for fitting in self._posture(joints):
+            group = next(words for words in POSTURES.values() if fitting[0] in words)
+            if next((flag for flag in point.flags if flag in group), group[0]) not in fitting:
+                return False
+        return True
+
+    def _posture(self, joints: Array) -> Iterator[tuple[str, ...]]:
+        """Yield the flags that tell a posture, two where it is on the edge between them."""
+        try:
+            sides = self._kinematics.sides(joints)
+        except KinematicsError:
+            return
+        for name, side in zip(_SIDES, sides, strict=False):
+            usual, other = POSTURES[name]
+            if abs(side) < STRAIGHT_RAD:
+                yield usual, other
+            else:
+                yield (usual if side > 0.0 else other,)
+        if self._model.kind != SCARA:
+            yield (f'j6f{_half_turns(float(joints[5]))}',)
+            yield (f'j4f{min(_half_turns(float(joints[3])), 1)}',)
+            yield (f'j1f{min(_half_turns(float(joints[0])), 1)}',)
 
     def _solutions(self, point: Point, pose: Array, near: Array) -> Array:
         try:
@@ -180,16 +235,16 @@ class RobotPoints:
 
     def _pose(self, point: Point) -> Array:
         """Return where the tool is at a place in space, in base_link."""
-        scara = self._model.kind == SCARA
-        wanted = [
-            flag
-            for flag in point.flags
-            if flag not in _IGNORED_FLAGS and not (scara and flag in _HANDS)
-        ]
-        if wanted:
-            text = f'/{wanted[0].upper()} is not simulated: the nearest posture is taken'
-            raise SpelError(SpelNumber.ARGUMENT, f'{point}: {text}')
         return self._kinematics.from_base(_matrix(point))
+
+
+def _half_turns(angle: float) -> int:
+    """Return the number of J4Flag and J6Flag (p459), exact to a rounding."""
+    turns = abs(angle) / np.pi
+    whole = round(turns)
+    if abs(turns - whole) * np.pi < STRAIGHT_RAD:
+        return max(whole - (angle > 0.0), 0)
+    return math.floor(turns)
 
 
 def _matrix(point: Point) -> Array:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from epson_driver.motion import Array, go
+from epson_driver.robots.chain import REVOLUTE
 from epson_driver.sim_controller.condition.states import Mode
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.remote import status_words
@@ -176,6 +177,27 @@ def _time(robot: RobotContext, arguments: Arguments) -> float:
     return go(robot.controller.model.limits, robot.here, target, spel.speed, spel.accel).duration
 
 
+def _where(robot: RobotContext, _: Arguments) -> str:
+    """Return the lines of Where (p890), in the columns that clients read them from."""
+    place = robot.points.place(robot.here).values[: len(robot.here)]
+    world = zip('XYZUVW', place, ('mm',) * 3 + ('deg',) * 3, strict=False)
+    pulses = robot.points.pulses_per_unit * robot.here
+    return '\n'.join(
+        (
+            'WORLD:' + ''.join(f'  {axis}:{at:9.3f} {unit}' for axis, at, unit in world),
+            _joint(robot, ()),
+            'PULSE:' + ''.join(f'  {n}:{round(at):9d} pls' for n, at in enumerate(pulses, 1)),
+        )
+    )
+
+
+def _joint(robot: RobotContext, _: Arguments) -> str:
+    model = robot.controller.model
+    units = ('deg' if kind == REVOLUTE else 'mm' for kind in model.joint_types)
+    shown = zip(robot.here * model.shown_per_unit, units, strict=True)
+    return 'JOINT:' + ''.join(f'  {n}:{at:9.3f} {unit}' for n, (at, unit) in enumerate(shown, 1))
+
+
 def _found(robot: RobotContext, _: Arguments) -> Point:
     if robot.motion.found is None:
         raise SpelError(ErrorNumber.POINT_UNDEFINED, 'FindPos: no Find has found anything')
@@ -211,10 +233,11 @@ VALUES: dict[str, Callable[[RobotContext, Arguments], Result]] = {
     'motor': _one(status_words.motors_on),
     'power': _one(status_words.power_high),
     'athome': _at_home,
+    'where': _where,
+    'joint': _joint,
     'robottype': lambda robot, _: robot_type(robot.controller.model),
     'inpos': _truth(lambda controller: not controller.in_motion),
     'js': lambda robot, _: -1 if robot.motion.sensed else 0,
-    'jt': lambda robot, _: int(robot.motion.sensed),
     'posfound': lambda robot, _: -1 if robot.motion.found is not None else 0,
     'findpos': _found,
     'tool': lambda robot, _: robot.points.tool,

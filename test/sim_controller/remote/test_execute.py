@@ -114,6 +114,19 @@ def test_a_point_is_printed_as_on_the_wire(execute):
     assert float(text[3:12]) == pytest.approx(0.0, abs=1e-3)
 
 
+def test_where_is_shown_in_the_columns_that_clients_read(execute, remote):
+    """X at byte 20, then Y at 36, Z at 52, U at 68; joints and pulses in lines of their own."""
+    remote.connection.receive(b'$Execute,"Where"\r\n')
+    world, joint, pulse = remote.peer.take().decode().splitlines()
+    assert world[10:16] == 'WORLD:'
+    shown = [float(world[at : at + 9]) for at in (20, 36, 52, 68)]
+    here = execute('Print Here').removeprefix('#Execute,"')
+    assert shown == [float(here[3 + 12 * at : 12 + 12 * at]) for at in range(4)]
+    assert joint.startswith('JOINT:  1:    0.000 deg  2:  -10.000 deg')
+    assert execute('Joint') == f'#Execute,"{joint}"'
+    assert pulse.count('pls') == 6
+
+
 def test_points_stay_and_can_be_changed(execute):
     assert execute('P1 = Here') == execute('P2 = P1 +Z(50)') == '#Execute,0'
     assert execute('Print CZ(P2) - CZ(P1)') == '#Execute,"50"'

@@ -10,6 +10,7 @@ from support.spel_program_harness import SpelProgramHarness
 
 from epson_driver.robots import load_robot_model
 from epson_driver.robots.kinematics import Kinematics
+from epson_driver.sim_controller.spel_host.robot_points import RobotPoints
 
 BENT = np.radians([0.0, -10.0, 20.0, 0.0, -60.0, 0.0])
 SCARA = load_robot_model('gx4_c251s')
@@ -38,11 +39,10 @@ def scara(caplog, body):
 
 
 @pytest.mark.invariant(2)
-@pytest.mark.parametrize('word', ['Arc', 'Arc3'])
-def test_inv2_an_arc_leads_over_its_point_on_a_circle(caplog, word):
+def test_inv2_an_arc_in_space_leads_over_its_point_on_a_circle(caplog):
     harness = ran(
         caplog,
-        f'  SpeedS 200; AccelS 1000; P1 = Here\n  {word} P1 +X(40) +Z(40), P1 +X(80)\n'
+        '  SpeedS 200; AccelS 1000; P1 = Here\n  Arc3 P1 +X(40) +Z(40), P1 +X(80)\n'
         '  Print Int(CX(Here) - CX(P1) + 0.5), Int(CZ(Here) - CZ(P1) + 0.5)',
     )
     assert harness.printed[0] == '80 0'
@@ -51,6 +51,67 @@ def test_inv2_an_arc_leads_over_its_point_on_a_circle(caplog, word):
     center = places[0] + [0.04, 0.0, 0.0]
     assert np.abs(np.linalg.norm(places - center, axis=1) - 0.04).max() < 2e-5
     assert places[:, 2].max() - places[0, 2] == pytest.approx(0.04, abs=1e-4)
+
+
+@pytest.mark.invariant(2)
+def test_inv2_a_level_arc_is_one_from_above_and_its_height_changes_evenly(caplog):
+    """P106: the height of the point between is not passed through."""
+    harness = ran(
+        caplog,
+        '  SpeedS 200; AccelS 1000; P1 = Here\n  Arc P1 +X(40) +Y(40) +Z(90), P1 +X(80) +Z(20)',
+    )
+    arm = Kinematics(harness.controller.model)
+    places = np.array([arm.in_base(arm.forward(each))[:3, 3] for each in harness.positions])
+    away = places - places[0]
+    assert np.abs(np.linalg.norm(away[:, :2] - [0.04, 0.0], axis=1) - 0.04).max() < 2e-5
+    turned = np.abs(np.arctan2(away[:, 1], 0.04 - away[:, 0])) / np.pi
+    assert np.abs(away[1:, 2] - 0.02 * turned[1:]).max() < 2e-4
+    assert away[-1] == pytest.approx([0.08, 0.0, 0.02], abs=1e-5)
+
+
+def test_a_step_in_a_local_is_along_its_axes(caplog):
+    """The example of p164, with its places made smaller for the arm."""
+    harness = scara(
+        caplog,
+        '  P1 = XY(100, 150, -20, 0) /L; Local 1, XY(7, 8, 0, 45)\n  Go P1; Print Here\n'
+        '  BGo XY(0, 30, 0, 0); Print Here\n  BGo XY(0, 30, 0, 0) /1; Print Here\n'
+        '  Go P1; BMove XY(0, 20, 0, 0) /1; Print Here',
+    )
+    places = [tuple(float(line.split()[at]) for at in (1, 3, 7)) for line in harness.printed[:4]]
+    assert places == [(100, 150, 0), (100, 180, 0), (78.787, 201.213, 0), (85.858, 164.142, 0)]
+    assert all(line.endswith('/L /0') for line in harness.printed[:4])
+
+
+@pytest.mark.parametrize(
+    ('statement', 'shown'),
+    [
+        ('Go P1', '/R /A /NF /J6F0 /J4F0 /0'),
+        ('Go P1 /F', '/R /A /F /J6F0 /J4F0 /0'),
+        ('Go P1 /J6F1 :U(CU(P1) + 30)', '/R /A /NF /J6F1 /J4F0 /0'),
+        ('Go LJM(P1 /F)', '/R /A /NF /J6F0 /J4F0 /0'),
+        ('Go P1 /F LJM', '/R /A /NF /J6F0 /J4F0 /0'),
+        ('Go P1 /F; BGo XY(0, 0, 5, 0, 0, 0)', '/R /A /F /J6F0 /J4F0 /0'),
+    ],
+)
+def test_an_arm_goes_to_a_point_in_its_posture(caplog, statement, shown):
+    """P592: no posture is the usual one; LJM takes the nearest."""
+    harness = ran(caplog, f'  P1 = Here\n  Go P1 +Z(10)\n  {statement}\n  Print Here')
+    assert harness.printed[0].endswith(shown)
+
+
+@pytest.mark.parametrize('name', ['c4_a601s', 'c8_a701s', 'vt6_a901s', 'gx4_c251s', 't3_401s'])
+def test_a_place_and_its_posture_are_the_joints_that_it_was_taught_with(name):
+    model = load_robot_model(name)
+    points, limits = RobotPoints(model), model.limits
+    random = np.random.default_rng(1)
+    wide = 2.0 * np.pi - 0.01
+    for _ in range(60):
+        joints, near = random.uniform(
+            np.maximum(limits.position_min, -wide),
+            np.minimum(limits.position_max, wide),
+            (2, len(model.joint_names)),
+        )
+        assert np.allclose(points.joints(points.place(joints), near), joints, atol=1e-6)
 
 
 def test_relative_motions_by_the_tool_and_by_the_base(caplog):

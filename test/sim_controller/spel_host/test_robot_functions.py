@@ -61,7 +61,6 @@ def refusal(caplog, body, **options):
         ),
         ('Motor On\nGo JA(1, 2, 3, 4)', '4 values for 6 joints'),
         ('Motor On\nGo JA(1, 2, 3, 4, 5, 6, 7)', '7 values for 6 joints'),
-        ('P1 = Here\nMotor On\nGo P1 /L', '/L is not simulated: the nearest posture is taken'),
     ],
 )
 def test_what_is_out_of_range_is_said_with_the_value_and_what_it_may_be(caplog, statement, said):

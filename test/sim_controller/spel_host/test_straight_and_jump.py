@@ -171,7 +171,7 @@ Function main
   Print "stands"
   Pallet 1, XY(100, 180, {deep}, 0), XY(160, 180, {deep}, 0), XY(100, 140, {deep}, 0), 2, 2
   For i = 2 To 4
-    Jump Pallet(1, i) C0
+    Jump Pallet(1, i)
     Print Int(CX(Here) + 0.5), Int(CY(Here) + 0.5), Int(Agl(3) + 0.5)
   Next
 Fend
@@ -193,11 +193,104 @@ def test_a_scara_jumps_over_a_pallet_up_across_and_down(caplog):
     assert_limits_kept(harness)
 
 
+ARCH = """
+Function main
+  Motor On{power}
+  Speed 50; Accel 50, 50
+  Go XY(100, 180, -60, 0)
+  LimZ 0
+  Arch 1, 15, 25
+  Print "stands"
+  Jump XY(180, 60, -80, 0){more}
+  Print Int(CX(Here) + 0.5), Int(CY(Here) + 0.5), Int(Agl(3) + 0.5)
+Fend
+"""
+HIGH = '; Power High'
+
+
+def jumped(caplog, more, power=HIGH):
+    """Return height, mm, and joints 1, 2 and 4 in each motion cycle of the Jump."""
+    source = ARCH.format(power=power, more=more)
+    harness = SpelProgramHarness(source, caplog, model=SCARA)
+    harness.until(lambda: harness.printed == ['stands'])
+    begin = len(harness.positions) - 1
+    harness.until(lambda: len(harness.printed) == 2)
+    assert harness.printed[1] == '180 60 -80'
+    assert_limits_kept(harness)
+    positions = np.array(harness.positions[begin:])
+    return positions[:, 2] * 1000.0, positions[:, [0, 1, 3]]
+
+
+@pytest.mark.invariant(2)
+@pytest.mark.parametrize(
+    ('more', 'power', 'rise', 'fall'),
+    [
+        (' C1', HIGH, 15.0, 25.0),
+        (' C0', HIGH, 30.0, 30.0),
+        (' C1 Sense MemSw(1) = On', HIGH, 15.0, 80.0),
+        (' C7', HIGH, 60.0, 80.0),
+        ('', HIGH, 60.0, 80.0),
+        (' C4', HIGH, 60.0, 80.0),  # 70 mm: more than there is to rise
+        (' C1', '', 60.0, 80.0),  # at low power, one after the other
+    ],
+)
+def test_inv2_a_jump_goes_round_the_corners_of_its_arch(caplog, more, power, rise, fall):
+    """P110: as high it has risen when it begins to go across, so high above it is across."""
+    heights, sideways = jumped(caplog, more, power)
+    across = np.any(np.abs(sideways - sideways[0]) > 1e-9, axis=1)
+    arrived = np.all(np.abs(sideways - sideways[-1]) < 1e-9, axis=1)
+    cycle = np.abs(np.diff(heights)).max() + 0.01
+    assert heights[np.argmax(across)] - heights[0] == pytest.approx(rise, abs=cycle)
+    assert heights[np.argmax(arrived)] - heights[-1] == pytest.approx(fall, abs=cycle)
+    assert heights.max() == pytest.approx(0.0, abs=0.01)
+
+
+def test_a_jump_round_corners_goes_on_after_a_pause(caplog):
+    source = ARCH.format(power=HIGH, more=' C1')
+    harness = SpelProgramHarness(source, caplog, model=SCARA)
+    harness.until(lambda: harness.printed == ['stands'])
+    harness.step(0.2)
+    harness.do('pause')
+    harness.step(1.0)
+    assert not np.any(harness.velocity)
+    harness.do('continue')
+    harness.until(lambda: len(harness.printed) == 2)
+    assert harness.printed[1] == '180 60 -80'
+    assert_limits_kept(harness)
+
+
+@pytest.mark.parametrize(
+    ('go', 'number', 'said'),
+    [(-10, 4005, 'the arm, at -10, is above'), (-40, 4006, 'the target, at -10, is above')],
+)
+def test_a_jump_under_lim_z_is_refused(caplog, go, number, said):
+    """P474."""
+    source = f'Function main\n  Motor On\n  Go XY(100, 180, {go}, 0)\n  LimZ -20\n'
+    source += '  Jump XY(150, 150, -10, 0)\nFend\n'
+    harness = SpelProgramHarness(source, caplog, model=SCARA)
+    harness.until(lambda: harness.controller.error_number == number)
+    assert said in caplog.text
+
+
+@pytest.mark.parametrize('arch', ['C0', ''])
+def test_what_stands_beside_a_jump_begins_when_it_goes_across(caplog, arch):
+    """P57: D0 at the end of the rising, D50 at half of the way across."""
+    source = ARCH.format(power=HIGH, more=f' {arch} !D0; Print Agl(3); D50; Print Agl(1)!')
+    harness = SpelProgramHarness(source, caplog, model=SCARA)
+    harness.until(lambda: harness.printed == ['stands'])
+    begin = np.degrees(harness.position[0])
+    harness.until(lambda: len(harness.printed) == 4)
+    _, height, half, _ = harness.printed
+    end = np.degrees(harness.position[0])
+    assert -31.0 < float(height) < -28.0 if arch else float(height) > -0.1
+    assert (float(half) - begin) / (end - begin) == pytest.approx(0.5, abs=0.1)
+
+
 @pytest.mark.invariant(3)
 def test_inv3_till_ends_a_jump_and_what_is_left_of_it(caplog):
     source = (
         JUMP.format(deep=-84, high=0)
-        .replace('C0', 'Till MemSw(1) = On')
+        .replace('Pallet(1, i)', 'Pallet(1, i) Till MemSw(1) = On')
         .replace('  For i', '  Xqt 2, stopper\n  For i')
     )
     source = source.replace('To 4', 'To 2') + 'Function stopper\n  Wait 0.05\n  MemOn 1\nFend\n'
