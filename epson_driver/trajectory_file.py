@@ -119,7 +119,7 @@ def _time(point: Any, where: str, timed: bool) -> float:
 
 
 def _optional(points: list[Any], key: str, joints: int, file: str) -> Array | None:
-    """Return a quantity that all points have, or None if none has it."""
+    """Return a quantity of all points, or None if no point has it."""
     return _table(points, key, joints, file) if any(point.get(key) for point in points) else None
 
 

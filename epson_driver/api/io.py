@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from epson_driver.api.errors import RobotError
 from epson_driver.api.ownership import Unique
-from epson_driver.driver.io import io_access
+from epson_driver.driver.io import io_driver
 from epson_driver.driver.io.gripper import LOOK_PERIOD_S
 from epson_driver.driver.io.io_driver import IoAnswer, IoUnavailableError
 from epson_driver.driver.io.io_results import NAMES
@@ -31,7 +31,7 @@ VALUE = count(-(2**31), 2**31 - 1)
 class Io(Unique):
     """Reads and writes single points. A controller without I/O is a RobotError that says so."""
 
-    def __init__(self, driver: Callable[[], io_access.Io]) -> None:
+    def __init__(self, driver: Callable[[], io_driver.Io]) -> None:
         self._driver = driver
 
     async def read(self, kind: str, index: int) -> int:

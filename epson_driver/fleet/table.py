@@ -132,7 +132,7 @@ def _processes(fleet: Fleet) -> list[Process]:
 
 
 def say_environment(fleet: Fleet, console: Console) -> None:
-    """Say what another terminal needs to find the robots."""
+    """Print the environment with which another terminal finds the robots."""
     console.print('they go on until Ctrl-C; in another terminal:')
     for name, value in fleet.environment.items():
         console.print(f'export {name}={value}', highlight=False)

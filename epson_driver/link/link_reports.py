@@ -38,7 +38,7 @@ class LinkReports:
         self._lasting: asyncio.TimerHandle | None = None
 
     def tell(self, why: str) -> None:
-        """Log the link's present state, unless that is known. `why`: how it came to it."""
+        """Log the link's present state, unless it was logged. `why`: its cause."""
         link, loop = self._link, asyncio.get_running_loop()
         if self._lasting is not None:
             self._lasting.cancel()

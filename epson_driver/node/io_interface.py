@@ -13,8 +13,7 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from epson_driver.driver.io.io_access import Io
-from epson_driver.driver.io.io_driver import IoAnswer, IoUnavailableError
+from epson_driver.driver.io.io_driver import Io, IoAnswer, IoUnavailableError
 from epson_driver.node.loop_bridge import DriverEndedError, LoopBridge
 from epson_driver.simple_message import IoAddress, IoSetting
 

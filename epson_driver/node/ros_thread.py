@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The thread that serves ROS: rclpy's executor, whose end is never silent."""
+"""The thread that runs rclpy's executor, whose end is always reported."""
 
 import threading
 from collections.abc import Callable

@@ -158,7 +158,7 @@ async def end_worker(process: asyncio.subprocess.Process) -> None:
 
 
 def answer_file() -> BinaryIO:
-    """Return where a worker's answers go, and send whatever prints to stderr."""
+    """Return the file for a worker's answers, and redirect what is printed to stderr."""
     open_closed_streams()
     answers = os.fdopen(os.dup(1), 'wb')
     os.dup2(2, 1)

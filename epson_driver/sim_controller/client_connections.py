@@ -220,7 +220,7 @@ class ClientConnections:
         return any(connection.port == port for connection in self._connections)
 
     def make_room(self, port: str) -> None:
-        """Close the connection of the port's oldest client, unless the arm has somewhere to go."""
+        """Close the connection of the port's oldest client, unless the arm has points left."""
         held = [connection for connection in self._connections if connection.port == port]
         if held and not self._controller.moving:
             _log.warning('the oldest %s client makes room for another one', port)

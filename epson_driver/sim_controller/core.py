@@ -102,7 +102,7 @@ class Clients(Protocol):
         """Return whether a port has a client."""
 
     def make_room(self, port: str) -> None:
-        """Close the connection of the port's oldest client, unless the arm has somewhere to go."""
+        """Close the connection of the port's oldest client, unless the arm has points left."""
 
     def check_login(self) -> None:
         """Raise ConnectionRefusedError if another client is logged in and is served alone."""

@@ -19,7 +19,7 @@ class SimpleMessageError(ValueError):
 
 
 class FrameError(SimpleMessageError):
-    """The length prefix is impossible: the position in the stream is lost, so close the link."""
+    """An impossible length prefix, after which the position in the stream is lost."""
 
 
 class HeaderError(SimpleMessageError):

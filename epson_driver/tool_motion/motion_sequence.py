@@ -165,7 +165,7 @@ def _check_group(first: int, group: Sequence[Primitive]) -> None:
 def _run(
     kinematics: Kinematics, start: Array, group: Sequence[Primitive], given_up: GivenUp
 ) -> TimedRun:
-    """Return the points of motions that go over into each other, or of a single one."""
+    """Return the points of motions that are blended, or of a single one."""
     radii = [primitive.blend_radius for primitive in group[:-1]]
     if group[0].kind is Kind.LINEAR_JOINT:
         if not radii:

@@ -243,7 +243,7 @@ def _part(path: PosePath, first: float, last: float) -> PosePath:
 
 
 def _corner(before: PosePath, after: PosePath, radius: float) -> PosePath:
-    """Return a path that leaves one `radius` m before its end and reaches the next that far on.
+    """Return a path that rounds a corner, from `radius` m before it to `radius` m behind it.
 
     Its length is twice the radius: a bit more than the path has, as it cuts the corner.
     Position and turn are polynomials, the turn as a rotation vector in the corner's frame.

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Poses as matrices, or given with a quaternion, and where a tool may be.
+"""Poses as matrices or with a quaternion, and bounds for a tool's pose.
 
 Errors name the field and the rule.
 """

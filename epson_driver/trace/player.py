@@ -232,7 +232,7 @@ class Player:
         raise AssertionError(port)
 
     def _take(self, index: int) -> None:
-        """The client took a turn. Without an earlier one that is missing, go on there."""
+        """Take a turn of the client, skipping an earlier one that is missing."""
         self._taken.add(index)
         self._go_on()
 

@@ -66,65 +66,56 @@ async def recover(robot, controller):
 
 @pytest.mark.parametrize('trouble', TROUBLE)
 @pytest.mark.invariant(3, 4, 5)
-def test_whatever_ends_a_motion_the_arm_rests_and_moves_only_when_enabled_again(trouble):
+async def test_whatever_ends_a_motion_the_arm_rests_and_moves_only_when_enabled_again(trouble):
     happens, said = TROUBLE[trouble]
 
-    async def scenario():
-        async with robot_cell() as (robot, controller):
-            motion = await robot.move_joints(FAR, speed=SLOW, wait=False)
-            await until(lambda: robot.joints[0] > 0.01)
-            happens(controller)
-            with pytest.raises(MotionError, match=said):
-                await motion.wait()
-            assert motion.done
-            assert not robot.status.enabled
-            await asyncio.sleep(1.5)
-            there = controller.arm.commanded
-            assert there[0] < 1.0
-            with pytest.raises(RobotError):
-                await robot.move_joints(HOME)
-            await asyncio.sleep(1.0)
-            assert np.array_equal(there, controller.arm.commanded)
-            await recover(robot, controller)
+    async with robot_cell() as (robot, controller):
+        motion = await robot.move_joints(FAR, speed=SLOW, wait=False)
+        await until(lambda: robot.joints[0] > 0.01)
+        happens(controller)
+        with pytest.raises(MotionError, match=said):
+            await motion.wait()
+        assert motion.done
+        assert not robot.status.enabled
+        await asyncio.sleep(1.5)
+        there = controller.arm.commanded
+        assert there[0] < 1.0
+        with pytest.raises(RobotError):
             await robot.move_joints(HOME)
-
-    run(scenario())
+        await asyncio.sleep(1.0)
+        assert np.array_equal(there, controller.arm.commanded)
+        await recover(robot, controller)
+        await robot.move_joints(HOME)
 
 
 @pytest.mark.invariant(3, 4, 5)
-def test_disable_in_mid_move_stops_the_arm_and_switches_the_motors_off():
-    async def scenario():
-        async with robot_cell() as (robot, controller):
-            motion = await robot.move_joints(FAR, speed=SLOW, wait=False)
-            await until(lambda: robot.joints[0] > 0.01)
-            assert 'the arm is disabled and the motors are off' in await robot.disable()
-            with pytest.raises(MotionError, match='disabled on request'):
-                await motion.wait()
-            assert not controller.condition.powered
-
-    run(scenario())
+async def test_disable_in_mid_move_stops_the_arm_and_switches_the_motors_off():
+    async with robot_cell() as (robot, controller):
+        motion = await robot.move_joints(FAR, speed=SLOW, wait=False)
+        await until(lambda: robot.joints[0] > 0.01)
+        assert 'the arm is disabled and the motors are off' in await robot.disable()
+        with pytest.raises(MotionError, match='disabled on request'):
+            await motion.wait()
+        assert not controller.condition.powered
 
 
 @pytest.mark.invariant(3, 5)
-def test_stop_in_mid_move_brings_the_arm_to_rest_and_leaves_it_enabled():
-    async def scenario():
-        async with robot_cell() as (robot, controller):
-            motion = await robot.move_joints(FAR, speed=SLOW, wait=False)
-            await until(lambda: robot.joints[0] > 0.01)
-            assert 'the running motion ended' in await robot.stop()
-            there = controller.arm.commanded
-            assert there[0] < 1.0
-            with pytest.raises(MotionError, match=r'stopped on request'):
-                await motion.wait()
-            await asyncio.sleep(1.0)
-            assert np.array_equal(there, controller.arm.commanded)
-            await robot.move_joints(HOME)
-
-    run(scenario())
+async def test_stop_in_mid_move_brings_the_arm_to_rest_and_leaves_it_enabled():
+    async with robot_cell() as (robot, controller):
+        motion = await robot.move_joints(FAR, speed=SLOW, wait=False)
+        await until(lambda: robot.joints[0] > 0.01)
+        assert 'the running motion ended' in await robot.stop()
+        there = controller.arm.commanded
+        assert there[0] < 1.0
+        with pytest.raises(MotionError, match=r'stopped on request'):
+            await motion.wait()
+        await asyncio.sleep(1.0)
+        assert np.array_equal(there, controller.arm.commanded)
+        await robot.move_joints(HOME)
 
 
 @pytest.mark.invariant(3)
-def test_a_task_that_is_cancelled_between_two_moves_leaves_the_arm_at_rest():
+async def test_a_task_that_is_cancelled_between_two_moves_leaves_the_arm_at_rest():
     """What Ctrl-C does to asyncio.run: the task is cancelled wherever it is."""
 
     async def moves(robot):
@@ -132,26 +123,23 @@ def test_a_task_that_is_cancelled_between_two_moves_leaves_the_arm_at_rest():
             await robot.move_joints([0.2, 0, 0, 0, 0, 0], speed=0.3)
             await robot.move_joints(HOME, speed=0.3)
 
-    async def scenario():
-        async with simulated() as (controller, ports):
-            for seconds in (0.01, 0.3, 0.7, 1.1, 2.3):
-                robot = aio.Robot(
-                    motion_port=ports.motion, state_port=ports.state, remote_port=ports.remote
-                )
+    async with simulated() as (controller, ports):
+        for seconds in (0.01, 0.3, 0.7, 1.1, 2.3):
+            robot = aio.Robot(
+                motion_port=ports.motion, state_port=ports.state, remote_port=ports.remote
+            )
 
-                async def session(robot=robot, seconds=seconds):
-                    async with robot:
-                        await robot.enable()
-                        async with asyncio.timeout(seconds):
-                            await moves(robot)
+            async def session(robot=robot, seconds=seconds):
+                async with robot:
+                    await robot.enable()
+                    async with asyncio.timeout(seconds):
+                        await moves(robot)
 
-                with pytest.raises(TimeoutError):
-                    await session()
-                there = controller.arm.commanded
-                await asyncio.sleep(1.0)
-                assert np.array_equal(there, controller.arm.commanded)
-
-    run(scenario())
+            with pytest.raises(TimeoutError):
+                await session()
+            there = controller.arm.commanded
+            await asyncio.sleep(1.0)
+            assert np.array_equal(there, controller.arm.commanded)
 
 
 # --- while a motion is planned ----------------------------------------------------------------

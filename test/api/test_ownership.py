@@ -14,7 +14,6 @@ import pytest
 from support.api_harness import FAR, output, ports_of, program
 from support.api_patience import be_patient
 from support.driver_harness import simulated
-from support.event_loop import run
 from support.sim_process import wait_for
 
 from epson_driver import Robot, RobotError, aio
@@ -83,41 +82,35 @@ while robot.joints[0] < 0.01:
     )
 
 
-def test_another_program_s_client_is_named_when_a_robot_connects():
-    async def scenario():
-        async with simulated() as (_, ports):
-            _, writer = await asyncio.open_connection('127.0.0.1', ports.motion)
-            with pytest.raises(RobotError, match=r'motion link .* at once: it serves one client'):
-                await aio.Robot(**ports_of(ports)).connect(5.0)
-            writer.close()
-            robot = await aio.Robot(**ports_of(ports)).connect(5.0)
-            assert robot.status.connected
-            await robot.close()
-
-    run(scenario())
+async def test_another_program_s_client_is_named_when_a_robot_connects():
+    async with simulated() as (_, ports):
+        _, writer = await asyncio.open_connection('127.0.0.1', ports.motion)
+        with pytest.raises(RobotError, match=r'motion link .* at once: it serves one client'):
+            await aio.Robot(**ports_of(ports)).connect(5.0)
+        writer.close()
+        robot = await aio.Robot(**ports_of(ports)).connect(5.0)
+        assert robot.status.connected
+        await robot.close()
 
 
 @pytest.mark.invariant(3, 4)
-def test_a_robot_for_asyncio_is_taken_over_and_lost_as_well(caplog):
-    async def scenario():
-        async with simulated() as (_, ports):
-            first = await aio.Robot(**ports_of(ports)).connect()
+async def test_a_robot_for_asyncio_is_taken_over_and_lost_as_well(caplog):
+    async with simulated() as (_, ports):
+        first = await aio.Robot(**ports_of(ports)).connect()
+        await first.enable()
+        motion = await first.move_joints(FAR, speed=0.02, wait=False)
+        second = await aio.Robot(**ports_of(ports)).connect()
+        assert motion.text == 'stopped on request; the arm stands'
+        with pytest.raises(RobotError, match='the connection was closed'):
             await first.enable()
-            motion = await first.move_joints(FAR, speed=0.02, wait=False)
-            second = await aio.Robot(**ports_of(ports)).connect()
-            assert motion.text == 'stopped on request; the arm stands'
-            with pytest.raises(RobotError, match='the connection was closed'):
-                await first.enable()
-            await second.enable()
-            motion = await second.move_joints(FAR, speed=0.02, wait=False)
-            with caplog.at_level(logging.WARNING):
-                del second
-                gc.collect()
-                while not motion.done:  # noqa: ASYNC110 - nobody is left who could be asked
-                    await asyncio.sleep(0.1)
-            assert 'a connected Robot was lost' in caplog.text
-
-    run(scenario())
+        await second.enable()
+        motion = await second.move_joints(FAR, speed=0.02, wait=False)
+        with caplog.at_level(logging.WARNING):
+            del second
+            gc.collect()
+            while not motion.done:  # noqa: ASYNC110 - nobody is left who could be asked
+                await asyncio.sleep(0.1)
+        assert 'a connected Robot was lost' in caplog.text
 
 
 @pytest.mark.skipif(not hasattr(os, 'fork'), reason='no fork here')

@@ -4,7 +4,6 @@
 
 import pytest
 from support.api_harness import robot_cell
-from support.event_loop import run
 from support.remote_peer import RemotePeer
 
 from epson_driver import Robot, RobotError, aio
@@ -13,32 +12,26 @@ from epson_driver.aio import ArgumentError
 HOME = [0.0] * 6
 
 
-def test_payload_and_inertia_are_told_with_each_motion():
-    async def scenario():
-        async with (
-            RemotePeer() as peer,
-            aio.Robot(controller='remote', remote_port=peer.port) as robot,
-        ):
-            await robot.enable()
-            inertia = [0.01, 0.0, 0.0, 0.02, 0.0, 0.03]
-            robot.set_payload(2.0, center=[0.03, 0.04, 0.1], inertia=inertia)
-            await robot.move_joints(HOME)
-            (line,) = [line for line in peer.given('Execute') if 'Go' in line]
-            # about the flange's axis: 0.03 + 2 · 0.05²
-            assert 'Weight 2; Inertia 0.035, 50; Power Low' in line
-
-    run(scenario())
+async def test_payload_and_inertia_are_told_with_each_motion():
+    async with (
+        RemotePeer() as peer,
+        aio.Robot(controller='remote', remote_port=peer.port) as robot,
+    ):
+        await robot.enable()
+        inertia = [0.01, 0.0, 0.0, 0.02, 0.0, 0.03]
+        robot.set_payload(2.0, center=[0.03, 0.04, 0.1], inertia=inertia)
+        await robot.move_joints(HOME)
+        (line,) = [line for line in peer.given('Execute') if 'Go' in line]
+        # about the flange's axis: 0.03 + 2 · 0.05²
+        assert 'Weight 2; Inertia 0.035, 50; Power Low' in line
 
 
-def test_the_simulated_controller_takes_them():
-    async def scenario():
-        async with robot_cell(profile='remote') as (robot, controller):
-            robot.set_payload(1.5, [0.0, 0.0, 0.05], [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.2]])
-            await robot.move_joints([0.1, *HOME[1:]])
-            assert controller.spel.values('Weight') == (1.5,)
-            assert controller.spel.values('Inertia') == (0.2, 0.0)
-
-    run(scenario())
+async def test_the_simulated_controller_takes_them():
+    async with robot_cell(profile='remote') as (robot, controller):
+        robot.set_payload(1.5, [0.0, 0.0, 0.05], [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.2]])
+        await robot.move_joints([0.1, *HOME[1:]])
+        assert controller.spel.values('Weight') == (1.5,)
+        assert controller.spel.values('Inertia') == (0.2, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ import contextlib
 import numpy as np
 import pytest
 from support.api_harness import robot_cell
-from support.event_loop import run
 
 from epson_driver.aio import ArgumentError, MotionError, PathError, RobotError
 from epson_driver.sim_controller.condition.states import Event
@@ -48,137 +47,116 @@ async def at_rest(robot):
 
 @pytest.mark.invariant(2)
 @pytest.mark.parametrize('rate', [10.0, 30.0, 500.0])
-def test_positions_are_followed_at_any_rate_and_the_arm_rests_at_the_last(rate):
-    async def scenario():
-        async with robot_cell(smooth=True) as (robot, _):
-            seen = []
-            robot.on_joints(seen.append)
-            await streamed(lambda time: robot.servo(sine(time)), 4.0, rate)
-            counts = robot._connection.driver.servo.counts
-            assert (counts.refused, counts.late, counts.received) == (0, 0, 4.0 * rate)
-            assert await at_rest(robot) == pytest.approx(sine(4.0 - 1.0 / rate), abs=2e-3)
-            speed = max(np.abs(each.velocities[0]) for each in seen)
-            assert 0.12 < speed < 0.25 * robot.model.limits.velocity[0]
-            assert max(each.positions[0] for each in seen) == pytest.approx(0.2, abs=0.02)
-            await robot.move_joints(np.zeros(6))
-
-    run(scenario())
+async def test_positions_are_followed_at_any_rate_and_the_arm_rests_at_the_last(rate):
+    async with robot_cell(smooth=True) as (robot, _):
+        seen = []
+        robot.on_joints(seen.append)
+        await streamed(lambda time: robot.servo(sine(time)), 4.0, rate)
+        counts = robot._connection.driver.servo.counts
+        assert (counts.refused, counts.late, counts.received) == (0, 0, 4.0 * rate)
+        assert await at_rest(robot) == pytest.approx(sine(4.0 - 1.0 / rate), abs=2e-3)
+        speed = max(np.abs(each.velocities[0]) for each in seen)
+        assert 0.12 < speed < 0.25 * robot.model.limits.velocity[0]
+        assert max(each.positions[0] for each in seen) == pytest.approx(0.2, abs=0.02)
+        await robot.move_joints(np.zeros(6))
 
 
-def test_velocities_are_followed_and_silence_brakes():
-    async def scenario():
-        async with robot_cell(smooth=True) as (robot, _):
-            way = [0.2, 0, 0, 0, 0, 0]
-            await streamed(lambda _: robot.servo_velocity(way), 2.0)
-            there = await at_rest(robot)
-            assert 0.3 < there[0] < 0.5
-            assert np.abs(there[1:]).max() < 1e-3
-
-    run(scenario())
+async def test_velocities_are_followed_and_silence_brakes():
+    async with robot_cell(smooth=True) as (robot, _):
+        way = [0.2, 0, 0, 0, 0, 0]
+        await streamed(lambda _: robot.servo_velocity(way), 2.0)
+        there = await at_rest(robot)
+        assert 0.3 < there[0] < 0.5
+        assert np.abs(there[1:]).max() < 1e-3
 
 
 @pytest.mark.parametrize('frame', ['base_link', 'tool'])
-def test_a_velocity_of_the_tool_is_a_line_in_its_frame(frame):
-    async def scenario():
-        async with robot_cell(smooth=True) as (robot, _):
-            await robot.move_joints(BENT)
-            before = robot.tool_pose
-            twist = [0.0, 0.05, 0.0, 0.0, 0.0, 0.0]
-            await streamed(lambda _: robot.servo_speed(twist, frame=frame), 1.5)
-            await at_rest(robot)
-            moved = robot.tool_pose[:3, 3] - before[:3, 3]
-            along = before[:3, 1] if frame == 'tool' else np.array([0.0, 1.0, 0.0])
-            assert 0.05 < moved @ along < 0.1
-            assert np.linalg.norm(moved - (moved @ along) * along) < 2e-3
-            assert robot.tool_pose[:3, :3] == pytest.approx(before[:3, :3], abs=5e-3)
-
-    run(scenario())
+async def test_a_velocity_of_the_tool_is_a_line_in_its_frame(frame):
+    async with robot_cell(smooth=True) as (robot, _):
+        await robot.move_joints(BENT)
+        before = robot.tool_pose
+        twist = [0.0, 0.05, 0.0, 0.0, 0.0, 0.0]
+        await streamed(lambda _: robot.servo_speed(twist, frame=frame), 1.5)
+        await at_rest(robot)
+        moved = robot.tool_pose[:3, 3] - before[:3, 3]
+        along = before[:3, 1] if frame == 'tool' else np.array([0.0, 1.0, 0.0])
+        assert 0.05 < moved @ along < 0.1
+        assert np.linalg.norm(moved - (moved @ along) * along) < 2e-3
+        assert robot.tool_pose[:3, :3] == pytest.approx(before[:3, :3], abs=5e-3)
 
 
-def test_poses_are_followed_and_one_that_jumps_is_refused():
-    async def scenario():
-        async with robot_cell(smooth=True) as (robot, _):
-            await robot.move_joints(BENT)
-            start = robot.tool_pose
+async def test_poses_are_followed_and_one_that_jumps_is_refused():
+    async with robot_cell(smooth=True) as (robot, _):
+        await robot.move_joints(BENT)
+        start = robot.tool_pose
 
-            def send(time):
-                pose = start.copy()
-                pose[2, 3] -= 0.03 * time
-                robot.servo_pose(pose)
+        def send(time):
+            pose = start.copy()
+            pose[2, 3] -= 0.03 * time
+            robot.servo_pose(pose)
 
-            await streamed(send, 1.0)
-            await at_rest(robot)
-            assert start[2, 3] - robot.tool_pose[2, 3] == pytest.approx(0.029, abs=1e-3)
-            with pytest.raises(PathError, match='out of reach'):
-                robot.servo_pose(start + np.diag([0, 0, 0, 0.0]) + 3.0 * np.eye(4, k=3))
-            away = start.copy()
-            away[:3, :3] = away[:3, :3] @ np.diag([-1.0, -1.0, 1.0])
-            with pytest.raises(PathError, match='would have to jump'):
-                robot.servo_pose(away)
-
-    run(scenario())
+        await streamed(send, 1.0)
+        await at_rest(robot)
+        assert start[2, 3] - robot.tool_pose[2, 3] == pytest.approx(0.029, abs=1e-3)
+        with pytest.raises(PathError, match='out of reach'):
+            robot.servo_pose(start + np.diag([0, 0, 0, 0.0]) + 3.0 * np.eye(4, k=3))
+        away = start.copy()
+        away[:3, :3] = away[:3, :3] @ np.diag([-1.0, -1.0, 1.0])
+        with pytest.raises(PathError, match='would have to jump'):
+            robot.servo_pose(away)
 
 
-def test_a_tool_that_cannot_move_so_is_not_moved():
-    async def scenario():
-        async with robot_cell(smooth=True) as (robot, _):
-            with pytest.raises(PathError, match='cannot move that way here'):
-                robot.servo_speed([0.0, 0.05, 0.0, 0.0, 0.0, 0.0])
-        async with robot_cell(smooth=True, model='gx4_c251s') as (robot, _):
-            with pytest.raises(PathError, match='cannot move that way here'):
-                robot.servo_speed([0.0, 0.0, 0.0, 0.1, 0.0, 0.0])
-
-    run(scenario())
+async def test_a_tool_that_cannot_move_so_is_not_moved():
+    async with robot_cell(smooth=True) as (robot, _):
+        with pytest.raises(PathError, match='cannot move that way here'):
+            robot.servo_speed([0.0, 0.05, 0.0, 0.0, 0.0, 0.0])
+    async with robot_cell(smooth=True, model='gx4_c251s') as (robot, _):
+        with pytest.raises(PathError, match='cannot move that way here'):
+            robot.servo_speed([0.0, 0.0, 0.0, 0.1, 0.0, 0.0])
 
 
 @pytest.mark.invariant(3, 4)
 @pytest.mark.parametrize('how', ['stop', 'E-stop', 'disable'])
-def test_after_a_stop_a_stream_that_goes_on_is_refused_until_it_was_let_go(how):
-    async def scenario():
-        async with robot_cell(smooth=True) as (robot, controller):
-            await streamed(lambda time: robot.servo(sine(time)), 1.0)
-            if how == 'stop':
-                await robot.stop()
-            elif how == 'disable':
-                await robot.disable()
-            else:
-                controller.apply(Event.ESTOP_PRESS)
-                await robot.wait_until(lambda sample: bool(sample.status.e_stopped), timeout=2.0)
-                controller.apply(Event.ESTOP_RELEASE)
-                await streamed(lambda time: refused(robot, sine(time)), 1.5)
-                await robot.reset()
-            rate, seconds = 30.0, 2.0
-            if how != 'stop':
-                await robot.enable()
-            await robot.wait_until(lambda sample: np.abs(sample.velocities).max() < 1e-3)
-            here = robot.joints
-            for number in range(int(seconds * rate)):
-                with pytest.raises(RobotError, match='must be let go of first'):
-                    robot.servo(here + 0.002 * (number % 2 + 1))
-                await asyncio.sleep(1.0 / rate)
-            assert robot.joints == pytest.approx(here, abs=1e-3)
-            await asyncio.sleep(1.1)
-            robot.servo(here + 0.01)
-            assert await at_rest(robot) == pytest.approx(here + 0.01, abs=2e-3)
-
-    run(scenario())
+async def test_after_a_stop_a_stream_that_goes_on_is_refused_until_it_was_let_go(how):
+    async with robot_cell(smooth=True) as (robot, controller):
+        await streamed(lambda time: robot.servo(sine(time)), 1.0)
+        if how == 'stop':
+            await robot.stop()
+        elif how == 'disable':
+            await robot.disable()
+        else:
+            controller.apply(Event.ESTOP_PRESS)
+            await robot.wait_until(lambda sample: bool(sample.status.e_stopped), timeout=2.0)
+            controller.apply(Event.ESTOP_RELEASE)
+            await streamed(lambda time: refused(robot, sine(time)), 1.5)
+            await robot.reset()
+        rate, seconds = 30.0, 2.0
+        if how != 'stop':
+            await robot.enable()
+        await robot.wait_until(lambda sample: np.abs(sample.velocities).max() < 1e-3)
+        here = robot.joints
+        for number in range(int(seconds * rate)):
+            with pytest.raises(RobotError, match='must be let go of first'):
+                robot.servo(here + 0.002 * (number % 2 + 1))
+            await asyncio.sleep(1.0 / rate)
+        assert robot.joints == pytest.approx(here, abs=1e-3)
+        await asyncio.sleep(1.1)
+        robot.servo(here + 0.01)
+        assert await at_rest(robot) == pytest.approx(here + 0.01, abs=2e-3)
 
 
 @pytest.mark.invariant(4)
-def test_a_stream_before_enable_raises_what_to_do_and_moves_nothing_after_it():
-    async def scenario():
-        async with robot_cell(enabled=False, smooth=True) as (robot, _):
-            for number in range(30):
-                with pytest.raises(MotionError, match=r'not enabled .*call enable\(\)'):
-                    robot.servo(np.full(6, 0.02 * (number % 2)))
-                await asyncio.sleep(0.03)
-            await robot.enable()
-            with pytest.raises(RobotError, match='must be let go of first'):
-                robot.servo(np.full(6, 0.01))
-            await asyncio.sleep(1.0)
-            assert not robot.joints.any()
-
-    run(scenario())
+async def test_a_stream_before_enable_raises_what_to_do_and_moves_nothing_after_it():
+    async with robot_cell(enabled=False, smooth=True) as (robot, _):
+        for number in range(30):
+            with pytest.raises(MotionError, match=r'not enabled .*call enable\(\)'):
+                robot.servo(np.full(6, 0.02 * (number % 2)))
+            await asyncio.sleep(0.03)
+        await robot.enable()
+        with pytest.raises(RobotError, match='must be let go of first'):
+            robot.servo(np.full(6, 0.01))
+        await asyncio.sleep(1.0)
+        assert not robot.joints.any()
 
 
 @pytest.mark.invariant(1, 2)
@@ -196,90 +174,75 @@ def test_a_stream_before_enable_raises_what_to_do_and_moves_nothing_after_it():
         ('servo_pose', 1e3 * np.array([1, 1, 1, 0, 0, 0, 1e-3]), 'places are in m'),
     ],
 )
-def test_what_cannot_be_followed_is_one_sentence_and_nothing_moves(method, value, said):
-    async def scenario():
-        async with robot_cell(smooth=True) as (robot, _):
-            with pytest.raises(ArgumentError, match=said) as caught:
-                getattr(robot, method)(value)
-            assert '\n' not in str(caught.value)
-            await asyncio.sleep(0.5)
-            assert not robot.joints.any()
-        with pytest.raises(RobotError, match=r'call connect\(\)'):
+async def test_what_cannot_be_followed_is_one_sentence_and_nothing_moves(method, value, said):
+    async with robot_cell(smooth=True) as (robot, _):
+        with pytest.raises(ArgumentError, match=said) as caught:
             getattr(robot, method)(value)
-
-    run(scenario())
+        assert '\n' not in str(caught.value)
+        await asyncio.sleep(0.5)
+        assert not robot.joints.any()
+    with pytest.raises(RobotError, match=r'call connect\(\)'):
+        getattr(robot, method)(value)
 
 
 @pytest.mark.invariant(2)
-def test_hostile_actions_break_no_limit_and_end_at_rest():
-    async def scenario():
-        async with robot_cell(smooth=True) as (robot, _):
-            random = np.random.default_rng(31)
-            fastest = 0.0
-            await streamed(lambda time: robot.servo(sine(time)), 0.5)
-            for _ in range(60):
-                action = random.uniform(-3.0, 3.0, 6)
-                action[random.integers(6)] = random.choice([np.nan, 3.0, -3.0])
-                with contextlib.suppress(ArgumentError):
-                    robot.servo(action)
-                await asyncio.sleep(random.choice([0.01, 0.03, 0.12]))
-                share = np.abs(robot.joint_velocities) / robot.model.limits.velocity
-                fastest = max(fastest, float(share.max()))
-            assert 0.05 < fastest < 0.3
-            await asyncio.sleep(1.5)
-            here = robot.joints
-            await asyncio.sleep(0.5)
-            assert robot.joints == pytest.approx(here, abs=1e-3)
-
-    run(scenario())
+async def test_hostile_actions_break_no_limit_and_end_at_rest():
+    async with robot_cell(smooth=True) as (robot, _):
+        random = np.random.default_rng(31)
+        fastest = 0.0
+        await streamed(lambda time: robot.servo(sine(time)), 0.5)
+        for _ in range(60):
+            action = random.uniform(-3.0, 3.0, 6)
+            action[random.integers(6)] = random.choice([np.nan, 3.0, -3.0])
+            with contextlib.suppress(ArgumentError):
+                robot.servo(action)
+            await asyncio.sleep(random.choice([0.01, 0.03, 0.12]))
+            share = np.abs(robot.joint_velocities) / robot.model.limits.velocity
+            fastest = max(fastest, float(share.max()))
+        assert 0.05 < fastest < 0.3
+        await asyncio.sleep(1.5)
+        here = robot.joints
+        await asyncio.sleep(0.5)
+        assert robot.joints == pytest.approx(here, abs=1e-3)
 
 
-def test_a_move_beside_a_stream_and_a_stream_beside_a_move_are_refused():
-    async def scenario():
-        async with robot_cell(smooth=True) as (robot, _):
-            robot.servo(np.full(6, 0.05))
-            with pytest.raises(MotionError, match=r'a stream of setpoints .*call stop\(\)'):
-                await robot.move_joints(np.zeros(6))
-            await robot.servo_end()
-            motion = await robot.move_joints(np.full(6, 0.5), speed=0.1, wait=False)
-            with pytest.raises(RobotError, match='a motion runs'):
-                robot.servo(np.full(6, 0.07))
-            await motion.wait()
-
-    run(scenario())
+async def test_a_move_beside_a_stream_and_a_stream_beside_a_move_are_refused():
+    async with robot_cell(smooth=True) as (robot, _):
+        robot.servo(np.full(6, 0.05))
+        with pytest.raises(MotionError, match=r'a stream of setpoints .*call stop\(\)'):
+            await robot.move_joints(np.zeros(6))
+        await robot.servo_end()
+        motion = await robot.move_joints(np.full(6, 0.5), speed=0.1, wait=False)
+        with pytest.raises(RobotError, match='a motion runs'):
+            robot.servo(np.full(6, 0.07))
+        await motion.wait()
 
 
-def test_controllers_that_follow_no_streams_say_so():
-    async def scenario():
-        for profile in ('motoman', 'abb'):
-            async with robot_cell(profile=profile, smooth=profile == 'motoman') as (robot, _):
-                with pytest.raises(RobotError, match='follows no streams'):
-                    robot.servo(np.full(6, 0.05))
-
-    run(scenario())
+async def test_controllers_that_follow_no_streams_say_so():
+    for profile in ('motoman', 'abb'):
+        async with robot_cell(profile=profile, smooth=profile == 'motoman') as (robot, _):
+            with pytest.raises(RobotError, match='follows no streams'):
+                robot.servo(np.full(6, 0.05))
 
 
-def test_a_sample_is_stamped_and_conditions_are_waited_for():
-    async def scenario():
-        async with robot_cell() as (robot, controller):
-            first = robot.sample()
-            assert first.positions == pytest.approx(robot.joints)
-            assert first.status.enabled
-            motion = await robot.move_joints([0.4, 0, 0, 0, 0, 0], wait=False)
-            passed = await robot.wait_until(lambda sample: sample.positions[0] > 0.2, timeout=9.0)
-            assert not motion.done
-            assert passed.time > first.time
-            await motion.wait()
-            with pytest.raises(TimeoutError, match=r'did not hold within 0\.3 s'):
-                await robot.wait_until(lambda sample: sample.positions[0] > 1.0, timeout=0.3)
-            waiting = asyncio.create_task(robot.wait_for_input(3))
-            await asyncio.sleep(0.3)
-            assert not waiting.done()
-            controller.io.set_input(IoType.DIGITAL_INPUT, 3, 1)
-            await waiting
-            with pytest.raises(TimeoutError, match=r'DI 3 was not 0 within 0\.2 s'):
-                await robot.wait_for_input(3, 0, timeout=0.2)
-            with pytest.raises(ValueError, match='must be DI or DO'):
-                await robot.wait_for_input(3, kind='door')
-
-    run(scenario())
+async def test_a_sample_is_stamped_and_conditions_are_waited_for():
+    async with robot_cell() as (robot, controller):
+        first = robot.sample()
+        assert first.positions == pytest.approx(robot.joints)
+        assert first.status.enabled
+        motion = await robot.move_joints([0.4, 0, 0, 0, 0, 0], wait=False)
+        passed = await robot.wait_until(lambda sample: sample.positions[0] > 0.2, timeout=9.0)
+        assert not motion.done
+        assert passed.time > first.time
+        await motion.wait()
+        with pytest.raises(TimeoutError, match=r'did not hold within 0\.3 s'):
+            await robot.wait_until(lambda sample: sample.positions[0] > 1.0, timeout=0.3)
+        waiting = asyncio.create_task(robot.wait_for_input(3))
+        await asyncio.sleep(0.3)
+        assert not waiting.done()
+        controller.io.set_input(IoType.DIGITAL_INPUT, 3, 1)
+        await waiting
+        with pytest.raises(TimeoutError, match=r'DI 3 was not 0 within 0\.2 s'):
+            await robot.wait_for_input(3, 0, timeout=0.2)
+        with pytest.raises(ValueError, match='must be DI or DO'):
+            await robot.wait_for_input(3, kind='door')

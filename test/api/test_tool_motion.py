@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from support.api_harness import robot_cell
 from support.api_patience import be_patient
-from support.event_loop import run
 
 from epson_driver import ArgumentError, EpsonPoint, PathError, Robot, RobotError
 from epson_driver.api.moves import PathPoint, path_runs
@@ -239,22 +238,19 @@ def test_a_line_that_is_too_fast_for_a_joint_is_slowed_unless_that_is_unwanted(a
     assert np.allclose(robot.tool_pose, pose, atol=1e-4)
 
 
-def test_a_motion_that_left_its_path_says_how_far():
-    async def scenario():
-        async with robot_cell(model='gx4_c251s', smooth=True) as (robot, _):
-            await robot.move_joints(SCARA_READY, speed=1.0)
-            start = robot.tool_pose
-            inwards = -start[:2, 3] / np.hypot(*start[:2, 3])
-            end, via = start.copy(), start[:3, 3].copy()
-            end[:2, 3] += 0.04 * inwards
-            via[:2] += 0.02 * (inwards + np.array([-inwards[1], inwards[0]]))
-            fast = {'speed': 1.0, 'acceleration': 20.0}
-            motion = await robot.move_arc(via, end, **fast)  # servos that lag cut it
-            assert 'the tool was up to 0.' in motion.text
-            assert 'mm away from its path (accuracy 0.1 mm)' in motion.text
-            assert 'away' not in (await robot.move_arc(via, start, speed=0.05)).text
-
-    run(scenario())
+async def test_a_motion_that_left_its_path_says_how_far():
+    async with robot_cell(model='gx4_c251s', smooth=True) as (robot, _):
+        await robot.move_joints(SCARA_READY, speed=1.0)
+        start = robot.tool_pose
+        inwards = -start[:2, 3] / np.hypot(*start[:2, 3])
+        end, via = start.copy(), start[:3, 3].copy()
+        end[:2, 3] += 0.04 * inwards
+        via[:2] += 0.02 * (inwards + np.array([-inwards[1], inwards[0]]))
+        fast = {'speed': 1.0, 'acceleration': 20.0}
+        motion = await robot.move_arc(via, end, **fast)  # servos that lag cut it
+        assert 'the tool was up to 0.' in motion.text
+        assert 'mm away from its path (accuracy 0.1 mm)' in motion.text
+        assert 'away' not in (await robot.move_arc(via, start, speed=0.05)).text
 
 
 @BOTH
@@ -276,25 +272,22 @@ def test_a_point_of_the_pendant_is_the_pose_it_shows(robot):
 
 
 @pytest.mark.invariant(3)
-def test_a_line_that_is_cancelled_stops_on_the_line():
-    async def scenario():
-        async with robot_cell() as (robot, _):
-            await robot.move_joints(READY)
-            start = robot.pose
-            end = start.copy()
-            end[1, 3] += 0.1
-            line = asyncio.create_task(robot.move_line(end, speed=0.01))
-            while robot.pose[1, 3] < start[1, 3] + 0.02:  # it may be planned for long
-                assert not line.done()
-                await asyncio.sleep(0.02)
-            line.cancel()
-            with pytest.raises(asyncio.CancelledError):
-                await line
-            place = robot.pose[:3, 3]
-            assert 0.0 < place[1] - start[1, 3] < 0.1
-            assert distance_from(place, np.array([start[:3, 3], end[:3, 3]])) < ACCURACY
-
-    run(scenario())
+async def test_a_line_that_is_cancelled_stops_on_the_line():
+    async with robot_cell() as (robot, _):
+        await robot.move_joints(READY)
+        start = robot.pose
+        end = start.copy()
+        end[1, 3] += 0.1
+        line = asyncio.create_task(robot.move_line(end, speed=0.01))
+        while robot.pose[1, 3] < start[1, 3] + 0.02:  # it may be planned for long
+            assert not line.done()
+            await asyncio.sleep(0.02)
+        line.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await line
+        place = robot.pose[:3, 3]
+        assert 0.0 < place[1] - start[1, 3] < 0.1
+        assert distance_from(place, np.array([start[:3, 3], end[:3, 3]])) < ACCURACY
 
 
 @pytest.mark.invariant(2)
@@ -375,24 +368,21 @@ def test_a_scara_refuses_what_leans_and_goes_where_it_is_upright(scara):
 
 
 @pytest.mark.parametrize('model', ['c3_a601s', 'gx4_c251s'])
-def test_a_joint_move_to_a_pose_ends_there_in_the_nearest_configuration(model):
-    async def scenario():
-        async with robot_cell(model=model, smooth=True) as (robot, _):
-            count = len(robot.model.joint_names)
-            joints = np.array([0.3, 0.4, -0.02, 0.2, 0.5, 0.1])[:count]
-            pose = robot.forward(joints)
-            assert robot.inverse(pose, near=joints) == pytest.approx(joints, abs=1e-9)
-            await robot.move_joints(pose)
-            assert robot.tool_pose == pytest.approx(pose, abs=1e-4)
-            assert robot.joints == pytest.approx(robot.inverse(pose), abs=1e-3)
-            away = robot.pose
-            away[0, 3] += 1.5
-            with pytest.raises(PathError, match=r'target: no joint positions lead to \('):
-                await robot.move_joints(away)
-            with pytest.raises(PathError, match='pose: no joint positions lead to'):
-                robot.inverse(away)
-            before = robot.joints
-            await robot.move_joints(robot.epson_point)
-            assert robot.joints == pytest.approx(before, abs=2e-3)
-
-    run(scenario())
+async def test_a_joint_move_to_a_pose_ends_there_in_the_nearest_configuration(model):
+    async with robot_cell(model=model, smooth=True) as (robot, _):
+        count = len(robot.model.joint_names)
+        joints = np.array([0.3, 0.4, -0.02, 0.2, 0.5, 0.1])[:count]
+        pose = robot.forward(joints)
+        assert robot.inverse(pose, near=joints) == pytest.approx(joints, abs=1e-9)
+        await robot.move_joints(pose)
+        assert robot.tool_pose == pytest.approx(pose, abs=1e-4)
+        assert robot.joints == pytest.approx(robot.inverse(pose), abs=1e-3)
+        away = robot.pose
+        away[0, 3] += 1.5
+        with pytest.raises(PathError, match=r'target: no joint positions lead to \('):
+            await robot.move_joints(away)
+        with pytest.raises(PathError, match='pose: no joint positions lead to'):
+            robot.inverse(away)
+        before = robot.joints
+        await robot.move_joints(robot.epson_point)
+        assert robot.joints == pytest.approx(before, abs=2e-3)

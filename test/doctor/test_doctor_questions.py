@@ -401,14 +401,11 @@ def test_a_person_is_asked_for_each_joint_and_for_the_tool():
     assert {f'joint {n}' for n in range(1, 7)} | {'tool0'} <= found(findings, Level.SKIPPED).keys()
 
 
-def test_an_address_that_never_answers_is_told_with_the_time(monkeypatch):
+async def test_an_address_that_never_answers_is_told_with_the_time(monkeypatch):
     async def never(*_args, **_options):
         await asyncio.sleep(3600.0)
 
-    async def scenario():
-        monkeypatch.setattr(listening.asyncio, 'open_connection', never)
-        with pytest.raises(NoConnectionError, match='no answer within 5 s'):
-            async with conversation('192.0.2.1', 11002):
-                pass
-
-    run(scenario())
+    monkeypatch.setattr(listening.asyncio, 'open_connection', never)
+    with pytest.raises(NoConnectionError, match='no answer within 5 s'):
+        async with conversation('192.0.2.1', 11002):
+            pass

@@ -14,7 +14,7 @@ import struct
 import numpy as np
 import pytest
 from support.driver_harness import Harness, pose, simulated
-from support.event_loop import hanging, now, run, until
+from support.event_loop import hanging, now, until
 from support.fault_play import cell_of, make_ready
 from support.streams import going_on, positions, velocities
 
@@ -192,22 +192,17 @@ async def test_a_motion_longer_than_the_time_out_needs_no_more_than_the_heartbea
         assert (await harness.submit(arm.at + 0.1).end()).end is End.SUCCEEDED
 
 
-def test_heartbeats_go_before_the_first_point_and_then_five_times_in_the_time_out():
+async def test_heartbeats_go_before_the_first_point_and_then_five_times_in_the_time_out():
     sent = []
 
-    async def scenario():
-        async with cell('from point to point') as (harness, _, _arm):
-            harness.driver.motion_link.trace = lambda event, data: sent.append(
-                (now(), event, data)
-            )
-            goal = harness.submit(FAR, step=4.0)
-            await harness.until_moving()
-            await asyncio.sleep(2.0)
-            harness.driver.goal_queue.cancel(goal.handle)
-            await goal.end()
-            await asyncio.sleep(1.0)
-
-    run(scenario())
+    async with cell('from point to point') as (harness, _, _arm):
+        harness.driver.motion_link.trace = lambda event, data: sent.append((now(), event, data))
+        goal = harness.submit(FAR, step=4.0)
+        await harness.until_moving()
+        await asyncio.sleep(2.0)
+        harness.driver.goal_queue.cancel(goal.handle)
+        await goal.end()
+        await asyncio.sleep(1.0)
     frames = [(at, data) for at, event, data in sent if event is WireEvent.SENT]
     beats = [at for at, data in frames if data == HEARTBEAT]
     assert frames[0][1] == HEARTBEAT
@@ -223,23 +218,20 @@ def test_heartbeats_go_before_the_first_point_and_then_five_times_in_the_time_ou
 @pytest.mark.parametrize(
     ('name', 'timeout'), [('rc620', 0.0), ('generic', TIMEOUT), ('thesis', TIMEOUT)]
 )
-def test_no_other_controller_gets_anything_new(name, timeout):
+async def test_no_other_controller_gets_anything_new(name, timeout):
     """Without the key in the driver's profile, or with a program that does not have it."""
     sent = []
 
-    async def scenario():
-        options = {'client_timeout': timeout}
-        async with simulated(profile=name) as (_, ports), Harness(ports, **options) as harness:
-            await harness.ready()
-            await harness.commands.enable()
-            harness.driver.motion_link.trace = lambda event, data: sent.append((event, data))
-            goal = harness.submit(pose(0.05), step=0.5)
-            await harness.until_moving()
-            with hanging():
-                await asyncio.sleep(2.0)
-            assert (await goal.end()).end is End.SUCCEEDED
-
-    run(scenario())
+    options = {'client_timeout': timeout}
+    async with simulated(profile=name) as (_, ports), Harness(ports, **options) as harness:
+        await harness.ready()
+        await harness.commands.enable()
+        harness.driver.motion_link.trace = lambda event, data: sent.append((event, data))
+        goal = harness.submit(pose(0.05), step=0.5)
+        await harness.until_moving()
+        with hanging():
+            await asyncio.sleep(2.0)
+        assert (await goal.end()).end is End.SUCCEEDED
     assert {data[4] for event, data in sent if event is WireEvent.SENT} == {
         MessageType.JOINT_TRAJ_PT
     }

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 from support.driver_harness import cell
-from support.event_loop import now, run, stand_still
+from support.event_loop import now, stand_still
 
 from epson_driver.driver.tasks import (
     Notification,
@@ -17,7 +17,7 @@ from epson_driver.driver.tasks import (
 
 
 @pytest.mark.invariant(9)
-def test_inv9_a_part_that_something_else_cancels_is_no_quiet_end():
+async def test_inv9_a_part_that_something_else_cancels_is_no_quiet_end():
     ended = []
 
     async def cancelled():
@@ -33,11 +33,8 @@ def test_inv9_a_part_that_something_else_cancels_is_no_quiet_end():
     async def stop():
         ended.append('stop')
 
-    async def check():
-        with pytest.raises(TaskEndedError, match='state was cancelled'):
-            await run_task_group({'state': cancelled, 'motion': other}, stop)
-
-    run(check())
+    with pytest.raises(TaskEndedError, match='state was cancelled'):
+        await run_task_group({'state': cancelled, 'motion': other}, stop)
     assert ended == ['stop', 'other']  # the arm is stopped while the others still run
 
 

@@ -57,7 +57,7 @@ def test_an_answer_that_makes_no_sense_is_a_connection_error(answer):
 
 
 @pytest.mark.invariant(9)
-def test_a_login_that_is_not_answered_is_tried_on_another_connection():
+async def test_a_login_that_is_not_answered_is_tried_on_another_connection():
     """Invariant 9: the queue of the port was full, and the system repeats ever more rarely."""
     logins, ended = [], []
 
@@ -70,13 +70,10 @@ def test_a_login_that_is_not_answered_is_tried_on_another_connection():
         writer.close()
         ended.append(writer)
 
-    async def scenario() -> None:
-        async with await asyncio.start_server(serve, '127.0.0.1', 0) as server:
-            port = server.sockets[0].getsockname()[1]
-            assert await execute('127.0.0.1', port, ['Reset'], PATIENCE) == ['0']
-            await until(lambda: len(ended) == 3)
-
-    run(scenario())
+    async with await asyncio.start_server(serve, '127.0.0.1', 0) as server:
+        port = server.sockets[0].getsockname()[1]
+        assert await execute('127.0.0.1', port, ['Reset'], PATIENCE) == ['0']
+        await until(lambda: len(ended) == 3)
     assert logins == [b'$Login,\r\n'] * 3
 
 

@@ -252,23 +252,22 @@ def test_a_folder_that_cannot_be_used_is_refused_with_the_reason(folder, why):
         open_trace(folder, 'a.pcap')
 
 
-def test_a_trace_that_fails_unforeseen_ends_and_the_link_goes_on(tmp_path, caplog, monkeypatch):
+async def test_a_trace_that_fails_unforeseen_ends_and_the_link_goes_on(
+    tmp_path, caplog, monkeypatch
+):
     async def talk(connection):
         await connection.send(joints(1.0))
         await connection.stay()
 
-    async def scenario():
-        async with Peer(talk) as peer:
-            harness = Harness(peer.port)
-            trace = Trace([harness.link])
-            trace.begin(open_trace(str(tmp_path), 'a.pcap'))
-            monkeypatch.setattr(Trace, '_record', lambda *_: 1 / 0)
-            async with harness:
-                await until(lambda: harness.packets)
-                assert harness.link.connected
-            assert harness.link.trace is None
-
-    run(scenario())
+    async with Peer(talk) as peer:
+        harness = Harness(peer.port)
+        trace = Trace([harness.link])
+        trace.begin(open_trace(str(tmp_path), 'a.pcap'))
+        monkeypatch.setattr(Trace, '_record', lambda *_: 1 / 0)
+        async with harness:
+            await until(lambda: harness.packets)
+            assert harness.link.connected
+        assert harness.link.trace is None
     assert 'ZeroDivisionError' in caplog.text
 
 

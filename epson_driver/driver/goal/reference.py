@@ -218,7 +218,7 @@ class GoalClock:
         return self._factors
 
     def planned(self) -> tuple[Array, Array]:
-        """Return where the plan is now and how fast it is, shape (n,), rad and rad/s."""
+        """Return the plan's position and velocity now, shape (n,), rad and rad/s."""
         return self._reference.at(self.time)
 
     def desired(self) -> tuple[Array, Array]:

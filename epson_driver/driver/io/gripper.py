@@ -10,8 +10,7 @@ import asyncio
 import contextlib
 from dataclasses import dataclass
 
-from epson_driver.driver.io.io_access import Io
-from epson_driver.driver.io.io_driver import IoUnavailableError
+from epson_driver.driver.io.io_driver import Io, IoUnavailableError
 from epson_driver.inputs import count, number
 from epson_driver.simple_message import IoAddress, IoSetting, IoType
 

@@ -10,6 +10,7 @@ import asyncio
 import contextlib
 import logging
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -65,7 +66,7 @@ _log = logging.getLogger(__name__)
 
 
 class IoUnavailableError(RuntimeError):
-    """A request as a whole has no answer, with the reason as its text."""
+    """A request without any answer, with the reason as its text."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,25 +80,97 @@ class IoAnswer:
     text: str
 
 
-class IoDriver:
+class Io(ABC):
     """Reads, writes and watches the I/O of one controller. `run` until cancelled.
 
     `states` are the values of all ranges that the controller publishes, () while they are not
-    known; `reason` then says why, and is '' otherwise. `on_states` is called (in the event loop)
-    after `states` changed, and once when they cease to be known; `changed` is notified then, too.
-    `timeout`, s, may be changed at any time: how long a reply may take, and how old values may
-    become. A port of 0 is not used.
+    known; `reason` then says why, and is '' otherwise. `ranges` are the points that there are.
+    `on_states` is called (in the event loop) after `states` changed, and once when they are not
+    known any more; `changed` is notified then, too.
     """
+
+    timeout: float
+    """How long an answer may take, s. It may be changed at any time."""
+
+    def __init__(self, reason: str) -> None:
+        self.states: tuple[IoValues, ...] = ()
+        self.reason = reason
+        self.ranges: tuple[IoRange, ...] = ()
+        self.on_states: Callable[[], None] = lambda: None
+        self.changed = Notification()
+        self._told = False
+
+    @property
+    @abstractmethod
+    def used(self) -> bool:
+        """Whether there is a port to connect to."""
+
+    @property
+    @abstractmethod
+    def place(self) -> str:
+        """Host and port, as diagnostics name them."""
+
+    link: Link | None
+    """The link of simple messages, if it is by them."""
+
+    @abstractmethod
+    async def run(self) -> None:
+        """Serve until cancelled."""
+
+    @abstractmethod
+    def follow(self, dialect: Dialect) -> None:
+        """Write as the state server does."""
+
+    @abstractmethod
+    async def read(self, addresses: Sequence[IoAddress]) -> list[IoAnswer]:
+        """Return an answer per address, in their order. Raises IoUnavailableError."""
+
+    @abstractmethod
+    async def write(self, settings: Sequence[IoSetting]) -> list[IoAnswer]:
+        """Set outputs, groups and flags in order, and return one answer per setting.
+
+        Raises IoUnavailableError, which also says if the points may have been written.
+        """
+
+    def _publish(self, states: tuple[IoValues, ...], *, announce: bool = True) -> None:
+        """Publish new values. `announce`: log how many there are, if they were not known."""
+        if states == self.states:
+            return
+        if not self.states and announce:
+            points = sum(len(item.values) for item in states)
+            _log.info('I/O: %d points in %d ranges', points, len(states))
+        self.states = states
+        self.reason = ''
+        self._told = False
+        self._notify()
+
+    def _lose(self, why: str, level: int = logging.INFO) -> None:
+        """Take note that the values are not known, and log it once until they are known again."""
+        self.states = ()
+        self.reason = why
+        if not self._told:
+            self._told = True
+            _log.log(level, '%s', why)
+            self._notify()
+
+    def _notify(self) -> None:
+        self.on_states()
+        self.changed.notify_all()
+
+
+class IoDriver(Io):
+    """The I/O of a controller with an I/O server. A port of 0 is not used.
+
+    `timeout`: also how old published values may become, s.
+    """
+
+    link: Link
 
     def __init__(
         self, host: str, port: int, *, byte_order: ByteOrder | None, timeout: float
     ) -> None:
+        super().__init__('connecting' if port else NOT_USED)
         self.timeout = timeout
-        self.states: tuple[IoValues, ...] = ()
-        self.reason = 'connecting' if port else NOT_USED
-        self.ranges: tuple[IoRange, ...] = ()
-        self.on_states: Callable[[], None] = lambda: None
-        self.changed = Notification()
         self.link = Link(
             'io',
             host,
@@ -115,7 +188,6 @@ class IoDriver:
         self._subscribed: dict[Key, int] = {}
         self._values: dict[Key, IoValues] = {}
         self._published = -math.inf
-        self._told = False
         self._watch: asyncio.Task[None] | None = None
 
     @property
@@ -294,28 +366,11 @@ class IoDriver:
         """Publish the values, as soon as there are some of every range."""
         if not self._subscribed or any(key not in self._values for key in self._subscribed):
             return
-        states = tuple(self._values[key] for key in self._subscribed)
-        if states == self.states:
-            return
-        if not self.states:
-            points = sum(self._subscribed.values())
-            _log.info('I/O: %d points in %d ranges', points, len(states))
-        self.states = states
-        self.reason = ''
-        self._told = False
-        self.on_states()
-        self.changed.notify_all()
+        self._publish(tuple(self._values[key] for key in self._subscribed))
 
     def _lose(self, why: str, level: int = logging.INFO) -> None:
-        """Take note that the values are not known. Said once, until they are known again."""
-        self.states = ()
         self._values.clear()
-        self.reason = why
-        if not self._told:
-            self._told = True
-            _log.log(level, '%s', why)
-            self.on_states()
-            self.changed.notify_all()
+        super()._lose(why, level)
 
     def _on_link(self, state: LinkState, why: str) -> None:
         if state is LinkState.CONNECTED:

@@ -15,11 +15,12 @@ from typing import Protocol, TypeVar
 from epson_driver.driver.io.io_driver import (
     MAX_POINTS,
     RETRIES,
+    Io,
     IoAnswer,
     IoUnavailableError,
 )
 from epson_driver.driver.io.io_results import INPUTS, WORD_GROUPS, address, sentence
-from epson_driver.driver.tasks import Notification, run_task_group
+from epson_driver.driver.tasks import run_task_group
 from epson_driver.link import Link
 from epson_driver.profiles.io_profile import IoProfile
 from epson_driver.simple_message import (
@@ -92,23 +93,20 @@ class Points(Protocol):
         """Set points in their order. Raises IoUnavailableError, which says which may be set."""
 
 
-class PolledIo:
-    """Reads, writes and watches the I/O of one controller. `run` until cancelled.
+class PolledIo(Io):
+    """The I/O of a controller that publishes nothing.
 
-    Its members are those of IoDriver. `states` are the digital inputs and, where they can be read
-    at any time, the digital outputs: asked for every `publish_period` of the profile, and after
-    each write.
+    `states` are the digital inputs and, where they can be read at any time, the digital outputs:
+    asked for every `publish_period` of the profile, and after each write.
     """
 
     def __init__(self, points: Points, profile: IoProfile, timeout: float) -> None:
-        self.states: tuple[IoValues, ...] = ()
-        self.reason = points.missing or 'connecting'
+        super().__init__(points.missing or 'connecting')
         self.ranges = ranges_of(profile, words=points.words, flags=points.flags)
-        self.on_states: Callable[[], None] = lambda: None
-        self.changed = Notification()
+        self.link = points.link
         self._points = points
         self._period = profile.publish_period
-        self._told = self._passing = False
+        self._passing = False
         self._wake = asyncio.Event()
         shown = [IoType.DIGITAL_INPUT, *[IoType.DIGITAL_OUTPUT] * points.outputs_shown]
         self._shown = [held for held in self.ranges if held.io_type in shown]
@@ -132,11 +130,6 @@ class PolledIo:
     def place(self) -> str:
         """Host and port, as diagnostics name them."""
         return self._points.place
-
-    @property
-    def link(self) -> Link | None:
-        """The link of simple messages, if it is by them."""
-        return self._points.link
 
     def follow(self, dialect: Dialect) -> None:
         """Write as the state server does."""
@@ -214,7 +207,7 @@ class PolledIo:
         attempt = 0
         while True:
             try:
-                self._take(await self._values())
+                self._publish(await self._values(), announce=not self._passing)
                 attempt, pause = 0, self._period
             except IoUnavailableError as error:
                 self._lost(error)
@@ -242,33 +235,11 @@ class PolledIo:
             found.append(IoValues(held.io_type, 0, tuple(bits[: held.count])))
         return tuple(found)
 
-    def _take(self, states: tuple[IoValues, ...]) -> None:
-        if states == self.states:
-            return
-        if not self.states and not self._passing:
-            points = sum(len(item.values) for item in states)
-            _log.info('I/O: %d points in %d ranges', points, len(states))
-        self.states = states
-        self.reason = ''
-        self._told = False
-        self.on_states()
-        self.changed.notify_all()
-
     def _lost(self, error: IoUnavailableError) -> None:
         cause = error.__cause__
         self._passing = isinstance(cause, RefusedPointError) and cause.passing
         level = logging.WARNING if self.states else logging.INFO
         self._lose(str(error), logging.DEBUG if self._passing else level)
-
-    def _lose(self, why: str, level: int) -> None:
-        """Take note that the values are not known. Said once, until they are known again."""
-        self.states = ()
-        self.reason = why
-        if not self._told:
-            self._told = True
-            _log.log(level, '%s', why)
-            self.on_states()
-            self.changed.notify_all()
 
 
 def ranges_of(profile: IoProfile, *, words: bool, flags: bool) -> tuple[IoRange, ...]:

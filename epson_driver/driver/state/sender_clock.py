@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""When the controller sent what came: its own clock, seen through a network that delays.
+"""The controller's clock, as seen through a network that delays its messages.
 
 A controller sends its state by its own clock, a message a slot. The network, the kernel and this
 process only ever add to the time of arrival, and TCP neither loses nor reorders. So the slots are

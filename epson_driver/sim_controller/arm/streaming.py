@@ -84,7 +84,7 @@ class Planner(Protocol):
 
     @property
     def ready(self) -> bool:
-        """Whether it can be asked at all."""
+        """Whether it takes requests."""
 
     def ask(self, request: Request, limits: JointLimits, answer: Answer) -> None:
         """Have a request planned within limits, at once or elsewhere.

@@ -13,7 +13,7 @@ from epson_driver.sim_controller.condition.states import Event
 
 
 class Setting(NamedTuple):
-    """How many numbers, from where to where, and the manual's `default`."""
+    """A setting: the count and range of its numbers, and the manual's `default`."""
 
     least: int
     most: int

@@ -31,7 +31,7 @@ from typing import Any
 
 
 class Motors(Enum):
-    """The servo power. The value is how it is called in sentences."""
+    """The servo power. The value is its name in sentences."""
 
     OFF = 'off'
     ON = 'on'
@@ -83,7 +83,7 @@ class Mode(Enum):
 
 
 class Power(Enum):
-    """How fast the motors may be driven."""
+    """The motors' power level: how fast the arm may move."""
 
     LOW = 'low'
     HIGH = 'high'

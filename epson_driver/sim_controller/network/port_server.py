@@ -61,7 +61,7 @@ class CpuBudget:
         self._at = now
 
     def used(self, seconds: float, share: float, now: float) -> float:
-        """Record time used, of which `share` (0, 1] is its own, and return the wait, s.
+        """Record processor time of a client with a `share` (0, 1], and return its wait, s.
 
         The wait begins `now`. All times are s, `now` of a clock that never goes back.
         """

@@ -36,11 +36,11 @@ going off can have caused, and is told when none of these applies.
 
 
 class Servos(Protocol):
-    """The controller, as far as Motoman's commands reach it."""
+    """The controller, as Motoman's commands need it."""
 
     @property
     def condition(self) -> Condition:
-        """Its condition now."""
+        """The present condition."""
 
     def apply(self, event: Event) -> None:
         """Apply an event. Raises RejectedError: why not, and what to do."""

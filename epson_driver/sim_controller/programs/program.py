@@ -44,7 +44,7 @@ class Program(Protocol):
         """Brake, and answer all points that are not answered yet with FAILURE."""
 
     def restart(self) -> None:
-        """Abort, and forget the trajectory: the next one begins anew."""
+        """Abort, and forget the trajectory."""
 
     def detach(self) -> None:
         """Forget the client, which is gone, but not its acknowledged points."""
@@ -60,7 +60,7 @@ class Program(Protocol):
         """Go on after `pause`."""
 
     def boot(self) -> None:
-        """Begin anew: the controller was switched off and on again."""
+        """Begin anew, as the controller was switched off and on again."""
 
     def tasks(self) -> Iterable[TaskRow] | None:
         """Return its tasks as people see them, or None if they are those of condition/tasks.py."""

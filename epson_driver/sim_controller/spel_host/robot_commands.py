@@ -26,7 +26,7 @@ _LAST_TOOL = 15
 
 
 class Until:
-    """Something that is over once a condition holds."""
+    """A completion that is reached once a condition holds."""
 
     error: SpelError | None = None
 

@@ -34,12 +34,12 @@ class RobotContext(NamedTuple):
 
     @property
     def here(self) -> Array:
-        """Where the joints are commanded to be, shape (n,), rad."""
+        """Commanded joint positions, shape (n,), rad."""
         return self.controller.arm.commanded
 
     @property
     def encoders(self) -> Array:
-        """Where the encoders say the joints are, shape (n,), rad."""
+        """Joint positions by the encoders, shape (n,), rad."""
         return self.controller.servo.position
 
     def joint(self, name: str, number: int | float | Point) -> int:

@@ -7,7 +7,7 @@ import asyncio
 import numpy as np
 import pytest
 from support.driver_harness import Harness, ScriptedController, Submitted, answer, cell, pose
-from support.event_loop import run, until
+from support.event_loop import until
 from support.replacement_runs import goal, long_way, replacement
 
 from epson_driver.driver.configuration import check_on_the_way
@@ -51,16 +51,13 @@ async def on_its_way(harness, seconds=0.4):
         *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(QUICK, MOMENTS)),
     ],
 )
-def test_inv2_replaced_at_a_random_moment_the_arm_keeps_all_limits_and_never_rests(
+async def test_inv2_replaced_at_a_random_moment_the_arm_keeps_all_limits_and_never_rests(
     seed, monkeypatch
 ):
     """By the exact extrema of what the arm commanded. A rest is 1 ms in which nothing moves."""
     found = []
 
-    async def scenario():
-        found.append(await replacement(monkeypatch, seed, on_the_way=True))
-
-    run(scenario())
+    found.append(await replacement(monkeypatch, seed, on_the_way=True))
     (result,) = found
     assert result.new.startswith('succeeded'), result
     assert 'without a stop' in result.old, result

@@ -357,14 +357,11 @@ async def test_something_else_on_the_port_is_said_once(caplog):
     assert len(caplog.messages) == 1
 
 
-def test_port_0_is_not_used(caplog):
-    async def test():
-        async with Client(0) as client:
-            await until(lambda: client.told)
-            assert client.told == ['I/O is not used: its port is 0']
-            assert 'its port is 0' in await client.rejection()
-
-    run(test())
+async def test_port_0_is_not_used(caplog):
+    async with Client(0) as client:
+        await until(lambda: client.told)
+        assert client.told == ['I/O is not used: its port is 0']
+        assert 'its port is 0' in await client.rejection()
     assert not caplog.messages
 
 

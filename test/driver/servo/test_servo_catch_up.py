@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.driver_harness import cell
-from support.event_loop import now, run, stand_still
+from support.event_loop import now, stand_still
 from support.examples import one_in
 from support.streams import positions, window
 
@@ -56,43 +56,34 @@ async def followed(harness, stream, *, held):
 
 @pytest.mark.parametrize('held', [False, True], ids=['a gap', 'held up'])
 @pytest.mark.parametrize('stream', one_in(1, STREAMS))
-def test_after_a_stall_the_arm_is_not_much_faster_than_its_stream(stream, held, caplog):
+async def test_after_a_stall_the_arm_is_not_much_faster_than_its_stream(stream, held, caplog):
     caplog.set_level(logging.WARNING)
 
-    async def check():
-        async with cell(smooth=True) as (harness, _):
-            catch_up = harness.driver.servo.settings.catch_up
-            assert catch_up == 1.5
-            beside, faster = await followed(harness, STREAMS[stream], held=held)
-            assert faster < 1.03 * catch_up
-            assert beside < 0.012  # rad; 0.04 without the bound
-            left_behind = harness.driver.servo.counts.left_behind
-            assert left_behind > (LEFT_BEHIND_S / PERIOD_S) / 2.0
-        (line,) = [each for each in caplog.messages if 'left the arm' in each]
-        assert '1.5 times as fast as it goes itself (servo.catch_up)' in line
-
-    run(check())
+    async with cell(smooth=True) as (harness, _):
+        catch_up = harness.driver.servo.settings.catch_up
+        assert catch_up == 1.5
+        beside, faster = await followed(harness, STREAMS[stream], held=held)
+        assert faster < 1.03 * catch_up
+        assert beside < 0.012  # rad; 0.04 without the bound
+        left_behind = harness.driver.servo.counts.left_behind
+        assert left_behind > (LEFT_BEHIND_S / PERIOD_S) / 2.0
+    (line,) = [each for each in caplog.messages if 'left the arm' in each]
+    assert '1.5 times as fast as it goes itself (servo.catch_up)' in line
 
 
-def test_a_stream_that_does_not_stall_leaves_nobody_behind(caplog):
-    async def check():
-        async with cell(smooth=True) as (harness, _):
-            begin = now()
-            while (time := now() - begin) < 2.0:
-                harness.driver.servo.take(positions(*state(time)))
-                await asyncio.sleep(PERIOD_S)
-            assert harness.driver.servo.counts.left_behind == 0
-        assert not [each for each in caplog.messages if 'left the arm' in each]
-
-    run(check())
+async def test_a_stream_that_does_not_stall_leaves_nobody_behind(caplog):
+    async with cell(smooth=True) as (harness, _):
+        begin = now()
+        while (time := now() - begin) < 2.0:
+            harness.driver.servo.take(positions(*state(time)))
+            await asyncio.sleep(PERIOD_S)
+        assert harness.driver.servo.counts.left_behind == 0
+    assert not [each for each in caplog.messages if 'left the arm' in each]
 
 
-def test_who_wants_it_faster_says_so():
-    async def check():
-        async with cell(smooth=True) as (harness, _):
-            servo = harness.driver.servo
-            servo.settings = replace(servo.settings, catch_up=4.0)
-            _, faster = await followed(harness, STREAMS['positions'], held=False)
-            assert 2.0 < faster < 4.2
-
-    run(check())
+async def test_who_wants_it_faster_says_so():
+    async with cell(smooth=True) as (harness, _):
+        servo = harness.driver.servo
+        servo.settings = replace(servo.settings, catch_up=4.0)
+        _, faster = await followed(harness, STREAMS['positions'], held=False)
+        assert 2.0 < faster < 4.2

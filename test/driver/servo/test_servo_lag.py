@@ -10,7 +10,7 @@ import asyncio
 import numpy as np
 import pytest
 from support.driver_harness import Harness, pose, simulated
-from support.event_loop import now, run
+from support.event_loop import now
 from support.streams import PERIOD, positions, window
 
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
@@ -113,24 +113,21 @@ WAVES = (sine, triangle)
 @pytest.mark.parametrize('wave', WAVES, ids=['sine', 'triangle'])
 @pytest.mark.parametrize('stream', STREAMS)
 @pytest.mark.parametrize('controller', BARS, ids=lambda row: f'{row[0]} {"smooth" * row[1]}')
-def test_the_lag_behind_a_stream_is_as_documented(controller, stream, wave, record_property):
+async def test_the_lag_behind_a_stream_is_as_documented(controller, stream, wave, record_property):
     name, smooth = controller
 
-    async def check():
-        async with (
-            simulated(profile=name, smooth=smooth) as (_, ports),
-            Harness(ports, **options(name)) as harness,
-        ):
-            await harness.ready()
-            await harness.commands.enable()
-            times, ways = await followed(harness, STREAMS[stream], wave)
-            lag, rms = lag_of(times, ways, wave)
-            record_property('figures', f'lag {lag * 1e3:.0f} ms, rms {rms * 1e3:.1f} mrad')
-            bar = BARS[controller][list(STREAMS).index(stream)][WAVES.index(wave)]
-            assert lag <= bar
-            assert harness.gate is None
-
-    run(check())
+    async with (
+        simulated(profile=name, smooth=smooth) as (_, ports),
+        Harness(ports, **options(name)) as harness,
+    ):
+        await harness.ready()
+        await harness.commands.enable()
+        times, ways = await followed(harness, STREAMS[stream], wave)
+        lag, rms = lag_of(times, ways, wave)
+        record_property('figures', f'lag {lag * 1e3:.0f} ms, rms {rms * 1e3:.1f} mrad')
+        bar = BARS[controller][list(STREAMS).index(stream)][WAVES.index(wave)]
+        assert lag <= bar
+        assert harness.gate is None
 
 
 PERIOD_S = 0.01

@@ -89,95 +89,80 @@ STREAMS = {
 @pytest.mark.invariant(4)
 @pytest.mark.parametrize('stop', STOPS)
 @pytest.mark.parametrize('streams', one_in(1, STREAMS))
-def test_inv4_a_stream_that_goes_on_moves_nothing_after_a_stop_or_an_enable(streams, stop):
-    async def check():
-        async with cell(smooth=True) as (harness, controller), contextlib.AsyncExitStack() as on:
-            for stream in STREAMS[streams]:
-                await on.enter_async_context(going_on(harness, stream))
-            await asyncio.sleep(1.1)
-            await stop(harness, controller)
-            assert harness.gate is None
-            there = harness.at
-            seen = len(harness.events.samples)
-            await asyncio.sleep(6.0)
-            moved = [s.positions - there for _, s in harness.events.samples[seen:]]
-            assert np.abs(moved).max() < 1e-4
-
-    run(check())
+async def test_inv4_a_stream_that_goes_on_moves_nothing_after_a_stop_or_an_enable(streams, stop):
+    async with cell(smooth=True) as (harness, controller), contextlib.AsyncExitStack() as on:
+        for stream in STREAMS[streams]:
+            await on.enter_async_context(going_on(harness, stream))
+        await asyncio.sleep(1.1)
+        await stop(harness, controller)
+        assert harness.gate is None
+        there = harness.at
+        seen = len(harness.events.samples)
+        await asyncio.sleep(6.0)
+        moved = [s.positions - there for _, s in harness.events.samples[seen:]]
+        assert np.abs(moved).max() < 1e-4
 
 
 @pytest.mark.invariant(4)
-def test_inv4_the_second_of_silence_counts_from_the_stop_on():
-    async def check():
-        async with cell(smooth=True) as (harness, _):
-            await asyncio.sleep(3.0)
+async def test_inv4_the_second_of_silence_counts_from_the_stop_on():
+    async with cell(smooth=True) as (harness, _):
+        await asyncio.sleep(3.0)
+        await harness.commands.stop()
+        async with going_on(harness, jog):
+            await asyncio.sleep(2.0)
+        assert abs(harness.at[0]) < 1e-6
+        await asyncio.sleep(1.1 * RELEASE_S)
+        async with going_on(harness, jog):
+            await until(lambda: harness.at[0] > 0.05)
+
+
+@pytest.mark.invariant(4)
+async def test_inv4_a_stick_that_was_let_go_for_a_second_moves_the_arm_again():
+    async with cell(smooth=True) as (harness, _):
+        begin = now()
+
+        def stick(_time):
+            return ALL_STILL if 1.0 < now() - begin < 2.2 else velocities(pose(0.3))
+
+        async with going_on(harness, stick):
+            await asyncio.sleep(0.8)
             await harness.commands.stop()
-            async with going_on(harness, jog):
-                await asyncio.sleep(2.0)
-            assert abs(harness.at[0]) < 1e-6
-            await asyncio.sleep(1.1 * RELEASE_S)
-            async with going_on(harness, jog):
-                await until(lambda: harness.at[0] > 0.05)
-
-    run(check())
+            there = harness.at[0]
+            await asyncio.sleep(1.2)
+            assert harness.at[0] == pytest.approx(there, abs=1e-4)
+            await until(lambda: harness.at[0] > there + 0.1)
+            assert now() - begin > 2.2
 
 
-@pytest.mark.invariant(4)
-def test_inv4_a_stick_that_was_let_go_for_a_second_moves_the_arm_again():
-    async def check():
-        async with cell(smooth=True) as (harness, _):
-            begin = now()
-
-            def stick(_time):
-                return ALL_STILL if 1.0 < now() - begin < 2.2 else velocities(pose(0.3))
-
-            async with going_on(harness, stick):
-                await asyncio.sleep(0.8)
-                await harness.commands.stop()
-                there = harness.at[0]
-                await asyncio.sleep(1.2)
-                assert harness.at[0] == pytest.approx(there, abs=1e-4)
-                await until(lambda: harness.at[0] > there + 0.1)
-                assert now() - begin > 2.2
-
-    run(check())
-
-
-def test_ros2_control_goes_on_after_an_estop_without_a_restart():
+async def test_ros2_control_goes_on_after_an_estop_without_a_restart():
     """Its controller holds a position that the arm has left; the next goal begins at the arm."""
 
-    async def check():
-        async with cell(smooth=True) as (harness, controller):
-            to = pose(0.05)
-            async with going_on(harness, lambda _: positions(to)):
-                await until(lambda: harness.at[0] > 0.02)
-                await estop_and_back(harness, controller)
-                there = harness.at
-                assert there[0] < 0.045
-                await asyncio.sleep(2.0)
-                np.testing.assert_allclose(harness.at, there, atol=1e-4)
-                to = there + pose(0.01)
-                await until(lambda: np.abs(harness.at - to).max() < 1e-3)
-
-    run(check())
+    async with cell(smooth=True) as (harness, controller):
+        to = pose(0.05)
+        async with going_on(harness, lambda _: positions(to)):
+            await until(lambda: harness.at[0] > 0.02)
+            await estop_and_back(harness, controller)
+            there = harness.at
+            assert there[0] < 0.045
+            await asyncio.sleep(2.0)
+            np.testing.assert_allclose(harness.at, there, atol=1e-4)
+            to = there + pose(0.01)
+            await until(lambda: np.abs(harness.at - to).max() < 1e-3)
 
 
-def test_what_is_waited_for_is_told():
-    async def check():
-        async with cell(smooth=True) as (harness, _), going_on(harness, jog):
-            await asyncio.sleep(0.5)
-            assert not harness.driver.servo.blocked(now())
-            await harness.commands.stop()
-            await asyncio.sleep(0.1)
-            ((topic, left),) = harness.driver.servo.blocked(now()).items()
-            assert topic == JOG
-            assert 0.9 < left <= RELEASE_S
-            diagnostics = Diagnostics(harness.driver, 'x', lambda _: 2)
-            values = diagnostics.build(None, now()).status[-1].values
-            (said,) = [each.value for each in values if each.key.endswith(JOG)]
-            assert 's more without a setpoint that asks for motion; publishers: 2' in said
-
-    run(check())
+async def test_what_is_waited_for_is_told():
+    async with cell(smooth=True) as (harness, _), going_on(harness, jog):
+        await asyncio.sleep(0.5)
+        assert not harness.driver.servo.blocked(now())
+        await harness.commands.stop()
+        await asyncio.sleep(0.1)
+        ((topic, left),) = harness.driver.servo.blocked(now()).items()
+        assert topic == JOG
+        assert 0.9 < left <= RELEASE_S
+        diagnostics = Diagnostics(harness.driver, 'x', lambda _: 2)
+        values = diagnostics.build(None, now()).status[-1].values
+        (said,) = [each.value for each in values if each.key.endswith(JOG)]
+        assert 's more without a setpoint that asks for motion; publishers: 2' in said
 
 
 def test_silence_that_nobody_saw_releases_nothing():
