@@ -6,7 +6,15 @@ import asyncio
 import socket
 
 import pytest
-from support.driver_harness import Harness, ScriptedController, answer, cell, pose, simulated
+from support.driver_harness import (
+    Harness,
+    ScriptedController,
+    answer,
+    cell,
+    pose,
+    scripted_cell,
+    simulated,
+)
 from support.event_loop import until
 from support.sim_process import vacant_port
 
@@ -170,7 +178,6 @@ async def test_stop_without_a_goal_is_acknowledged_by_the_controller():
 @pytest.mark.invariant(3)
 async def test_inv3_stop_ends_the_goal_when_the_arm_stands_and_the_next_one_works():
     """docs/invariants.md, 3."""
-
     async with cell() as (harness, _):
         goal = harness.submit(pose(1.0))
         await harness.until_moving()
@@ -196,11 +203,7 @@ async def test_stop_without_a_link():
 async def test_stop_that_the_controller_does_not_obey(monkeypatch, reply, text):
     monkeypatch.setattr(arm_commands, 'ANSWER_TIMEOUT_S', 0.1)
 
-    async with (
-        ScriptedController(lambda _: reply) as scripted,
-        Harness(scripted.ports) as harness,
-    ):
-        await harness.ready()
+    async with scripted_cell(lambda _: reply, enabled=False) as (harness, scripted):
         assert text in await rejection(harness.commands.stop())
         assert scripted.received == [-4]
 
@@ -208,12 +211,7 @@ async def test_stop_that_the_controller_does_not_obey(monkeypatch, reply, text):
 async def test_stop_that_finds_no_standstill(monkeypatch):
     monkeypatch.setattr(arm_commands, 'ANSWER_TIMEOUT_S', 0.2)
 
-    async with (
-        ScriptedController(lambda _: b'') as scripted,
-        Harness(scripted.ports) as harness,
-    ):
-        await harness.ready()
-        await harness.commands.enable()
+    async with scripted_cell(lambda _: b'') as (harness, _):
         harness.submit(pose(0.5))
         assert 'no standstill' in await rejection(harness.commands.stop())
 
@@ -233,7 +231,6 @@ async def test_stop_ends_a_goal_that_waits_too():
 @pytest.mark.invariant(4)
 async def test_inv4_a_goal_that_comes_before_the_stop_is_answered_never_begins():
     """It may have been sent before, and waited: ROS tells neither when nor in which order."""
-
     async with cell() as (harness, _):
         stopping = asyncio.create_task(harness.commands.stop())
         await asyncio.sleep(0.0)

@@ -25,6 +25,7 @@ from support.driver_harness import (
     cell,
     frame,
     pose,
+    scripted_cell,
     simulated,
 )
 from support.event_loop import now, run, until
@@ -61,7 +62,6 @@ async def test_a_goal_is_executed():
 @pytest.mark.invariant(4)
 async def test_inv4_a_goal_before_enable_is_refused_and_nothing_is_sent():
     """docs/invariants.md, 4."""
-
     async with cell(enabled=False) as (harness, controller):
         controller.apply(Event.MOTORS_ON)
         await until(lambda: harness.driver.robot.status.drives_powered == 1)
@@ -75,7 +75,6 @@ async def test_inv4_a_goal_before_enable_is_refused_and_nothing_is_sent():
 @pytest.mark.invariant(2)
 async def test_inv2_a_goal_is_refused_while_the_arm_still_moves():
     """docs/invariants.md, 2: a motion begins at rest. Here the arm brakes after a lost goal."""
-
     async with cell() as (harness, _):
         lost = harness.submit(pose(0.8))
         await until(lambda: harness.driver.robot.sample.velocities[0] > 0.3)
@@ -100,7 +99,6 @@ async def test_a_goal_that_starts_elsewhere_is_refused_and_the_next_one_works():
 @pytest.mark.invariant(3)
 async def test_inv3_a_replaced_goal_ends_after_the_arm_rests():
     """docs/invariants.md, 3."""
-
     async with cell() as (harness, controller):
         first = harness.submit(pose(1.0))
         await harness.until_moving()
@@ -156,7 +154,6 @@ async def test_the_newest_of_several_goals_is_executed():
 
 async def test_a_replacement_does_not_start_when_the_arm_was_not_brought_to_rest():
     """The controller answers no STOP: nobody knows whether the arm stands."""
-
     async with ScriptedController(lambda _: b'') as scripted:
         settings = GoalSettings(reply_timeout=0.2)
         async with Harness(scripted.ports, settings=settings) as harness:
@@ -175,7 +172,6 @@ async def test_a_replacement_does_not_start_when_the_arm_was_not_brought_to_rest
 
 async def test_after_a_missing_reply_the_motion_link_starts_anew():
     """Late replies without a number would be taken for the answers to whatever was asked last."""
-
     async with ScriptedController(lambda _: b'') as scripted:
         settings = GoalSettings(reply_timeout=0.2)
         async with Harness(scripted.ports, settings=settings) as harness:
@@ -222,9 +218,7 @@ async def test_a_failure_reply_ends_the_goal_with_the_controllers_error():
     def reply(sequence):
         return answer(1 if sequence < 0 else 2)
 
-    async with ScriptedController(reply) as scripted, Harness(scripted.ports) as harness:
-        await harness.ready()
-        await harness.commands.enable()
+    async with scripted_cell(reply) as (harness, scripted):
         goal = harness.submit(pose(0.5))
         outcome = await goal.end()
         assert outcome.end is End.ABORTED
@@ -236,9 +230,7 @@ async def test_a_late_no_ends_the_goal():
     def reply(sequence):
         return answer(1, sequence) if sequence != 1 else b''
 
-    async with ScriptedController(reply) as scripted, Harness(scripted.ports) as harness:
-        await harness.ready()
-        await harness.commands.enable()
+    async with scripted_cell(reply) as (harness, scripted):
         goal = harness.submit(pose(0.1), pose(0.2))
         await until(lambda: 1 in scripted.received)
         scripted.motion.write(answer(2, 1))
@@ -250,9 +242,7 @@ async def test_a_late_no_ends_the_goal():
 @pytest.mark.invariant(8)
 async def test_inv8_what_was_read_at_once_arrived_at_once_however_slowly_it_is_gone_through():
     """docs/invariants.md, 8: a process held up within a burst must not take that for a pause."""
-
-    async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
-        await harness.ready()
+    async with scripted_cell(enabled=False) as (harness, scripted):
         scripted.shows_joints = False
         take = harness.events.on_joints
 
@@ -273,7 +263,6 @@ async def test_inv8_what_was_read_at_once_arrived_at_once_however_slowly_it_is_g
 @pytest.mark.invariant(4)
 async def test_inv4_an_estop_ends_the_goal_at_once_and_the_gate_stays_closed():
     """docs/invariants.md, 4."""
-
     async with cell() as (harness, controller):
         goal = harness.submit(pose(1.0))
         await harness.until_moving()
@@ -393,13 +382,7 @@ def _started(log, ports=None):
 @pytest.mark.invariant(6)
 async def test_inv6_joints_that_stop_while_the_status_goes_on_are_not_taken_for_fresh():
     """docs/invariants.md, 6."""
-
-    async with (
-        ScriptedController(lambda _: b'') as scripted,
-        Harness(scripted.ports) as harness,
-    ):
-        await harness.ready()
-        await harness.commands.enable()
+    async with scripted_cell(lambda _: b'') as (harness, scripted):
         goal = harness.submit(pose(0.5))
         scripted.shows_joints = False
         outcome = await goal.end()
@@ -411,9 +394,7 @@ async def test_inv6_joints_that_stop_while_the_status_goes_on_are_not_taken_for_
 
 
 async def test_a_status_that_stops_closes_the_gate_and_is_said_to_be_unknown():
-    async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
-        await harness.ready()
-        await harness.commands.enable()
+    async with scripted_cell() as (harness, scripted):
         scripted.shows_status = False
         await until(lambda: harness.gate is not None)
         assert 'no STATUS' in harness.gate
@@ -445,9 +426,7 @@ async def test_a_silent_state_link_is_lost_after_its_timeout():
 @pytest.mark.invariant(8)
 async def test_inv8_a_reply_on_the_state_port_is_no_state():
     """docs/invariants.md, 8; REP-I0006: the body of a FAILURE means nothing."""
-
-    async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
-        await harness.ready()
+    async with scripted_cell(enabled=False) as (harness, scripted):
         garbage = struct.pack('<i10f', 0, *[7.0] * 10)
         seen = len(harness.events.samples)
         scripted.extra = frame(10, 3, 2, garbage) + frame(10, 3, 1, garbage)
@@ -460,8 +439,7 @@ async def test_inv8_a_reply_on_the_state_port_is_no_state():
 
 
 async def test_a_joint_that_is_not_finite_is_dropped_and_counted():
-    async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
-        await harness.ready()
+    async with scripted_cell(enabled=False) as (harness, scripted):
         body = struct.pack('<i10f', 0, 0, 0, float('nan'), *[0.0] * 7)
         scripted.extra = frame(10, 1, 0, body)
         bad = harness.driver.state_link.statistics.bad_frames
@@ -471,8 +449,7 @@ async def test_a_joint_that_is_not_finite_is_dropped_and_counted():
 
 
 async def test_feedback_messages_are_joints_too():
-    async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
-        await harness.ready()
+    async with scripted_cell(enabled=False) as (harness, scripted):
         scripted.shows_joints = False
         seen = len(harness.events.samples)
         positions, velocities = [0.03125] * 10, [0.25] * 10
@@ -534,7 +511,6 @@ async def test_the_link_state_is_the_worse_of_both():
 @pytest.mark.invariant(3)
 async def test_inv3_shut_down_brings_the_arm_to_rest_and_ends_the_goal():
     """docs/invariants.md, 3."""
-
     async with cell() as (harness, controller):
         goal = harness.submit(pose(0.5), step=8.0)  # slow enough to stop at once
         await harness.until_moving()
@@ -558,7 +534,6 @@ async def test_a_driver_that_is_cancelled_ends_its_goal():
 @pytest.mark.invariant(2)
 async def test_inv2_nothing_outside_the_limits_arrives_at_the_controller():
     """docs/invariants.md, 2: a plan at the very limit is executed, and the arm stays inside."""
-
     async with cell() as (harness, _):
         top = np.array(harness.at)
         top[4] = LIMITS.position_max[4]

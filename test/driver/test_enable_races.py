@@ -160,9 +160,9 @@ def test_inv4_in_1000_races_no_enable_on_its_way_arms_what_was_closed(record_pro
 
 async def pending(harness, remote):
     """Begin an ~/enable, and wait until it has the motors switched on."""
-    remote.given.clear()
+    remote.told.clear()
     asking = asyncio.create_task(enable(harness))
-    await remote.given.wait()
+    await remote.told.wait()
     return asking
 
 

@@ -49,7 +49,6 @@ async def succeeds(harness, goal):
 @pytest.mark.parametrize('factor', [0.01, 0.1])
 async def test_a_goal_that_begins_at_a_small_factor_succeeds_when_the_arm_is_there(factor):
     """The point is sent with the smallest velocity that there is, and the clock knows."""
-
     async with cell() as (harness, _):
         scale(harness, factor)
         await asyncio.sleep(0.02)

@@ -250,7 +250,6 @@ def test_only_programs_of_our_own_get_heartbeats(name):
 )
 async def test_programs_of_others_go_on_with_what_they_have(name, longest):
     """The table of docs/safety.md; a Motoman's queue is 0.8 s, and one point waits beside it."""
-
     async with cell_of(load_controller_profile(name)) as (harness, controller, _):
         await make_ready(harness, controller)
         await harness.commands.enable()

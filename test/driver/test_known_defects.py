@@ -273,7 +273,6 @@ def test_the_nodes_that_the_migration_leads_to_are_there():
 
 async def test_b1_a_frame_of_4000_bytes_is_left_out_and_the_next_one_taken():
     """The old library wrote it over the stack."""
-
     async with ScriptedController() as controller, Harness(controller.ports) as harness:
         await harness.ready()
         controller.extra = frame(10, 1, 0, bytes(4000 - 12))
@@ -287,7 +286,6 @@ async def test_b1_a_frame_of_4000_bytes_is_left_out_and_the_next_one_taken():
 
 async def test_b2_a_wrong_byte_order_ends_the_connection_and_says_why():
     """The old client waited for the 939,524,096 bytes of a small message read the wrong way."""
-
     async with ScriptedController() as controller:  # it writes little endian
         async with Harness(controller.ports, byte_order=ByteOrder.BIG) as harness:
             await until(lambda: harness.driver.state_link.statistics.bad_frames['length'])
@@ -316,7 +314,6 @@ def test_147_more_than_ten_joints_are_refused_with_the_name_of_the_parameter():
 
 async def test_191_the_first_point_leaves_at_once():
     """No timer, no sleep, no turn of the loop between the goal and its first point."""
-
     async with ScriptedController() as controller, Harness(controller.ports) as harness:
         await harness.ready()
         await harness.commands.enable()
@@ -354,7 +351,6 @@ async def test_motoman_228_a_trajectory_without_a_joint_state_is_refused():
 )
 async def test_271_a_status_alone_ends_the_goal_and_closes_the_gate(status, words):
     """No reply, no lost link: nothing but the STATUS says it."""
-
     async with (
         ScriptedController(lambda _: b'') as controller,
         Harness(controller.ports) as harness,

@@ -7,7 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.driver_harness import Harness, ScriptedController, cell, pose, simulated
+from support.driver_harness import (
+    Harness,
+    ScriptedController,
+    cell,
+    pose,
+    scripted_cell,
+    simulated,
+)
 from support.event_loop import until
 
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
@@ -96,9 +103,7 @@ async def test_a_controller_that_never_says_yes_gets_its_goals(never):
 
 
 async def test_only_what_was_said_since_the_arm_was_enabled_counts():
-    async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
-        await harness.ready()
-        await harness.commands.enable()
+    async with scripted_cell() as (harness, scripted):
         await tell(harness, scripted, POSSIBLE)
         await tell(harness, scripted, NOT_POSSIBLE)
         await harness.commands.enable()  # it is enabled already: that changes nothing
@@ -112,9 +117,7 @@ async def test_only_what_was_said_since_the_arm_was_enabled_counts():
 
 
 async def test_an_error_without_a_reason_to_close_the_gate_is_no_pause():
-    async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
-        await harness.ready()
-        await harness.commands.enable()
+    async with scripted_cell() as (harness, scripted):
         await tell(harness, scripted, (1, 0, 4031, -1, 0, 2, 0))
         assert not harness.driver.robot.paused
 

@@ -91,7 +91,6 @@ async def test_a_goal_without_times_is_retimed_and_executed():
 @pytest.mark.invariant(5)
 async def test_inv5_cancel_while_planning_ends_the_goal_as_canceled(slow):
     """docs/invariants.md, 5."""
-
     async with cell(smoothing=RESAMPLE) as (harness, _):
         goal = harness.submit(pose(0.5))
         await until(lambda: slow)
@@ -107,7 +106,6 @@ async def test_inv5_cancel_while_planning_ends_the_goal_as_canceled(slow):
 @pytest.mark.invariant(5)
 async def test_inv5_stop_while_planning_ends_the_goal_as_aborted(slow):
     """docs/invariants.md, 5."""
-
     async with cell(smoothing=RESAMPLE) as (harness, _):
         goal = harness.submit(pose(0.5))
         await until(lambda: slow)
@@ -120,7 +118,6 @@ async def test_inv5_stop_while_planning_ends_the_goal_as_aborted(slow):
 @pytest.mark.invariant(4, 5)
 async def test_inv4_inv5_an_estop_while_planning_ends_the_goal_at_once_and_nothing_is_sent(slow):
     """docs/invariants.md, 4 and 5."""
-
     async with cell(smoothing=RESAMPLE) as (harness, controller):
         goal = harness.submit(pose(0.5))
         await until(lambda: slow)
@@ -136,7 +133,6 @@ async def test_inv4_inv5_an_estop_while_planning_ends_the_goal_at_once_and_nothi
 @pytest.mark.invariant(5)
 async def test_inv5_a_lost_link_while_planning_ends_the_goal(slow):
     """docs/invariants.md, 5."""
-
     async with cell(smoothing=RESAMPLE) as (harness, _):
         goal = harness.submit(pose(0.5))
         await until(lambda: slow)
@@ -149,7 +145,6 @@ async def test_inv5_a_lost_link_while_planning_ends_the_goal(slow):
 @pytest.mark.invariant(5)
 async def test_inv5_a_goal_that_comes_while_another_is_planned_replaces_it():
     """docs/invariants.md, 5."""
-
     async with cell(smoothing=RESAMPLE) as (harness, _):
         first = harness.submit(pose(2.0), pose(-2.0), step=3.0)
         second = harness.submit(pose(0.1))
@@ -162,7 +157,6 @@ async def test_inv5_a_goal_that_comes_while_another_is_planned_replaces_it():
 @pytest.mark.invariant(5)
 async def test_inv5_the_end_of_the_driver_ends_the_goal_and_the_process(slow):
     """docs/invariants.md, 5."""
-
     async with cell(smoothing=RESAMPLE) as (harness, _):
         goal = harness.submit(pose(0.5))
         await until(lambda: slow)

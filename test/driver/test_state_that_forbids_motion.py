@@ -16,6 +16,7 @@ from support.driver_harness import (
     cell,
     frame,
     pose,
+    scripted_cell,
 )
 from support.event_loop import now, run, stand_still, until
 
@@ -44,9 +45,7 @@ async def more(harness, count):
 
 async def test_inv6_one_feedback_among_positions_silences_nothing():
     """docs/invariants.md, 6 and 8: every joint message is an event again after a few."""
-
-    async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
-        await harness.ready()
+    async with scripted_cell(enabled=False) as (harness, scripted):
         for _ in range(3):
             seen = len(harness.events.samples)
             received = harness.driver.state_link.statistics.frames_received
@@ -58,8 +57,7 @@ async def test_inv6_one_feedback_among_positions_silences_nothing():
 
 
 async def test_feedback_that_comes_with_each_position_is_what_counts():
-    async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
-        await harness.ready()
+    async with scripted_cell(enabled=False) as (harness, scripted):
         for _ in range(20):
             scripted.extra = feedback(0.001, valid=6)
             await until(lambda: not scripted.extra)
@@ -88,14 +86,10 @@ def test_inv6_what_cannot_be_true_forbids_motion_and_is_not_published(message, s
     """docs/invariants.md, 6: it is said, and the arm must be enabled again when it is over."""
 
     async def scenario():
-        async with (
-            ScriptedController(
-                lambda number: answer(1, number) if number < 0 else b''
-            ) as scripted,
-            Harness(scripted.ports) as harness,
+        async with scripted_cell(lambda number: answer(1, number) if number < 0 else b'') as (
+            harness,
+            scripted,
         ):
-            await harness.ready()
-            await harness.commands.enable()
             goal = harness.submit(pose(0.5))
             scripted.extra = message
             outcome = await goal.end()
@@ -117,7 +111,6 @@ def test_inv6_what_cannot_be_true_forbids_motion_and_is_not_published(message, s
 
 async def test_inv6_enable_needs_joints_that_can_be_true():
     """docs/invariants.md, 6."""
-
     async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
         scripted.shows_joints = False
 
@@ -138,7 +131,6 @@ async def test_inv6_enable_needs_joints_that_can_be_true():
 
 async def test_inv6_a_goal_is_refused_at_once_when_the_pose_is_old():
     """docs/invariants.md, 6: the STATUS goes on, and the link waits for long."""
-
     async with (
         ScriptedController() as scripted,
         Harness(scripted.ports, state_timeout=60.0) as harness,
@@ -165,7 +157,6 @@ async def test_inv6_a_goal_is_refused_at_once_when_the_pose_is_old():
 )
 async def test_inv6_no_goal_begins_on_a_pose_that_is_older_than_the_timeout(timeout, age, begins):
     """docs/invariants.md, 6: joints end and STATUS goes on."""
-
     async with (
         ScriptedController() as scripted,
         Harness(scripted.ports, state_timeout=timeout) as harness,
@@ -219,7 +210,6 @@ def test_a_loop_that_stood_still_reads_before_it_calls_anything_too_old(tmp_path
 
 async def test_a_process_held_up_between_two_checks_of_a_goal_judges_both_at_one_moment():
     """A pose that was fresh when the goal came is not too old a line later."""
-
     async with cell() as (harness, _):
         robot = harness.driver.robot
         judge = robot.stale
@@ -240,10 +230,7 @@ async def test_a_process_held_up_between_two_checks_of_a_goal_judges_both_at_one
 @pytest.mark.parametrize('end', ['cancel', 'newer', 'fault'])
 async def test_inv5_a_goal_that_waits_for_what_is_read_ends_once(end):
     """docs/invariants.md, 5: between the goal and its start."""
-
-    async with ScriptedController() as scripted, Harness(scripted.ports) as harness:
-        await harness.ready()
-        await harness.commands.enable()
+    async with scripted_cell() as (harness, scripted):
         stand_still(2 * MAX_POSE_AGE_S)
         goal = harness.submit(pose(0.1))
         assert not goal.outcomes

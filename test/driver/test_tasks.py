@@ -44,7 +44,6 @@ PATIENCE_S = 0.2
 @pytest.mark.invariant(6)
 async def test_a_process_that_is_held_up_after_every_turn_still_finds_the_pose_fresh():
     """What came is judged as of a moment before, not as of when there was time to look."""
-
     async with cell() as (harness, _):
         robot, heard = harness.driver.robot, harness.driver.changed
         held_up = []

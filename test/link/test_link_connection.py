@@ -241,7 +241,6 @@ async def test_a_connection_that_was_used_in_another_byte_order_than_the_state_c
     asked,
 ):
     """Otherwise what was sent is lost, and the next reply ends the connection in mid-motion."""
-
     async with Peer(silent if asked else greet) as peer, Harness(peer.port) as harness:
         link = harness.link
         await until(lambda: link.connected)
@@ -506,7 +505,6 @@ async def test_small_frames_are_not_delayed_and_a_vanished_peer_is_noticed():
 @pytest.mark.invariant(7)
 async def test_inv7_a_peer_that_asks_and_never_reads_fills_no_memory():
     """docs/invariants.md, 7."""
-
     sizes = []
 
     async def ask_for_ever(connection):

@@ -107,7 +107,6 @@ async def test_others_have_their_turn_between_frames():
 
 async def test_a_turn_of_others_is_no_silence():
     """What was received may take longer to handle than the link waits for more."""
-
     async with (
         Peer(sends(joints(1.0) * MANY)) as peer,
         Harness(peer.port, receive_timeout=0.5) as harness,
@@ -160,7 +159,6 @@ def test_what_is_heard_begins_it_anew():
 @pytest.mark.parametrize('phase', [0.0, 0.3, 0.9])
 async def test_the_patience_counts_from_what_was_heard_last(phase):
     """Wherever in a slice that was."""
-
     silence = ReceiveTimeout(2.0)
     began = now()
     heard = began + (10.0 + phase) * silence.slice
@@ -173,7 +171,6 @@ async def test_the_patience_counts_from_what_was_heard_last(phase):
 
 async def test_what_came_while_the_loop_stood_still_is_read_first():
     """A timer that is overdue and a socket that is readable: the reader has had its turn."""
-
     ours, theirs = socket.socketpair()
     ours.setblocking(False)
     silence = ReceiveTimeout(0.01 * SLICES)
@@ -225,7 +222,6 @@ async def test_a_loop_that_stood_still_is_not_the_peers_silence():
 
 async def test_time_in_which_the_loop_stood_still_is_no_silence():
     """Nothing comes, and the loop is hardly there: after three patiences it still waits."""
-
     async with (
         Peer(silent_after(joints(1.0))) as peer,
         Harness(peer.port, receive_timeout=TIMEOUT) as harness,

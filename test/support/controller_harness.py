@@ -106,15 +106,19 @@ class InlinePlanner:
     def __init__(self, delay=0.0):
         self.ready = True
         self.delay = delay
-        self.asked = 0
+        self.limits = []  # of each request
         self._pending = []
 
     def ask(self, request, limits, answer):
         assert self.ready
         assert not self._pending
-        self.asked += 1
+        self.limits.append(limits)
         self._pending.append([self.delay, answer, self.plan(request, limits)])
         self.step(0.0)
+
+    @property
+    def asked(self):
+        return len(self.limits)
 
     def plan(self, request, limits):
         return plan(request, limits)

@@ -312,3 +312,13 @@ def frame(msg_type, comm_type, reply_code, body):
 
 def answer(code, sequence=0):
     return frame(10, 3, code, struct.pack('<i40x', sequence))
+
+
+@contextlib.asynccontextmanager
+async def scripted_cell(reply=None, *, enabled=True):
+    """Run a driver with a scripted controller; yield both."""
+    async with ScriptedController(reply) as scripted, Harness(scripted.ports) as harness:
+        await harness.ready()
+        if enabled:
+            await harness.commands.enable()
+        yield harness, scripted

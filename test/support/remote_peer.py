@@ -47,10 +47,16 @@ class RemotePeer:
         with contextlib.suppress(ConnectionError, asyncio.CancelledError):
             while line := (await reader.readline()).decode().strip():
                 self.lines.append(line)
-                answer = self.answers.get(line[1:].partition(',')[0])
-                if callable(answer):
-                    answer = answer(line)
-                if answer is not None:
-                    await asyncio.sleep(self.delay)
+                answer = await self.answer(line)
+                if answer is not None and not writer.is_closing():
                     writer.write(f'{answer}\r\n'.encode())
         writer.close()
+
+    async def answer(self, line):
+        """Return the answer to a line, without its end, or None."""
+        answer = self.answers.get(line[1:].partition(',')[0])
+        if callable(answer):
+            answer = answer(line)
+        if answer is not None:
+            await asyncio.sleep(self.delay)
+        return answer

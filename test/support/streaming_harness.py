@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from epson_driver.motion.smoother import MERGE_TOLERANCE, plan
+from epson_driver.motion.smoother import MERGE_TOLERANCE
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.arm.executor import Point
 from epson_driver.sim_controller.arm.streaming import DeadlineCounters, Streaming
+from support.controller_harness import InlinePlanner
 
 LIMITS = load_robot_model('c3_a601s').limits
 HOME = np.zeros(6)
@@ -26,40 +27,6 @@ def way(count, amplitude=0.4):
     return curve
 
 
-class SlowPlanner:
-    """Plans at once, in the step that asks, and answers `delay` s later."""
-
-    def __init__(self, delay):
-        self.ready = True
-        self.delay = delay
-        self.limits = []  # of each request
-        self._pending = []
-
-    def ask(self, request, limits, answer):
-        assert self.ready
-        assert not self._pending
-        self.limits.append(limits)
-        self._pending.append([self.delay, answer, self.plan(request, limits)])
-        self.step(0.0)
-
-    def plan(self, request, limits):
-        return plan(request, limits)
-
-    def step(self, dt):
-        for waiting in list(self._pending):
-            waiting[0] -= dt
-            if waiting[0] <= 1e-9:
-                self._pending.remove(waiting)
-                waiting[1](waiting[2])
-
-    def die(self):
-        """End as the planner's process does: no plan, no more questions."""
-        self.ready = False
-        pending, self._pending = self._pending, []
-        for _, answer, _ in pending:
-            answer(None)
-
-
 class StreamingHarness:
     """The arm, the points that wait for room, and where it has been; `taken` counts points.
 
@@ -69,7 +36,7 @@ class StreamingHarness:
     def __init__(
         self, delay=0.012, start=HOME, look_ahead=1.0, look_ahead_points=1000, **settings
     ):
-        self.planner = SlowPlanner(delay)
+        self.planner = InlinePlanner(delay)
         self.timing = DeadlineCounters()
         self.failures: list[Any] = []
         self.arm = Streaming(

@@ -262,7 +262,6 @@ async def test_stop_of_a_download_is_a_request_and_ends_the_goal_at_rest():
 
 async def test_a_download_that_the_controller_refuses_ends_with_its_error():
     """Its joints are counted otherwise, and so the goal is beyond a limit that it alone knows."""
-
     mapping = joint_mapping(JOINTS, [1], [-2.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0)
     async with cell_of('rc620', 'download', mapping=mapping) as (harness, controller, _):
         goal = hand_in(harness, plan([0.0, 1.0], [harness.at, harness.at + pose(3.5)]))
@@ -286,7 +285,6 @@ async def test_an_e_stop_ends_a_download():
 @pytest.mark.invariant(7)
 async def test_inv7_a_long_download_never_fills_the_memory():
     """docs/invariants.md, 7: points wait while the controller does not read."""
-
     rc620 = load_controller_profile('rc620')
     download = replace(rc620.program.download, buffer=10_000, dead_time=0.0)
     profile = replace(rc620, program=replace(rc620.program, download=download))
@@ -451,7 +449,6 @@ async def test_joints_are_counted_as_ros_does_in_both_directions():
 
 async def test_the_final_states_are_reached_in_every_delivery():
     """A goal that a controller ends by itself leaves nothing behind that could be sent later."""
-
     for name in ('rc620', 'abb', 'motoman'):
         async with cell_of(name) as (harness, _, received):
             goal = hand_in(harness, dense())
@@ -478,7 +475,6 @@ async def test_what_is_sent_before_any_state_has_the_byte_order_of_the_profile()
 
 async def test_full_points_without_motomans_commands():
     """As Staubli's server takes them: each is a request, answered with a JOINT_POSITION."""
-
     rules = DeliveryRules(point_message='joint_traj_pt_full')
     async with (
         ScriptedController() as controller,

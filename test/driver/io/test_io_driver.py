@@ -157,7 +157,6 @@ async def test_values_are_told_at_first_and_when_one_changes(dialect):
 )
 async def test_io_with_every_profile_of_the_simulated_controller(profile):
     """Through a whole driver: the way is the profile's, the byte order the state messages'."""
-
     async with (
         simulated(profile=profile) as (controller, ports),
         Harness(
@@ -273,7 +272,6 @@ async def test_every_wrong_point_has_its_sentence_and_keeps_no_other_from_being_
 @pytest.mark.invariant(6)
 async def test_no_values_while_the_io_server_does_not_run_and_again_when_it_does():
     """Invariant 6: an E-stop silences the I/O server; old values are not shown as known."""
-
     async with simulated() as (controller, ports), Client(ports.io, timeout=0.3) as client:
         await client.known()
         controller.apply(Event.ESTOP_PRESS)
@@ -443,7 +441,6 @@ async def test_ranges_that_were_not_subscribed_to_are_dropped_and_counted():
 
 async def test_values_without_a_period_become_unknown_and_are_asked_for_again():
     """ScriptedServer publishes once only, when it is subscribed to."""
-
     async with (
         ScriptedServer(four_inputs) as server,
         Client(server.port, timeout=0.2) as client,

@@ -190,7 +190,6 @@ async def test_outputs_are_not_set_while_the_controller_is_not_ready_and_the_ans
 @pytest.mark.invariant(3)
 async def test_the_motors_go_before_the_io_at_the_remote_port():
     """A real controller serves one client there: who asks for I/O gives way, and is told."""
-
     held = asyncio.Event()
     turns = RemoteTurns()
 

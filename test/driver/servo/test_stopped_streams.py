@@ -136,7 +136,6 @@ async def test_inv4_a_stick_that_was_let_go_for_a_second_moves_the_arm_again():
 
 async def test_ros2_control_goes_on_after_an_estop_without_a_restart():
     """Its controller holds a position that the arm has left; the next goal begins at the arm."""
-
     async with cell(smooth=True) as (harness, controller):
         to = pose(0.05)
         async with going_on(harness, lambda _: positions(to)):

@@ -63,7 +63,6 @@ def test_a_stream_that_agrees_again_is_trusted_again():
 @pytest.mark.parametrize('velocity', [0.3, 1.0, 7.0, 10.0, 57.3, 1e308])
 async def test_inv2_velocities_that_no_position_bears_out_lead_nowhere(velocity):
     """What went 0.1 to 0.45 rad away from positions of 0."""
-
     async with cell(smooth=True) as (harness, _):
         claimed = np.full(JOINTS, velocity)
         async with going_on(harness, lambda _: positions(HOME, claimed)):

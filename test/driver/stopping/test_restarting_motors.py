@@ -69,7 +69,6 @@ async def test_enable_switches_the_motors_on_and_starts_the_program():
 @pytest.mark.invariant(4)
 async def test_after_an_estop_nothing_moves_until_enable_starts_the_program_again():
     """Invariant: reset_error starts nothing; ~/enable does, and old points are gone."""
-
     async with spel_cell() as (harness, controller, _):
         await harness.commands.enable()
         goal = harness.submit(pose(1.5), step=30.0)
@@ -131,7 +130,6 @@ async def test_disable_stops_the_program_and_switches_the_motors_off():
 @pytest.mark.invariant(4)
 async def test_enable_of_an_enabled_arm_does_not_restart_a_paused_program():
     """Invariant: what is paused by a person goes on by a person; its goal is not lost."""
-
     async with spel_cell() as (harness, controller, ports):
         await harness.commands.enable()
         goal = harness.submit(harness.at + pose(0.5), step=3.0)
@@ -147,7 +145,6 @@ async def test_enable_of_an_enabled_arm_does_not_restart_a_paused_program():
 
 async def test_a_running_program_keeps_the_controller_from_being_ready():
     """As on a real one: what does not stop it first is told so."""
-
     async with spel_cell(motors='remote_ethernet') as (harness, _, ports):
         flags, _ = (await do(ports, 'GetStatus'))[0].split(',')
         assert flags[-2:] == '10'  # Running, not Ready

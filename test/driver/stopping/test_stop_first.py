@@ -56,7 +56,6 @@ class Motoman(ScriptedController):
 @pytest.mark.invariant(4)
 async def test_inv4_a_motoman_gets_stop_motion_first_on_every_connection():
     """MotoROS keeps its queue over a lost client, and goes on as soon as one connects."""
-
     async with (
         Motoman() as controller,
         Harness(controller.ports, delivery=MOTOMAN, motors='motoman') as harness,
@@ -157,7 +156,6 @@ async def test_inv4_a_stop_in_a_wrong_byte_order_goes_out_again_first_on_a_new_c
 @pytest.mark.invariant(4)
 async def test_inv4_the_servos_stay_off_until_stop_motion_was_taken():
     """With the servos, a queue that STOP_MOTION has not emptied would be executed."""
-
     async with Motoman() as controller:
         controller.status = (0, *Motoman.STATUS[1:])  # drives_powered
         controller.result = Result.MP_FAILURE
@@ -174,7 +172,6 @@ async def test_inv4_the_servos_stay_off_until_stop_motion_was_taken():
 @pytest.mark.invariant(4)
 async def test_inv4_points_of_before_the_lost_link_are_stopped_when_it_is_back():
     """FANUC's and ABB's programs finish the points that they have: STOP cuts that short."""
-
     async with (
         ScriptedController(lambda _: b'') as controller,
         Harness(controller.ports, delivery=POINTS) as harness,

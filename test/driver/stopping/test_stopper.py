@@ -20,6 +20,7 @@ from support.driver_harness import (
     cell,
     frame,
     pose,
+    scripted_cell,
 )
 from support.event_loop import run, stand_still, until
 
@@ -132,7 +133,6 @@ def test_inv3_inv9_a_stop_that_is_refused_is_no_success_and_the_motors_go_off(ca
 
 async def test_inv3_a_refused_stop_is_sent_again_while_the_arm_moves_and_no_longer():
     """docs/invariants.md, 3: without a remote port STOP is all there is."""
-
     async with disobedient(obeys_after=3, remote_port=0) as (harness, controller, _, stops):
         text = await rejection(harness.commands.stop())
         assert 'the arm stands' in text or 'the arm still moves' in text
@@ -153,7 +153,6 @@ async def test_inv3_a_refused_stop_is_sent_again_while_the_arm_moves_and_no_long
 @pytest.mark.parametrize('remote', [True, False], ids=['remote port', 'no remote port'])
 async def test_inv9_disable_of_an_arm_that_refuses_stop(remote):
     """docs/invariants.md, 9: success only if the arm was seen to stand."""
-
     options = {} if remote else {'remote_port': 0}
     async with disobedient(**options) as (harness, controller, _, _stops):
         if remote:
@@ -176,7 +175,6 @@ async def test_inv9_disable_of_an_arm_that_refuses_stop(remote):
 @pytest.mark.parametrize('how', ['fault', 'empty trajectory', 'shut down'])
 async def test_inv3_whatever_sends_the_stop_its_rejection_is_noticed(how):
     """docs/invariants.md, 3."""
-
     async with disobedient(obeys_after=1, remote_port=0) as (
         harness,
         controller,
@@ -198,7 +196,6 @@ async def test_inv3_whatever_sends_the_stop_its_rejection_is_noticed(how):
 
 async def test_inv9_an_arm_that_moves_on_after_stop_was_taken_is_no_success():
     """docs/invariants.md, 9: it says yes and does nothing."""
-
     async with MovableController() as scripted, Harness(scripted.ports) as harness:
         await harness.ready()
         await harness.commands.enable()
@@ -216,7 +213,6 @@ async def test_inv9_an_arm_that_moves_on_after_stop_was_taken_is_no_success():
 
 async def test_an_arm_that_somebody_jogs_is_left_alone():
     """Nothing of ours moves it: STOP is not repeated, and no goal is to blame."""
-
     async with MovableController() as scripted, Harness(scripted.ports) as harness:
         await harness.ready()
         scripted.speed = 0.2
@@ -231,7 +227,6 @@ async def test_an_arm_that_somebody_jogs_is_left_alone():
 
 async def test_inv9_a_stop_that_no_joint_state_shows_is_no_success():
     """docs/invariants.md, 9."""
-
     async with ScriptedController() as scripted:
         scripted.shows_joints = False
         async with Harness(scripted.ports) as harness:
@@ -267,7 +262,6 @@ def submitted_goal(harness, to, goal_time=0.0):
 @pytest.mark.invariant(5)
 async def test_inv5_after_a_goal_time_violation_the_next_goal_waits_until_stop_is_answered():
     """docs/invariants.md, 3 and 5: the controller may still be busy with the first."""
-
     async with (
         MovableController(lambda _: b'') as scripted,
         Harness(scripted.ports) as harness,
@@ -288,7 +282,6 @@ async def test_inv5_after_a_goal_time_violation_the_next_goal_waits_until_stop_i
 
 async def test_inv4_a_stop_that_is_never_answered_disables_the_arm_and_ends_the_goal_that_waits():
     """docs/invariants.md, 4: then the controller starts the motion that it had been given."""
-
     async with (
         MovableController(lambda _: b'') as scripted,
         Harness(scripted.ports) as harness,
@@ -329,7 +322,6 @@ async def test_inv9_a_stop_that_is_answered_late_but_in_time_is_a_success(monkey
 
 async def test_inv4_enable_has_the_controller_drop_what_it_may_still_have():
     """docs/invariants.md, 4: what it has in its queue, too."""
-
     silent = [True]
     async with (
         MovableController(lambda _: b'' if silent[0] else answer(1)) as scripted,
@@ -356,7 +348,6 @@ async def test_inv4_enable_has_the_controller_drop_what_it_may_still_have():
 
 async def test_inv9_a_reply_that_may_be_a_points_confirms_no_standstill_but_the_state_does():
     """docs/invariants.md, 9: of two requests one is answered, without a number."""
-
     settings = GoalSettings(reply_timeout=30.0)
     async with (
         MovableController(lambda sequence: answer(1) if sequence == STOP else b'') as scripted,
@@ -387,9 +378,7 @@ async def test_a_process_that_was_not_scheduled_does_not_take_stop_for_unanswere
         stand_still(30.0)
         return answer(1, number)
 
-    async with ScriptedController(reply) as scripted, Harness(scripted.ports) as harness:
-        await harness.ready()
-        await harness.commands.enable()
+    async with scripted_cell(reply) as (harness, scripted):
         harness.driver.stopper.stop()
         await until(lambda: harness.driver.stopper.over)
         assert scripted.received == [STOP]
