@@ -44,7 +44,7 @@ def recorded_run(trace: Path, model: RobotModel, what: str) -> Run:
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """A run with its figures, and what it is called in the picture."""
+    """A run with its figures, and its name in the picture."""
 
     title: str
     run: Recording

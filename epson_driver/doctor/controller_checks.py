@@ -67,7 +67,7 @@ OUTSIDE_RAD = 0.05
 
 @dataclass(frozen=True)
 class Question:
-    """Whom to look at, and what is allowed. A port of 0 is left alone."""
+    """The controller to check, and the checks allowed. A port of 0 is left alone."""
 
     host: str
     profile: ControllerProfile

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Smooth motion through a plan, computed in a process of its own: it takes up to seconds.
+"""Smooth motion through a plan, computed for up to seconds in a process of its own.
 
 Each trajectory has a fresh process, which waits ready-made: it can be killed at any moment, and
 the event loop, on which the links live, only waits for it.

@@ -34,7 +34,7 @@ class Client(Protocol):
         """Do it until cancelled."""
 
     async def shut_down(self) -> None:
-        """Stop the arm, and let every goal's result leave."""
+        """Stop the arm, and send every goal's result."""
 
     def end(self) -> None:
         """Have every request answered that still waits."""

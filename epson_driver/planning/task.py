@@ -121,7 +121,7 @@ def _far(pillar: Shape, places: Iterable[tuple[float, float]], distance: float) 
 def gripping(
     x: float, y: float, top: float, yaw: float, length: float = GRIPPER_LENGTH_M
 ) -> Array:
-    """Return the pose of a hand that grips something from above whose top is at `top`, (4, 4).
+    """Return the pose, (4, 4), of a hand that grips from above an object with its top at `top`.
 
     length: of its gripper, m; by default that of an arm of size 1.
     """

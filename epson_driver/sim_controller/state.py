@@ -184,7 +184,7 @@ class StateSession:
         self._open = True
 
     def receive(self, data: bytes) -> None:
-        """Answer requests for the messages that are also sent unasked. Raises FrameError."""
+        """Answer requests for the messages that are also sent by the clock. Raises FrameError."""
         self._framer.receive_data(data)
         while self._open and (frame := self._framer.next_frame()) is not None:
             reply = answer_frame(frame, self._answers)

@@ -82,7 +82,7 @@ class Array:
         return place
 
     def resize(self, bounds: tuple[int, ...], keep: bool) -> None:
-        """Give it other bounds, and `keep` what has a place in both."""
+        """Change the bounds, keeping the elements within both if `keep`."""
         old = Array.__new__(Array)
         old.bounds, old.d = self.bounds, self.d
         self.bounds = bounds

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""I/O of controllers that publish nothing and know single points or bytes: the driver asks.
+"""I/O of controllers that publish nothing: the driver asks for single points or bytes.
 
 Which points there are is in the controller's profile, as no such controller tells it. What is out
 of that is refused here, with the sentences of every other way to the I/O.

@@ -42,7 +42,7 @@ class Problem:
         return self.path.end
 
     def usage(self, timing: TimeParametrisation) -> LimitUsage:
-        """Return what a timing on the path uses of the limits, at some of the effort."""
+        """Return how much of the limits a timing on the path uses."""
         self.effort.spend(VERIFICATION_US + PIECE_US * len(timing.jerks))
         return limit_usage(self.path, timing, self.limits)
 

@@ -18,7 +18,7 @@ from epson_driver.processes.worker import PREFIX, answer_file, body_length, pack
 
 
 def main() -> None:
-    """Plan until stdin closes: no orphan is left, however the controller ends."""
+    """Plan until stdin closes, so that the process ends with the controller."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the controller's to handle
     answers = answer_file()
     requests = sys.stdin.buffer
