@@ -14,6 +14,7 @@ import asyncio
 import weakref
 from collections.abc import Callable, Sequence
 from functools import partial
+from os import PathLike
 from types import TracebackType
 from typing import Literal, Self, TypeVar
 
@@ -40,7 +41,6 @@ from epson_driver.api.payload import checked_load
 from epson_driver.api.points import Points
 from epson_driver.api.poses import (
     BASE,
-    EpsonPoint,
     Frames,
     Pose,
     Tool,
@@ -49,6 +49,7 @@ from epson_driver.api.poses import (
     is_pose,
     quaternion_pose,
 )
+from epson_driver.api.recording import RATE, Recording
 from epson_driver.api.settings import Ports, Settings, make_setup
 from epson_driver.api.simulation import SimulatedController, Simulation
 from epson_driver.api.status import ControllerError, RobotStatus, Sample
@@ -59,7 +60,8 @@ from epson_driver.driver.smoothing import Smoothing, SmoothingError, SmoothingPr
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel
 from epson_driver.robots.kinematics import Kinematics
-from epson_driver.robots.model import SCARA
+from epson_driver.taught_points.epson_point import EpsonPoint
+from epson_driver.taught_points.posture import Posture, posture
 from epson_driver.tool_motion.pose_path import Run
 from epson_driver.tool_motion.tool_trajectory import ToolLimits, runs_trajectory
 
@@ -75,6 +77,7 @@ __all__ = [
     'MotionError',
     'PathError',
     'Points',
+    'Recording',
     'Robot',
     'RobotError',
     'RobotStatus',
@@ -231,12 +234,13 @@ class Robot(Unique):
         """The tool as the teach pendant shows it, in mm and degrees. Raises as `joints`."""
         return EpsonPoint.of(self.pose_in(BASE))
 
-    def _taught(self) -> tuple[EpsonPoint, int]:
-        """Return where the tool is, and a SCARA's hand as .pts files have it, else 0."""
-        hand = 0
-        if self.model.kind == SCARA:
-            hand = 1 if self._connection.sample().positions[1] >= 0.0 else 2
-        return self.epson_point, hand
+    def _taught(self) -> tuple[EpsonPoint, Posture | str]:
+        """Return where the tool is, and the arm's posture as .pts files have it, or why not."""
+        try:
+            known = posture(self.model, self._connection.sample().positions)
+        except ValueError as error:
+            return self.epson_point, str(error)
+        return self.epson_point, known
 
     def pose_in(self, frame: str) -> Array:
         """Return the tool in a frame: homogeneous, shape (4, 4), m.
@@ -483,6 +487,42 @@ class Robot(Unique):
         trajectory = moves.planned(times, positions, velocities, joint_names, limits)
         return await self._connection.execute(trajectory, PlanningScope(), wait=wait)
 
+    def record(self, rate: float = 1000.0) -> Recording:
+        """Record the joints from now on, however the arm is moved, until its `stop`.
+
+        rate: per s; at most as often as the controller sends them. Raises as `joints`, and
+        ArgumentError.
+        """
+        with argument_errors():
+            period = 1.0 / RATE.checked(rate, 'rate')
+        self._connection.running  # noqa: B018 - it raises
+        recording = Recording(self.model.joint_names, period)
+        recording.begin(self._connection.changes.recorded.add)
+        return recording
+
+    @motion
+    async def replay(
+        self,
+        recording: Recording | str | PathLike[str],
+        *,
+        speed: float = 1.0,
+        wait: bool = True,
+    ) -> Motion:
+        """Move as it was recorded, or is in a file, from `move_joints` to where that begins.
+
+        speed: the share of its own, 0.01 to 1. The arm begins at once and rests where it rested.
+        Raises OSError for a file that cannot be read, otherwise as `move_trajectory`.
+        """
+        if not isinstance(recording, Recording):
+            recording = Recording.load(recording)
+        limits = self.model.limits
+        way = moves.checked(recording.plan(limits, speed), limits, 'recording')
+        start, plan = await self._connection.ready()
+        trajectory = moves.straight(
+            start, way.positions[0], limits, 0.2, 0.5, sampled=self._connection.interpolates
+        )
+        return await self._connection.execute(moves.joined(trajectory, way), plan, wait=wait)
+
     @motion
     async def move_line(
         self,
@@ -699,8 +739,8 @@ class Robot(Unique):
 
 
 def _of(
-    taught: weakref.WeakMethod[Callable[[], tuple[EpsonPoint, int]]],
-) -> tuple[EpsonPoint, int]:
+    taught: weakref.WeakMethod[Callable[[], tuple[EpsonPoint, Posture | str]]],
+) -> tuple[EpsonPoint, Posture | str]:
     """Return what a robot's method does. Raises RobotError if the robot was lost."""
     method = taught()
     if method is None:

@@ -17,7 +17,8 @@ from typing import Self
 from epson_driver import aio
 from epson_driver.api.errors import ArgumentError, MotionError, PathError, RobotError
 from epson_driver.api.gripper import GripperState, GripperWiring
-from epson_driver.api.poses import EpsonPoint, Waypoint
+from epson_driver.api.poses import Waypoint
+from epson_driver.api.recording import Recording
 from epson_driver.api.settings import Settings
 from epson_driver.api.status import ControllerError, RobotStatus, Sample
 from epson_driver.api.synchronous import (
@@ -36,6 +37,7 @@ from epson_driver.api.synchronous import (
     waits,
 )
 from epson_driver.api.threads import Session
+from epson_driver.taught_points.epson_point import EpsonPoint
 
 __all__ = [
     'ArgumentError',
@@ -49,6 +51,7 @@ __all__ = [
     'MotionError',
     'PathError',
     'Points',
+    'Recording',
     'Robot',
     'RobotError',
     'RobotStatus',
@@ -144,6 +147,8 @@ class Robot(Synchronous[aio.Robot]):
     move_joints = moves(aio.Robot.move_joints)
     move_waypoints = moves(aio.Robot.move_waypoints)
     move_trajectory = moves(aio.Robot.move_trajectory)
+    record = calls(aio.Robot.record)
+    replay = moves(aio.Robot.replay)
     move_line = moves(aio.Robot.move_line)
     move_arc = moves(aio.Robot.move_arc)
     move_path = moves(aio.Robot.move_path)

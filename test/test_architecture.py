@@ -29,6 +29,7 @@ ROOMS = {
     'robots': 'inputs motion numpy share xacro',
     'pages': 'motion numpy robots',
     'tool_motion': 'motion numpy robots',
+    'taught_points': 'inputs motion numpy robots tool_motion',
     'spel': 'inputs share',
     'remote_ethernet': 'inputs socket_errors',
     'link': 'inputs log_lines remote_ethernet simple_message socket_errors',
@@ -38,9 +39,9 @@ ROOMS = {
     'driver': 'error_texts inputs link log_lines motion numpy processes profiles remote_ethernet '
     'simple_message trace',
     'api': 'driver error_texts inputs link motion numpy processes profiles remote_ethernet '
-    'robots simple_message tool_motion trace',
-    'aio': 'api driver motion numpy robots tool_motion',
-    'robot': 'aio api',
+    'robots simple_message taught_points tool_motion trace trajectory_file',
+    'aio': 'api driver motion numpy robots taught_points tool_motion',
+    'robot': 'aio api taught_points',
     'node': 'ROS driver error_texts inputs link log_lines motion numpy processes profiles robots '
     'simple_message tool_motion trace',
     'report': 'driver error_texts inputs link matplotlib motion numpy pages robots rosbags '

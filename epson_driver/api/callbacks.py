@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Generic, ParamSpec
 
 from epson_driver.api.status import ControllerError, Sample, controller_error
+from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.error_texts import ErrorTexts
 from epson_driver.simple_message import Status, TriState
 
@@ -39,6 +40,10 @@ class Callbacks(Generic[P]):
 
         return remove
 
+    def clear(self) -> None:
+        """Call none of them any more."""
+        self._functions.clear()
+
     def call(self, *args: P.args, **kwargs: P.kwargs) -> None:
         """Call all of them."""
         for function in list(self._functions):
@@ -56,6 +61,7 @@ class Changes:
         self.error: Callbacks[[ControllerError | None]] = Callbacks(failed)
         self.link: Callbacks[[str, str]] = Callbacks(failed)
         self.joints: Callbacks[[Sample]] = Callbacks(failed)
+        self.recorded: Callbacks[[JointSample]] = Callbacks(failed)
         self._texts = texts
         self._e_stopped = False
         self._number: int | None = None

@@ -186,6 +186,7 @@ class Connection:
                 task.cancel()
             self.task = self.driver = self._commands = None
             self._link_reason = 'the connection was closed'
+            self.changes.recorded.clear()
             let_go(self)
             if self.simulation is not None:
                 await self.simulation.close()
@@ -435,6 +436,7 @@ class Connection:
     def on_joints(self, sample: JointSample) -> None:
         """Joints came."""
         self._heard.notify_all()
+        self.changes.recorded.call(sample)
         if self.changes.joints.wanted:
             self.changes.joints.call(self.stamped(sample))
 

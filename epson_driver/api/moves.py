@@ -45,9 +45,6 @@ LOOK_M, MAX_LOOKS = 1e-3, 2000
 SAME_PLACE_M, SAME_PLACE_RAD = 1e-4, 1e-3
 """Points of a path that are closer than both are one: more than encoders tremble."""
 
-SHORTEST_MOVE_S = 0.01
-"""The time of a move to where the arm is."""
-
 
 def joint_rows(field: str, values: Pose, limits: JointLimits, *, rows: bool) -> Array:
     """Return numbers as shape (n,), or (k, n) with `rows`, for n joints. Raises ValueError."""
@@ -322,18 +319,19 @@ def straight(
 
     `sampled`: for a controller that interpolates between points.
     """
-    motion = go(limits, start, target, speed, acceleration)
-    duration = max(motion.duration, SHORTEST_MOVE_S)
     period = SAMPLE_PERIOD_S if sampled else LONGEST_SEGMENT_S
-    times = np.linspace(0.0, duration, ceil(duration / period) + 1)
-    if not sampled:
-        times = times[1:]  # the first one is where the arm is
-    states = [motion.at(float(time)) for time in times]
+    return go(limits, start, target, speed, acceleration).points(period, begin=sampled)
+
+
+def joined(first: Trajectory, then: Trajectory) -> Trajectory:
+    """Return a trajectory and another one, which begins at rest where that ends."""
+    assert first.velocities is not None  # noqa: S101 - for the type checker
+    assert then.velocities is not None  # noqa: S101 - for the type checker
     return Trajectory(
-        limits.names,
-        times,
-        np.array([position for position, _, _ in states]),
-        np.array([velocity for _, velocity, _ in states]),
+        first.joint_names,
+        np.concatenate([first.times, first.times[-1] + then.times[1:]]),
+        np.concatenate([first.positions, then.positions[1:]]),
+        np.concatenate([first.velocities, then.velocities[1:]]),
     )
 
 

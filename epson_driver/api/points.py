@@ -1,117 +1,68 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Taught points by name, in files of RC+ (.pts) and of our own (.yaml).
+"""Taught points of a robot: a mapping from names to EpsonPoints, with files."""
 
-A .pts file keeps what is not understood here, and every byte of it while nothing is changed. Our
-own holds X Y Z U V W, mm and degrees, by name:
-
-    pick: {x: 350.0, y: 20.0, z: -30.0, u: 45.0, v: 0.0, w: 0.0}
-"""
-
-import re
 from collections.abc import Awaitable, Callable, Iterator
-from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from os import PathLike
-from pathlib import Path
 from typing import Any
 
-from epson_driver.api.errors import ArgumentError, argument_errors
+from epson_driver.api.errors import argument_errors
 from epson_driver.api.ownership import Unique
-from epson_driver.api.poses import EpsonPoint
-from epson_driver.inputs import InputError, printable, read_file, read_yaml, shown
-from epson_driver.inputs.rc_files import Block, parsed, quoted, sealed
-
-LAST_NUMBER = 999
-MOST_LABEL_CHARACTERS = 16
-MOST_BYTES = 4_000_000
-"""A file of 1000 points has a tenth of it."""
-
-_NAME = re.compile(r'(?!p\d+$)[A-Za-z_]\w{0,31}', re.ASCII | re.IGNORECASE)
-_AXES = 'XYZUVW'
-_NO_PLACE = 0xF
-"""Bits of nUndefined: X, Y, Z or U has no value."""
-
-_ONLY_PLACE = '448'
-"""nUndefined of a point with X to W: R, S and T have no value."""
-
-
-@dataclass(frozen=True)
-class _Held:
-    """A point: its place, or None for a label without one, and its block of a .pts file.
-
-    hand: 1 right, 2 left, of a SCARA; 0: what the block says. why: why it cannot be used.
-    """
-
-    name: str
-    point: EpsonPoint | None
-    number: int = -1
-    block: Block | None = None
-    hand: int = 0
-    taught: bool = False
-    why: str = ''
+from epson_driver.taught_points.epson_point import EpsonPoint
+from epson_driver.taught_points.posture import Posture
+from epson_driver.taught_points.taught_points import TaughtPoints
 
 
 class Points(Unique):
     """Taught points: a mapping from names, or P and a number, to EpsonPoints, ignoring case.
 
     The arm goes there in the configuration nearest to where it is, not in the file's. `here`
-    returns where the tool is, and the hand of a SCARA, else 0.
+    returns where the tool is, and the arm's posture, or why that is not known.
     """
 
     def __init__(
         self,
-        here: Callable[[], tuple[EpsonPoint, int]],
+        here: Callable[[], tuple[EpsonPoint, Posture | str]],
         measured: Callable[[Callable[[], Any]], Awaitable[Any]],
     ) -> None:
         self.measured = measured
         self._here = here
-        self._points: dict[str, _Held] = {}
-        self._file: tuple[bytes, Block] | None = None
-        self._changed = False
+        self._taught = TaughtPoints()
 
     def __getitem__(self, name: str) -> EpsonPoint:
         """Return a point. Raises KeyError, and ArgumentError for a label without a place."""
-        held = self._find(name)
-        if held is None:
-            raise KeyError(f'{name}: the points are {", ".join(self) or "none"}')
-        if held.point is None or held.why:
-            raise ArgumentError(f'point {name} {held.why or "has no place yet: teach it"}')
-        return held.point
+        with argument_errors():
+            return self._taught.get(name)
 
     def __setitem__(self, name: str, point: EpsonPoint) -> None:
         """Set a point, also a new one. Raises ArgumentError."""
-        if not isinstance(point, EpsonPoint):
-            raise ArgumentError(f'point {name} = {shown(point)}: must be an EpsonPoint')
-        self._set(name, point, hand=0, taught=False)
+        with argument_errors():
+            self._taught.set(name, point)
 
     def __delitem__(self, name: str) -> None:
         """Forget a point. Raises KeyError."""
-        held = self._find(name)
-        if held is None:
-            raise KeyError(name)
-        del self._points[held.name.lower()]
-        self._changed = True
+        self._taught.remove(name)
 
     def __iter__(self) -> Iterator[str]:
         """Yield the names."""
-        return iter([held.name for held in self._points.values()])
+        return iter(self._taught)
 
     def __len__(self) -> int:
         """Return how many there are."""
-        return len(self._points)
+        return len(self._taught)
 
     def __contains__(self, name: object) -> bool:
         """Return whether there is such a point, with a place or without."""
-        return isinstance(name, str) and self._find(name) is not None
+        return name in self._taught
 
     def teach(self, name: str) -> EpsonPoint:
         """Take where the tool is now for a point, also a new one, and return it.
 
         Raises ArgumentError, and as `Robot.joints`.
         """
-        point, hand = self._here()
-        self._set(name, point, hand=hand, taught=True)
+        point, posture = self._here()
+        with argument_errors():
+            self._taught.set(name, point, posture)
         return point
 
     def load(self, path: str | PathLike[str]) -> int:
@@ -119,14 +70,8 @@ class Points(Unique):
 
         Raises OSError, and ArgumentError that names the file and what is wrong in it.
         """
-        file = Path(path)
-        read = _READERS.get(file.suffix.lower())
-        if read is None:
-            raise ArgumentError(f'{printable(file)}: must be a .pts or a .yaml file')
         with argument_errors():
-            self._points, self._file = read(file)
-        self._changed = False
-        return len(self)
+            return self._taught.load(path)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write all points to a .pts or .yaml file.
@@ -134,173 +79,5 @@ class Points(Unique):
         What was read from a .pts file and not changed is written as it was. Raises OSError, and
         ArgumentError for a point that such a file cannot hold.
         """
-        file = Path(path)
-        if file.suffix.lower() == '.pts':
-            content = self._pts()
-        elif file.suffix.lower() in _READERS:
-            content = ''.join(map(_yaml_line, self._points.values())).encode()
-        else:
-            raise ArgumentError(f'{printable(file)}: must be a .pts or a .yaml file')
-        part = file.with_name(f'{file.name}.part')  # a full disk leaves the old one
-        part.write_bytes(content)
-        part.replace(file)
-
-    def _find(self, name: str) -> _Held | None:
-        low = name.lower()
-        if low[:1] == 'p' and low[1:].isdecimal():
-            numbered = (each for each in self._points.values() if each.number == int(low[1:]))
-            return next(numbered, None)
-        return self._points.get(low)
-
-    def _set(self, name: str, point: EpsonPoint, *, hand: int, taught: bool) -> None:
-        held = self._find(name)
-        if held is None:
-            if not isinstance(name, str) or not _NAME.fullmatch(name):
-                raise ArgumentError(
-                    f'name = {shown(name)}: must be a word of letters, digits and _, not P and a '
-                    'number'
-                )
-            held = _Held(name, None)
-        if held.why:
-            raise ArgumentError(f'point {name} {held.why}')
-        changed = replace(held, point=point, hand=hand or held.hand, taught=taught)
-        self._points[held.name.lower()] = changed
-        self._changed = True
-
-    def _pts(self) -> bytes:
-        if self._file is not None and not self._changed:
-            return self._file[0]
-        items: list[Any] = [('sVersion', '"2.0.0"'), ('nNumberOfPoints', '0')]
-        if self._file is not None:
-            items = [each for each in self._file[1].items if not _is_point_or_header(each)]
-        taken = {held.number for held in self._points.values()}
-        free = (number for number in range(LAST_NUMBER + 1) if number not in taken)
-        numbered = []
-        for held in self._points.values():
-            number = held.number if held.number >= 0 else next(free, LAST_NUMBER + 1)
-            if number > LAST_NUMBER:
-                raise ArgumentError(f'{len(self)} points: a .pts file has {LAST_NUMBER + 1}')
-            numbered.append((number, held))
-        count = str(len(numbered))
-        items = [('nNumberOfPoints', count) if _is_count(item) else item for item in items]
-        blocks = [
-            replace(_block(number, held), name=f'Point{turn}')
-            for turn, (number, held) in enumerate(sorted(numbered, key=_number), 1)
-        ]
-        return sealed(Block('', [*items, *blocks]), datetime.now(UTC)).encode('latin-1')
-
-
-def _is_point_or_header(item: Any) -> bool:
-    if isinstance(item, Block):
-        return re.fullmatch(r'Point\d+', item.name) is not None
-    return bool(item[0] == '')
-
-
-def _number(numbered: tuple[int, _Held]) -> int:
-    return numbered[0]
-
-
-def _is_count(item: Any) -> bool:
-    return isinstance(item, tuple) and item[0] == 'nNumberOfPoints'
-
-
-def _block(number: int, held: _Held) -> Block:
-    """Return a point as a block of a .pts file. Raises ArgumentError."""
-    old = held.block
-    if old is not None and (held.point is None or held.point == _place(old)) and not held.taught:
-        return old
-    placed = old is not None and not int(old.number('nUndefined')) & _NO_PLACE
-    if (not placed or held.taught) and not held.hand:
-        raise ArgumentError(
-            f'point {held.name}: a .pts file says how hand, elbow and wrist are, which is known '
-            'here of what a SCARA was taught only: save a .yaml file, or teach it in RC+'
-        )
-    if len(held.name) > MOST_LABEL_CHARACTERS:
-        raise ArgumentError(
-            f'point {held.name}: a label of RC+ has at most {MOST_LABEL_CHARACTERS} characters'
-        )
-    point = held.point or EpsonPoint(0.0, 0.0, 0.0)
-    values = (point.x, point.y, point.z, point.u, point.v, point.w)
-    axes = {f'r{axis}': f'{value:.3f}' for axis, value in zip(_AXES, values, strict=True)}
-    hand = {'nHand': str(held.hand)} if held.hand else {}
-    if old is not None:
-        new = {key: text for key, text in axes.items() if text != f'{old.number(key):.3f}'} | hand
-        if not placed:
-            new['nUndefined'] = _ONLY_PLACE
-        items = [
-            (item[0], new.get(item[0], item[1])) if isinstance(item, tuple) else item
-            for item in old.items
-        ]
-        return Block(old.name, items)
-    flags = {'nElbow': '1', 'nWrist': '1', 'nJ1Flag': '0', 'nJ2Flag': '0', 'nJ4Flag': '0'}
-    flags |= {'nJ6Flag': '0', 'rJ1Angle': '0', 'rJ4Angle': '0', 'bSimVisible': 'True'}
-    first = {'nNumber': str(number), 'sLabel': quoted(held.name), 'sDescription': '""'}
-    first['nUndefined'] = _ONLY_PLACE
-    rest = {'rR': '0', 'rS': '0', 'rT': '0', 'nLocal': '0'} | hand
-    return Block('', [*{**first, **axes, **rest, **flags}.items()])
-
-
-def _place(block: Block) -> EpsonPoint:
-    return EpsonPoint(*(block.number(f'r{axis}') for axis in _AXES))
-
-
-_Read = tuple[dict[str, _Held], tuple[bytes, Block] | None]
-
-
-def _from_pts(file: Path) -> _Read:
-    """Raises ValueError, OSError."""
-    content = read_file(file, MOST_BYTES)
-    top = parsed(file.name, content.decode('latin-1'))
-    points: dict[str, _Held] = {}
-    for block in top.blocks('Point'):
-        number = int(block.number('nNumber', -1))
-        if not 0 <= number <= LAST_NUMBER:
-            raise InputError(
-                f'{printable(file)}: point number {number} is not in 0..{LAST_NUMBER}'
-            )
-        label = block.text('sLabel')
-        name = label if _NAME.fullmatch(label) else f'P{number}'
-        if name.lower() in points:
-            raise InputError(f'{printable(file)}: two points are called {name}')
-        place = None if int(block.number('nUndefined')) & _NO_PLACE else _place(block)
-        local = int(block.number('nLocal'))
-        why = f'is in local {local} of the controller, which is not known here' if local else ''
-        points[name.lower()] = _Held(name, place, number, block, why=why)
-    return points, (content, top)
-
-
-def _from_yaml(file: Path) -> _Read:
-    """Raises ValueError, OSError."""
-    data = read_yaml(file)
-    if not isinstance(data, dict):
-        raise InputError(f'{printable(file)}: must be a mapping of names to points')
-    points: dict[str, _Held] = {}
-    for name, values in data.items():
-        if not _NAME.fullmatch(name) or name.lower() in points:
-            raise InputError(
-                f'{printable(file)}: {shown(name)} is no name for a point, or is twice'
-            )
-        if not isinstance(values, dict) or not {'x', 'y', 'z'} <= set(values) <= set('xyzuvw'):
-            raise InputError(f'{printable(file)}: {name}: must have x, y, z, and may have u, v, w')
-        try:
-            points[name.lower()] = _Held(name, EpsonPoint(**values))
-        except ValueError as error:
-            raise InputError(f'{printable(file)}: {name}: {error}') from error
-    return points, None
-
-
-_READERS: dict[str, Callable[[Path], _Read]] = {
-    '.pts': _from_pts,
-    '.yaml': _from_yaml,
-    '.yml': _from_yaml,
-}
-
-
-def _yaml_line(held: _Held) -> str:
-    """Raises ArgumentError for a point that has no name or no place of its own."""
-    if held.point is None or held.why or not _NAME.fullmatch(held.name):
-        why = held.why or ('has no label' if held.point else 'has no place yet')
-        raise ArgumentError(f'point {held.name} {why}: it cannot be saved as .yaml')
-    point = held.point
-    values = ', '.join(f'{axis}: {float(getattr(point, axis))!r}' for axis in 'xyzuvw')
-    return f'{held.name}: {{{values}}}\n'
+        with argument_errors():
+            self._taught.save(path)

@@ -5,14 +5,14 @@
 ValueErrors name the field, what was given and what is allowed.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from epson_driver.inputs import number
 from epson_driver.motion import Array
-from epson_driver.robots.kinematics import rotation_of_uvw, uvw
+from epson_driver.taught_points.epson_point import EpsonPoint, plain
 from epson_driver.tool_motion.tool_pose import (
     check_tool_distance,
     finite_numbers,
@@ -28,51 +28,6 @@ ROUNDING = 1e-4
 
 MM_SUSPICION = 10.0
 """A place that is farther away than this many times the arm's reach may be in mm."""
-
-
-@dataclass(frozen=True)
-class EpsonPoint:
-    """A point as a teach pendant shows it: X, Y, Z in mm, and U, V, W in degrees.
-
-    Its frame is EPSON's world, unless another one is named where it is used. On a SCARA V and W
-    are 0.
-    """
-
-    x: float
-    y: float
-    z: float
-    u: float = 0.0
-    v: float = 0.0
-    w: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ('x', 'y', 'z'):
-            _LENGTH.checked(_plain(getattr(self, name)), name)
-        for name in ('u', 'v', 'w'):
-            _ANGLE.checked(_plain(getattr(self, name)), name)
-
-    @property
-    def pose(self) -> Array:
-        """The point as a homogeneous matrix, shape (4, 4), m."""
-        angles = np.radians([self.u, self.v, self.w])
-        return homogeneous(rotation_of_uvw(angles), np.array([self.x, self.y, self.z]) / 1e3)
-
-    def moved(
-        self, *, x: float = 0.0, y: float = 0.0, z: float = 0.0, u: float = 0.0
-    ) -> 'EpsonPoint':
-        """Return the point moved by mm and degrees, as SPEL+'s `P1 +Z(50)`."""
-        return replace(self, x=self.x + x, y=self.y + y, z=self.z + z, u=self.u + u)
-
-    def before(self, distance: float) -> 'EpsonPoint':
-        """Return where the tool approaches it from, mm back along its own Z axis."""
-        pose = self.pose
-        pose[:3, 3] -= pose[:3, 2] * (float(distance) / 1e3)
-        return EpsonPoint.of(pose)
-
-    @classmethod
-    def of(cls, pose: Array) -> 'EpsonPoint':
-        """Return the point of a homogeneous matrix, shape (4, 4), m."""
-        return cls(*(pose[:3, 3] * 1e3).tolist(), *np.degrees(uvw(pose[:3, :3])).tolist())
 
 
 Pose = npt.ArrayLike | EpsonPoint
@@ -134,7 +89,7 @@ def checked_tool(pose: Pose, max_speed: float | None, max_acceleration: float | 
     limits = {'max_speed': max_speed, 'max_acceleration': max_acceleration}
     for name, value in limits.items():
         if value is not None:
-            limits[name] = _LIMITS[name].checked(_plain(value), name)
+            limits[name] = _LIMITS[name].checked(plain(value), name)
     return Tool(checked, **limits)
 
 
@@ -261,8 +216,6 @@ def quaternion_pose(pose: Array) -> Array:
     return np.concatenate([pose[:3, 3], -quaternion if quaternion[3] < 0.0 else quaternion])
 
 
-_LENGTH = number(-1e6, 1e6, 'mm')
-_ANGLE = number(-36000.0, 36000.0, 'degrees')
 _LIMITS = {
     'max_speed': number(1e-5, 100.0, 'm/s'),
     'max_acceleration': number(1e-4, 1000.0, 'm/s²'),
@@ -274,8 +227,3 @@ def _usual(frame: str | None, pose: Pose) -> str:
     if frame is not None:
         return frame
     return BASE if isinstance(pose, EpsonPoint) else BASE_LINK
-
-
-def _plain(value: object) -> object:
-    """Return a number of numpy's as Python's own."""
-    return value.item() if isinstance(value, np.generic) else value

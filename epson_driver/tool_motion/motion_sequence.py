@@ -11,20 +11,17 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from itertools import pairwise
-from math import ceil
 
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits, Trajectory, go
+from epson_driver.motion.point_to_point import SHORTEST_MOVE_S
 from epson_driver.robots.kinematics import Kinematics
 from epson_driver.tool_motion.blended_joint_moves import blended_joints
 from epson_driver.tool_motion.joint_path import GivenUp, GivenUpError, never
 from epson_driver.tool_motion.path_timing import PERIOD_S, TimedRun, joined
 from epson_driver.tool_motion.pose_path import BlendError, PosePath, arc, line, runs
 from epson_driver.tool_motion.tool_trajectory import ToolLimits, timed_run
-
-SHORTEST_MOVE_S = 0.01
-"""The time of a motion to where the arm is."""
 
 MOVE_TIME_TOLERANCE = 1e-6
 """By how much, as a share of it, a motion may take longer than its move_time."""
@@ -202,13 +199,11 @@ def _segment(begin: Array, primitive: Primitive) -> PosePath:
 
 def _joint_motion(limits: JointLimits, start: Array, primitive: Primitive) -> TimedRun:
     motion = go(_lowered(limits, primitive), start, primitive.target)
-    duration = max(motion.duration, SHORTEST_MOVE_S)
-    stretch = _stretch(duration, primitive)
-    times = np.linspace(0.0, duration, ceil(duration * stretch / PERIOD_S) + 1)
-    states = [motion.at(float(time)) for time in times]
-    positions = np.array([position for position, _, _ in states])
-    velocities = np.array([velocity for _, velocity, _ in states])
-    return TimedRun(times, positions, velocities, times[-1:]).stretched(stretch)
+    stretch = _stretch(max(motion.duration, SHORTEST_MOVE_S), primitive)
+    points = motion.points(PERIOD_S / stretch)
+    assert points.velocities is not None  # noqa: S101 - for the type checker
+    found = TimedRun(points.times, points.positions, points.velocities, points.times[-1:])
+    return found.stretched(stretch)
 
 
 def _lowered(limits: JointLimits, primitive: Primitive) -> JointLimits:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from epson_driver import EpsonPoint, Robot, RobotError, aio
 from epson_driver.aio import ArgumentError
-from epson_driver.inputs.rc_files import Block, header_fault, sealed
+from epson_driver.inputs.rc_files import Block, header_fault, parsed, sealed
 
 WHEN = datetime(2024, 5, 6, 7, 8, 9, tzinfo=UTC)
 ORDER = (
@@ -108,7 +108,7 @@ def test_points_are_forgotten_and_counted(points, tmp_path):
 def test_what_a_pts_file_cannot_say_is_refused(tmp_path):
     robot = aio.Robot()
     robot.points['pick'] = EpsonPoint(300, 0, 400)
-    with pytest.raises(ArgumentError, match='hand, elbow and wrist'):
+    with pytest.raises(ArgumentError, match='posture of the arm'):
         robot.points.save(tmp_path / 'out.pts')
     assert not list(tmp_path.iterdir())
     robot.points.save(tmp_path / 'out.yaml')
@@ -176,6 +176,21 @@ def test_the_arm_teaches_approaches_and_goes_there(tmp_path):
         assert len(robot.points) == 1
         assert list(robot.points) == ['pick']
         assert robot.points['P0'].x == pytest.approx(pick.x, abs=1e-3)
+
+
+def test_a_six_axis_arm_writes_hand_elbow_wrist_and_turns(tmp_path):
+    with Robot.simulated(start=[0.3, 0.2, 0.2, 0.0, -1.9, 3.3]) as robot:
+        robot.points.teach('pick')
+        robot.points['over'] = robot.points['pick'].moved(z=50)
+        with pytest.raises(ArgumentError, match=r'point over: .*teach it in RC'):
+            robot.points.save(tmp_path / 'robot1.pts')
+        del robot.points['over']
+        robot.points.save(tmp_path / 'robot1.pts')
+        assert robot.points.load(tmp_path / 'robot1.pts') == 1
+    (written,) = parsed('robot1.pts', (tmp_path / 'robot1.pts').read_text()).blocks('Point')
+    assert [key for key, _ in written.items] == ORDER.split()
+    flags = ('nHand', 'nElbow', 'nWrist', 'nJ1Flag', 'nJ2Flag', 'nJ4Flag', 'nJ6Flag')
+    assert [written.number(key) for key in flags] == [1, 1, 1, 0, 0, 0, 1]
 
 
 def test_a_point_is_approached_along_the_tool():

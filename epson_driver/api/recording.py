@@ -1,0 +1,177 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Measured joints over time: recorded, kept in a file, and made a plan that replays them."""
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from epson_driver.api.errors import ArgumentError, RobotError
+from epson_driver.api.ownership import Unique
+from epson_driver.driver.state.robot_state import JointSample
+from epson_driver.inputs import number
+from epson_driver.motion import Array, JointLimits, Trajectory
+from epson_driver.trajectory_file import read_trajectory, write_trajectory
+
+LONGEST_S = 3600.0
+"""A recording ends by itself after so long, s: it is kept in memory."""
+
+MAX_GAP_S = 0.5
+"""Where nothing was measured for longer, s, nobody knows the way."""
+
+NEAR = {'rad': 2e-3, 'm': 2e-4}
+"""How far the replayed points may be from the recorded way between them."""
+
+REST = {'rad': 0.02, 'm': 0.002}
+"""Slower than this, per s, is standing still: measured joints tremble."""
+
+SLOPE_SAMPLES = 3
+"""Velocities are the slope over so many samples on either side."""
+
+RATE = number(0.1, 1000.0, 'per s')
+SPEED = number(0.01, 1.0)
+
+
+class Recording(Unique):
+    """A motion as it was measured, from `Robot.record` until `stop`, or from a file.
+
+    Times are s from its begin. It ends when the robot is closed, and after an hour.
+    """
+
+    def __init__(self, joint_names: tuple[str, ...], period: float = 0.0) -> None:
+        self.joint_names = joint_names
+        self._period = period
+        self._rows: list[tuple[float, Array]] = []
+        self._begin = self._next = 0.0
+        self._stop: Callable[[], None] = lambda: None
+
+    def __len__(self) -> int:
+        """Return how many samples it has."""
+        return len(self._rows)
+
+    def __repr__(self) -> str:
+        return f'<Recording: {len(self)} samples, {self.duration:.3g} s>'
+
+    @property
+    def times(self) -> Array:
+        """When each was measured, shape (k,), s."""
+        return np.array([time for time, _ in self._rows])
+
+    @property
+    def positions(self) -> Array:
+        """The joints, shape (k, n), rad (m)."""
+        return np.array([row for _, row in self._rows]).reshape(-1, len(self.joint_names))
+
+    @property
+    def duration(self) -> float:
+        """How long it is, s."""
+        return self._rows[-1][0] if self._rows else 0.0
+
+    def stop(self) -> None:
+        """Record no more."""
+        self._stop()
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Stop, and write it as a trajectory of ROS in YAML. Raises RobotError, OSError."""
+        self.stop()
+        self._check_any()
+        recorded = Trajectory(self.joint_names, self.times, self.positions)
+        write_trajectory(Path(path), recorded, 'joints as they were measured')
+
+    @classmethod
+    def load(cls, path: str | PathLike[str]) -> 'Recording':
+        """Return what `save` has written, or another trajectory. Raises ArgumentError, OSError."""
+        try:
+            read = read_trajectory(Path(path))
+        except ValueError as error:
+            raise ArgumentError(str(error)) from error
+        found = cls(read.joint_names)
+        found._rows = list(zip((read.times - read.times[0]).tolist(), read.positions, strict=True))
+        return found
+
+    def begin(self, add: Callable[[Callable[[JointSample], None]], Callable[[], None]]) -> None:
+        """Record what `add` has it called with, until the function that it returns is called."""
+        self._stop = add(self._take)
+
+    def plan(self, limits: JointLimits, speed: float) -> Trajectory:
+        """Return it as a plan from rest to rest, at a share of its speed, without waiting first.
+
+        Raises ValueError that names what of it cannot be replayed.
+        """
+        SPEED.checked(speed, 'speed')
+        self._check_any()
+        if self.joint_names != limits.names:
+            raise ValueError(
+                f'the recording is of {", ".join(self.joint_names)}: this arm has '
+                f'{", ".join(limits.names)}'
+            )
+        times, positions = self.times, limits.settled(self.positions)
+        gaps = np.diff(times)
+        if len(gaps) and (gaps.max() > MAX_GAP_S or gaps.min() <= 0.0):
+            where = int(gaps.argmax() if gaps.max() > MAX_GAP_S else gaps.argmin())
+            raise ValueError(
+                f'the recording has {gaps[where]:.3g} s between two samples, {times[where]:.3g} s '
+                f'from its begin: must be at most {MAX_GAP_S:g} s'
+            )
+        near = np.array([NEAR[unit] for unit in limits.units])
+        velocities = _slopes(times, positions)
+        rest = np.array([REST[unit] for unit in limits.units])
+        resting = np.all(np.abs(velocities) < rest, axis=1)
+        resting[[0, -1]] = True
+        velocities[resting] = 0.0
+        ends = np.flatnonzero(np.diff(resting))  # the last sample of a rest, and of a motion
+        begin = int(ends[0]) if len(ends) else 0
+        anchors = {begin, len(times) - 1, *(ends + resting[ends + 1])[1:].tolist()}
+        kept = _corners(times, positions / near, sorted(anchors))
+        times, way, velocities = times[kept], positions[kept], velocities[kept]
+        for index in range(1, len(way)):  # the arm rests there, it does not creep
+            pair = slice(index - 1, index + 1)
+            if not velocities[pair].any() and (np.abs(np.diff(way[pair], axis=0)) < near).all():
+                way[index] = way[index - 1]
+        return Trajectory(limits.names, (times - times[0]) / speed, way, velocities * speed)
+
+    def _check_any(self) -> None:
+        if not self._rows:
+            raise RobotError('the recording is empty: no joints came while it was made')
+
+    def _take(self, sample: JointSample) -> None:
+        if not self._rows:
+            self._begin = sample.measured
+        time = sample.measured - self._begin
+        if time < self._next - self._period / 4.0:
+            return
+        self._next = max(self._next + self._period, time + max(self._period / 2.0, 1e-3))
+        self._rows.append((time, sample.positions.copy()))
+        if time > LONGEST_S:
+            self.stop()
+
+
+def _corners(times: Array, rows: Array, anchors: Sequence[int]) -> Array:
+    """Return the indices of points, with anchors, whose straight ways are no farther than 1."""
+    kept, open_parts = set(anchors), list(pairwise(anchors))
+    while open_parts:
+        first, last = open_parts.pop()
+        if last - first < 2:
+            continue
+        share = (times[first + 1 : last] - times[first]) / (times[last] - times[first])
+        way = rows[first] + share[:, None] * (rows[last] - rows[first])
+        away = np.abs(rows[first + 1 : last] - way).max(axis=1)
+        if away.max() > 1.0:
+            middle = first + 1 + int(away.argmax())
+            kept.add(middle)
+            open_parts += [(first, middle), (middle, last)]
+    return np.array(sorted(kept))
+
+
+def _slopes(times: Array, positions: Array) -> Array:
+    """Return the velocities at each sample, as the slope over its neighbours, shape (k, n)."""
+    found = np.zeros_like(positions)
+    for index in range(len(times)):
+        near = slice(max(index - SLOPE_SAMPLES, 0), index + SLOPE_SAMPLES + 1)
+        passed = times[near] - times[near].mean()
+        if len(passed) > 1:
+            found[index] = passed @ positions[near] / (passed @ passed)
+    return found
