@@ -29,6 +29,7 @@ from epson_driver.api.errors import (
     PathError,
     RobotError,
     argument_errors,
+    checked_timeout,
     motion,
     not_begun,
     refusals,
@@ -47,7 +48,6 @@ from epson_driver.api.poses import (
     Waypoint,
     checked_tool,
     is_pose,
-    quaternion_pose,
 )
 from epson_driver.api.recording import RATE, Recording
 from epson_driver.api.settings import Ports, Settings, make_setup
@@ -58,11 +58,13 @@ from epson_driver.driver.arm_commands import ArmCommands
 from epson_driver.driver.goal.planning_scope import PlanningScope
 from epson_driver.driver.smoothing import Smoothing, SmoothingError, SmoothingProcess
 from epson_driver.motion import Array
+from epson_driver.motion.point_to_point import LONGEST_SEGMENT_S, straight
 from epson_driver.robots import RobotModel
 from epson_driver.robots.kinematics import Kinematics
 from epson_driver.taught_points.epson_point import EpsonPoint
 from epson_driver.taught_points.posture import Posture, posture
 from epson_driver.tool_motion.pose_path import Run
+from epson_driver.tool_motion.tool_pose import quaternion_pose
 from epson_driver.tool_motion.tool_trajectory import ToolLimits, runs_trajectory
 
 __all__ = [
@@ -113,7 +115,9 @@ class Robot(Unique):
         settings: Settings | None = None,
     ) -> None:
         ports = Ports(motion=motion_port, state=state_port, io=io_port, remote=remote_port)
-        self._setup = make_setup(host, controller, model, ports, settings or Settings())
+        self._setup = make_setup(
+            host, controller, model, ports, Settings() if settings is None else settings
+        )
         self._connection = Connection(self._setup)
         self._kinematics = Kinematics(self._setup.model)
         self._hand = (Tool(np.eye(4)), self._kinematics)
@@ -170,7 +174,7 @@ class Robot(Unique):
         """
         lost = weakref.finalize(self, self._connection.lost)
         lost.atexit = False
-        await self._connection.connect(timeout)
+        await self._connection.connect(checked_timeout(timeout) or 0.0)
         return self
 
     async def close(self) -> None:
@@ -242,10 +246,11 @@ class Robot(Unique):
             return self.epson_point, str(error)
         return self.epson_point, known
 
+    @argument_errors()
     def pose_in(self, frame: str) -> Array:
         """Return the tool in a frame: homogeneous, shape (4, 4), m.
 
-        Raises ValueError for a frame that is not there; otherwise as `joints`.
+        Raises ArgumentError for a frame that is not there; otherwise as `joints`.
         """
         return self._frames.pose_in(self.tool_pose, frame)
 
@@ -256,6 +261,7 @@ class Robot(Unique):
         """The tool in the flange (tool0): homogeneous, shape (4, 4), m."""
         return self._hand[0].pose.copy()
 
+    @argument_errors()
     def set_tool(
         self,
         pose: Pose,
@@ -267,11 +273,12 @@ class Robot(Unique):
 
         pose: in the flange (tool0), in any form that `move_line` takes. max_speed, m/s, and
         max_acceleration, m/s²: a line, an arc or a path that asks for more is refused; None: no
-        limit. Joint moves are not held against them. What runs goes on. Raises ValueError.
+        limit. Joint moves are not held against them. What runs goes on. Raises ArgumentError.
         """
         tool = checked_tool(pose, max_speed, max_acceleration)
         self._hand = (tool, Kinematics(self.model, tool.pose))
 
+    @argument_errors()
     def set_payload(
         self,
         mass: float,
@@ -285,18 +292,18 @@ class Robot(Unique):
         Inertia are made of it. Raises ArgumentError, and RobotError where the controller's program
         has it.
         """
-        with argument_errors():
-            self._connection.set_load(checked_load(self.model, mass, center, inertia))
+        self._connection.set_load(checked_load(self.model, mass, center, inertia))
 
+    @argument_errors()
     def forward(self, joints: npt.ArrayLike) -> Array:
         """Return the tool in base_link at joint positions, shape (n,): shape (4, 4), m.
 
         Raises ArgumentError.
         """
-        with argument_errors():
-            values = moves.joint_rows('joints', joints, self.model.limits, rows=False)
-            return self._hand[1].forward(values)
+        values = moves.joint_rows('joints', joints, self.model.limits, rows=False)
+        return self._hand[1].forward(values)
 
+    @argument_errors()
     def inverse(
         self, pose: Pose, *, frame: str | None = None, near: npt.ArrayLike | None = None
     ) -> Array:
@@ -306,12 +313,11 @@ class Robot(Unique):
         to where the arm is. Raises PathError for a pose out of reach, ArgumentError, and, without
         near, as `joints`.
         """
-        with argument_errors():
-            if near is None:
-                start = self._connection.sample().positions
-            else:
-                start = moves.joint_rows('near', near, self.model.limits, rows=False)
-            return self._joints_at('pose', pose, frame, start)
+        if near is None:
+            start = self._connection.sample().positions
+        else:
+            start = moves.joint_rows('near', near, self.model.limits, rows=False)
+        return self._joints_at('pose', pose, frame, start)
 
     def _joints_at(self, field: str, pose: Pose, frame: str | None, near: Array) -> Array:
         arm = self._hand[1]
@@ -328,11 +334,12 @@ class Robot(Unique):
         """The frames by name, each in base_link: homogeneous, shape (4, 4), m."""
         return self._frames.poses
 
+    @argument_errors()
     def set_frame(self, name: str, pose: Pose, *, parent: str | None = None) -> None:
         """Set a named frame by its pose in another one, in any form that `move_line` takes.
 
         parent: as `frame` of `move_line`, but not 'tool'. The frame stays where it is if the
-        parent is set anew. Raises ValueError.
+        parent is set anew. Raises ArgumentError.
         """
         self._frames.set(name, pose, parent)
 
@@ -358,7 +365,7 @@ class Robot(Unique):
         Raises TimeoutError after `timeout` s, RobotError when joints are too old.
         """
         try:
-            async with asyncio.timeout(timeout):
+            async with asyncio.timeout(checked_timeout(timeout)):
                 while not condition(sample := await self.measured(self.sample)):
                     await self._connection.next_joints()
         except TimeoutError as error:
@@ -427,7 +434,7 @@ class Robot(Unique):
         start, plan = await self._connection.ready()
         if pose:
             positions = self._joints_at('target', target, None, start)
-        trajectory = moves.straight(
+        trajectory = straight(
             start, positions, limits, speed, acceleration, sampled=self._connection.interpolates
         )
         return await self._connection.execute(
@@ -457,7 +464,7 @@ class Robot(Unique):
         start, plan = await self._connection.ready()
         scaled = moves.scaled_limits(limits, speed, acceleration)
         smoother = SmoothingProcess(
-            scaled, Smoothing(time_optimal=True, longest=moves.LONGEST_SEGMENT_S)
+            scaled, Smoothing(time_optimal=True, longest=LONGEST_SEGMENT_S)
         )
         try:
             trajectory = await smoother.prepared(waypoints, start)
@@ -487,14 +494,14 @@ class Robot(Unique):
         trajectory = moves.planned(times, positions, velocities, joint_names, limits)
         return await self._connection.execute(trajectory, PlanningScope(), wait=wait)
 
+    @argument_errors()
     def record(self, rate: float = 1000.0) -> Recording:
         """Record the joints from now on, however the arm is moved, until its `stop`.
 
         rate: per s; at most as often as the controller sends them. Raises as `joints`, and
         ArgumentError.
         """
-        with argument_errors():
-            period = 1.0 / RATE.checked(rate, 'rate')
+        period = 1.0 / RATE.checked(rate, 'rate')
         self._connection.running  # noqa: B018 - it raises
         recording = Recording(self.model.joint_names, period)
         recording.begin(self._connection.changes.recorded.add)
@@ -510,15 +517,17 @@ class Robot(Unique):
     ) -> Motion:
         """Move as it was recorded, or is in a file, from `move_joints` to where that begins.
 
-        speed: the share of its own, 0.01 to 1. The arm begins at once and rests where it rested.
+        speed: the share of its own, 0.01 to 1. The arm begins at once, and rests where it rested.
+        What is still being recorded ends with this.
         Raises OSError for a file that cannot be read, otherwise as `move_trajectory`.
         """
         if not isinstance(recording, Recording):
             recording = Recording.load(recording)
+        recording.stop()
         limits = self.model.limits
         way = moves.checked(recording.plan(limits, speed), limits, 'recording')
         start, plan = await self._connection.ready()
-        trajectory = moves.straight(
+        trajectory = straight(
             start, way.positions[0], limits, 0.2, 0.5, sampled=self._connection.interpolates
         )
         return await self._connection.execute(moves.joined(trajectory, way), plan, wait=wait)
@@ -631,7 +640,7 @@ class Robot(Unique):
         start, plan = await self._connection.ready()
         way = path(arm.forward(start))
         if not way:  # the tool is there
-            trajectory = moves.straight(start, start, self.model.limits, 1.0, 1.0, sampled=False)
+            trajectory = straight(start, start, self.model.limits, 1.0, 1.0, sampled=False)
             return await self._connection.execute(
                 trajectory, plan, wait=wait, move=lambda written: written.joints(start, 0.01, 0.01)
             )
@@ -647,6 +656,7 @@ class Robot(Unique):
 
     # --- streams ----------------------------------------------------------------------------
 
+    @argument_errors()
     def servo(self, target: npt.ArrayLike, velocities: npt.ArrayLike | None = None) -> None:
         """Follow joint positions, shape (n,), rad (m), that come 10 to 500 times a second.
 
@@ -659,34 +669,33 @@ class Robot(Unique):
         Raises ArgumentError for what cannot be followed; RobotError, or MotionError, with why,
         while it is not followed. The setpoint is lost then.
         """
-        with argument_errors():
-            self._streams.positions(target, velocities)
+        self._streams.positions(target, velocities)
 
+    @argument_errors()
     def servo_velocity(self, velocities: npt.ArrayLike) -> None:
         """Follow joint velocities, shape (n,), rad/s (m/s). The rest as `servo`."""
-        with argument_errors():
-            self._streams.velocities(velocities)
+        self._streams.velocities(velocities)
 
+    @argument_errors()
     def servo_pose(self, pose: Pose, *, frame: str | None = None) -> None:
         """Follow a pose of the tool, in any form and frame that `move_line` takes.
 
         In the configuration nearest to where the arm is. Raises PathError for a pose that is out
         of reach or asks for another configuration. The rest as `servo`.
         """
-        with argument_errors():
-            arm = self._hand[1]
-            self._streams.pose(
-                arm, lambda tool: self._frames.target('pose', pose, frame).seen_from(tool)
-            )
+        arm = self._hand[1]
+        self._streams.pose(
+            arm, lambda tool: self._frames.target('pose', pose, frame).seen_from(tool)
+        )
 
+    @argument_errors()
     def servo_speed(self, velocity: npt.ArrayLike, *, frame: str = 'base_link') -> None:
         """Follow a velocity of the tool: x y z, m/s, and about x y z, rad/s, shape (6,).
 
         frame: 'base_link' or 'tool', the tool where it is, for its axes. Slower where a joint
         would be too fast. Raises PathError where the tool cannot move so. The rest as `servo`.
         """
-        with argument_errors():
-            self._streams.twist(self._hand[1], velocity, frame)
+        self._streams.twist(self._hand[1], velocity, frame)
 
     async def servo_end(self) -> str:
         """Wait until the stream is over and the arm stands, and say so."""
@@ -697,12 +706,13 @@ class Robot(Unique):
         """The share of the planned speed at which all motions run."""
         return self._connection.running.goal_queue.scaling.target
 
+    @argument_errors()
     def set_speed_scaling(self, factor: float) -> None:
         """Run all motions at this share of their planned speed, also those that run: 0 pauses.
 
         From 0.01 to 1, or 0. It is reached in half a second at most, and acts on what the
-        controller does not have yet: an arm that moves rests within two seconds (docs/goals.md).
-        For a rest at once, call `stop`. Raises ValueError, and RobotError where the controller
+        controller does not have yet: an arm that moves rests within three seconds (docs/goals.md).
+        For a rest at once, call `stop`. Raises ArgumentError, and RobotError where the controller
         cannot do it.
         """
         self._connection.set_speed_scaling(moves.FACTOR.checked(factor, 'factor'))

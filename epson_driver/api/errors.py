@@ -10,6 +10,7 @@ from typing import Any, ParamSpec, TypeVar
 from epson_driver.driver.goal.planning_scope import PlanningEndedError
 from epson_driver.driver.inhibit import Remedy, with_remedy
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
+from epson_driver.inputs import number
 from epson_driver.tool_motion.joint_path import PathError as NoPathError
 from epson_driver.tool_motion.pose_path import BlendError
 
@@ -26,6 +27,9 @@ WORDS = {
     Remedy.ALLOW_END_VELOCITY: '',
 }
 """What helps, in the names of this API."""
+
+
+_TIMEOUT = number(0.0, 1e7, 's')
 
 
 class RobotError(RuntimeError):
@@ -98,3 +102,9 @@ def argument_errors() -> Iterator[None]:
         raise PathError(str(error)) from error
     except ValueError as error:
         raise ArgumentError(str(error)) from error
+
+
+def checked_timeout(timeout: float | None) -> float | None:
+    """Return how long to wait, s, or None for ever. Raises ArgumentError."""
+    with argument_errors():
+        return None if timeout is None else float(_TIMEOUT.checked(timeout, 'timeout'))

@@ -7,7 +7,7 @@ import contextlib
 import logging
 from collections.abc import Callable
 
-from epson_driver.api.errors import WORDS, MotionError
+from epson_driver.api.errors import WORDS, MotionError, checked_timeout
 from epson_driver.api.ownership import Unique
 from epson_driver.driver.goal.goal import Goal
 from epson_driver.driver.goal.goal_execution import GoalExecution
@@ -97,7 +97,7 @@ class Motion(Unique):
         the motion goes on, until `cancel`.
         """
         try:
-            async with asyncio.timeout(timeout):
+            async with asyncio.timeout(checked_timeout(timeout)):
                 outcome = await self._end()
         except TimeoutError as error:
             raise TimeoutError(f'the motion has not ended within {timeout:g} s') from error

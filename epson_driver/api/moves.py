@@ -16,8 +16,8 @@ from epson_driver.driver.goal.reference import MIN_FACTOR, ReferenceTrajectory
 from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.inputs import Rule, number
 from epson_driver.link.replies import Statement
-from epson_driver.motion import Array, JointLimits, Trajectory, go
-from epson_driver.motion.point_to_point import check_fractions
+from epson_driver.motion import Array, JointLimits, Trajectory
+from epson_driver.motion.point_to_point import LONGEST_SEGMENT_S, check_fractions
 from epson_driver.robots.kinematics import Kinematics
 from epson_driver.tool_motion.pose_path import (
     SHORTEST_PATH,
@@ -32,12 +32,8 @@ from epson_driver.tool_motion.pose_path import (
 from epson_driver.tool_motion.statement_points import only_turns, passing, tool_frame
 from epson_driver.tool_motion.tool_trajectory import JERK_PER_ACCELERATION, ToolLimits
 
-SAMPLE_PERIOD_S = 0.05
-"""Time between two points for controllers that interpolate between positions and velocities."""
-
-LONGEST_SEGMENT_S = 0.5
-"""Time between two points at most, for the others: what is sent already is not slowed any more,
-and an arm that rests at each point is to rest seldom."""
+LONGEST_MOTION_S = 86_400.0
+"""Nobody waits for longer, and each half second is a point, s."""
 
 LOOK_M, MAX_LOOKS = 1e-3, 2000
 """How densely the path is described that a motion is held against, m."""
@@ -306,23 +302,6 @@ def targets(field: str, values: npt.ArrayLike, limits: JointLimits) -> Trajector
     return checked(untimed(trajectory, limits), limits, field)
 
 
-def straight(
-    start: Array,
-    target: Array,
-    limits: JointLimits,
-    speed: float,
-    acceleration: float,
-    *,
-    sampled: bool,
-) -> Trajectory:
-    """Return the fastest move from rest to rest, straight in joint space, at shares of the limits.
-
-    `sampled`: for a controller that interpolates between points.
-    """
-    period = SAMPLE_PERIOD_S if sampled else LONGEST_SEGMENT_S
-    return go(limits, start, target, speed, acceleration).points(period, begin=sampled)
-
-
 def joined(first: Trajectory, then: Trajectory) -> Trajectory:
     """Return a trajectory and another one, which begins at rest where that ends."""
     assert first.velocities is not None  # noqa: S101 - for the type checker
@@ -378,6 +357,10 @@ def planned(
         raise ValueError(f'times: must be numbers ({error})') from error
     if moments.shape != (len(rows),):
         raise ValueError(f'times has shape {moments.shape}: must be ({len(rows)},), one per point')
+    if moments[-1] > LONGEST_MOTION_S:
+        raise ValueError(
+            f'times: {moments[-1]:g} s: must be {LONGEST_MOTION_S:g} s, a day, at most'
+        )
     speeds = None
     if velocities is not None:
         speeds = joint_rows('velocities', velocities, limits, rows=True)

@@ -198,24 +198,6 @@ def is_pose(values: Pose, joints: int) -> bool:
     return shape == (4, 4) or (shape == (7,) and joints != 7)
 
 
-def quaternion_pose(pose: Array) -> Array:
-    """Return x y z and the quaternion x y z w, w ≥ 0, of a homogeneous matrix: shape (7,), m."""
-    turn = pose[:3, :3]
-    # the eigenvector of the largest eigenvalue: no case has small divisors; the lower half counts
-    xx, yy, zz = np.diag(turn)
-    x, y, z = turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]
-    products = np.array(
-        [
-            [xx - yy - zz, 0.0, 0.0, 0.0],
-            [turn[0, 1] + turn[1, 0], yy - xx - zz, 0.0, 0.0],
-            [turn[0, 2] + turn[2, 0], turn[1, 2] + turn[2, 1], zz - xx - yy, 0.0],
-            [x, y, z, xx + yy + zz],
-        ]
-    )
-    quaternion = np.linalg.eigh(products)[1][:, -1]
-    return np.concatenate([pose[:3, 3], -quaternion if quaternion[3] < 0.0 else quaternion])
-
-
 _LIMITS = {
     'max_speed': number(1e-5, 100.0, 'm/s'),
     'max_acceleration': number(1e-4, 1000.0, 'm/s²'),

@@ -143,6 +143,9 @@ def make_setup(host: str, controller: str, model_name: str, ports: Ports, more: 
     HOST.checked(host, 'host')
     if not isinstance(more, Settings):
         raise ValueError(f'settings = {shown(more)}: must be Settings(...)')
+    for field, name in (('controller', controller), ('model', model_name)):
+        if not isinstance(name, str):
+            raise ValueError(f'{field} = {shown(name)}: must be a name, or the path of a file')
     profile = load_controller_profile(controller)
     model = load_robot_model(model_name)
     if more.joint_names is not None:

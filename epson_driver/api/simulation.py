@@ -7,7 +7,7 @@ import contextlib
 import signal
 from collections.abc import Callable, Sequence
 
-from epson_driver.api.errors import RobotError
+from epson_driver.api.errors import RobotError, motion
 from epson_driver.api.ownership import Unique
 from epson_driver.api.settings import Ports
 from epson_driver.inputs import choice, count
@@ -132,10 +132,11 @@ class Simulation(Unique):
         """Continue at the controller what is paused."""
         await self._do('Continue')
 
+    @motion
     async def input(self, index: int, value: int = 1, *, kind: str = 'DI') -> None:
         """Set an input as if wired so: DI (0 or 1) or AI (mV)."""
-        number = VALUE.checked(int(value), 'value')
-        point = f'{INPUT.checked(kind.upper(), "kind")},{INDEX.checked(index, "index")}'
+        number = VALUE.checked(int(value) if isinstance(value, bool) else value, 'value')
+        point = f'{INPUT.checked(str(kind).upper(), "kind")},{INDEX.checked(index, "index")}'
         await self._do(f'Sim,io,{point},{number}')
 
     async def fault(self, text: str) -> None:

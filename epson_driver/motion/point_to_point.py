@@ -20,6 +20,13 @@ from epson_driver.motion.trajectory import Trajectory
 SHORTEST_MOVE_S = 0.01
 """The time of a move to where the arm is, as a trajectory."""
 
+SAMPLE_PERIOD_S = 0.05
+"""Time between two points for controllers that interpolate between positions and velocities."""
+
+LONGEST_SEGMENT_S = 0.5
+"""Time between two points at most, for the others: what is sent already is not slowed any more,
+and an arm that rests at each point is to rest seldom."""
+
 MIN_MOVE = 1e-9
 """A line shorter than this (rad, in the joint that moves most) is no move."""
 
@@ -138,6 +145,23 @@ def go(
     inp.current_position = [0.0]
     inp.target_position = [length]
     return LineMotion(limits, start.copy(), direction, solve(inp), target.copy())
+
+
+def straight(
+    start: Array,
+    target: Array,
+    limits: JointLimits,
+    speed: float,
+    acceleration: float,
+    *,
+    sampled: bool,
+) -> Trajectory:
+    """Return the fastest move from rest to rest, straight in joint space, at shares of the limits.
+
+    `sampled`: for a controller that interpolates between points.
+    """
+    period = SAMPLE_PERIOD_S if sampled else LONGEST_SEGMENT_S
+    return go(limits, start, target, speed, acceleration).points(period, begin=sampled)
 
 
 def check_fractions(speed: float, accel: float) -> None:

@@ -148,6 +148,8 @@ class TaughtPoints:
         part.replace(file)
 
     def _find(self, name: str) -> _Held | None:
+        if not isinstance(name, str):
+            raise InputError(f'name = {shown(name)}: must be a word')
         low = name.lower()
         if low[:1] == 'p' and low[1:].isdecimal():
             numbered = (each for each in self._points.values() if each.number == int(low[1:]))

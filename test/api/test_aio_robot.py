@@ -235,7 +235,7 @@ def test_a_pause_holds_every_motion_and_it_goes_on(profile, smooth, way):
             robot.set_speed_scaling(0.0)
             assert robot.status.paused
             assert robot.status.remedy == 'call set_speed_scaling(1.0)'
-            await asyncio.sleep(3.0)
+            await asyncio.sleep(2.6)
             here = robot.joints
             await asyncio.sleep(2.0)
             assert robot.joints == pytest.approx(here, abs=1e-3)

@@ -13,11 +13,11 @@ from support.driver_harness import Harness, Submitted, simulated
 from support.event_loop import run
 from support.examples import one_in
 
-from epson_driver.api.moves import straight
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.goal import Goal
 from epson_driver.driver.outcome import End
 from epson_driver.motion import Array
+from epson_driver.motion.point_to_point import straight
 from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import RobotModel, load_robot_model, robot_models
 from epson_driver.robots.kinematics import Kinematics

@@ -13,6 +13,7 @@ from epson_driver.api import moves
 from epson_driver.driver.goal.goal import check_limits
 from epson_driver.driver.goal.reference import ReferenceTrajectory
 from epson_driver.motion import Trajectory
+from epson_driver.motion.point_to_point import LONGEST_SEGMENT_S, straight
 from epson_driver.robots import load_robot_model
 
 HOME = np.zeros(6)
@@ -82,9 +83,9 @@ def test_random_moves_keep_the_limits_at_their_shares(model, sampled):
             limits.position_min, limits.position_max, (2, len(limits.names))
         )
         speed, acceleration = random.uniform(0.05, 1.0, 2)
-        move = moves.straight(start, target, limits, speed, acceleration, sampled=sampled)
+        move = straight(start, target, limits, speed, acceleration, sampled=sampled)
         check_limits(move, moves.scaled_limits(limits, speed, acceleration))
-        assert np.diff(move.times, prepend=0.0).max() <= moves.LONGEST_SEGMENT_S + 1e-9
+        assert np.diff(move.times, prepend=0.0).max() <= LONGEST_SEGMENT_S + 1e-9
         assert np.allclose(move.positions[-1], target)
 
 
@@ -115,7 +116,7 @@ def test_a_long_segment_is_divided_and_the_way_is_the_same(first, velocities):
     speeds = np.array([HOME, HOME + 0.3, HOME]) if velocities else None
     plan = Trajectory(LIMITS.names, times, positions, speeds)
     found = moves.divided(plan, start)
-    assert np.diff(found.times, prepend=0.0).max() <= moves.LONGEST_SEGMENT_S + 1e-9
+    assert np.diff(found.times, prepend=0.0).max() <= LONGEST_SEGMENT_S + 1e-9
     assert set(times) <= set(found.times.tolist())
     before, after = ReferenceTrajectory(plan, start), ReferenceTrajectory(found, start)
     for time in np.linspace(0.0, plan.duration, 50):

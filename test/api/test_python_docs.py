@@ -31,6 +31,33 @@ def test_every_example_is_here() -> None:
 
 
 @pytest.mark.parametrize(
+    'task',
+    [
+        'connect',
+        'home',
+        'joints',
+        'relative line',
+        'arc',
+        'path',
+        'TCP',
+        'payload',
+        'gripper',
+        'wait for an input',
+        'pose',
+        'speed while it moves',
+        'pause',
+        'stop',
+        'recover',
+        'teach',
+        'replay',
+        'record at 100 Hz',
+    ],
+)
+def test_an_everyday_task_is_a_line(task: str) -> None:
+    assert re.search(rf'(?m)^ *\S.*[):]  # {task}\b', EXAMPLES[1])
+
+
+@pytest.mark.parametrize(
     ('code', 'said'),
     [
         pytest.param(*each, marks=[pytest.mark.slow] if number else [], id=str(number))

@@ -1,0 +1,173 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Wrong units, NaN, names, shapes, poses out of reach: one sentence, and nothing is sent."""
+
+import inspect
+
+import numpy as np
+import pytest
+from support.api_harness import robot_cell
+from support.event_loop import run
+
+from epson_driver import EpsonPoint
+from epson_driver.aio import ArgumentError, Robot, RobotError, Settings, Waypoint
+
+NAN, INF = float('nan'), float('inf')
+HOME = [0.0, 0.2, 0.2, 0.0, -1.9, 0.0]
+POSE = [0.3, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0]
+FAR = [1.3, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0]
+UP = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+
+CASES = [
+    ('degrees', lambda r: r.move_joints([90, 0, 0, 0, 0, 0]), 'look like degrees'),
+    ('NaN', lambda r: r.move_joints([NAN] * 6), 'target: joint_1 = nan: must be a finite'),
+    ('five joints', lambda r: r.move_joints([0] * 5), r'shape \(5,\): must be \(6,\)'),
+    ('texts', lambda r: r.move_joints(['a'] * 6), 'target: must be numbers'),
+    ('nothing', lambda r: r.move_joints(None), 'target: must be numbers'),
+    (
+        'out of range',
+        lambda r: r.move_joints([3, *HOME[1:]]),
+        'position 3 rad is outside',
+    ),
+    ('speed', lambda r: r.move_joints(HOME, speed=2), r'speed = 2.*\(0, 1\]'),
+    ('share NaN', lambda r: r.move_joints(HOME, acceleration=NAN), 'acceleration = nan'),
+    ('speed text', lambda r: r.move_waypoints([HOME], speed='1'), "speed = '1'"),
+    ('no points', lambda r: r.move_waypoints([]), 'points has shape'),
+    ('times', lambda r: r.move_trajectory([2, 1], [HOME] * 2), 'must strictly increase'),
+    ('31 years', lambda r: r.move_trajectory([1e9], [HOME]), r'1e\+09 s: must be 86400 s'),
+    ('too fast', lambda r: r.move_trajectory([0.001], [[1.0, *HOME[1:]]]), 'joint_1'),
+    ('names', lambda r: r.move_trajectory([1], [HOME], joint_names=['a'] * 6), 'joint_names ='),
+    ('out of reach', lambda r: r.move_line(FAR), 'out of reach'),
+    ('pose', lambda r: r.move_joints(FAR), 'out of reach'),
+    ('inverse', lambda r: r.inverse(FAR), 'out of reach'),
+    ('mm', lambda r: r.move_line([300, 0, 500, *POSE[3:]]), 'places are in m'),
+    ('no rotation', lambda r: r.move_line(2 * np.eye(4)), 'must be a rotation'),
+    ('quaternion', lambda r: r.move_line([0.3, 0, 0.5, 1, 1, 1, 1]), 'length 2'),
+    ('shape', lambda r: r.move_line([0.3, 0, 0.5]), r'pose has shape \(3,\): must be'),
+    ('frame', lambda r: r.move_line(POSE, frame='nix'), "frame = 'nix': must be base_link, base"),
+    ('mm/s', lambda r: r.move_line(POSE, speed=250), 'speed = 250: must be .* to 100 m/s'),
+    ('accuracy', lambda r: r.move_line(POSE, accuracy=0), 'accuracy = 0'),
+    ('jerk', lambda r: r.move_line(POSE, jerk=NAN), 'jerk = nan'),
+    ('via', lambda r: r.move_arc([NAN] * 3, POSE), 'via'),
+    ('path', lambda r: r.move_path([POSE, FAR]), 'out of reach'),
+    ('blend', lambda r: r.move_path([Waypoint(POSE, blend=-1)]), r'points\[0\].blend = -1'),
+    ('not a list', lambda r: r.move_path('abc'), "points = 'abc'"),
+    ('servo', lambda r: r.servo([NAN] * 6), 'joint_1 = nan'),
+    ('servo far', lambda r: r.servo([1.0, *HOME[1:]]), 'not followed'),
+    ('velocities', lambda r: r.servo_velocity([99] * 6), 'beyond what the joint can do'),
+    ('servo_pose', lambda r: r.servo_pose(FAR), 'out of reach'),
+    ('twist', lambda r: r.servo_speed([0] * 5), r'velocity has shape \(5,\)'),
+    ('twist frame', lambda r: r.servo_speed([0] * 6, frame='world'), "frame = 'world'"),
+    ('factor', lambda r: r.set_speed_scaling(NAN), 'factor = nan: must be 0'),
+    ('no number', lambda r: r.set_speed_scaling('x'), "factor = 'x': must be 0"),
+    ('kind', lambda r: r.io.read('XX', 0), "kind = 'XX': must be DI"),
+    ('index', lambda r: r.io.read('DI', -1), 'index = -1'),
+    ('value', lambda r: r.io.write('DO', 3, NAN), 'value = nan'),
+    ('no output', lambda r: r.io.write('DI', 3, 1), 'DI'),
+    ('timeout', lambda r: r.wait_for_input(3, timeout='x'), "timeout = 'x'"),
+    ('timeout NaN', lambda r: r.wait_until(lambda _: False, timeout=NAN), 'timeout = nan'),
+    ('tool', lambda r: r.set_tool([NAN] * 7), 'pose = .*must be finite'),
+    ('tool speed', lambda r: r.set_tool(UP, max_speed=0), 'max_speed = 0'),
+    ('frame name', lambda r: r.set_frame('tool', UP), 'that frame is always there'),
+    ('parent', lambda r: r.set_frame('a', UP, parent='b'), "parent = 'b': must be base_link"),
+    ('pose in', lambda r: r.pose_in('x'), "frame = 'x': must be base_link or base"),
+    ('mass', lambda r: r.set_payload(-1), 'payload'),
+    ('center', lambda r: r.set_payload(1, [0] * 2), r'center has shape \(2,\)'),
+    ('forward', lambda r: r.forward([0] * 5), 'joints has shape'),
+    ('near', lambda r: r.inverse(POSE, near=[NAN] * 6), 'near: joint_1 = nan'),
+    ('rate', lambda r: r.record(rate=NAN), 'rate = nan'),
+    ('taught name', lambda r: r.points.teach('p3'), "name = 'p3': must be a word"),
+    ('no name', lambda r: r.points.teach(None), 'name = null: must be a word|name = None'),
+    ('no point', lambda r: r.points.__setitem__('a', 3), 'point a = 3: must be an EpsonPoint'),
+    ('no file', lambda r: r.points.load('x.txt'), r'x\.txt: must be a \.pts or a \.yaml'),
+    ('input', lambda r: r.simulation.input(3, 'x'), "value = 'x'"),
+]
+
+
+async def asked(robot, ask):
+    """Return what a case returns, awaited where it is to be."""
+    answer = ask(robot)
+    return await answer if inspect.isawaitable(answer) else answer
+
+
+@pytest.fixture(scope='module')
+def answers():
+    """Return what each case raised, or returned, and how far the arm was moved by all of them."""
+    found = {}
+
+    async def scenario():
+        async with robot_cell(enabled=False) as (robot, controller):
+            await robot.enable()
+            await robot.move_joints(HOME)
+            driver = robot._connection.driver
+            before, sent = robot.joints, driver.motion_link.statistics.frames_sent
+            for name, ask, _ in CASES:
+                try:
+                    found[name] = await asked(robot, ask)
+                except Exception as error:  # noqa: BLE001 - the tests look at it
+                    found[name] = error
+                await robot.servo_end()
+            assert controller
+            found['moved'] = np.abs(robot.joints - before).max()
+            found['sent'] = driver.motion_link.statistics.frames_sent - sent
+
+    run(scenario())
+    return found
+
+
+@pytest.mark.parametrize(('name', 'said'), [(name, said) for name, _, said in CASES])
+def test_what_cannot_be_is_one_sentence_with_field_and_value(answers, name, said):
+    error = answers[name]
+    assert isinstance(error, RobotError), error
+    assert isinstance(error, ArgumentError) or name in ('servo far', 'no output', 'too fast')
+    with pytest.raises(RobotError, match=said):
+        raise error
+    assert '\n' not in str(error)
+
+
+def test_of_all_of_them_nothing_was_sent(answers):
+    assert answers['moved'] == pytest.approx(0.0, abs=1e-9)
+    assert answers['sent'] == 0
+
+
+@pytest.mark.parametrize(
+    ('make', 'said'),
+    [
+        (lambda: Robot(3), 'host = 3: must be an IP address'),
+        (lambda: Robot(controller=None), 'controller = None: must be a name'),
+        (lambda: Robot(model=7), 'model = 7: must be a name'),
+        (lambda: Robot(motion_port=99999), 'motion_port = 99999'),
+        (lambda: Robot(settings={}), r'settings = .*must be Settings'),
+        (lambda: Settings(reply_timeout=NAN), 'reply_timeout = nan'),
+        (lambda: Robot.simulated(start=[9] * 6), 'joint_1: position 9 rad is outside'),
+        (lambda: EpsonPoint(NAN, 0, 0), 'x = nan: must be a number'),
+        (lambda: EpsonPoint(INF, 0, 0), 'x = inf: must be a number'),
+    ],
+)
+def test_what_cannot_be_made_says_why(make, said):
+    with pytest.raises(ValueError, match=said):
+        make()
+
+
+@pytest.mark.parametrize(
+    'ask',
+    [
+        lambda r: r.joints,
+        lambda r: r.move_joints(HOME),
+        lambda r: r.servo(HOME),
+        lambda r: r.enable(),
+        lambda r: r.io.read('DI', 0),
+        lambda r: r.gripper.open(),
+        lambda r: r.points.teach('a'),
+        lambda r: r.record(),
+        lambda r: r.set_speed_scaling(0.5),
+    ],
+)
+def test_a_robot_that_was_closed_says_so(ask):
+    async def scenario():
+        async with robot_cell() as (robot, _):
+            pass
+        with pytest.raises(RobotError, match='there is no connection'):
+            await asked(robot, ask)
+
+    run(scenario())
