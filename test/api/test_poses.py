@@ -14,11 +14,10 @@ from epson_driver.api.poses import (
     Waypoint,
     checked_pose,
     checked_tool,
-    quaternion_pose,
 )
 from epson_driver.robots import load_robot_model
 from epson_driver.robots.kinematics import rotation_of_uvw
-from epson_driver.tool_motion.tool_pose import homogeneous
+from epson_driver.tool_motion.tool_pose import homogeneous, quaternion_pose
 
 MODEL = load_robot_model('c3_a601s')
 HERE = homogeneous(np.eye(3), np.array([0.4, 0.0, 0.5]))
