@@ -64,8 +64,8 @@ def test_an_everyday_task_is_a_line(task: str) -> None:
         for number, each in enumerate(zip(EXAMPLES, SAID, strict=True))
     ],
 )
-def test_the_example_runs_without_ros(code: str, said: str) -> None:
-    assert said in output(program(code))
+def test_the_example_runs_without_ros(code: str, said: str, tmp_path: Path) -> None:
+    assert said in output(program(code, cwd=tmp_path))
 
 
 @pytest.mark.parametrize('module', ['rclpy', 'sensor_msgs.msg', 'control_msgs.action'])
