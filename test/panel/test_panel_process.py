@@ -13,10 +13,10 @@ import pytest
 
 pytest.importorskip('websockets')
 
-from support.cell import START, Cell, cell_with
+from support.cell import LASTS, START, Cell, cell_with
 from support.fleet import Fleet
 from support.panel_client import PanelClient, PanelProcess
-from support.ros_peer import PATIENCE
+from support.ros_peer import PATIENCE, trajectory
 from websockets.exceptions import InvalidStatus
 
 from epson_driver.processes import processes
@@ -436,10 +436,11 @@ def test_a_driver_that_comes_back_for_another_controller_is_asked_again(tmp_path
 
 
 @pytest.mark.slow
-def test_several_robots_are_in_one_panel(tmp_path: Path) -> None:
+@pytest.mark.invariant(3)
+def test_several_robots_are_in_one_panel_and_one_stop_is_for_all(tmp_path: Path) -> None:
     fleet = Fleet(tmp_path, together=True, names=('left', 'right'))
     try:
-        fleet.ready()
+        fleet.enabled()
         panel = PanelProcess(tmp_path, fleet.domain)
         try:
             with (
@@ -450,6 +451,14 @@ def test_several_robots_are_in_one_panel(tmp_path: Path) -> None:
                     client.wait_for_lamp('E-stop', 'good')
                     found = {each['label'] for each in client.parts['robots']}
                     assert found == {'left', 'right'}
+                for name, peer in fleet.peers.items():
+                    peer.goal(trajectory((LASTS, [1.0, *fleet.start[name][1:]])))
+                for peer in fleet.peers.values():
+                    peer.wait_for_motion()
+                left.click('STOP')
+                for client, peer in zip((left, right), fleet.peers.values(), strict=True):
+                    peer.wait_until_still()
+                    client.wait_for_log('~/stop: ')
                 fleet.pendant('right', 'estop', 'press')
                 right.wait_for_lamp('E-stop', 'bad')
                 other = {'label': 'right', 'colour': 'bad'}
