@@ -15,8 +15,8 @@ from epson_driver.robots import load_robot_model
 from epson_driver.share import share_file
 from epson_driver.trajectory_file import read_trajectory
 
-ONE_BY_ONE = r"""
-import socket, struct, sys
+COMMON = r"""
+import json, socket, struct, sys, threading, time
 
 motion_port, state_port, remote_port = map(int, sys.argv[1:])
 
@@ -37,7 +37,9 @@ def read(sock, count):
 def frame(sock):
     length, = struct.unpack('<i', read(sock, 4))
     return struct.unpack('<3i', read(sock, 12)), read(sock, length - 12)
+"""
 
+ONE_BY_ONE = r"""
 
 def point(sequence, joints, velocity=0.5, duration=0.5, header=(11, 2, 0)):
     joints = list(joints) + [0.0] * (10 - len(joints))
@@ -99,28 +101,7 @@ print('all as the protocol says')
 
 
 STREAM = r"""
-import json, socket, struct, sys, threading, time
-
-motion_port, state_port, remote_port = map(int, sys.argv[1:])
 points = json.load(sys.stdin)  # [[joints, duration], ...]
-
-
-def connect(port):
-    return socket.create_connection(('127.0.0.1', port), timeout=300)
-
-
-def read(sock, count):
-    data = b''
-    while len(data) < count:
-        chunk = sock.recv(count - len(data))
-        assert chunk, 'closed'
-        data += chunk
-    return data
-
-
-def frame(sock):
-    length, = struct.unpack('<i', read(sock, 4))
-    return struct.unpack('<3i', read(sock, 12)), read(sock, length - 12)
 
 
 remote = connect(remote_port).makefile('rw', newline='\r\n')
@@ -192,7 +173,7 @@ def run_peer(
 def test_standard_library_peer(tmp_path: Path) -> None:
     controller = processes.sim_controller(tmp_path / 'controller.log', '--motion=ptp')
     with processes.ended_at_exit(controller):
-        assert 'all as the protocol says' in run_peer(ONE_BY_ONE, controller).stdout
+        assert 'all as the protocol says' in run_peer(COMMON + ONE_BY_ONE, controller).stdout
 
 
 def distances(samples: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -223,7 +204,7 @@ def test_smooth_motion_as_a_standard_library_peer_sees_it(
     controller = processes.sim_controller(tmp_path / 'controller.log', f'--start={start}')
     with processes.ended_at_exit(controller):
         pairs = list(zip(points.tolist(), durations.tolist(), strict=True))
-        seen = json.loads(run_peer(STREAM, controller, json.dumps(pairs)).stdout)
+        seen = json.loads(run_peer(COMMON + STREAM, controller, json.dumps(pairs)).stdout)
     times, samples = np.array(seen['samples'])[:, 0], np.array(seen['samples'])[:, 1:]
     _, late_plans, planner_failures, violations = seen['timing']
     assert planner_failures == 0
