@@ -80,26 +80,35 @@ class JointMotion:
 
     def keeps(self, limits: JointLimits) -> bool:
         """Return whether it keeps all limits at every instant: by its extrema."""
-        position, velocity, acceleration = self.states
+        _, velocity, acceleration = self.states
         t, j = np.diff(self.times, axis=1), self.jerks
         p, v, a = self.states[:, :, :-1]
         with np.errstate(divide='ignore', invalid='ignore'):
             fastest = _between(-a / j, t)
-            # both zeros of v + a t + j t² / 2
-            root = -(a + np.copysign(np.sqrt(np.maximum(a * a - 2.0 * j * v, 0.0)), a))
-            turns = (_between(root / j, t), _between(2.0 * v / root, t))
         speeds = np.concatenate([velocity, _after(fastest, p, v, a, j)[1]], axis=1)
-        places = np.concatenate(
-            [position, *(_after(turn, p, v, a, j)[0] for turn in turns)], axis=1
-        )
+        lowest, highest = self.extent
         slack = 1.0 + LIMIT_TOLERANCE_SHARE
         return bool(
             np.all(np.abs(j).max(axis=1) <= slack * limits.jerk)
             and np.all(np.abs(acceleration).max(axis=1) <= slack * limits.acceleration)
             and np.all(np.abs(speeds).max(axis=1) <= slack * limits.velocity)
-            and np.all(places.min(axis=1) >= limits.position_min - POSITION_TOLERANCE)
-            and np.all(places.max(axis=1) <= limits.position_max + POSITION_TOLERANCE)
+            and np.all(lowest >= limits.position_min - POSITION_TOLERANCE)
+            and np.all(highest <= limits.position_max + POSITION_TOLERANCE)
         )
+
+    @property
+    def extent(self) -> tuple[Array, Array]:
+        """The lowest and the highest place of each joint, shapes (n,), rad."""
+        t, j = np.diff(self.times, axis=1), self.jerks
+        p, v, a = self.states[:, :, :-1]
+        with np.errstate(divide='ignore', invalid='ignore'):
+            # both zeros of v + a t + j t² / 2
+            root = -(a + np.copysign(np.sqrt(np.maximum(a * a - 2.0 * j * v, 0.0)), a))
+            turns = (_between(root / j, t), _between(2.0 * v / root, t))
+        places = np.concatenate(
+            [self.states[0], *(_after(turn, p, v, a, j)[0] for turn in turns)], axis=1
+        )
+        return places.min(axis=1), places.max(axis=1)
 
 
 def _after(t: Array, p: Array, v: Array, a: Array, j: Array) -> State:
@@ -113,7 +122,7 @@ def _after(t: Array, p: Array, v: Array, a: Array, j: Array) -> State:
 
 def _between(times: Array, durations: Array) -> Array:
     """Return times within 0 … duration, or 0 for what is no number."""
-    between: Array = np.clip(np.nan_to_num(times, nan=0.0), 0.0, durations)
+    between: Array = np.clip(np.where(np.isnan(times), 0.0, times), 0.0, durations)
     return between
 
 

@@ -10,7 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.examples import examples
 
-from epson_driver.motion.setpoint_tracker import SetpointTracker, servo_limits, stopping_way
+from epson_driver.motion.setpoint_tracker import (
+    Aim,
+    SetpointTracker,
+    servo_limits,
+    stopping_way,
+)
 from epson_driver.robots import load_robot_model
 
 WHOLE = load_robot_model('c3_a601s').limits
@@ -110,43 +115,58 @@ class Run:
         return position
 
 
+def aim(position, velocity=HOME, acceleration=HOME, low=-np.inf, high=np.inf):
+    """Return an aim that may be passed, unless `low` or `high` say how far."""
+    return Aim(position, velocity, acceleration, np.full(N, low), np.full(N, high))
+
+
 POSITIONS = st.lists(st.floats(-4.0, 4.0), min_size=N, max_size=N).map(np.array)
 SMALL = st.lists(st.floats(-0.05, 0.05), min_size=N, max_size=N).map(np.array)
 VELOCITIES = st.lists(st.floats(-10.0, 10.0), min_size=N, max_size=N).map(np.array)
+HUGE = st.lists(st.floats(-1e6, 1e6), min_size=N, max_size=N).map(np.array)
+SHARES = st.one_of(st.just(1.0), st.lists(st.floats(1e-3, 1.0), min_size=N, max_size=N))
 EVENTS = st.one_of(
     st.tuples(st.just('far'), POSITIONS),
     st.tuples(st.just('near'), SMALL),
-    st.tuples(st.just('fed forward'), st.tuples(SMALL, VELOCITIES)),
+    st.tuples(st.just('fed forward'), st.tuples(SMALL, VELOCITIES, HUGE)),
+    st.tuples(st.just('walls'), st.tuples(SMALL, VELOCITIES, SMALL)),
     st.tuples(st.just('move'), VELOCITIES),
     st.tuples(st.just('release'), st.just(None)),
     st.tuples(st.just('brake'), st.just(None)),
 )
 STEPS = st.one_of(st.just(PERIOD), st.floats(0.001, 0.2), st.floats(0.5, 2.0))
+LATE = st.one_of(st.just(1.0), st.floats(0.0, 3.0))
+"""How many times the step that was planned passes before the next."""
 
 
 @pytest.mark.invariant(2)
-@given(st.lists(st.tuples(EVENTS, STEPS), min_size=1, max_size=40))
+@given(st.lists(st.tuples(EVENTS, STEPS, LATE, SHARES), min_size=1, max_size=40))
 @settings(max_examples=examples(200))
 def test_inv2_any_stream_keeps_every_limit_at_every_instant_and_rests(events):
     """docs/invariants.md, 2 and 3: exact extrema between the steps, whatever comes when."""
     run = Run()
-    for (kind, value), dt in events:
-        tracker = run.tracker
+    for (kind, value), dt, late, speed in events:
+        tracker, here = run.tracker, run.last[0]
+        speed = np.array(speed)
         if kind == 'far':
-            tracker.follow(value)
+            tracker.follow(dt, aim(value), speed)
         elif kind == 'near':
-            tracker.follow(run.last[0] + value)
+            tracker.follow(dt, aim(here + value), speed)
         elif kind == 'fed forward':
-            tracker.follow(run.last[0] + value[0], value[1])
+            tracker.follow(dt, aim(here + value[0], *value[1:]), speed)
+        elif kind == 'walls':
+            place, velocity, wall = value
+            low, high = here + np.minimum(wall, 0.0), here + np.maximum(wall, 0.0)
+            tracker.follow(dt, Aim(here + place, velocity, HOME, low, high), speed)
         elif kind == 'move':
-            tracker.move(value)
+            tracker.move(dt, value)
         elif kind == 'release':
-            assert tracker.move(np.zeros(N))
+            tracker.move(dt, HOME)
         else:
-            assert tracker.brake()
+            tracker.brake()
             assert tracker.remaining <= 1.25 * stop_time(run)
-        run.step(dt)
-    assert run.tracker.brake()
+        run.step(dt * late)
+    run.tracker.brake()
     run.rest()
     run.usage.assert_kept()
 
@@ -158,41 +178,72 @@ def stop_time(run):
     return float(longest.max()) * 3.0  # with a way back, at the end of the range
 
 
+@pytest.mark.invariant(2)
+@given(st.lists(st.tuples(SMALL, VELOCITIES, st.floats(0.004, 0.1)), min_size=1, max_size=30))
+@settings(max_examples=examples(100))
+def test_inv2_what_the_stream_has_shown_is_not_passed_where_a_stop_fits(aims):
+    """Whatever the law wants: from rest, nothing passes walls that stay where they are."""
+    run, walls = Run(), np.full(N, 0.03)
+    for position, velocity, dt in aims:
+        run.tracker.follow(dt, Aim(position, velocity, HOME, -walls, walls))
+        run.step(dt)
+    run.rest()
+    run.usage.assert_kept()
+    assert np.all(run.usage.low >= -walls - 1e-9)
+    assert np.all(run.usage.high <= walls + 1e-9)
+
+
+def go_to(run, position, seconds):
+    """Follow a position that stands, from joints that come from 0."""
+    for _ in range(round(seconds / PERIOD)):
+        low, high = np.minimum(position, 0.0), np.maximum(position, 0.0)
+        run.tracker.follow(PERIOD, Aim(position, HOME, HOME, low, high))
+        run.step()
+
+
 def test_it_rests_exactly_at_the_last_setpoint():
     run = Run()
     for count in range(1, 40):
-        run.tracker.follow(pose(0.01 * count, -0.004 * count))
+        place = pose(0.01 * count, -0.004 * count)
+        run.tracker.follow(PERIOD, aim(place, pose(0.5, -0.2), HOME, -0.156, 0.39))
         run.step()
+    go_to(run, place, 1.0)
+    assert run.tracker.at_rest
     np.testing.assert_allclose(run.rest(), pose(0.39, -0.156), rtol=0.0, atol=1e-9)
     run.usage.assert_kept()
     assert run.usage.high[0] <= 0.39 + 1e-9  # never beyond it
 
 
-def test_braking_far_from_the_setpoint_is_sooner_and_shorter_than_going_there():
+def test_without_a_word_it_comes_to_rest():
     run = Run()
-    for _ in range(20):
-        run.tracker.follow(pose(2.0))
-        run.step()
-    there = run.tracker.remaining
-    assert run.tracker.brake()
-    assert run.tracker.remaining < there / 2
+    go_to(run, pose(2.0), 0.4)
+    assert run.tracker.remaining < 0.5
     assert run.rest()[0] < 1.0
+
+
+def test_braking_far_from_the_setpoint_stops():
+    run = Run()
+    go_to(run, pose(2.0), 0.4)
+    speed = run.last[1][0]
+    run.tracker.brake()
+    assert run.rest()[0] < run.last[0][0] + 1.01 * stopping_way(LIMITS, pose(speed))[0]
+    assert run.last[0][0] < 1.0
 
 
 def test_braking_just_before_the_setpoint_rests_at_it():
     run = Run()
-    run.tracker.follow(pose(0.3))
-    while run.tracker.remaining > 0.03:
-        run.step(0.005)
-    assert run.tracker.brake()
+    while run.last[0][0] < 0.29:
+        go_to(run, pose(0.3), PERIOD)
+    run.tracker.brake()
     np.testing.assert_allclose(run.rest(), pose(0.3), rtol=0.0, atol=1e-9)
+    run.usage.assert_kept()
 
 
 @pytest.mark.invariant(2)
 def test_inv2_a_velocity_that_goes_on_rests_at_the_end_of_the_range():
     run = Run()
     for _ in range(400):
-        run.tracker.move(pose(1.5, -1.5))
+        run.tracker.move(PERIOD, pose(1.5, -1.5))
         run.step()
     position = run.rest()
     assert position[0] == pytest.approx(LIMITS.position_max[0], abs=1e-6)
@@ -204,25 +255,19 @@ def test_a_velocity_is_reached_and_a_smaller_one_too():
     run = Run()
     for speed in (1.0, 0.2, -0.5):
         for _ in range(30):
-            run.tracker.move(pose(speed))
+            run.tracker.move(PERIOD, pose(speed))
             run.step()
         assert run.last[1][0] == pytest.approx(speed, rel=1e-6)
     run.usage.assert_kept()
 
 
-def lag(speed, feed):
-    """Return how far behind a ramp the tracker is in the end, s."""
+def test_a_steady_stream_is_followed_without_a_lag_or_jerk():
     run = Run()
-    velocities = pose(speed) if feed else None
     for count in range(1, 60):
-        run.tracker.follow(pose(speed * PERIOD * count), velocities)
+        run.tracker.follow(PERIOD, aim(pose(0.01 * count), pose(0.5)))
         run.step()
-    return (speed * PERIOD * 59 - run.last[0][0]) / speed
-
-
-def test_the_velocity_of_a_setpoint_takes_the_lag_away():
-    assert 0.03 < lag(0.5, feed=False) < 0.12
-    assert abs(lag(0.5, feed=True)) < 0.03
+    assert run.last[0][0] == pytest.approx(0.59, abs=1e-5)
+    assert abs(run.tracker.motion.jerks[0, 0]) < 1e-3 * LIMITS.jerk[0]
 
 
 def test_limits_are_a_share_and_never_too_fast_to_stop():

@@ -26,7 +26,7 @@ Rules:
 import asyncio
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -38,11 +38,12 @@ from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outco
 from epson_driver.driver.servo.restart_interlock import RELEASE_S, RestartInterlock
 from epson_driver.driver.servo.setpoint import Mode, ServoSettings, Setpoint
 from epson_driver.driver.servo.stream import (
+    MAX_EXTRAPOLATION_S,
+    StreamFilter,
     StreamLag,
     StreamPace,
     StreamReference,
     VelocityCheck,
-    VelocityEstimate,
 )
 from epson_driver.driver.state.robot_state import JointSample, RobotState
 from epson_driver.driver.state.standstill import Standstill
@@ -50,7 +51,7 @@ from epson_driver.driver.stopping.arm_gate import ArmGate
 from epson_driver.driver.stopping.stopper import Stopper
 from epson_driver.log_lines import LogThrottle
 from epson_driver.motion import Array, JointLimits, Trajectory
-from epson_driver.motion.setpoint_tracker import SetpointTracker, servo_limits
+from epson_driver.motion.setpoint_tracker import Aim, SetpointTracker, servo_limits
 from epson_driver.simple_message import Message, Packet
 
 CYCLE_S = 0.02
@@ -76,12 +77,6 @@ MIN_STEP = 1e-6
 
 REST_STEP = 1e-8
 """Nor is a smaller one when it rests: that is rounding."""
-
-ESTIMATE_LEAD_S = 0.04
-"""How far estimated velocities may put the tracker's aim ahead of a setpoint, s."""
-
-ESTIMATE_FRESH_S = 0.07
-"""So long after a setpoint they count, s; then the arm goes to that setpoint, and rests there."""
 
 SLOWEST_SHARE = 1e-3
 """Of a joint's velocity limit: so fast it may always go where a stream of positions is."""
@@ -133,8 +128,8 @@ class _Session:
     standstill: Standstill
     check: VelocityCheck
     pace: StreamPace
+    filter: StreamFilter
     reference: StreamReference | None = None
-    estimate: VelocityEstimate = field(default_factory=VelocityEstimate)
     lag: StreamLag = field(default_factory=StreamLag)
     sequence: int = 0
     waiting: bool = False
@@ -366,9 +361,9 @@ class Servo:
         start = np.clip(sample.positions, limits.position_min, limits.position_max)
         standstill = Standstill(now)
         standstill.expect(None)
-        tracker = SetpointTracker(
-            servo_limits(limits, self.settings.share * DURATION_SHARE, STOP_WITHIN_S), start
-        )
+        share = servo_limits(limits, self.settings.share, STOP_WITHIN_S)
+        slower = replace(share, velocity=DURATION_SHARE * share.velocity)
+        tracker = SetpointTracker(slower, start)
         session = _Session(
             setpoint,
             tracker,
@@ -379,6 +374,7 @@ class Servo:
             standstill,
             VelocityCheck(limits),
             StreamPace(start, came),
+            StreamFilter(tracker.limits),
             answered=now,
         )
         first = self._message(session, start, session.sent_velocity, 0.0)
@@ -421,7 +417,10 @@ class Servo:
         """Interpolate the setpoint's window, once."""
         if setpoint.positions is None:
             return
-        estimate = session.estimate.add(came, setpoint.positions)
+        estimate = None
+        if setpoint.window is None:
+            trusted = setpoint.velocities if session.check.trusted else None
+            estimate = session.filter.add(came, setpoint.positions, trusted)
         session.reference = StreamReference(setpoint, self._limits, estimate)
         session.pace.add(came, session.reference)
 
@@ -521,10 +520,8 @@ class Servo:
         session.stepped = now
         session.waited = dt >= 2.0 * self.settings.period
         tracker = session.tracker
-        if not self._aim(session, now):
-            self.stop('no stop inside every limit was found for the setpoints')
-            return
-        position, velocity, _ = tracker.step(dt)
+        self._track(session, now, dt)
+        position, velocity, _ = tracker.state
         if session.reference is not None:
             self._note_behind(session, session.pace.see(now, position))
         session.span += dt
@@ -541,43 +538,53 @@ class Servo:
         session.lag.sent(now, position)
         self._post(session, message, now)
 
-    def _aim(self, session: _Session, now: float) -> bool:
-        """Tell the tracker where to go and return False if it cannot even brake."""
+    def _track(self, session: _Session, now: float, dt: float) -> None:
+        """Let the tracker go on for `dt` s, in steps of about a cycle."""
         tracker, setpoint = session.tracker, session.setpoint
         factor = self._goals.scaling.factor(now)
         silent = now - session.heard > self.settings.timeout
+        count = max(round(dt / CYCLE_S), 1)
+        step = dt / count
         if silent or factor == 0.0:
             session.braked |= silent and not tracker.at_rest
-            return tracker.brake()
-        if session.reference is not None:
-            found = self._follow(session, session.reference, now - session.heard, factor)
+            tracker.brake()
+            tracker.step(dt)
+        elif session.reference is not None:
+            aim, speed = self._aim(session, session.reference, now, dt, step, factor)
+            for left in reversed(range(count)):
+                tracker.follow(step, aim.before(left * step), speed)
+                tracker.step(step)
         else:
             assert setpoint.velocities is not None  # noqa: S101 - one of the two is there
-            found = tracker.move(setpoint.velocities * factor)
-        return found or tracker.brake()
+            for _ in range(count):
+                tracker.move(step, setpoint.velocities * factor)
+                tracker.step(step)
 
-    def _follow(
-        self, session: _Session, reference: StreamReference, age: float, factor: float
-    ) -> bool:
-        """Follow positions, as far ahead in their window as the arm is behind.
+    def _aim(
+        self,
+        session: _Session,
+        reference: StreamReference,
+        now: float,
+        dt: float,
+        step: float,
+        factor: float,
+    ) -> tuple[Aim, Array]:
+        """Return where to be, as far ahead in a window as the arm is behind, and how fast.
 
-        An arm that is behind catches up at `catch_up` times their speed: each joint by itself, so
-        that it stays about on their line.
+        An arm that is behind positions catches up at `catch_up` times their speed: each joint by
+        itself, so that it stays about on their line.
         """
-        setpoint, limits = session.setpoint, session.tracker.limits
+        limits = session.tracker.limits
         own = np.maximum(session.pace.fastest(), SLOWEST_SHARE * limits.velocity)
         session.fastest = self.settings.catch_up * own
         slack = DURATION_SHARE if session.waited else 1.0
         speed = np.minimum(session.fastest / slack / limits.velocity, factor)
-        if setpoint.window is None and setpoint.velocities is not None:
-            if not session.check.trusted:
-                return session.tracker.follow(*reference.at(0.0), speed, ESTIMATE_LEAD_S)
-        elif setpoint.window is None:
-            if age > ESTIMATE_FRESH_S:
-                return session.tracker.follow(reference.at(0.0)[0], None, speed)
-            return session.tracker.follow(*reference.at(age), speed, ESTIMATE_LEAD_S)
-        ahead = max(min(age + session.lag.behind, reference.reach), age)
-        return session.tracker.follow(*reference.at(ahead), speed)
+        if session.setpoint.window is None:
+            return session.filter.aim(now, dt - step), speed
+        age = now - session.heard
+        known = reference.reach + MAX_EXTRAPOLATION_S
+        ahead = max(min(age + session.lag.behind, known), age)
+        return reference.aim(ahead, step, limits), speed
 
     def _message(
         self, session: _Session, position: Array, velocity: Array, span: float

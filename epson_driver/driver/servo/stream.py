@@ -8,45 +8,268 @@ from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
+from numpy.typing import NDArray
 
 from epson_driver.driver.servo.setpoint import Setpoint, contradiction
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.motion import Array, JointLimits
+from epson_driver.motion.setpoint_tracker import Aim, stopping_way
 
-ESTIMATE_MEMORY_S = 0.1
-"""Older positions do not count, s."""
+FIT_SPANS_S = (0.8, 0.3, 0.14)
+"""Setpoints of so long may be taken together: all that are one line but for noise, s. What is
+newer than the last is taken as a parabola, however noisy."""
 
-MIN_SPAN_S = 0.02
-"""Positions that came closer together say nothing of the velocity, s: they were held up."""
+NOISE = 1.5e-3
+"""What scatters more about a line is no noise, rad or m, rms."""
+
+RANDOM = 1.0
+"""Nor is what goes from one setpoint to the next by less than the root of this, of its rms (von
+Neumann's ratio: 2 for noise, 0 for a curve)."""
+
+SIGNIFICANT = 4.0
+"""A slope's square counts as far as it exceeds so many times the variance that noise gives it."""
+
+LAG_S = 0.034
+"""How long ago the place in a stream of positions was that is followed, s: so it is known on
+both sides."""
+
+LAG_WITH_VELOCITIES_S = 0.004
+"""The same where velocities are given."""
+
+FRESH_S = 0.07
+"""So long after a setpoint its stream is taken to go on, s; then it stands at that setpoint."""
+
+PASSED = 1e-3
+"""How far the arm may pass a setpoint at which a stream stands, rad or m."""
+
+ABRUPT = 0.2
+"""A change of velocity by so much, rad/s or m/s, from one setpoint to the next ..."""
+
+ABRUPT_SHARE = 0.8
+"""... and by such a share of it is abrupt: who began like this may stop like this."""
+
+FORGET_S = 30.0
+"""Time constant with which that is forgotten, s."""
+
+MIN_SPAN_S = 0.01
+"""Setpoints that come closer together were held up: their velocity is that over so long, s."""
+
+OLDEST_SHARE = 0.2
+"""Of what a new setpoint shows, in the usual age of one before the next."""
+
+ABRUPT_MARGIN = 1.2
+"""An abrupt stop may be so many times as hard as the hardest so far."""
+
+MIN_FITTED = 6
+"""Fewer setpoints tell nothing of their noise."""
+
+ROUNDING = 1e-12
+"""Positions that differ by less, rad or m, are one."""
 
 
-class VelocityEstimate:
-    """Estimates velocities from positions and the times at which they came, s.
+TINY = 1e-30
 
-    Of the slope over ESTIMATE_MEMORY_S and that over the last step, the smaller one counts for
-    each joint, and none if they differ in sign. So it is low at once when a stream comes to a
-    hold, and the time that a message took hardly matters.
+
+class StreamFilter:
+    """Where the joints are to be after single setpoints that come late, noisy, or not at all.
+
+    A line is laid through as many of the last setpoints as are one but for noise (Janabi-Sharifi
+    et al., 2000, choose the span so for velocities of encoders), else a parabola through the
+    newest. What is followed lies a little in the past of it, where it is known best. Velocities
+    that come along are integrated, so that only what positions tell beside them is fitted.
+
+    The joints do not pass where the stream stands, as far as they can stop there. A stream that
+    has once changed its velocity abruptly may do so again, so it is followed at the distance of a
+    stop from such a velocity; one that goes as a machine or a hand would tells its end in time.
+    Times are the loop's, s.
     """
 
-    def __init__(self) -> None:
-        self._seen: deque[tuple[float, Array]] = deque()
+    def __init__(self, limits: JointLimits) -> None:
+        """Take the limits with which the joints stop."""
+        self._limits = limits
+        none = np.zeros((0, len(limits.names)))
+        self._times = np.zeros(0)
+        self._positions = self._velocities = self._led = none
+        """Of the setpoints, shapes (k,), (k, n): positions, velocities, their integral."""
+        self._fit: tuple[Array, ...] = ()
+        """Time in the middle, value, slope and second derivative there, each of shape (n,)."""
+        self._speed = self._abrupt = none.sum(axis=0)
+        """The last velocity between two setpoints, and the greatest abrupt change so far."""
+        self._age = self._oldest = 0.0
+        """How old the newest setpoint was at the last step, and is before the next one comes."""
 
-    def add(self, time: float, position: Array) -> Array:
-        """Take a position, shape (n,), and return the velocities, shape (n,)."""
-        seen = self._seen
-        if seen and time - seen[-1][0] > ESTIMATE_MEMORY_S:
-            seen.clear()
-        seen.append((time, position))
-        while time - seen[0][0] > ESTIMATE_MEMORY_S:
-            seen.popleft()
-        recent = next((each for each in reversed(seen) if time - each[0] >= MIN_SPAN_S), None)
-        if recent is None:
-            return np.zeros_like(position)
-        long = (position - seen[0][1]) / (time - seen[0][0])
-        short = (position - recent[1]) / (time - recent[0])
-        least = np.minimum(np.abs(long), np.abs(short))
-        velocities: Array = np.where(long * short > 0.0, np.sign(long) * least, 0.0)
-        return velocities
+    def add(self, time: float, positions: Array, velocities: Array | None = None) -> Array:
+        """Take a setpoint of shapes (n,), and return how fast the stream is at least, shape (n,).
+
+        That is the smaller one of the velocity that was fitted and that over the last step.
+        """
+        limits = self._limits
+        position = np.clip(positions, limits.position_min, limits.position_max)
+        velocity = np.zeros_like(position) if velocities is None else velocities
+        velocity = np.clip(velocity, -limits.velocity, limits.velocity)
+        led = np.zeros_like(position)
+        if (before := len(self._times)) and time > self._times[-1]:
+            span = time - self._times[-1]
+            led = self._led[-1] + span * (self._velocities[-1] + velocity) / 2.0
+            moved = position - self._positions[-1] - (led - self._led[-1])
+            self._see_speed(moved / max(span, MIN_SPAN_S) + velocity, span)
+            self._oldest += OLDEST_SHARE * (self._age - self._oldest)
+            first = int(np.searchsorted(self._times, time - FIT_SPANS_S[0]))
+        elif before:  # at the same time: instead of the one before
+            first, led, time = 0, self._led[-1], float(self._times[-1])
+            self._times, self._positions, self._velocities, self._led = (
+                each[:-1] for each in (self._times, self._positions, self._velocities, self._led)
+            )
+        else:
+            self._see_speed(velocity, 0.0)
+            first = 0
+        self._times = np.append(self._times[first:], time)
+        self._positions = np.concatenate([self._positions[first:], position[None]])
+        self._velocities = np.concatenate([self._velocities[first:], velocity[None]])
+        self._led = np.concatenate([self._led[first:], led[None]])
+        self._fit = self._fitted()
+        middle, _, slope, curvature = self._fit
+        speed = velocity + slope + curvature * (time - middle)
+        least = np.minimum(np.abs(speed), np.abs(self._speed))
+        return np.where(speed * self._speed > 0.0, least, 0.0)
+
+    def _see_speed(self, speed: Array, span: float) -> None:
+        """Compare the velocity between two setpoints with the one before."""
+        change = np.abs(speed - self._speed)
+        fastest = np.maximum(np.abs(speed), np.abs(self._speed))
+        abrupt = (change > ABRUPT) & (change > ABRUPT_SHARE * fastest)
+        self._abrupt = np.maximum(
+            self._abrupt * np.exp(-span / FORGET_S), np.where(abrupt, change, 0.0)
+        )
+        self._speed = speed
+
+    def _fitted(self) -> tuple[Array, ...]:
+        """Fit what the positions tell beside their velocities, in the longest span that is fit."""
+        told = self._positions - self._led
+        count = told.shape[1]
+        chosen = np.zeros((4, count))
+        open_ = np.ones(count, dtype=bool)
+        now = self._times[-1]
+        for span in FIT_SPANS_S:
+            first = int(np.searchsorted(self._times, now - span - 1e-6))
+            times, values = self._times[first:], told[first:]
+            last = span == FIT_SPANS_S[-1]
+            if not last and len(times) < MIN_FITTED:
+                continue
+            fit, noise = _line(times, values) if not last else (_parabola(times, values), None)
+            chosen[:, open_] = fit[:, open_]
+            if noise is not None:
+                open_ = open_ & np.logical_not(noise)
+            if not open_.any():
+                break
+        first = int(np.searchsorted(self._times, now - FIT_SPANS_S[-1]))
+        stands = np.ptp(self._positions[first:], axis=0) < ROUNDING
+        stands &= ~np.any(self._velocities[first:], axis=0)
+        chosen[1] = np.where(stands, told[-1], chosen[1])
+        chosen[2:, stands] = 0.0
+        return tuple(chosen)
+
+    def aim(self, now: float, ahead: float = 0.0) -> Aim:
+        """Return where the joints are to be, later than all setpoints.
+
+        `ahead`: how much longer than usual ago the step to there began, s: so much sooner a stop
+        begins.
+        """
+        times, limits = self._times, self._limits
+        age = float(now - times[-1])
+        self._age = age - ahead
+        lag = LAG_WITH_VELOCITIES_S if self._velocities[-1].any() else LAG_S
+        if age > FRESH_S:
+            position, still = self._positions[-1], np.zeros_like(self._speed)
+            return Aim(position, still, still, position - PASSED, position + PASSED)
+        middle, value, slope, curvature = self._fit
+        time = now - lag
+        index = max(int(np.searchsorted(times, time, side='right')) - 1, 0)
+        velocity, acceleration, since = self._velocities[index], 0.0 * slope, time - times[index]
+        if index + 1 < len(times):
+            acceleration = (self._velocities[index + 1] - velocity) / (
+                times[index + 1] - times[index]
+            )
+        elif velocity.any():
+            before = max(index - 3, 0)
+            span = max(times[index] - times[before], 2.0 * MIN_SPAN_S)
+            acceleration = (velocity - self._velocities[before]) / span
+        led = self._led[index] + since * (velocity + since * acceleration / 2.0)
+        away = time - middle
+        position = value + away * (slope + away * curvature / 2.0) + led
+        velocity = velocity + since * acceleration + slope + away * curvature
+        acceleration = acceleration + curvature
+        # what the stream shows at least: it may stand there
+        newest = self._positions[-1] + age * self._velocities[-1]
+        shown = np.concatenate([self._positions[index:], newest[None]])
+        # no fit goes another way than the setpoints round it
+        last = slice(max(index - 1, 0), None)
+        if len(times[last]) > 1 and not self._velocities[-1].any():
+            steps = np.diff(self._positions[last], axis=0) / np.diff(times[last])[:, None]
+            steps = np.concatenate([steps, self._velocities[last]])
+            within = np.clip(velocity, steps.min(axis=0), steps.max(axis=0))
+            acceleration = np.where(within == velocity, acceleration, 0.0)
+            velocity = within
+        speed = np.abs(velocity)
+        abrupt = np.minimum(speed, ABRUPT_MARGIN * self._abrupt)
+        way = stopping_way(limits, abrupt)
+        stop = way + abrupt * (self._oldest - lag)
+        # all joints by the same time, so that they stay on their line
+        back = speed * max(float(np.max(stop / np.maximum(speed, TINY))), 0.0)
+        on = np.maximum(stopping_way(limits, speed) + speed * (age - lag) - back, 0.0)
+        low = shown.min(axis=0) - PASSED - np.where(velocity < 0.0, on, 0.0)
+        high = shown.max(axis=0) + PASSED + np.where(velocity > 0.0, on, 0.0)
+        position = np.clip(position, low, high) - np.sign(velocity) * back
+        been = self._positions[int(np.searchsorted(times, now - FIT_SPANS_S[1])) :]
+        position = np.clip(
+            position,
+            np.minimum(low, been.min(axis=0, initial=np.inf)),
+            np.maximum(high, been.max(axis=0, initial=-np.inf)),
+        )
+        return Aim(position, velocity, acceleration, low, high)
+
+
+def _line(times: Array, values: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Fit lines to values of shape (k, n), k ≥ 3 (as `StreamFilter` keeps fits).
+
+    Return them and whether what they leave is noise, shape (n,).
+    """
+    middle = times.mean()
+    away = times - middle
+    mean = values.mean(axis=0)
+    off = values - mean
+    spread = float(away @ away)
+    slope = (away @ off) / spread
+    left = off - away[:, None] * slope
+    squares = (left * left).sum(axis=0)
+    variance = squares / (len(times) - 2)
+    steps = np.diff(left, axis=0)
+    noise = (variance <= NOISE**2) & ((steps * steps).sum(axis=0) >= RANDOM * squares)
+    certain = 1.0 - SIGNIFICANT * variance / spread / np.maximum(slope * slope, TINY)
+    slope = slope * np.maximum(certain, 0.0)
+    return np.array([np.full_like(mean, middle), mean, slope, np.zeros_like(mean)]), noise
+
+
+def _parabola(times: Array, values: Array) -> Array:
+    """Fit parabolas to values of shape (k, n); lines to fewer than four, points to one."""
+    middle = times.mean()
+    away = times - middle
+    mean = values.mean(axis=0)
+    spread = float(away @ away)
+    fit = np.zeros((4, values.shape[1]))
+    fit[0], fit[1] = middle, mean
+    if len(times) < 2:
+        return fit
+    fit[2] = (away @ (values - mean)) / spread
+    if len(times) < 4:
+        return fit
+    cubes, square = float((away**3).sum()) / spread, spread / len(times)
+    bend = away * away - cubes * away - square  # orthogonal to points and lines
+    curvature = (bend @ values) / float(bend @ bend)
+    fit[1] -= curvature * square
+    fit[2] -= curvature * cubes
+    fit[3] = 2.0 * curvature
+    return fit
 
 
 CHECK_MEMORY_S = 0.4
@@ -129,6 +352,20 @@ class StreamReference:
     def reach(self) -> float:
         """How far ahead of its arrival it is known, s, or 0 for a single setpoint."""
         return max(self._times[-1], 0.0)
+
+    def aim(self, time: float, dt: float, limits: JointLimits) -> Aim:
+        """Return where the joints are to be at a time of a window, by a step of `dt` s.
+
+        They do not pass what comes after it, and a stop with these limits at its end.
+        """
+        position, velocity = self.at(time)
+        acceleration = (velocity - self.at(time - dt)[1]) / dt
+        end, speed = self.at(max(time, self._times[-1]))
+        stop = end + stopping_way(limits, speed)
+        later = self._positions[bisect_right(self._times, time) :]
+        shown = np.concatenate([later, position[None], stop[None]])
+        low, high = shown.min(axis=0) - PASSED, shown.max(axis=0) + PASSED
+        return Aim(position, velocity, acceleration, low, high)
 
     def at(self, time: float) -> tuple[Array, Array]:
         """Return position and velocity at a time, shapes (n,).

@@ -126,7 +126,7 @@ async def test_the_lag_behind_a_stream_is_as_documented(controller, stream, wave
         lag, rms = lag_of(times, ways, wave)
         record_property('figures', f'lag {lag * 1e3:.0f} ms, rms {rms * 1e3:.1f} mrad')
         bar = BARS[controller][list(STREAMS).index(stream)][WAVES.index(wave)]
-        assert lag <= bar
+        assert lag <= bar + 1e-9
         assert harness.gate is None
 
 

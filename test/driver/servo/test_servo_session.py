@@ -23,8 +23,8 @@ from support.streams import JOG, PERIOD, SERVO, going_on, positions, send, veloc
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.outcome import End
 from epson_driver.driver.servo.restart_interlock import RELEASE_S
-from epson_driver.driver.servo.servo import ESTIMATE_LEAD_S
 from epson_driver.driver.servo.setpoint import Mode, ServoSettings
+from epson_driver.driver.servo.stream import PASSED
 from epson_driver.profiles import load_controller_profile
 from epson_driver.sim_controller.condition.states import Event
 
@@ -156,8 +156,8 @@ def test_inv3_a_stream_that_falls_silent_on_its_way_brakes_there():
 
 
 @pytest.mark.invariant(3)
-def test_inv3_positions_that_fall_silent_are_not_passed_by_more_than_the_lead():
-    """Velocities of such a stream are estimated; a setpoint may be passed by that, and no more."""
+def test_inv3_positions_that_fall_silent_are_not_passed():
+    """A stream that began at once may end at once: the arm keeps the way of a stop behind it."""
 
     async def check():
         async with cell(smooth=True) as (harness, _):
@@ -165,7 +165,7 @@ def test_inv3_positions_that_fall_silent_are_not_passed_by_more_than_the_lead():
             last = SPEED * (1.0 - PERIOD)
             await over(harness)
             ways = [sample.positions[0] for _, sample in harness.events.samples]
-            assert max(ways) < last + SPEED * (ESTIMATE_LEAD_S + PERIOD) + 0.01
+            assert max(ways) < last + SPEED * PERIOD + PASSED + 0.01
             assert harness.at[0] > 0.5 * last
             assert await harness.rests()
 

@@ -5,15 +5,10 @@
 import numpy as np
 import pytest
 from support.driver_harness import HOME, LIMITS, pose
-from support.streams import PERIOD, positions, window
+from support.streams import positions, window
 
 from epson_driver.driver.servo.setpoint import Setpoint, Window
-from epson_driver.driver.servo.stream import (
-    ESTIMATE_MEMORY_S,
-    MAX_EXTRAPOLATION_S,
-    StreamReference,
-    VelocityEstimate,
-)
+from epson_driver.driver.servo.stream import MAX_EXTRAPOLATION_S, StreamReference
 
 
 def sine(t):
@@ -81,45 +76,6 @@ def test_a_point_before_the_last_one_is_checked_too(change, text):
     points = {'positions': np.zeros((2, 6)), 'velocities': np.zeros((2, 6))} | change
     setpoint = Setpoint('x', HOME, HOME, Window(np.array([0.0, 0.1]), **points))
     assert text in setpoint.problem(LIMITS)
-
-
-# --- estimated velocities ---------------------------------------------------------------------
-
-
-def estimated(way, duration=0.4, jitter=0.0, start=0.0):
-    """Return the last estimate for positions that come at 50 Hz, and their velocity."""
-    estimate, random = VelocityEstimate(), np.random.default_rng(0)
-    for count in range(round(duration / PERIOD)):
-        t = count * PERIOD
-        came = start + t + jitter * random.uniform(-1.0, 1.0)
-        velocities = estimate.add(came, pose(way(t)))
-    return velocities[0]
-
-
-def test_a_steady_velocity_is_found_and_jitter_hardly_matters():
-    assert estimated(lambda t: 0.5 * t) == pytest.approx(0.5)
-    shaken = estimated(lambda t: 0.5 * t, jitter=0.004, start=1000.0)
-    assert 0.35 <= shaken <= 0.6
-
-
-def test_the_first_positions_say_nothing():
-    estimate = VelocityEstimate()
-    assert not estimate.add(0.0, pose(0.0)).any()
-    assert not estimate.add(0.001, pose(0.5)).any()  # in a heap
-
-
-@pytest.mark.invariant(2)
-def test_inv2_a_hold_or_a_turn_has_no_velocity_with_the_first_message_that_shows_it():
-    assert estimated(lambda t: 0.5 * min(t, 0.35)) == 0.0
-    turned = estimated(lambda t: 0.5 * (t if t < 0.33 else 0.66 - t))
-    assert turned <= 0.0 or turned < 0.1
-
-
-def test_after_a_gap_it_begins_anew():
-    estimate = VelocityEstimate()
-    for count in range(10):
-        estimate.add(count * PERIOD, pose(0.01 * count))
-    assert not estimate.add(9 * PERIOD + 2.0 * ESTIMATE_MEMORY_S, pose(0.5)).any()
 
 
 TIMES = np.array([0.1, 0.2])
