@@ -251,7 +251,7 @@ def _line(times: Array, values: Array) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def _parabola(times: Array, values: Array) -> Array:
-    """Fit parabolas to values of shape (k, n); lines to fewer than four, points to one."""
+    """Fit parabolas to values of shape (k, n), or lines to fewer than four."""
     middle = times.mean()
     away = times - middle
     mean = values.mean(axis=0)
