@@ -111,8 +111,8 @@ class StreamFilter:
         if (before := len(self._times)) and time > self._times[-1]:
             span = time - self._times[-1]
             led = self._led[-1] + span * (self._velocities[-1] + velocity) / 2.0
-            moved = position - self._positions[-1] - (led - self._led[-1])
-            self._see_speed(moved / max(span, MIN_SPAN_S) + velocity, span)
+            told = (position - self._positions[-1]) / max(span, MIN_SPAN_S)
+            self._see_speed(velocity if velocity.any() else told, span)
             self._oldest += OLDEST_SHARE * (self._age - self._oldest)
             first = int(np.searchsorted(self._times, time - FIT_SPANS_S[0]))
         elif before:  # at the same time: instead of the one before
