@@ -67,10 +67,17 @@ class LoopBridge:
     """Hands the requests of one node over. Make it in the driver's event loop.
 
     `context`: the node's in that loop. `fault` is called in the loop, with a sentence, when a
-    request failed unforeseen.
+    request failed unforeseen; `then` says what it does.
     """
 
-    def __init__(self, node: Node, context: Context, fault: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        context: Context,
+        fault: Callable[[str], None],
+        then: str = 'the arm is stopped and disabled',
+    ) -> None:
+        self._then = then
         self._node = node
         self._context = context
         self._fault = fault
@@ -105,12 +112,12 @@ class LoopBridge:
         """Log an error, have the arm stopped, and return a sentence about it, in any thread."""
         why = f'{what} failed: {type(error).__name__}: {error}'
         trace = ''.join(traceback.format_exception(error))
-        self._node.get_logger().error(f'{why}; the arm is stopped and disabled\n{trace}')
+        self._node.get_logger().error(f'{why}; {self._then}\n{trace}')
         try:
             self.to_loop(self._fault, why)
         except DriverEndedError:
             return f'{why}; the driver has ended'
-        return f'{why}; the arm is stopped and disabled; the log has more'
+        return f'{why}; {self._then}; the log has more'
 
     def to_loop(self, function: Callable[..., object], *arguments: object) -> None:
         """Call a function in the loop's thread, soon, and in this node's context.

@@ -244,7 +244,7 @@ class SmoothGoals:
         self._goals: list[PassedGoal] = []
         self._last: asyncio.Task[None] | None = None
         self._ending: Outcome | None = None
-        self._bridge = LoopBridge(node, self._context, self._leave_all)
+        self._bridge = LoopBridge(node, self._context, self._leave_all, 'all goals are left')
         group = ReentrantCallbackGroup()
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         node.create_subscription(
