@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A plan with the time when it began and the waypoints that it goes through."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,8 +18,8 @@ class ActivePlan:
     """What is executed since `begin`, s: a path, and the timing on it.
 
     route: the waypoints at the path's knots. clocks: when each of them should be reached, s on the
-    clock of the points, shape (k,). scale: the share of all speeds that it was planned with; 0 to
-    come to rest on the path.
+    clock of the points, shape (k,). scale: the share of the planned speeds that the timing has,
+    from `settled` (s) on; 0 to come to rest on the path.
     """
 
     path: Path
@@ -27,6 +28,7 @@ class ActivePlan:
     clocks: Array
     begin: float
     scale: float
+    settled: float = -math.inf
 
     @property
     def end(self) -> float:

@@ -73,7 +73,7 @@ def _late_end(
     if guess is None:
         return True
     now, end = np.interp([request.state[0], path.end], path.knots.u, request.clock)
-    left = float(end - now) / (request.scale or 1.0)
+    left = float(end - now)
     faster = GUESS_EXCESS_SHARE * float(np.max(limits.acceleration / limits.jerk))
     return request.lag + guess.duration - faster - left > LATE_END_SHARE * left
 
@@ -107,7 +107,7 @@ def _catch_up(
         arrival = np.interp(knots[ahead], guess.positions, guess.times)
         # on the way there is only the half of it that comes from the start
         arrival -= GUESS_EXCESS_SHARE / 2.0 * float(np.max(limits.acceleration / limits.jerk))
-        lost = request.lag + arrival - (clock[ahead] - now) / (request.scale or 1.0)
+        lost = request.lag + arrival - (clock[ahead] - now)
         late[ahead] = np.maximum(lost, 0.0)
         late[~ahead] = np.maximum(late[~ahead], late[ahead][:1])
     if request.lag < 0.0:
@@ -131,12 +131,11 @@ def problem_of(
     request: Request, path: Path, limits: JointLimits, factor: Array | float, effort: Effort
 ) -> Problem:
     """Return the problem on a path, with so many times the commanded speed (at each knot)."""
-    scale = request.scale or 1.0
-    commanded = _commanded(request, path, factor * scale)
+    commanded = _commanded(request, path, factor)
     slowing: TimeParametrisation | None = None
-    if request.state[1] > 0.0 and (request.timed.any() or scale < 1.0):
+    if request.state[1] > 0.0 and request.timed.any():
         slowing = ruckig_move.gentle_stop(request.state, path, limits)
-    return Problem(path, request.state, limits, commanded, scale, slowing, effort, request.former)
+    return Problem(path, request.state, limits, commanded, slowing, effort, request.former)
 
 
 def _commanded(request: Request, path: Path, factor: Array | float) -> tuple[Array, Array] | None:

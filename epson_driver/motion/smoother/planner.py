@@ -74,7 +74,7 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
     """Return a verified plan, or None if none was found (the plan so far goes on then)."""
     first = _path(request, request.kept, limits)
     effort = Effort()
-    if request.scale == 0.0:
+    if request.pause:
         for path in _paths(request, first, limits):
             timing = pause.propose(problem_of(request, path, limits, 1.0, effort))
             if timing is not None:
@@ -113,7 +113,7 @@ def _crawls(request: Request, plan_: Plan, limits: JointLimits) -> bool:
     path, timing = Path(plan_.knots), plan_.timing
     if len(path.knots.u) == 2:
         return False  # it has no bend
-    left = timing.duration * request.scale / CRAWL_RATIO
+    left = timing.duration / CRAWL_RATIO
     if request.timed.any():
         clock = np.interp([0.0, timing.end], path.knots.u, request.clock[: len(path.knots.u)])
         if left <= clock[1] - clock[0]:
@@ -201,7 +201,7 @@ def _branch(
         state=state,
         timed=request.timed & timed,
         former=former.part(begin),
-        lag=request.lag + begin - float(clock[1] - clock[0]) / request.scale,
+        lag=request.lag + begin - float(clock[1] - clock[0]),
         horizon=BRANCH_HORIZON_SHARE * request.horizon,
     )
     part = effort.part(BRANCH_SHARE)

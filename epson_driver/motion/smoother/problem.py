@@ -21,17 +21,16 @@ class Problem:
     """From `start` to rest at the path's end, as fast as the speeds and the limits allow.
 
     commanded: places u, increasing, and the most that u̇² should be there (linear between them),
-    shape (c,) each; None where only the limits count. scale: share (0, 1] of the velocity limits
-    to use. slowing: a stop from the start: no speed below the stop's is asked for, so that a start
-    that is too fast for `commanded` and `scale` has time. effort: what may be computed for it.
-    former: what the plan so far does from the start on, if there is one: to search from.
+    shape (c,) each; None where only the limits count. slowing: a stop from the start: no speed
+    below the stop's is asked for, so that a start that is too fast for `commanded` has time.
+    effort: what may be computed for it. former: what the plan so far does from the start on, if
+    there is one: to search from.
     """
 
     path: Path
     start: State
     limits: JointLimits
     commanded: tuple[Array, Array] | None = None
-    scale: float = 1.0
     slowing: TimeParametrisation | None = None
     effort: Effort = field(default_factory=Effort)
     former: TimeParametrisation | None = None
@@ -54,7 +53,7 @@ class Problem:
 
     def wanted(self, us: Array, first: Array) -> Array:
         """Return u̇ as it is asked for at every u, shape (m,), where the path has q′ = `first`."""
-        fastest: Array = self.scale * self.fastest(first)
+        fastest = self.fastest(first)
         if self.commanded is None:
             return fastest
         return np.minimum(fastest, np.sqrt(np.interp(us, *self.commanded)))

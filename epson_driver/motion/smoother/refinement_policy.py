@@ -38,7 +38,7 @@ REFINEMENT_SHARE = 0.75
 
 def improves(request: Request) -> bool:
     """Return whether to refine the path: only where nothing but the limits says how fast."""
-    return request.refine and request.scale == 1.0 and not request.timed.any()
+    return request.refine and not request.timed.any()
 
 
 def nearer(request: Request, path: Path, limits: JointLimits) -> Request:

@@ -22,7 +22,7 @@ class Request:
     case that no plan is found with fewer. points: positions after the kept knots, shape (m, n).
     clock: when each kept knot and point should be reached, shape (k + m,), s from any time on.
     timed: whether clock counts for the segment before it, shape (k + m,). lag: how late the state
-    is on this clock, s. scale: of all speeds, 0 to come to rest on the path. horizon: how far
+    is on this clock, s. pause: come to rest on the path, wherever that is soon. horizon: how far
     ahead a plan looks at most (nearly), s. urgent: whether a slow plan is better than none.
     former: what the plan so far does from the state on, with all of its knots in `older`.
     whole: whether the trajectory ends at the last of the points.
@@ -41,7 +41,7 @@ class Request:
     clock: Array
     timed: npt.NDArray[np.bool_]
     lag: float
-    scale: float
+    pause: bool
     horizon: float
     urgent: bool
     former: TimeParametrisation | None = None

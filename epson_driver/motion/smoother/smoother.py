@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The smoother: points in as they come, one smooth motion out."""
 
+import dataclasses
 import logging
 import math
 from collections.abc import Sequence
@@ -94,7 +95,7 @@ class Smoother:
         """Forget all points and go through others, shape (k, n), from wherever the arm is.
 
         A moving arm goes to the first of them in joint space, straight out of its motion, and
-        rests there for an instant. Raises as `append`.
+        rests there for an instant; where `scale` is 0 it comes to rest. Raises as `append`.
         """
         each = [None] * len(points) if durations is None else durations
         if len(each) != len(points):
@@ -104,8 +105,9 @@ class Smoother:
             for index, (point, duration) in enumerate(zip(points, each, strict=True))
         ]
         move = None
-        if self._execution.in_motion and checked:
-            move = fastest_move(self.limits, self.motion, checked[0])
+        if self._execution.in_motion and checked and self.scale > 0.0:
+            slower = dataclasses.replace(self.limits, velocity=self.scale * self.limits.velocity)
+            move = fastest_move(slower, self.motion, checked[0])
         self._forget()
         if move is None:
             self._execution.stop()
@@ -131,7 +133,8 @@ class Smoother:
     def scale(self) -> float:
         """The share 0 … 1 of all speeds. At 0 the arm rests on its path until it is raised.
 
-        Set it between 0 and 1 at rest only: lowered in motion it can make the motion faster.
+        In every mode the motion is at most at that share of what it would be, after a ramp. Where
+        no ramp is found for a while that keeps all limits, the arm rests before it is slower.
         """
         return self._execution.scale
 
@@ -141,8 +144,8 @@ class Smoother:
             raise ValueError(f'scale = {value}: must be 0 … 1')
         if value != self.scale:
             self._execution.scale = float(value)
-            self._execution.clock_start = None
             if value == 0.0:
+                self._execution.clock_start = None
                 self._replanning.start_over()
                 self._execution.pause()
 

@@ -16,12 +16,11 @@ from epson_driver.motion.smoother.time_parametrisation import (
     State,
     TimeParametrisation,
     from_pieces,
+    through_states,
 )
 
 _GAUSS, _GAUSS_WEIGHTS = (values / 2.0 for values in np.polynomial.legendre.leggauss(5))
 _GAUSS = _GAUSS + 0.5
-# from the jerk's integrals over three equal times (once, twice, three times) to the jerks
-_THIRDS = np.array([[1.0, -9.0, 27.0], [-3.5, 27.0, -54.0], [5.5, -18.0, 27.0]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,15 +79,9 @@ class SpeedSpline:
         if min(x.min(), x_nodes.min()) <= 0.0:
             return None
         t = h * ((1.0 / np.sqrt(x)).reshape(count, -1) @ _GAUSS_WEIGHTS)
-        v, a = np.sqrt(x_nodes), slopes / 2.0
-        integrals = np.stack(
-            [
-                np.diff(a) / t,
-                (np.diff(v) - a[:-1] * t) / t**2,
-                (h - v[:-1] * t - a[:-1] * t**2 / 2.0) / t**3,
-            ]
-        )
-        durations, jerks = np.repeat(t / 3.0, 3), (_THIRDS @ integrals).T.ravel()
+        times = np.append(0.0, np.cumsum(t))
+        between = through_states(times, self.nodes, np.sqrt(x_nodes), slopes / 2.0)
+        durations, jerks = np.diff(between.times), between.jerks
         if self.start_ramp.time > 0.0:
             durations = np.append(self.start_ramp.time, durations)
             jerks = np.append(self.start_ramp.jerk, jerks)

@@ -101,6 +101,16 @@ class TimeParametrisation:
             np.concatenate((self.jerks, next_.jerks)),
         )
 
+    def at_share(self, share: float) -> 'TimeParametrisation':
+        """Return it at a share of its speeds."""
+        return TimeParametrisation(
+            self.times / share,
+            self.positions,
+            self.velocities * share,
+            self.accelerations * share**2,
+            self.jerks * share**3,
+        )
+
     def speeds(self, us: Array) -> Array:
         """Return u̇ at each u of a timing that never turns back, shape (m,), 0 beyond its end."""
         u, v, _, _ = self.sample(np.linspace(0.0, self.duration, 100))
@@ -139,6 +149,40 @@ def from_pieces(
         u[-1] = end
     v[-1] = a[-1] = 0.0
     return TimeParametrisation(times, u, v, a, jerks)
+
+
+# from the jerk's integrals over three equal times (once, twice, three times) to the jerks
+_THIRDS = np.array([[1.0, -9.0, 27.0], [-3.5, 27.0, -54.0], [5.5, -18.0, 27.0]])
+
+
+def through_states(times: Array, u: Array, v: Array, a: Array) -> TimeParametrisation:
+    """Return the timing through states, shapes (k + 1,): in three equal times between any two."""
+    t = np.diff(times)
+    integrals = np.stack(
+        [
+            np.diff(a) / t,
+            (np.diff(v) - a[:-1] * t) / t**2,
+            (np.diff(u) - v[:-1] * t - a[:-1] * t**2 / 2.0) / t**3,
+        ]
+    )
+    jerks, third = _THIRDS @ integrals, t / 3.0
+    states = [np.stack([times[:-1], u[:-1], v[:-1], a[:-1]])]
+    for jerk in jerks[:2]:
+        time, u0, v0, a0 = states[-1]
+        states.append(
+            np.stack(
+                [
+                    time + third,
+                    u0 + third * (v0 + third * (a0 / 2.0 + third * jerk / 6.0)),
+                    v0 + third * (a0 + third * jerk / 2.0),
+                    a0 + third * jerk,
+                ]
+            )
+        )
+    columns = np.stack(states, axis=2).reshape(4, -1)
+    end = np.array([[times[-1]], [u[-1]], [v[-1]], [a[-1]]])
+    since, us, vs, accelerations = np.append(columns, end, axis=1)
+    return TimeParametrisation(since, us, vs, accelerations, jerks.T.ravel())
 
 
 def from_accelerations(
