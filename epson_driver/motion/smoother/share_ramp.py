@@ -46,7 +46,7 @@ LIKELY_EXCESS_RATIO = 1.002
 def shortest(
     path: Path, timing: TimeParametrisation, ratio: float, limits: JointLimits, spare: float
 ) -> tuple[TimeParametrisation, float] | None:
-    """Return a verified timing that reaches `ratio` times the speeds of one, and when, s; or None.
+    """Return a verified timing that reaches `ratio` times the speeds of one, and when, or None.
 
     It goes from the start of that to its end, of which at least `spare` s are left then, at the
     pace of before.

@@ -156,7 +156,7 @@ _THIRDS = np.array([[1.0, -9.0, 27.0], [-3.5, 27.0, -54.0], [5.5, -18.0, 27.0]])
 
 
 def through_states(times: Array, u: Array, v: Array, a: Array) -> TimeParametrisation:
-    """Return the timing through states, shapes (k + 1,): in three equal times between any two."""
+    """Return the timing through states, shapes (k + 1,), in three equal times between two."""
     t = np.diff(times)
     integrals = np.stack(
         [
