@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from epson_driver.motion import Array, JointLimits
+from epson_driver.motion.point_to_point import go
 from epson_driver.motion.smoother import (
     MERGE_TOLERANCE,
     PASSED_TYPES,
@@ -308,6 +309,20 @@ def test_other_limits_from_a_rest_on(first: float, then: float) -> None:
     assert np.array_equal(position[-1], points[-1])
     assert near(position, points[-3:]) < np.max(np.abs(velocity)) * DT
     assert near(rest(free)[0], position) < 2e-3
+
+
+@pytest.mark.parametrize('mode', list(Mode))
+@pytest.mark.parametrize('way', [3e-3, 0.05, 0.4, 1.2])
+def test_a_move_from_rest_to_rest_takes_as_long_as_point_to_point(way: float, mode: Mode) -> None:
+    target = HOME + way * np.array([1.0, 0.3, -0.5, 0.2, 0.0, -0.8])
+    smoother = Smoother(LIMITS, HOME, mode)
+    smoother.append(target)
+    smoother.finish()
+    position, velocity, acceleration = rest(smoother)
+    assert_inside(LIMITS, velocity, acceleration)
+    assert np.array_equal(position[-1], target)
+    fastest = go(LIMITS, HOME, target).duration
+    assert (len(position) - 1) * DT <= 1.001 * fastest + DT
 
 
 def test_scale_slows_down() -> None:

@@ -81,6 +81,12 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
                 return Plan(request.start, path.knots, timing, 'stop')
         return None
     at_rest = len(request.kept.u) == 1
+    if at_rest and len(request.points) == 1 and request.whole and not request.timed.any():
+        # from one rest to the next there is one way, which nothing will go on from
+        way = line(request.kept, request.points[0], limits)
+        timing = ruckig_move.only_move(problem_of(request, way, limits, 1.0, effort))
+        if timing is not None:
+            return Plan(request.start, way.knots, timing, 'straight')
     if at_rest and request.failures == 0:
         # no motion runs out of points meanwhile: what is simpler can wait for the next request
         if request.tolerance > 0.0:

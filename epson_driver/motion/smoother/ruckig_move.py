@@ -77,6 +77,13 @@ def propose(problem: Problem, _bounds: SpeedBounds) -> TimeParametrisation | Non
     return best
 
 
+def only_move(problem: Problem) -> TimeParametrisation | None:
+    """Return the verified move along a straight path to its end, or None: no timing is faster."""
+    velocity, acceleration, jerk = slope_bounds(problem, problem.end)
+    hardness = HARDNESS_SHARES[0]
+    return _fastest(problem, problem.end, velocity, acceleration * hardness, jerk * hardness)
+
+
 def _rank(timing: TimeParametrisation, longest: float) -> tuple[float, float]:
     """Return what is greater for a better move: one that is not slow, then a faster one."""
     if timing.duration > longest:
@@ -149,7 +156,10 @@ def move(
     inp.target_position = [end]
     inp.max_velocity = [velocity]
     inp.max_acceleration, inp.max_jerk = [acceleration], [jerk]
-    return _solved(inp)
+    timing = _solved(inp)
+    if timing is not None:
+        timing.positions[-1] = end  # without the rounding of the way there
+    return timing
 
 
 def brake(start: State, acceleration: float, jerk: float) -> TimeParametrisation | None:
