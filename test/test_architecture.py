@@ -43,7 +43,7 @@ ROOMS = {
     'aio': 'api driver motion numpy robots taught_points tool_motion',
     'robot': 'aio api taught_points',
     'node': 'ROS driver error_texts inputs link log_lines motion numpy processes profiles robots '
-    'simple_message tool_motion trace',
+    'simple_message taught_points tool_motion trace',
     'report': 'driver error_texts inputs link matplotlib motion numpy pages robots rosbags '
     'simple_message trace',
     'bringup': 'inputs profiles robots share yaml',

@@ -100,7 +100,8 @@ class MotionPrimitives:
         limits = driver.configuration.limits
         model = load_robot_model(parameters['robot_model'])
         self._model = replace(model, limits=limits)
-        self._kinematics = Kinematics(self._model)
+        self.kinematics = Kinematics(self._model)
+        """Of the tool that poses are about."""
         self._tool = np.eye(4)
         self._sampled = driver.configuration.delivery.point_message == 'joint_traj_pt_full'
         action = ActionType(
@@ -127,7 +128,7 @@ class MotionPrimitives:
         """
         if self.busy:
             raise ToolBusyError
-        self._kinematics, self._tool = Kinematics(self._model, pose), pose
+        self.kinematics, self._tool = Kinematics(self._model, pose), pose
 
     def set_payload(self, mass: float) -> bool:
         """Send a payload, kg, with each motion, and return whether the controller takes one."""
@@ -150,7 +151,7 @@ class MotionPrimitives:
         planned = await self._bridge.in_loop(partial(self._plan, primitives, plan))
         goal = self._goals.requests.planned_goal(planned.trajectory)
         if (moves := self._driver.moves) is not None:
-            message = sequence_statement(self._kinematics, self._tool, primitives, planned, moves)
+            message = sequence_statement(self.kinematics, self._tool, primitives, planned, moves)
             goal = replace(goal, trajectory=last_point(goal.trajectory), message=message)
         return partial(
             GoalHandle, goal, on_feedback=partial(self._on_feedback, ros_handle, planned)
@@ -174,7 +175,7 @@ class MotionPrimitives:
         try:
             return await plan.in_thread(
                 lambda given_up: plan_sequence(
-                    self._kinematics,
+                    self.kinematics,
                     sample.positions,
                     primitives,
                     sampled=self._sampled,

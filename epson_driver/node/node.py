@@ -38,6 +38,7 @@ from epson_driver.node.gripper_server import GripperServer, gripper_wiring
 from epson_driver.node.io_interface import IoInterface
 from epson_driver.node.loop_bridge import DriverEndedError, LoopBridge
 from epson_driver.node.motion_primitives import MotionPrimitives
+from epson_driver.node.points_interface import PointsInterface
 from epson_driver.node.remedies import error_text
 from epson_driver.node.ros_log import context_of
 from epson_driver.node.ros_time import RosTimeStamps
@@ -104,6 +105,15 @@ class ClientNode:
             node, self.driver, self.goal_server, self._bridge, self._parameters, group
         )
         self._tool = ToolInterface(node, self._primitives, self._bridge, self._parameters, group)
+        self._taught = PointsInterface(
+            node,
+            self.driver,
+            self.goal_server,
+            self._primitives,
+            self._bridge,
+            self._parameters,
+            group,
+        )
         self._servo = ServoInterface(
             node,
             self.driver.servo,

@@ -370,6 +370,12 @@ TABLE = (
         '1 is tool0 itself, and then tf has no frame of it [m].',
     ),
     Row(
+        'points_file',
+        '',
+        'The file of taught points, which is read at the start and written when one is taught or '
+        "forgotten: RC+'s .pts, or .yaml. Empty: they are kept as long as the node lives.",
+    ),
+    Row(
         'constraints.stopped_velocity_tolerance',
         0.01,
         'Velocity below which a joint counts as standing [rad/s, m/s].',

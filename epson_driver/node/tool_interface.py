@@ -153,13 +153,7 @@ class ToolInterface:
         message = TransformStamped(child_frame_id=self._prefix + tool.name)
         message.header.frame_id = self._prefix + FLANGE
         message.header.stamp = self._clock.now().to_msg()
-        values = iter(tool.values.tolist())
-        for part, names in (
-            (message.transform.translation, 'xyz'),
-            (message.transform.rotation, 'xyzw'),
-        ):
-            for name in names:
-                setattr(part, name, next(values))
+        set_values(message.transform, tool.values, ('translation', 'rotation'))
         return message
 
     def _sentence(self, tool: NamedTool, payload: float, told: bool) -> str:
@@ -172,6 +166,14 @@ class ToolInterface:
             note = 'told with each motion' if told else 'a note, which the controller is not told'
             text += f'; payload {payload:g} kg: {note}'
         return text
+
+
+def set_values(message: Any, values: Array, fields: tuple[str, str]) -> None:
+    """Set place and turn of a message, by their names, to x y z and a quaternion x y z w."""
+    left = iter(values.tolist())
+    for field, names in zip(fields, ('xyz', 'xyzw'), strict=True):
+        for name in names:
+            setattr(getattr(message, field), name, next(left))
 
 
 def pose_values(pose: Pose) -> list[float]:

@@ -1,0 +1,246 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Taught points: `~/taught_points` lists, teaches, goes and forgets, and `/tf_static` has them.
+
+They are kept in the file of the parameter `points_file`, as RC+ (.pts) or the Python API (.yaml)
+have them, or, without one, as long as the node lives.
+"""
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from epson_msgs.srv import TaughtPoints as Service
+from geometry_msgs.msg import Pose, TransformStamped
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
+from tf2_msgs.msg import TFMessage
+
+from epson_driver.driver.delivery.statements import last_point
+from epson_driver.driver.driver import Driver
+from epson_driver.driver.goal.goal_execution import GoalExecution
+from epson_driver.driver.goal.goal_queue import FRESH_POSE_TIMEOUT_S, GoalHandle
+from epson_driver.driver.goal.planning_scope import PlanningEndedError
+from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
+from epson_driver.driver.state.robot_state import JointSample
+from epson_driver.driver.tasks import wait_for_fresh_state
+from epson_driver.inputs import InputError, number, printable, shown
+from epson_driver.motion import Array
+from epson_driver.motion.point_to_point import straight
+from epson_driver.node.goal_server import GoalServer
+from epson_driver.node.loop_bridge import LoopBridge
+from epson_driver.node.motion_primitives import BUSY, MotionPrimitives
+from epson_driver.node.remedies import outcome_text
+from epson_driver.node.tool_interface import BASE, STATIC_QOS, link_prefix, links, set_values
+from epson_driver.robots import load_robot_model
+from epson_driver.taught_points.epson_point import EpsonPoint
+from epson_driver.taught_points.posture import Posture, posture
+from epson_driver.taught_points.taught_points import TaughtPoints
+from epson_driver.tool_motion.tool_pose import quaternion_pose
+
+SPEED = number(0.01, 1.0, 'of the joint limits')
+USUAL_SPEED, ACCELERATION = 0.2, 0.5
+
+
+class PointsInterface:
+    """Serves taught points over a driver. Make it in the driver's event loop.
+
+    `parameters`: the node's values by name. `primitives`: have the tool. Raises InputError for
+    a file that cannot be used; one that is not there yet is made by the first point.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        driver: Driver,
+        goals: GoalServer,
+        primitives: MotionPrimitives,
+        bridge: LoopBridge,
+        parameters: Mapping[str, Any],
+        callback_group: CallbackGroup,
+    ) -> None:
+        self._logger = node.get_logger()
+        self._clock = node.get_clock()
+        self._driver = driver
+        self._goals = goals
+        self._primitives = primitives
+        self._bridge = bridge
+        self._model = load_robot_model(parameters['robot_model'])
+        self._prefix = link_prefix(parameters['frame_id'])
+        self._taken = links(self._model) | {parameters['tool.name']}
+        self._points = TaughtPoints()
+        file: str = parameters['points_file']
+        self._file = Path(file).expanduser() if file else None
+        if self._file is not None and self._file.exists():
+            try:
+                self._points.load(self._file)
+            except (OSError, ValueError) as error:
+                raise InputError(f'parameter points_file: {error}') from error
+        self._static = node.create_publisher(TFMessage, '/tf_static', STATIC_QOS)
+        self._actions: dict[int, Callable[[Service.Request], Awaitable[str]]] = {
+            Service.Request.LIST: self._list,
+            Service.Request.TEACH: self._teach,
+            Service.Request.GO: self._go,
+            Service.Request.FORGET: self._forget,
+        }
+        self._publish()
+        bridge.create_service(Service, '~/taught_points', self._serve, callback_group)
+
+    # --- from ROS: in the executor's thread -------------------------------------------------
+
+    async def _serve(
+        self, request: Service.Request, response: Service.Response
+    ) -> Service.Response:
+        try:
+            act = self._actions.get(request.action)
+            if act is None:
+                raise InputError(
+                    f'action = {request.action}: must be LIST (0), TEACH (1), GO (2) or FORGET (3)'
+                )
+            response.message = await act(request)
+            response.success = True
+        except KeyError as error:
+            response.message = str(error.args[0])
+        except GoalRejectedError as rejection:
+            response.message = outcome_text(rejection.outcome)
+        except (ValueError, OSError) as error:
+            response.message = str(error)
+        for name, pose in self._poses().items():
+            response.names.append(name)
+            response.poses.append(_filled(pose))
+        self._logger.info(f'~/taught_points: {response.message}')
+        return response
+
+    async def _list(self, _request: Service.Request) -> str:
+        count = len(self._points)
+        return f'{count} point{"" if count == 1 else "s"} of {self._where()}'
+
+    async def _teach(self, request: Service.Request) -> str:
+        if request.name in self._taken:
+            raise InputError(
+                f'name = {shown(request.name)}: the arm, its place or its tool has a frame of '
+                'that name'
+            )
+        point, arm = await self._bridge.in_loop(self._here)
+        self._points.set(request.name, point, arm)
+        self._save()
+        return f'point {request.name} is where the tool is now, in {self._where()}'
+
+    async def _forget(self, request: Service.Request) -> str:
+        if request.name not in self._points:
+            self._points.get(request.name)
+        self._points.remove(request.name)
+        self._save()
+        return f'point {request.name} is forgotten, in {self._where()}; tf keeps its frame'
+
+    async def _go(self, request: Service.Request) -> str:
+        speed = SPEED.checked(request.speed, 'speed') if request.speed else USUAL_SPEED
+        point = self._points.get(request.name)
+        outcome = await self._bridge.in_loop(partial(self._move, request.name, point, speed))
+        if outcome.end is not End.SUCCEEDED:
+            raise GoalRejectedError(outcome.code, outcome.text, outcome.remedy)
+        return f'point {request.name}: {outcome.text}'
+
+    def _save(self) -> None:
+        """Keep the points and publish their frames. Raises OSError, InputError."""
+        self._publish()
+        if self._file is not None:
+            try:
+                self._points.save(self._file)
+            except (OSError, ValueError) as error:
+                raise InputError(f'it holds, but is not saved: {error}') from error
+
+    def _where(self) -> str:
+        return 'this node' if self._file is None else printable(self._file)
+
+    def _poses(self) -> dict[str, Array]:
+        """Return the points in base_link."""
+        to_base_link = self._primitives.kinematics.from_base
+        return {name: to_base_link(point.pose) for name, point in self._points.places.items()}
+
+    def _publish(self) -> None:
+        stamp = self._clock.now().to_msg()
+        transforms = []
+        for name, pose in self._poses().items():
+            if name in self._taken:
+                continue  # of a file: it can be gone to
+            message = TransformStamped(child_frame_id=self._prefix + name)
+            message.header.frame_id = self._prefix + BASE
+            message.header.stamp = stamp
+            set_values(message.transform, quaternion_pose(pose), ('translation', 'rotation'))
+            transforms.append(message)
+        if transforms:
+            self._static.publish(TFMessage(transforms=transforms))
+
+    # --- in the loop's thread ---------------------------------------------------------------
+
+    async def _here(self) -> tuple[EpsonPoint, Posture | str]:
+        """Return where the tool is, and the arm's posture or why it is not known."""
+        robot = self._driver.robot
+        now = await wait_for_fresh_state(robot.stale, self._driver.changed, FRESH_POSE_TIMEOUT_S)
+        if (why := robot.why_not_ready(now)) is not None:
+            raise InputError(f'nobody knows where the arm is: {why}')
+        assert robot.sample is not None  # noqa: S101 - for the type checker
+        joints, arm = robot.sample.positions, self._primitives.kinematics
+        point = EpsonPoint.of(arm.in_base(arm.forward(joints)))
+        try:
+            return point, posture(self._model, joints)
+        except ValueError as error:
+            return point, str(error)
+
+    async def _move(self, name: str, point: EpsonPoint, speed: float) -> Outcome:
+        """Go to a point, as a goal of the queue. Raises GoalRejectedError."""
+        queue, configuration = self._driver.goal_queue, self._driver.configuration
+        if not queue.idle:
+            raise _invalid(BUSY)
+        plan = queue.plans.begin()
+        now = await wait_for_fresh_state(
+            self._driver.robot.why_not_ready, self._driver.changed, FRESH_POSE_TIMEOUT_S
+        )
+        start = queue.check_ready(now).positions
+        arm = self._primitives.kinematics
+        found = arm.inverse(arm.from_base(point.pose), start)
+        if not len(found):
+            raise _invalid(f'point {name}: no joint positions lead to it: it is out of reach')
+        trajectory = straight(
+            start,
+            found[0],
+            configuration.limits,
+            speed,
+            ACCELERATION,
+            sampled=configuration.delivery.point_message == 'joint_traj_pt_full',
+        )
+        goal = self._goals.requests.planned_goal(trajectory)
+        if (moves := self._driver.moves) is not None:
+            statement = moves.joints(found[0], speed, ACCELERATION)
+            goal = replace(goal, trajectory=last_point(trajectory), message=statement)
+        ended: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
+
+        def end(outcome: Outcome) -> None:
+            if not ended.done():
+                ended.set_result(outcome)
+
+        try:
+            plan.check()
+        except PlanningEndedError as error:
+            raise _invalid(str(error)) from error
+        if not queue.idle:
+            raise _invalid(BUSY)
+        queue.submit(GoalHandle(goal, end, self._on_feedback))
+        return await ended
+
+    def _on_feedback(self, execution: GoalExecution, sample: JointSample) -> None:
+        self._goals.publish_state(execution, sample)
+
+
+def _filled(pose: Array) -> Pose:
+    message = Pose()
+    set_values(message, quaternion_pose(pose), ('position', 'orientation'))
+    return message
+
+
+def _invalid(text: str) -> GoalRejectedError:
+    return GoalRejectedError(ErrorCode.INVALID_GOAL, text)

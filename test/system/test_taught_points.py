@@ -1,0 +1,163 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`~/taught_points` of the real node: list, teach, go, forget, the file, and tf."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from epson_msgs.srv import TaughtPoints
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from support.cell import Cell
+from support.primitives import READY, Sequence, joint_move
+from tf2_msgs.msg import TFMessage
+
+from epson_driver.inputs.rc_files import header_fault, parsed
+from epson_driver.robots import load_robot_model
+from epson_driver.robots.kinematics import Kinematics
+
+ARM = Kinematics(load_robot_model('c3_a601s'))
+FAR = [2.5, *READY[1:]]
+LIST, TEACH, GO, FORGET = range(4)
+
+
+@pytest.fixture(scope='module')
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp('points') / 'robot1.pts'
+
+
+@pytest.fixture(scope='module')
+def cell(tmp_path_factory: pytest.TempPathFactory, file: Path) -> Iterator[Cell]:
+    """One enabled cell that keeps its points in a file, which is not there yet."""
+    one = Cell(
+        tmp_path_factory.mktemp('cell'),
+        '--motion=smooth',
+        frame_id='left_base_link',
+        points_file=str(file),
+    )
+    try:
+        one.ready()
+        one.peer.enable()
+        yield one
+    finally:
+        one.close()
+
+
+def begun(cell: Cell, action: int, name: str = '', speed: float = 0.0) -> Iterator[Any]:
+    """Ask, and return what waits for the answer."""
+    request = TaughtPoints.Request(action=action, name=name, speed=speed)
+    with cell.peer.client(TaughtPoints, 'epson_driver/taught_points') as client:
+        future = cell.peer.in_executor(lambda: client.call_async(request))
+        yield
+        yield cell.peer.complete(future)
+
+
+def ask(cell: Cell, action: int, name: str = '', speed: float = 0.0) -> Any:
+    _, answer = begun(cell, action, name, speed)
+    return answer
+
+
+def move_to(cell: Cell, joints: list[float]) -> None:
+    ended, _, text = Sequence(cell.peer, [joint_move(joints)]).result()
+    assert ended == 'succeeded', text
+
+
+def frames(cell: Cell, wanted: str) -> dict[str, Any]:
+    """Return what who comes late hears of the points on `/tf_static`."""
+    heard: list[TFMessage] = []
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    subscription = cell.peer.in_executor(
+        lambda: cell.peer.node.create_subscription(TFMessage, '/tf_static', heard.append, latched)
+    )
+    try:
+        cell.peer.wait_for(
+            lambda: any(wanted in str(message) for message in heard), f'{wanted} on /tf_static'
+        )
+    finally:
+        cell.peer.in_executor(lambda: cell.peer.node.destroy_subscription(subscription))
+    return {each.child_frame_id: each for message in heard for each in message.transforms}
+
+
+def test_a_point_is_taught_kept_shown_and_gone_to(cell: Cell, file: Path) -> None:
+    assert ask(cell, LIST).message == f'0 points of {file}'
+    move_to(cell, READY)
+    taught = ask(cell, TEACH, 'pick')
+    assert taught.success, taught.message
+    pose = ARM.forward(np.array(READY))
+    place = taught.poses[taught.names.index('pick')].position
+    assert [place.x, place.y, place.z] == pytest.approx(pose[:3, 3], abs=1e-4)
+    frame = frames(cell, 'left_pick')['left_pick']
+    assert frame.header.frame_id == 'left_base_link'
+    away = frame.transform.translation
+    assert [away.x, away.y, away.z] == pytest.approx(pose[:3, 3], abs=1e-4)
+    assert header_fault(file.read_bytes()) in (None, '')
+    (block,) = parsed(file.name, file.read_text()).blocks('Point')
+    assert block.text('sLabel') == 'pick'
+    move_to(cell, [0.3, *READY[1:]])
+    gone = ask(cell, GO, 'PICK', speed=0.5)
+    assert gone.success, gone.message
+    assert gone.message.startswith('point PICK: at the goal')
+    assert cell.peer.assert_still() == pytest.approx(np.array(READY), abs=1e-3)
+
+
+@pytest.mark.invariant(3, 4)
+def test_stop_ends_the_way_to_a_point_and_nothing_goes_on(cell: Cell) -> None:
+    move_to(cell, READY)
+    assert ask(cell, TEACH, 'home').success
+    move_to(cell, FAR)
+    going = begun(cell, GO, 'home', speed=0.01)
+    next(going)
+    cell.peer.wait_for_motion()
+    busy = ask(cell, GO, 'home')
+    assert not busy.success
+    assert 'another goal runs or waits' in busy.message
+    assert cell.peer.call('stop')[0]
+    answer = next(going)
+    assert not answer.success
+    assert 'stop' in answer.message
+    still = cell.peer.assert_still()
+    assert still[0] > 0.1
+
+
+@pytest.mark.parametrize(
+    ('action', 'name', 'speed', 'said'),
+    [
+        (GO, 'nowhere', 0.0, 'nowhere: the points are'),
+        (FORGET, 'nowhere', 0.0, 'nowhere: the points are'),
+        (GO, 'pick', 1.5, 'speed = 1.5: must be'),
+        (GO, 'pick', float('nan'), 'speed = nan: must be'),
+        (TEACH, '', 0.0, 'must be a word'),
+        (TEACH, 'two words', 0.0, 'must be a word'),
+        (TEACH, 'tool0', 0.0, 'has a frame of that name'),
+        (9, 'pick', 0.0, 'action = 9: must be LIST (0)'),
+    ],
+)
+def test_what_cannot_be_is_one_sentence_and_nothing_moves(
+    cell: Cell, action: int, name: str, speed: float, said: str
+) -> None:
+    before = cell.peer.assert_still()
+    answer = ask(cell, action, name, speed)
+    assert not answer.success
+    assert said in answer.message
+    assert cell.peer.assert_still() == pytest.approx(before, abs=1e-4)
+
+
+def test_a_point_is_forgotten_and_the_others_come_back_with_the_node(
+    cell: Cell, file: Path
+) -> None:
+    assert ask(cell, TEACH, 'extra').success
+    gone = ask(cell, FORGET, 'extra')
+    assert gone.success
+    assert 'extra' not in gone.names
+    names = ask(cell, LIST).names
+    assert 'extra' not in file.read_text()
+    assert cell.peer.call('disable')[0]
+    refused = ask(cell, GO, names[0])
+    assert not refused.success
+    assert '~/enable' in refused.message
+    cell.client.end()
+    cell.restart_client()
+    assert ask(cell, LIST).names == names
+    assert f'left_{names[0]}' in frames(cell, f'left_{names[0]}')
