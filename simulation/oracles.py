@@ -17,6 +17,9 @@ from epson_driver.motion import Array
 STILL_RAD = 1e-9
 """A commanded joint that moves less in a step stands."""
 
+HOLD_RAD = 1e-4
+"""How far an arm that is held where it was measured may go, rad: encoders round."""
+
 REACTION_S = 0.5
 """How long what was sent before a stop may be under way to an arm that stands, s."""
 
@@ -119,6 +122,11 @@ class Arm:
         self._rested = True
         """Whether it has stood since nobody wants motion any more."""
         self._true: deque[tuple[float, Array]] = deque()
+        self._commanded: Array = controller.arm.commanded.copy()
+        self._rest = self._commanded
+        limits = controller.model.limits
+        self._fastest = limits.velocity * (1.0 + 1e-6)
+        self._low, self._high = limits.position_min - 1e-9, limits.position_max + 1e-9
 
     @property
     def at(self) -> Array:
@@ -132,38 +140,36 @@ class Arm:
         return bool(self._now() - self.moved > 0.1)
 
     def step(self, seconds: float) -> None:
-        """Let time pass, and look at what the arm did."""
-        before = self._controller.arm.commanded.copy()
+        """Let time pass, and look at what the arm did. Raises BrokenError."""
         self._step(seconds)
-        self.look(before, seconds)
-
-    def look(self, before: Array, seconds: float) -> None:
-        """Judge a step. Raises BrokenError."""
-        controller, now, wishes = self._controller, self._now(), self._wishes
-        commanded = controller.arm.commanded
-        way = np.abs(commanded - before)
-        limits = controller.model.limits
-        if np.any(way > limits.velocity * seconds * (1.0 + 1e-6) + 1e-9):
-            raise BrokenError(f'2: faster than its limit: {way / seconds}')
-        if np.any(commanded < limits.position_min - 1e-9) or np.any(
-            commanded > limits.position_max + 1e-9
-        ):
-            raise BrokenError(f'2: outside its limits: {commanded}')
-        moves = bool(way.max() > STILL_RAD)
-        self.travel += float(way.sum())
+        now, wishes, moves = self._now(), self._wishes, False
+        commanded, before = self._controller.arm.commanded, self._commanded
+        if not np.array_equal(commanded, before):
+            self._commanded = commanded.copy()
+            way = np.abs(commanded - before)
+            if not (way <= self._fastest * seconds + 1e-9).all():  # nor if it is no number
+                raise BrokenError(f'2: faster than its limit: {way / seconds}')
+            if (commanded < self._low).any() or (commanded > self._high).any():
+                raise BrokenError(f'2: outside its limits: {commanded}')
+            moves = bool(way.max() > STILL_RAD)
+            self.travel += float(way.sum())
         if moves:
             self.moved = now
-        while self._true and now - self._true[0][0] > REMEMBERED_S:
-            self._true.popleft()
-        self._true.append((now, self.at.copy()))
+        if not self._true or now - self.moved < REMEMBERED_S:
+            self._remember(now)
         if wishes.any(now):
             self._unwanted_since, self._rested = None, False
             return
         if self._unwanted_since is None or wishes.asked >= self._unwanted_since:
             self._unwanted_since, self._rested = now, False
+        if not self._rested:
+            self._rested = self.still and now - self._unwanted_since > REACTION_S
+            self._rest = self._commanded
         if not moves:
-            self._rested |= self.still and now - self._unwanted_since > REACTION_S
-        elif self._rested:
+            return
+        if self._rested and np.abs(self._commanded - self._rest).max() <= HOLD_RAD:
+            return  # it is held where its encoders say that it is
+        if self._rested:
             raise BrokenError(
                 f'4: the arm moves, and nobody has wanted that for '
                 f'{now - self._unwanted_since:.3f} s'
@@ -173,6 +179,12 @@ class Arm:
                 f'3: the arm still moves {self._settle:g} s after the last one who '
                 'wanted it was told, or stopped it'
             )
+
+    def _remember(self, now: float) -> None:
+        """Keep where the arm is; while it stands for long, what was kept last."""
+        while self._true and now - self._true[0][0] > REMEMBERED_S:
+            self._true.popleft()
+        self._true.append((now, self.at.copy()))
 
     def published(self, positions: Array) -> None:
         """Judge joints that the driver publishes. Raises BrokenError."""

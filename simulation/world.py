@@ -23,7 +23,6 @@ from epson_driver.driver.goal.goal_queue import GoalHandle
 from epson_driver.driver.outcome import End, Outcome
 from epson_driver.driver.servo.setpoint import Setpoint, Window
 from epson_driver.motion import Array, Trajectory
-from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles.profile import ControllerProfile, load_controller_profile
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.assembly import SpelSource, new_controller, program_network
@@ -110,7 +109,7 @@ class World:
         self.on_the_way = bool(
             self.rng.random() < 0.3
             and self.profile.program.joins_goals
-            and profile_defaults(self.profile)['interface'] == 'streaming'
+            and self.profile.program.interface == 'streaming'
         )
         self.network = Network(lambda: self.delay * float(self.rng.uniform(0.5, 1.5)))
         self.loop = VirtualLoop(self.network)
@@ -574,7 +573,7 @@ class World:
         self._process += 1
         self._context = copy_context()
         self._context.run(PROCESS.set, self._name)
-        profile, defaults = self.profile, profile_defaults(self.profile)
+        profile, program = self.profile, self.profile.program
         configuration = Configuration(
             host=HOST,
             motion_port=self.ports.motion,
@@ -585,7 +584,7 @@ class World:
             state_timeout=STATE_TIMEOUT_S,
             state_period=self.state_period,
             limits=LIMITS,
-            delivery=delivery_rules(profile, defaults['interface'], defaults['point_message']),
+            delivery=delivery_rules(profile, program.interface, program.point_message),
             client_timeout=profile.server.client_timeout,
             motors='restart' if profile.program.motors == 'restart' else 'remote_ethernet',
             on_the_way=self.on_the_way,

@@ -27,7 +27,6 @@ from epson_driver.trace import TraceError, open_trace
 PORT = count(1, 65_535)
 OPTIONAL_PORT = count(0, 65_535)
 BYTE_ORDERS = {'auto': None, 'little': ByteOrder.LITTLE, 'big': ByteOrder.BIG}
-POINT_MESSAGES = {'points': 'joint_traj_pt', 'motoman': 'joint_traj_pt_full'}
 GOAL_TOLERANCE = {'rad': 0.01, 'm': 0.001}
 
 
@@ -177,7 +176,7 @@ def make_setup(host: str, controller: str, model_name: str, ports: Ports, more: 
             delivery=delivery_rules(
                 profile,
                 more.interface or profile.program.interface,
-                more.point_message or POINT_MESSAGES[profile.program.kind],
+                more.point_message or profile.program.point_message,
             ),
             mapping=joint_mapping(
                 len(limits.names), more.joint_signs, more.joint_offsets, more.j23_factor

@@ -27,9 +27,6 @@ from epson_driver.simple_message import MAX_JOINTS
 
 Loaded = TypeVar('Loaded')
 
-POINT_MESSAGES = {'points': 'joint_traj_pt', 'motoman': 'joint_traj_pt_full'}
-"""The message that carries a point, by the kind of program in a profile."""
-
 GOAL_TOLERANCE = {'rad': 0.01, 'm': 0.001}
 
 JOINTS = [f'joint_{i}' for i in range(1, 7)]
@@ -426,7 +423,7 @@ def profile_defaults(profile: ControllerProfile) -> dict[str, Any]:
         'remote_port': profile.ports.remote,
         'error_texts': profile.error_texts,
         'interface': profile.program.interface,
-        'point_message': POINT_MESSAGES[profile.program.kind],
+        'point_message': profile.program.point_message,
         'smoothing': profile.program.smoothing,
         'resample_period': profile.program.resample_period,
         'thin_deviation': profile.program.thin_deviation,

@@ -156,6 +156,11 @@ class ProgramProfile:
     setpoint_period: float
     download: DownloadProfile
 
+    @property
+    def point_message(self) -> Literal['joint_traj_pt', 'joint_traj_pt_full']:
+        """The message that carries a point, unless a driver is told otherwise."""
+        return 'joint_traj_pt_full' if self.kind == 'motoman' else 'joint_traj_pt'
+
 
 @dataclass(frozen=True, slots=True)
 class StateProfile:

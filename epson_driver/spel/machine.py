@@ -9,6 +9,8 @@ that can; each statement takes its time. Nothing depends on the computer: two ru
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from datetime import datetime
+from functools import lru_cache
+from types import CodeType
 from typing import Any, NamedTuple
 
 from epson_driver.spel import frames, library, values
@@ -54,6 +56,14 @@ STARTED = datetime(2000, 1, 1)
 """What the controller's clock shows when nothing else is said."""
 
 _SOURCE = '<spel>'
+
+
+@lru_cache(maxsize=4)
+def _code_of(source: str) -> CodeType:
+    """Compile what compiler.py wrote: of a program that many machines run, once."""
+    return compile(source, _SOURCE, 'exec')
+
+
 _PROGRAM = (_SOURCE, library.__file__, values.__file__, frames.__file__)
 _ARITHMETIC: dict[type[Exception], ErrorNumber] = {
     ZeroDivisionError: ErrorNumber.DIVISION_BY_ZERO,
@@ -157,7 +167,7 @@ class Machine:
         for name, statement in all_statements().items():
             names[f's_{name}'] = statement
         program = self.world.program
-        exec(compile(program.source, _SOURCE, 'exec'), names)  # noqa: S102 - compiler.py wrote it
+        exec(_code_of(program.source), names)  # noqa: S102 - compiler.py wrote it
         self.world.linked += [self._linked(code) for code in program.functions]
 
     def _linked(self, code: FunctionCode) -> Linked:
