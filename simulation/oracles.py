@@ -174,7 +174,7 @@ class Arm:
                 f'4: the arm moves, and nobody has wanted that for '
                 f'{now - self._unwanted_since:.3f} s'
             )
-        elif now - self._unwanted_since > self._settle:
+        if now - self._unwanted_since > self._settle:
             raise BrokenError(
                 f'3: the arm still moves {self._settle:g} s after the last one who '
                 'wanted it was told, or stopped it'
