@@ -34,7 +34,7 @@ from epson_driver.sim_controller.condition.states import (
     RejectedError,
     Tasks,
 )
-from epson_driver.sim_controller.faults.faults import FaultError, parse
+from epson_driver.sim_controller.faults.faults import ANSWER_TIME_S, FaultError, parse
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 from epson_driver.sim_controller.spel_host.profile_project import profile_project
 from epson_driver.spel import Program, build
@@ -46,7 +46,10 @@ from simulation.panel_user import PanelUser
 from simulation.virtual_loop import VirtualLoop
 
 PROFILES = ('rc620', 'rc620', 'rc700a', 'generic', 'spel', 'fanuc', 'abb', 'motoman', 'remote')
-SETTLE_S = {'fanuc': 700.0, 'abb': 700.0, 'motoman': 10.0, 'generic': 10.0, 'remote': 15.0}
+SLOWEST_S = 700.0
+"""How long a goal may take at the lowest speed, s."""
+
+SETTLE_S = {'fanuc': SLOWEST_S, 'abb': SLOWEST_S, 'motoman': 10.0, 'generic': 10.0, 'remote': 15.0}
 """How long an arm may go on when nobody wants that any more, s: some controllers go to the points
 they have (docs/safety.md), at the speed that was set: 1 % at least."""
 
@@ -220,8 +223,7 @@ class World:
         self._scale(1.0)
         await self._until(lambda: not self.controller.faults.active(), 10.0, 'faults are over')
         await self._until(lambda: not self._requests, ANSWER_S, 'every request is answered')
-        patience = max(RECOVERY_S, self._settle)
-        await self._until(lambda: not self.controller.in_motion, patience, 'the arm rests')
+        await self._until(lambda: not self.controller.in_motion, SLOWEST_S, 'the arm rests')
         begun, said = self.loop.time(), ''
         while True:
             await asyncio.sleep(0.5)
@@ -482,8 +484,8 @@ class World:
         fault = parse(text)
         with contextlib.suppress(FaultError), self.servers.pacer.present():  # there are many
             self.controller.faults.start(fault)
-            if name == 'cut':
-                self._close()
+            if name == 'cut':  # of the remote port it begins a little later
+                self.loop.call_later(ANSWER_TIME_S if self.statements else 0.0, self._close)
         self._closed_meanwhile = True
 
     async def clear_faults(self) -> None:
