@@ -49,7 +49,7 @@ ABRUPT_SHARE = 0.8
 """... and by such a share of it is abrupt: who began like this may stop like this."""
 
 FORGET_S = 30.0
-"""Time constant with which that is forgotten, s."""
+"""Time constant with which that is forgotten, s; one gentle turn is enough for it."""
 
 MIN_SPAN_S = 0.01
 """Setpoints that come closer together were held up: their velocity is that over so long, s."""
@@ -138,9 +138,9 @@ class StreamFilter:
         change = np.abs(speed - self._speed)
         fastest = np.maximum(np.abs(speed), np.abs(self._speed))
         abrupt = (change > ABRUPT) & (change > ABRUPT_SHARE * fastest)
-        self._abrupt = np.maximum(
-            self._abrupt * np.exp(-span / FORGET_S), np.where(abrupt, change, 0.0)
-        )
+        turned = (speed * self._speed < 0.0) & np.logical_not(abrupt)
+        remembered = np.where(turned, 0.0, self._abrupt * np.exp(-span / FORGET_S))
+        self._abrupt = np.maximum(remembered, np.where(abrupt, change, 0.0))
         self._speed = speed
 
     def _fitted(self) -> tuple[Array, ...]:
