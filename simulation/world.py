@@ -466,7 +466,9 @@ class World:
             return
         if closes:
             self._close()
-        elif event in ('STOP', 'RESET') and self.wishes.open:
+        if (event in ('STOP', 'RESET') and self.wishes.open) or (
+            event == 'MOTORS_OFF' and self.profile.program.kind == 'motoman'
+        ):  # a goal that comes before the next STATUS switches a Motoman's motors on
             self.wishes.open, self._closed_meanwhile = None, True
         if event == 'CONTINUE':
             self.wishes.person = True
