@@ -32,11 +32,16 @@ def pytest_collection() -> Iterator[None]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
-    """Run an `async def` test in virtual time (support/event_loop.py)."""
+    """Run an `async def` test in virtual time (support/event_loop.py), or as its module says.
+
+    REAL_TIME = True: in real time, as something else than the loop takes part.
+    """
     if not inspect.iscoroutinefunction(pyfuncitem.obj):
         return None
     arguments = inspect.signature(pyfuncitem.obj).parameters
-    event_loop.run(pyfuncitem.obj(**{name: pyfuncitem.funcargs[name] for name in arguments}))
+    given = {name: pyfuncitem.funcargs[name] for name in arguments}
+    real_time = getattr(pyfuncitem.module, 'REAL_TIME', False)  # type: ignore[attr-defined]
+    event_loop.run(pyfuncitem.obj(**given), real_time=real_time)
     return True
 
 

@@ -9,6 +9,7 @@ import runpy
 import subprocess
 import sys
 import tomllib
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -92,6 +93,12 @@ def test_no_profile_judges_by_time_and_only_soak_is_not_the_same_each_time() -> 
 def test_examples_are_a_share_of_what_a_test_names(count: int) -> None:
     share = settings.default.max_examples / FULL
     assert examples(count) == max(int(count * share), min(count, LEAST))
+
+
+def test_every_test_file_has_a_name_of_its_own() -> None:
+    """One process that runs two files of one name collects the second one as the first."""
+    names = Counter(path.name for path in (ROOT / 'test').rglob('test_*.py'))
+    assert [name for name, count in names.items() if count > 1] == []
 
 
 def test_no_process_compiles_its_modules_again() -> None:

@@ -74,11 +74,11 @@ class PointsInterface:
         self._points = TaughtPoints()
         file: str = parameters['points_file']
         self._file = Path(file).expanduser() if file else None
-        if self._file is not None and self._file.exists():
-            try:
+        try:
+            if self._file is not None and self._file.exists():
                 self._points.load(self._file)
-            except (OSError, ValueError) as error:
-                raise InputError(f'parameter points_file: {error}') from error
+        except (OSError, ValueError) as error:
+            raise InputError(f'parameter points_file: {error}') from error
         self._static = node.create_publisher(TFMessage, '/tf_static', STATIC_QOS)
         self._actions: dict[int, Callable[[Service.Request], Awaitable[str]]] = {
             Service.Request.LIST: self._list,

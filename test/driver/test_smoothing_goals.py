@@ -5,7 +5,6 @@
 import asyncio
 import os
 import signal
-from functools import partial
 
 import numpy as np
 import pytest
@@ -17,8 +16,7 @@ from support.driver_harness import (
     plan_in_real_time,
     pose,
 )
-from support.event_loop import PATIENCE, stand_still, until
-from support.event_loop import run as run_in
+from support.event_loop import PATIENCE, run, stand_still, until
 
 from epson_driver.driver import smoothing
 from epson_driver.driver.goal.goal import Goal, untimed
@@ -29,8 +27,8 @@ from epson_driver.sim_controller.condition.states import Event
 
 RESAMPLE = Smoothing(0.1)
 
-# the smoother is a process of its own
-run = partial(run_in, real_time=True)
+REAL_TIME = True
+"""The smoother is a process of its own."""
 
 
 def process_of(harness):
@@ -234,7 +232,7 @@ def test_a_loop_that_stood_still_while_planning_reads_a_fresh_pose_first(monkeyp
             outcome = await harness.submit(pose(0.2)).end()
             assert outcome.end is End.SUCCEEDED, outcome.text
 
-    run_in(scenario(), patience=3600.0)
+    run(scenario(), patience=3600.0)
 
 
 async def test_no_process_without_smoothing_and_none_is_left():
@@ -260,4 +258,4 @@ def test_joint_states_go_on_while_a_long_plan_is_made(monkeypatch):
             outcome = await goal.end()
             assert outcome.end is End.CANCELED, outcome.text
 
-    run_in(scenario(), patience=3600.0)
+    run(scenario(), patience=3600.0)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from epson_driver.cli.spel import CONTROLLERS
+from epson_driver.cli.spel_export import CONTROLLERS
 from epson_driver.inputs.rc_files import header_fault, parsed
 from epson_driver.robots import load_robot_model, robot_models
 from epson_driver.share import share_folder

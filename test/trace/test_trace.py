@@ -7,11 +7,9 @@ import errno
 import logging
 import os
 import time
-from functools import partial
 
 import pytest
 from support.event_loop import PATIENCE, until
-from support.event_loop import run as run_in
 from support.link_harness import Harness, Peer, frame, joints
 
 from epson_driver.link import WireEvent
@@ -20,7 +18,7 @@ from epson_driver.trace import Trace, TraceError, open_trace
 from epson_driver.trace import trace as trace_module
 from epson_driver.trace.recording import read_recording
 
-run = partial(run_in, real_time=True)
+REAL_TIME = True
 """A trace is written by a thread."""
 
 EVENTS = {
@@ -271,7 +269,7 @@ async def test_a_trace_that_fails_unforeseen_ends_and_the_link_goes_on(
     assert 'ZeroDivisionError' in caplog.text
 
 
-def test_a_new_trace_ends_the_one_before(tmp_path):
+async def test_a_new_trace_ends_the_one_before(tmp_path):
     trace = Trace([])
     first, second = (open_trace(str(tmp_path), name) for name in 'ab')
     trace.begin(first)
@@ -280,7 +278,7 @@ def test_a_new_trace_ends_the_one_before(tmp_path):
     trace.end('', PATIENCE)
     trace.end('', PATIENCE)
     assert second.closed
-    run(until(lambda: first.closed))
+    await until(lambda: first.closed)
 
 
 @pytest.mark.parametrize('name', ['\ud800', 'a%H\udcff'])

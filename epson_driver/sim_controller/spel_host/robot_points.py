@@ -5,6 +5,7 @@
 import logging
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -132,10 +133,15 @@ class RobotPoints:
         return u + FULL_TURN * round((total - u) / FULL_TURN)
 
     def stored(self, point: Point) -> Point:
-        """Return a point as P0, P1, … hold it: a place in space with its posture."""
+        """Return a point as P0, P1, … hold it: a place in space with its posture.
+
+        Joint angles that are made a point lose the turns of joints 4 and 6 (p79).
+        """
         if point.kind == 'xy':
             return point
-        return self.place(self._angles(point, np.zeros(len(self._model.joint_names))))
+        place = self.place(self._angles(point, np.zeros(len(self._model.joint_names))))
+        flags = tuple(flag for flag in place.flags if not flag.startswith(('j4f', 'j6f')))
+        return replace(place, flags=flags)
 
     def coordinate(self, point: Point, axis: str) -> float:
         """Return x, y, z in mm, or u, v, w in degrees."""

@@ -485,7 +485,7 @@ def test_task_numbers_are_those_of_spel():
 
 
 FROM_MEMORY = {2900, 2901, 2904, 2907, 2909, 2910, 2911, 2912, 2913, 2914}
-FROM_MEMORY |= {4001, 4002, 4007, 4241, 5042, 5043, 5054, 9001, 9002}
+FROM_MEMORY |= {4001, 4002, 4006, 4007, 4241, 5042, 5043, 5054, 9001, 9002}
 
 
 @pytest.mark.parametrize('number', ErrorNumber)
