@@ -529,6 +529,8 @@ class World:
         """Let the driver's process stand still, as SIGSTOP does."""
         watched = self.profile.server.client_timeout
         self.loop.hang(self._name)
+        if self.controller.faults.active() or self.network.flips:  # read only afterwards
+            self._unsure_until = self.loop.time() + seconds + UNSURE_S
         await asyncio.sleep(seconds)
         if watched and seconds > watched + BRAKING_S and self.loop.time() - self.arm.moved < 0.1:
             self._break(BrokenError(f'3: the arm moves while the driver hangs for {seconds:g} s'))
