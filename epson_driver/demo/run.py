@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -204,7 +205,8 @@ def _unfinished(error: _GoalError, model: RobotModel, report: Path, console: Con
         write_report([(error.wire, shown)], model, report)
     except OSError as why:
         console.print(f'no report: {escape(printable(why))}', highlight=False)
-    return _judged(console, [str(error)], error.missed, 0.0)
+    gap = float(np.max(np.diff(error.wire.times), initial=0.0))  # as long as a driver hung, too
+    return _judged(console, [str(error)], error.missed, gap)
 
 
 def _judged(console: Console, faults: list[str], missed: int, gap: float) -> int:
