@@ -44,6 +44,7 @@ from epson_driver.node.ros_log import context_of
 from epson_driver.node.ros_time import RosTimeStamps
 from epson_driver.node.servo_interface import ServoInterface
 from epson_driver.node.speed_scaling import SpeedScalingInterface
+from epson_driver.node.static_frames import StaticFrames
 from epson_driver.node.tool_interface import ToolInterface
 from epson_driver.node.tracing import Tracing
 from epson_driver.profiles import load_controller_profile
@@ -104,12 +105,16 @@ class ClientNode:
         self._primitives = MotionPrimitives(
             node, self.driver, self.goal_server, self._bridge, self._parameters, group
         )
-        self._tool = ToolInterface(node, self._primitives, self._bridge, self._parameters, group)
+        frames = StaticFrames(node, self._parameters['frame_id'], self._parameters['tool.name'])
+        self._tool = ToolInterface(
+            node, self._primitives, frames, self._bridge, self._parameters, group
+        )
         self._taught = PointsInterface(
             node,
             self.driver,
             self.goal_server,
             self._primitives,
+            frames,
             self._bridge,
             self._parameters,
             group,

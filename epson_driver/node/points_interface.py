@@ -14,10 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from epson_msgs.srv import TaughtPoints as Service
-from geometry_msgs.msg import Pose, TransformStamped
+from geometry_msgs.msg import Pose
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
-from tf2_msgs.msg import TFMessage
 
 from epson_driver.driver.delivery.statements import last_point
 from epson_driver.driver.driver import Driver
@@ -34,7 +33,7 @@ from epson_driver.node.goal_server import GoalServer
 from epson_driver.node.loop_bridge import LoopBridge
 from epson_driver.node.motion_primitives import BUSY, MotionPrimitives
 from epson_driver.node.remedies import outcome_text
-from epson_driver.node.tool_interface import BASE, STATIC_QOS, link_prefix, links, set_values
+from epson_driver.node.static_frames import BASE, StaticFrames, links, set_values
 from epson_driver.robots import load_robot_model
 from epson_driver.taught_points.epson_point import EpsonPoint
 from epson_driver.taught_points.posture import Posture, posture
@@ -58,19 +57,19 @@ class PointsInterface:
         driver: Driver,
         goals: GoalServer,
         primitives: MotionPrimitives,
+        frames: StaticFrames,
         bridge: LoopBridge,
         parameters: Mapping[str, Any],
         callback_group: CallbackGroup,
     ) -> None:
         self._logger = node.get_logger()
-        self._clock = node.get_clock()
         self._driver = driver
         self._goals = goals
         self._primitives = primitives
         self._bridge = bridge
         self._model = load_robot_model(parameters['robot_model'])
-        self._prefix = link_prefix(parameters['frame_id'])
-        self._taken = links(self._model) | {parameters['tool.name']}
+        self._frames = frames
+        self._links = links(self._model)
         self._points = TaughtPoints()
         file: str = parameters['points_file']
         self._file = Path(file).expanduser() if file else None
@@ -79,7 +78,6 @@ class PointsInterface:
                 self._points.load(self._file)
         except (OSError, ValueError) as error:
             raise InputError(f'parameter points_file: {error}') from error
-        self._static = node.create_publisher(TFMessage, '/tf_static', STATIC_QOS)
         self._actions: dict[int, Callable[[Service.Request], Awaitable[str]]] = {
             Service.Request.LIST: self._list,
             Service.Request.TEACH: self._teach,
@@ -119,7 +117,7 @@ class PointsInterface:
         return f'{count} point{"" if count == 1 else "s"} of {self._where()}'
 
     async def _teach(self, request: Service.Request) -> str:
-        if request.name in self._taken:
+        if self._taken(request.name):
             raise InputError(
                 f'name = {shown(request.name)}: the arm, its place or its tool has a frame of '
                 'that name'
@@ -162,18 +160,16 @@ class PointsInterface:
         return {name: to_base_link(point.pose) for name, point in self._points.places.items()}
 
     def _publish(self) -> None:
-        stamp = self._clock.now().to_msg()
-        transforms = []
-        for name, pose in self._poses().items():
-            if name in self._taken:
-                continue  # of a file: it can be gone to
-            message = TransformStamped(child_frame_id=self._prefix + name)
-            message.header.frame_id = self._prefix + BASE
-            message.header.stamp = stamp
-            set_values(message.transform, quaternion_pose(pose), ('translation', 'rotation'))
-            transforms.append(message)
-        if transforms:
-            self._static.publish(TFMessage(transforms=transforms))
+        # a point of a file may have the name of another frame: it can be gone to
+        frames = {
+            name: quaternion_pose(pose)
+            for name, pose in self._poses().items()
+            if not self._taken(name)
+        }
+        self._frames.publish('points', BASE, frames)
+
+    def _taken(self, name: str) -> bool:
+        return name in self._links or self._frames.taken(name, 'points')
 
     # --- in the loop's thread ---------------------------------------------------------------
 

@@ -12,32 +12,21 @@ from typing import Any
 
 import numpy as np
 from epson_msgs.srv import SetTool
-from geometry_msgs.msg import Pose, TransformStamped
+from geometry_msgs.msg import Pose
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from tf2_msgs.msg import TFMessage
 
 from epson_driver.inputs import FRAME_NAME, InputError, shown
 from epson_driver.motion import Array
 from epson_driver.node.loop_bridge import LoopBridge
 from epson_driver.node.motion_primitives import MotionPrimitives, ToolBusyError
+from epson_driver.node.static_frames import FLANGE, StaticFrames, links
 from epson_driver.robots import RobotModel, load_robot_model
 from epson_driver.tool_motion.tool_pose import (
     check_tool_distance,
     finite_numbers,
     pose_of_quaternion,
 )
-
-BASE, FLANGE = 'base_link', 'tool0'
-"""Links of every model: where `frame_id` ends, and what tools hang on."""
-
-STATIC_QOS = QoSProfile(
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
-"""That of tf2_ros' StaticTransformBroadcaster."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,17 +68,6 @@ def named_tool(
     return NamedTool(name, array, pose)
 
 
-def links(model: RobotModel) -> set[str]:
-    """Return the frames of an arm without their prefix, and the one that it stands in."""
-    numbered = (f'link_{index}' for index, _ in enumerate(model.joint_names, 1))
-    return {'world', BASE, 'base_link_inertia', 'base', *numbered, 'flange', FLANGE}
-
-
-def link_prefix(frame_id: str) -> str:
-    """Return the prefix of the links' names, by the frame of the joint states."""
-    return frame_id.removesuffix(BASE) if frame_id.endswith(BASE) else ''
-
-
 class ToolInterface:
     """Sets the tool of motion primitives. `parameters`: the node's values by name.
 
@@ -100,15 +78,15 @@ class ToolInterface:
         self,
         node: Node,
         primitives: MotionPrimitives,
+        frames: StaticFrames,
         bridge: LoopBridge,
         parameters: Mapping[str, Any],
         callback_group: CallbackGroup,
     ) -> None:
         self._logger = node.get_logger()
-        self._clock = node.get_clock()
         self._primitives = primitives
+        self._frames = frames
         self._model = load_robot_model(parameters['robot_model'])
-        self._prefix = link_prefix(parameters['frame_id'])
         self._usual_name: str = parameters['tool.name']
         try:
             tool = named_tool(
@@ -119,7 +97,6 @@ class ToolInterface:
             )
         except ValueError as error:
             raise InputError(str(error)) from error
-        self._static = node.create_publisher(TFMessage, '/tf_static', STATIC_QOS)
         if not np.array_equal(tool.pose, np.eye(4)):
             self._apply(tool)
         bridge.create_service(SetTool, '~/set_tool', self._serve, callback_group)
@@ -145,35 +122,23 @@ class ToolInterface:
         return response
 
     def _apply(self, tool: NamedTool) -> None:
-        """Raises ToolBusyError."""
+        """Use a tool, and publish its frame. Raises ToolBusyError, InputError."""
+        if self._frames.taken(tool.name, 'tool'):
+            raise InputError(f'name = {shown(tool.name)}: a taught point has a frame of that name')
         self._primitives.set_tool(tool.pose)
-        self._static.publish(TFMessage(transforms=[self._transform(tool)]))
-
-    def _transform(self, tool: NamedTool) -> TransformStamped:
-        message = TransformStamped(child_frame_id=self._prefix + tool.name)
-        message.header.frame_id = self._prefix + FLANGE
-        message.header.stamp = self._clock.now().to_msg()
-        set_values(message.transform, tool.values, ('translation', 'rotation'))
-        return message
+        self._frames.publish('tool', FLANGE, {tool.name: tool.values})
 
     def _sentence(self, tool: NamedTool, payload: float, told: bool) -> str:
         x, y, z = tool.values[:3]
+        prefix = self._frames.prefix
         text = (
-            f'motion primitives move {self._prefix}{tool.name} from now on, at {x:g}, {y:g}, '
-            f'{z:g} m in {self._prefix}{FLANGE}'
+            f'motion primitives move {prefix}{tool.name} from now on, at {x:g}, {y:g}, '
+            f'{z:g} m in {prefix}{FLANGE}'
         )
         if payload:
             note = 'told with each motion' if told else 'a note, which the controller is not told'
             text += f'; payload {payload:g} kg: {note}'
         return text
-
-
-def set_values(message: Any, values: Array, fields: tuple[str, str]) -> None:
-    """Set place and turn of a message, by their names, to x y z and a quaternion x y z w."""
-    left = iter(values.tolist())
-    for field, names in zip(fields, ('xyz', 'xyzw'), strict=True):
-        for name in names:
-            setattr(getattr(message, field), name, next(left))
 
 
 def pose_values(pose: Pose) -> list[float]:

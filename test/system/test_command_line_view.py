@@ -198,9 +198,8 @@ def test_topic_info_shows_one_publisher_and_a_qos_that_default_and_sensor_subscr
             for info in tool.node.get_publishers_info_by_topic(topic)
             if info.node_name == NODE
         ]
-        # the tool and the taught points have a latched message each
-        assert len(ours) == 1 + (topic == '/tf_static'), topic
-        info = ours[0]
+        assert len(ours) == 1, topic
+        (info,) = ours
         assert (info.node_namespace, info.topic_type) == ('/', kind)
         assert info.qos_profile.reliability == ReliabilityPolicy.RELIABLE
         if not topic.endswith(('rosout', 'parameter_events')):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from epson_msgs.srv import TaughtPoints
+from epson_msgs.srv import SetTool, TaughtPoints
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from support.cell import Cell
 from support.primitives import READY, Sequence, joint_move
@@ -142,6 +142,24 @@ def test_what_cannot_be_is_one_sentence_and_nothing_moves(
     assert not answer.success
     assert said in answer.message
     assert cell.peer.assert_still() == pytest.approx(before, abs=1e-4)
+
+
+def test_no_tool_gets_the_frame_of_a_point_nor_a_point_that_of_the_tool(cell: Cell) -> None:
+    assert ask(cell, TEACH, 'shelf').success
+    with cell.peer.client(SetTool, 'epson_driver/set_tool') as client:
+
+        def set_tool(name: str) -> Any:
+            request = SetTool.Request(name=name)
+            return cell.peer.complete(cell.peer.in_executor(lambda: client.call_async(request)))
+
+        answer = set_tool('shelf')
+        assert not answer.success
+        assert 'a taught point has a frame of that name' in answer.message
+        assert set_tool('gripper').success
+    answer = ask(cell, TEACH, 'gripper')
+    assert not answer.success
+    assert 'its tool has a frame of that name' in answer.message
+    assert ask(cell, FORGET, 'shelf').success
 
 
 def test_a_point_is_forgotten_and_the_others_come_back_with_the_node(
