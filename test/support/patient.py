@@ -13,6 +13,9 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
 
+# what the tests themselves import, not what was installed some time ago
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
 from epson_driver.cli.__main__ import main
 from epson_driver.driver.stopping.heartbeat import Heartbeat
 
