@@ -272,6 +272,9 @@ def _parabola(times: Array, values: Array) -> Array:
     return fit
 
 
+MOVED = 1e-3
+"""An arm that has gone so far, rad or m, shows its direction."""
+
 CHECK_MEMORY_S = 0.4
 """Older setpoints do not count, s."""
 
@@ -477,6 +480,9 @@ class StreamLag:
         tells nothing: one that goes from point to point is there whenever it gets the next."""
         self._seen = 0.0
         self._sent: deque[tuple[float, Array]] = deque(maxlen=MAX_SENT)
+        self._from: Array | None = None
+        self._direction: Array = np.zeros(0)
+        """The arm's last step of more than MOVED, and where it ended, shapes (n,)."""
 
     def sent(self, time: float, position: Array) -> None:
         """Take note of what was sent, shape (n,)."""
@@ -487,14 +493,33 @@ class StreamLag:
         sent = self._sent
         if not sent:
             return
+        moved = sample.positions - (sample.positions if self._from is None else self._from)
+        if self._from is None or np.abs(moved).max() > MOVED:
+            self._from, self._direction = sample.positions, moved
         if float(np.abs(sent[-1][1] - sample.positions).max()) <= NEAR:
             passed, self.now = len(sent) - 1, 0.0
         else:
             near = np.array([position for _, position in islice(sent, NEXT)])
-            passed = int(np.argmin(np.abs(near - sample.positions).max(axis=1)))
+            passed = self._passed(near, sample.positions)
             self.now = max(sample.measured - sent[passed][0], 0.0)
             share = min((sample.measured - self._seen) / BEHIND_FILTER_S, 1.0)
             self.behind += share * (self.now - self.behind)
         self._seen = sample.measured
         for _ in range(passed):
             sent.popleft()
+
+    def _passed(self, near: Array, position: Array) -> int:
+        """Return which of the places sent, shape (k, n), the arm was at last.
+
+        On a way to and fro it is near a place twice: its direction tells which time. The nearest
+        place that is left in that direction counts, if it is as near as half a step allows.
+        """
+        away = np.abs(near - position).max(axis=1)
+        nearest = int(np.argmin(away))
+        ways = np.diff(near, axis=0)
+        along = ways @ self._direction > 0.0
+        if not along.any():
+            return nearest
+        found = int(np.argmin(np.where(along, away[:-1], np.inf)))
+        step = float(np.abs(ways[found]).max())
+        return found if away[found] <= away[nearest] + step / 2.0 else nearest

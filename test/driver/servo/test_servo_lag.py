@@ -163,3 +163,19 @@ def test_an_arm_that_gets_the_next_point_when_it_is_at_the_last_is_behind_all_th
         time += step
         at += SPEED * step
     assert 0.5 * step < lag.behind < 1.5 * step
+
+
+@pytest.mark.parametrize('phase', [0.0, 0.3, 0.5, 0.8])
+def test_an_arm_that_turns_before_the_last_place_is_no_farther_behind(phase):
+    """Points 0.1 s apart, to and fro; the arm blends them, so it does not get to the outermost."""
+    lag, step, behind = StreamLag(), 0.1, 0.3
+    seen_lags = []
+    for count in range(400):
+        time = count * PERIOD_S
+        if count % 10 == 0:
+            lag.sent(time, np.array([sine(time + phase * step)[0]]))
+        blended = np.mean([sine(time - behind + off)[0] for off in (-0.1, -0.05, 0.0, 0.05, 0.1)])
+        seen(lag, time, float(blended) if time > behind + 0.1 else 0.0)
+        if time > 0.6:
+            seen_lags.append(lag.now)
+    assert max(seen_lags) < behind + 1.5 * step
