@@ -276,10 +276,10 @@ class PingLayout(FixedLayout):
     A program that uses a message object of the C++ library again sends what was in it before.
     """
 
-    def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
-        """Return the message, ignoring a body, which no source describes. Raises BodyError."""
-        known = len(body) % 4 or len(body) == 40
-        return super().decode(body if known else b'', byte_order)
+    def reader(self, size: int, byte_order: ByteOrder) -> BodyReader:
+        """Return a reader that ignores a body which no source describes. Raises BodyError."""
+        known = size % 4 or size == 40
+        return super().reader(size if known else 0, byte_order)
 
 
 class TrajectoryLayout:

@@ -26,6 +26,7 @@ from epson_driver.simple_message import (
     JointTrajPtFull,
     Message,
     Opaque,
+    PacketFramer,
     Ping,
     Real,
     ReplyCode,
@@ -131,7 +132,11 @@ def test_a_body_error_names_the_type_and_its_sizes(
     for size in range(300):
         frame = Frame(msg_type, comm_type, 0, bytes(size), ByteOrder.LITTLE)
         if size in allowed:
-            assert type(decode(frame).message).__name__ == name
+            packet = decode(frame)
+            assert type(packet.message).__name__ == name
+            framer = PacketFramer()
+            framer.receive_data(struct.pack('<4i', 12 + size, *frame[:3]) + frame.body)
+            assert framer.next_packet() == packet
             continue
         with pytest.raises(BodyError) as error:
             decode(frame)
