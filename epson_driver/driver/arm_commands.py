@@ -255,6 +255,11 @@ class ArmCommands:
         if self._driver.motors.restarts:
             self._driver.fault('disabled by the reset, which stops the program')
         try:
+            status = self._driver.robot.status
+            if status is not None and status.in_motion == TriState.TRUE:  # it still brakes
+                await self._wait_for_status(
+                    lambda status: status.in_motion != TriState.TRUE, 'the arm still moves'
+                )
             await self._act(Action.RESET)
         except CommandError as error:
             status = self._driver.robot.status

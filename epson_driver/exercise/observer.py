@@ -40,8 +40,7 @@ class Observer:
     def __init__(self, port: int, model: RobotModel, password: str = '') -> None:
         self._port = port
         self._password = password
-        self._joints = joints = len(model.joint_names)
-        self._question = 'Sim,print,' + ','.join(f'Agl({n})' for n in range(1, joints + 1))
+        self._joints = len(model.joint_names)
         self._units = [float(each) for each in model.shown_per_unit]
         self._lock = threading.Lock()
         self._times: list[float] = []
@@ -116,7 +115,7 @@ class Observer:
                 await asyncio.sleep(RETRY_S)
 
     async def _look(self, ask: Ask) -> None:
-        shown = (await ask(self._question)).strip('"').split()
+        shown = (await ask('Sim,joints')).split()
         joints = tuple(float(value) / unit for value, unit in zip(shown, self._units, strict=True))
         stopped = (await ask('GetStatus'))[ESTOP_FLAG : ESTOP_FLAG + 1] == '1'
         now = time.monotonic()

@@ -82,16 +82,18 @@ async def _joints(ask: Ask) -> str | None:
 
     No command tells how many joints there are: each is asked for, until there is none.
     """
-    for command in ('Sim,print,{}', 'Execute,"Print {}"'):
-        functions: list[str] = []
-        for joint in range(1, MAX_JOINTS + 1):
-            if not await _if_known(ask, command.format(f'Agl({joint})')):
-                break
-            functions.append(f'Agl({joint})')
-        values = functions and await _if_known(ask, command.format(','.join(functions)))
-        if values:
-            return _with_units([f'{float(each):.3f}' for each in values.strip(chr(34)).split()])
-    return None
+    values = await _if_known(ask, 'Sim,joints')
+    functions: list[str] = []
+    while not values and len(functions) < MAX_JOINTS:
+        function = f'Agl({len(functions) + 1})'
+        if not await _if_known(ask, f'Execute,"Print {function}"'):
+            break
+        functions.append(function)
+    if functions:
+        values = await _if_known(ask, f'Execute,"Print {",".join(functions)}"')
+    if not values:
+        return None
+    return _with_units([f'{float(each):.3f}' for each in values.strip(chr(34)).split()])
 
 
 def _with_units(values: Sequence[str]) -> str:

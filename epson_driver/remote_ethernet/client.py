@@ -94,7 +94,7 @@ async def logged_in(
 
     A controller that hangs up before the login is answered, or takes LOGIN_TIMEOUT_S for it, is
     tried again, `max_logins` times in all: nothing was asked of it yet. One that hangs up at the
-    logout has answered everything.
+    logout, or refuses it while it executes what another client gave, has answered everything.
 
     Raises RemoteError for a command that is refused, TimeoutError if all together took longer
     than `timeout`, HungUpError if the controller hangs up, and ConnectionError if it cannot be
@@ -115,7 +115,7 @@ async def logged_in(
                     await asyncio.sleep(LOGIN_RETRY_PERIOD_S)
                     continue
                 yield ask
-                with suppress(HungUpError):
+                with suppress(HungUpError, RemoteError):
                     await ask('Logout')
                 return
             finally:

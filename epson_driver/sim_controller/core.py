@@ -378,6 +378,11 @@ class Controller:
         return self.arm.in_motion
 
     @property
+    def commanded(self) -> Array:
+        """Where the joints are to be now, shape (n,), rad or m."""
+        return self.arm.commanded
+
+    @property
     def moving(self) -> bool:
         """Whether the arm moves or has somewhere to go, be it after a pause."""
         return self.arm.moving

@@ -87,6 +87,17 @@ async def test_enable_with_the_estop_pressed_or_latched():
         assert harness.gate is None
 
 
+async def test_a_reset_waits_for_an_arm_that_brakes():
+    async with cell() as (harness, controller):
+        harness.submit(pose(1.0))
+        await until(lambda: harness.driver.robot.status.in_motion == 1)
+        controller.apply(Event.ESTOP_PRESS)
+        controller.apply(Event.ESTOP_RELEASE)
+        assert controller.in_motion
+        await harness.commands.reset_error()
+        assert controller.error_number == 0
+
+
 async def test_enable_goes_by_the_next_status_not_by_the_last():
     async with cell() as (harness, controller):
         assert harness.driver.robot.status.drives_powered == 1

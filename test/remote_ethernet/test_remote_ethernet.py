@@ -77,6 +77,20 @@ async def test_a_login_that_is_not_answered_is_tried_on_another_connection():
     assert logins == [b'$Login,\r\n'] * 3
 
 
+async def test_a_logout_that_is_refused_is_no_failure():
+    """Another client's statement may be executed just then: error 21."""
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        for answer in (b'#Login,0', b'#Stop,0', b'!Logout,21'):
+            await reader.readline()
+            writer.write(answer + b'\r\n')
+        writer.close()
+
+    async with await asyncio.start_server(serve, '127.0.0.1', 0) as server:
+        port = server.sockets[0].getsockname()[1]
+        assert await execute('127.0.0.1', port, ['Stop'], PATIENCE) == ['0']
+
+
 @pytest.mark.parametrize('host', ['a..b', 'a' * 70, 'nul\0'])
 def test_a_host_that_is_no_name_is_a_connection_error(host):
     with pytest.raises(ConnectionError):

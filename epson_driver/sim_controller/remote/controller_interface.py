@@ -5,6 +5,7 @@
 from collections.abc import Iterable
 from typing import Protocol
 
+from epson_driver.motion import Array
 from epson_driver.profiles.profile import ControllerProfile
 from epson_driver.robots import RobotModel
 from epson_driver.sim_controller.arm.streaming import DeadlineCounters
@@ -46,6 +47,10 @@ class ControllerInterface(Protocol):
     @property
     def moving(self) -> bool:
         """Whether the arm moves or has somewhere to go, be it after a pause."""
+
+    @property
+    def commanded(self) -> Array:
+        """Where the joints are to be now, shape (n,), rad or m."""
 
     @property
     def in_motion(self) -> bool:

@@ -79,6 +79,13 @@ def _identity(controller: ControllerInterface, parameters: list[str]) -> str:
     return f'controller={controller.profile.name};robot={controller.model.name}'
 
 
+def _joints(controller: ControllerInterface, parameters: list[str]) -> str:
+    expect(parameters, 0)
+    return ' '.join(
+        f'{value:.5f}' for value in controller.commanded * controller.model.shown_per_unit
+    )
+
+
 def _io(controller: ControllerInterface, parameters: list[str]) -> str | None:
     expect(parameters, 0, 3)
     if not parameters:
@@ -191,6 +198,7 @@ SIM_COMMANDS: dict[str, SimCommand] = {
     'reboot': SimCommand('reboot[,seconds]', 'the fault reboot: off and on again', _reboot),
     'identity': SimCommand('identity', 'its profile and its robot model', _identity),
     'condition': SimCommand('condition', 'what the controller is in, by region', _condition),
+    'joints': SimCommand('joints', 'where the joints are to be now, degrees or mm', _joints),
     'tasks': SimCommand('tasks', 'number=name,type,state of each task', _tasks),
     'timing': SimCommand(
         'timing',

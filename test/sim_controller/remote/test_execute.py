@@ -212,6 +212,7 @@ def test_meanwhile_only_what_the_guide_lists_is_accepted(remote):
     assert remote('Execute,"Print 1"') == '!Execute,21'
     assert remote('GetIO,1') == '!GetIO,21'
     assert remote('Sim,print,1') == '!Sim,21'
+    assert len(remote('Sim,joints').split()) == 6
     assert remote('SetIO,1,1') == '#SetIO,0'
     assert remote('GetStatus').startswith('#GetStatus,')
     assert later(remote)[0] == ['#Execute,0']
