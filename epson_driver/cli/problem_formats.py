@@ -6,19 +6,29 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from urllib.parse import quote
 
 from epson_driver.inputs import printable
 from epson_driver.spel import Problem
 from epson_driver.spel.lint import RULES
 
 
-def placed(problem: Problem, folder: Path) -> Problem:
-    """Return a problem whose file is named from where the command was called."""
-    path = folder / problem.position.file
+def path_from_here(folder: Path, name: str) -> str:
+    """Return a file of a folder as it is named from where the command was called."""
+    path = folder / name
     here = Path.cwd()
     if path.is_absolute() and path.is_relative_to(here):
         path = path.relative_to(here)
-    return replace(problem, position=problem.position._replace(file=path.as_posix()))
+    return path.as_posix()
+
+
+def placed(problems: Sequence[Problem], folder: Path) -> list[Problem]:
+    """Return problems whose files are named from where the command was called."""
+    return [
+        replace(each, position=at._replace(file=path_from_here(folder, at.file)))
+        for each in problems
+        for at in [each.position]
+    ]
 
 
 def _level(problem: Problem) -> str:
@@ -71,7 +81,7 @@ def _sarif(problems: Sequence[Problem]) -> str:
             'locations': [
                 {
                     'physicalLocation': {
-                        'artifactLocation': {'uri': each.position.file},
+                        'artifactLocation': {'uri': quote(each.position.file)},
                         'region': {
                             'startLine': each.position.line,
                             'startColumn': each.position.column,

@@ -7,12 +7,13 @@ import logging
 import re
 import sys
 from collections.abc import Collection, Iterator
+from dataclasses import replace
 from ipaddress import IPv4Address
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from epson_driver.cli.arguments import FREE_PORT, argument, define
-from epson_driver.cli.problem_formats import FORMATS, placed
+from epson_driver.cli.problem_formats import FORMATS, path_from_here, placed
 from epson_driver.inputs import InputError, Rule, count, number, printable, shown
 from epson_driver.spel import (
     NetSettings,
@@ -26,7 +27,7 @@ from epson_driver.spel import (
 from epson_driver.spel.commands import VERSIONS
 from epson_driver.spel.files import Files
 from epson_driver.spel.lint import check
-from epson_driver.spel.project_data import PROJECT
+from epson_driver.spel.project_data import PROJECT, decoded
 from epson_driver.spel.testing import TestResult, covered, run_tests
 
 FOUND = 1
@@ -35,7 +36,7 @@ FOUND = 1
 CONTROLLERS = ('rc620', 'rc700a', 'rc90', 't', 'vt', 'rc800')
 ADDRESS = Rule(lambda text: str(IPv4Address(text)), 'must be an IPv4 address')
 VERSION = Rule(count(VERSIONS[0], VERSIONS[-1]).read, 'must be 6, 7 or 8')
-_FILES = 'a project folder, or .prg files (with the .inc files beside them)'
+_FILES = 'a project folder, or .prg files (with the .inc files beside them), or -: stdin'
 STDIN = 'stdin.prg'
 
 
@@ -47,9 +48,6 @@ def main() -> int:
         run: int = arguments.run(arguments)
     except BrokenPipeError:
         sys.stderr.close()
-        return FOUND
-    except ProgramError as error:
-        print(error)
         return FOUND
     except (OSError, InputError) as error:
         parser.error(str(error))
@@ -88,11 +86,8 @@ def _add_surroundings(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _surroundings(
-    arguments: argparse.Namespace, project: Path, keep: bool = False
-) -> Surroundings:
+def _surroundings(arguments: argparse.Namespace, folder: Path, keep: bool = False) -> Surroundings:
     answers = read_answers(arguments.stub) if arguments.stub is not None else {}
-    folder = project if project.is_dir() else project.parent
     return Surroundings(answers, dict(arguments.net), Files(folder, keep))
 
 
@@ -100,9 +95,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog='epson_driver spel', description=__doc__)
     commands = parser.add_subparsers(required=True, metavar='check|run|test|export')
     checking = commands.add_parser('check', help='a linter: what is wrong, and what will be')
-    checking.add_argument(
-        'files', nargs='+', type=Path, metavar='FILE', help=f'{_FILES}, or -: stdin'
-    )
+    checking.add_argument('files', nargs='+', type=Path, metavar='FILE', help=_FILES)
     checking.add_argument(
         '--version',
         type=argument(VERSION),
@@ -190,33 +183,32 @@ def _run(arguments: argparse.Namespace) -> int:
     from epson_driver.sim_controller import spel_run  # imports numpy and the whole controller
 
     logging.basicConfig(level=logging.WARNING, format='%(message)s')
-    return spel_run.run(
-        arguments.program,
-        dict(arguments.define),
-        arguments.robot,
-        arguments.controller,
-        arguments.remote_port,
-        fast=arguments.fast,
-        seconds=arguments.seconds,
-        around=_surroundings(arguments, arguments.program, keep=True),
-        setup=arguments.setup,
-    )
+    ((folder, files),) = _projects([arguments.program])
+    try:
+        return spel_run.run(
+            files,
+            dict(arguments.define),
+            arguments.robot,
+            arguments.controller,
+            arguments.remote_port,
+            fast=arguments.fast,
+            seconds=arguments.seconds,
+            around=_surroundings(arguments, folder, keep=True),
+            setup=arguments.setup,
+        )
+    except ProgramError as error:
+        return _refused(error, folder)
 
 
-def _projects(paths: list[Path]) -> list[dict[str, str]]:
-    """Return the projects that are meant: each folder one, all single files together one."""
-    projects = [read_project(path) for path in paths if path.is_dir()]
-    single: dict[str, str] = {}
-    for path in paths:
-        if not path.is_dir():
-            single.update(read_project(path))
-    return [*projects, single] if single else projects
+def _refused(error: ProgramError, folder: Path) -> int:
+    print(ProgramError(placed(error.problems, folder)))
+    return FOUND
 
 
 def _check(arguments: argparse.Namespace) -> int:
     problems: list[Problem] = []
-    for folder, files in _checked(arguments.files):
-        problems += [placed(each, folder) for each in check(files, arguments.version)]
+    for folder, files in _projects(arguments.files):
+        problems += placed(check(files, arguments.version), folder)
     errors = sum(not problem.warning for problem in problems)
     print(FORMATS[arguments.format](problems), end='')
     if arguments.format == 'text':
@@ -225,12 +217,12 @@ def _check(arguments: argparse.Namespace) -> int:
     return FOUND if errors or (arguments.strict and problems) else 0
 
 
-def _checked(paths: list[Path]) -> Iterator[tuple[Path, dict[str, str]]]:
+def _projects(paths: list[Path]) -> Iterator[tuple[Path, dict[str, str]]]:
     """Yield projects with their folders: each folder one, the files of one folder together."""
     single: dict[Path, dict[str, str]] = {}
     for path in paths:
         if str(path) == '-':
-            yield Path(), {STDIN: sys.stdin.read()}
+            yield Path(), {STDIN: decoded(sys.stdin.buffer.read())}
         elif path.is_dir():
             files = read_project(path)
             if not any(name.lower().endswith(PROJECT) for name in files):
@@ -243,16 +235,15 @@ def _checked(paths: list[Path]) -> Iterator[tuple[Path, dict[str, str]]]:
 
 def _test(arguments: argparse.Namespace) -> int:
     results: list[TestResult] = []
-    for files in _projects(arguments.files):
-        around = _surroundings(arguments, arguments.files[0])
+    for folder, files in _projects(arguments.files):
+        around = _surroundings(arguments, folder)
         try:
             program = build(files)
         except ProgramError as error:
-            print(error)
-            return FOUND
+            return _refused(error, folder)
         for result in run_tests(program, lambda name: arguments.k.lower() in name.lower(), around):
-            results.append(result)
-            _report(result)
+            results.append(_from_here(result, folder))
+            _report(results[-1])
     failed = sum(bool(result.error) for result in results)
     if arguments.junit is not None:
         arguments.junit.write_text(_junit(results), encoding='utf-8')
@@ -261,13 +252,17 @@ def _test(arguments: argparse.Namespace) -> int:
         return FOUND
     lines = covered(results)
     if arguments.coverage is not None:
-        folder = arguments.files[0]
-        folder = folder if folder.is_dir() else folder.parent
-        arguments.coverage.write_text(_cobertura(lines, folder), encoding='utf-8')
+        arguments.coverage.write_text(_cobertura(lines), encoding='utf-8')
     for file, ran in sorted(lines.items()):
         print(f'{printable(file)}: {sum(ran.values())} of {len(ran)} lines ran')
     print(f'{len(results) - failed} passed, {failed} failed')
     return FOUND if failed else 0
+
+
+def _from_here(result: TestResult, folder: Path) -> TestResult:
+    at = result.position._replace(file=path_from_here(folder, result.position.file))
+    lines = {path_from_here(folder, file): ran for file, ran in result.lines.items()}
+    return replace(result, position=at, lines=lines)
 
 
 def _report(result: TestResult) -> None:
@@ -281,7 +276,7 @@ def _report(result: TestResult) -> None:
         print(f'  {printable(line)}')
 
 
-def _cobertura(files: dict[str, dict[int, bool]], folder: Path) -> str:
+def _cobertura(files: dict[str, dict[int, bool]]) -> str:
     ran = [each for lines in files.values() for each in lines.values()]
 
     def rate(of: Collection[bool]) -> str:
@@ -291,7 +286,7 @@ def _cobertura(files: dict[str, dict[int, bool]], folder: Path) -> str:
     text.append(f'<coverage {rate(ran)} lines-covered="{sum(ran)}" lines-valid="{len(ran)}">')
     text.append(f'  <packages><package name="spel" {rate(ran)}><classes>')
     for file, lines in sorted(files.items()):
-        name = quoteattr(printable((folder / file).as_posix()))
+        name = quoteattr(printable(file))
         text.append(f'    <class name={name} filename={name} {rate(lines.values())}><lines>')
         text += [
             f'      <line number="{number}" hits="{int(hit)}"/>'

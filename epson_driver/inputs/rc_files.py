@@ -6,6 +6,7 @@ Found by comparing 399 files of 52 public projects: the header has the size of t
 with CR LF, and the XOR of the little-endian words behind the header's line.
 """
 
+import math
 import re
 import struct
 from collections.abc import Iterator
@@ -14,7 +15,7 @@ from datetime import UTC, datetime
 from functools import reduce
 from operator import xor
 
-from epson_driver.inputs import InputError, printable
+from epson_driver.inputs import InputError, printable, shown
 
 MAC = '02-00-00-00-00-00'
 """Of the PC that has written a file: locally administered, nobody's."""
@@ -23,12 +24,24 @@ CRLF = '\r\n'
 _DEEPEST = 8
 
 
+class RcFileError(InputError):
+    """What cannot be read in a file: its line, and what it must be."""
+
+    def __init__(self, file: str, line: int, said: str) -> None:
+        super().__init__(f'{printable(file)}:{line}: {said}')
+        self.line = line
+        self.said = said
+
+
 @dataclass
 class Block:
     """A named block: pairs of key and text as it is written, and blocks, in their order."""
 
     name: str
     items: list['tuple[str, str] | Block'] = field(default_factory=list)
+    file: str = field(default='', compare=False)
+    lines: dict[str, int] = field(default_factory=dict, compare=False)
+    """Where its keys stand in the file; '' is itself."""
 
     def blocks(self, prefix: str) -> Iterator['Block']:
         """Yield the blocks within whose names are a prefix and a number."""
@@ -42,9 +55,19 @@ class Block:
         return usual if value is None else value.removeprefix('"').removesuffix('"')
 
     def number(self, key: str, usual: float = 0) -> float:
-        """Return a number. Raises ValueError."""
+        """Return a number. Raises RcFileError."""
         value = self._value(key)
-        return usual if value is None else float(value)
+        try:
+            number = usual if value is None else float(value)
+        except ValueError:
+            number = math.nan
+        if not math.isfinite(number):
+            raise self.fault(key, f'{key}={shown(value)}: must be a number')
+        return number
+
+    def fault(self, key: str, said: str) -> RcFileError:
+        """Return what to raise for what a key holds."""
+        return RcFileError(self.file, self.lines.get(key, self.lines.get('', 1)), said)
 
     def _value(self, key: str) -> str | None:
         found = (each[1] for each in self.items if isinstance(each, tuple) and each[0] == key)
@@ -54,9 +77,9 @@ class Block:
 def parsed(name: str, text: str) -> Block:
     """Return a file's content as one block, with any header as its first item.
 
-    Raises InputError with file and line.
+    Raises RcFileError.
     """
-    top = Block('')
+    top = Block('', file=name)
     open_blocks = [top]
     for number, line in enumerate(text.replace(CRLF, '\n').split('\n'), 1):
         said = line.strip('\t ')
@@ -64,19 +87,20 @@ def parsed(name: str, text: str) -> Block:
             top.items.append(('', line))
         elif said == '}':
             if len(open_blocks) == 1:
-                raise InputError(f'{printable(name)}:{number}: }} without a block')
+                raise RcFileError(name, number, '} without a block')
             open_blocks.pop()
         elif '=' in said:
             key, _, value = said.partition('=')
             open_blocks[-1].items.append((key, value))
+            open_blocks[-1].lines.setdefault(key, number)
         elif said.endswith('{') and len(open_blocks) < _DEEPEST:
-            block = Block(said[:-1].rstrip())
+            block = Block(said[:-1].rstrip(), file=name, lines={'': number})
             open_blocks[-1].items.append(block)
             open_blocks.append(block)
         elif said:
-            raise InputError(f'{printable(name)}:{number}: expected key=value, a block or }}')
+            raise RcFileError(name, number, 'expected key=value, a block or }')
     if len(open_blocks) > 1:
-        raise InputError(f'{printable(name)}: the block {open_blocks[-1].name} has no end')
+        raise open_blocks[-1].fault('', f'the block {open_blocks[-1].name} has no end: }}')
     return top
 
 

@@ -12,7 +12,6 @@ import threading
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.robots import load_robot_model
@@ -21,7 +20,7 @@ from epson_driver.sim_controller.condition.states import Fault, Tasks
 from epson_driver.sim_controller.core import CYCLE_PERIOD_S, Controller
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 from epson_driver.sim_controller.spel_host.terminals import CANCEL
-from epson_driver.spel import Caller, Surroundings, build, read_project, with_defines, with_setup
+from epson_driver.spel import Caller, Surroundings, build, with_defines, with_setup
 
 LOOK_S = 0.02
 """How often it is looked at whether the program is over, s of the controller's time."""
@@ -67,7 +66,7 @@ class WaitingConsole(Console):
 
 
 def run(
-    project: Path,
+    project: Mapping[str, str],
     defines: Mapping[str, str],
     robot: str,
     controller_profile: str,
@@ -83,7 +82,7 @@ def run(
     `fast`: as fast as this machine can, without ports. `setup`: statements that main begins with.
     Raises OSError, InputError, ProgramError.
     """
-    files = with_defines(read_project(project), dict(defines))
+    files = with_defines(project, dict(defines))
     files = with_setup(files, setup) if setup else files
     model = load_robot_model(robot)
     profile = load_controller_profile(controller_profile)

@@ -9,11 +9,12 @@ leaves open, or what usually goes wrong. Each rule has a name and a row in docs/
 import re
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from epson_driver.inputs.rc_files import header_fault
+from epson_driver.inputs.rc_files import RcFileError, header_fault, parsed
 from epson_driver.spel.code import Program
 from epson_driver.spel.commands import (
     COMMANDS,
@@ -123,7 +124,8 @@ def check(files: Mapping[str, str], version: int = 8) -> list[Problem]:
         if name.lower().endswith((PROGRAM, INCLUDE)):
             problems.extend(_long_lines(name, text))
         elif name.lower().endswith(PROJECT):
-            problems.extend(_missing(name, text, files))
+            with suppress(RcFileError):  # build_with tells of it
+                problems.extend(_missing(name, text, files))
         elif fault := min((header_fault(each) for each in encoded(text)), key=len):
             problems.append(Problem(Position(name, 1), 'project-file', fault, warning=True))
     for rule in lint.rules:
@@ -143,7 +145,7 @@ def _switched_off(problem: Problem, files: Mapping[str, str]) -> bool:
 
 def _missing(name: str, text: str, files: Mapping[str, str]) -> Iterator[Problem]:
     there = {each.lower() for each in files}
-    for listed in listed_files(name, text):
+    for listed in listed_files(parsed(name, text)):
         if listed.lower().endswith(PROGRAM) and listed.lower() not in there:
             said = f'it names {listed}, which is not there: all .prg files are built'
             yield Problem(Position(name, 1), 'project-file', said, warning=True)

@@ -12,7 +12,7 @@ from datetime import datetime
 from pathlib import Path
 
 from epson_driver.inputs import InputError, printable, read_file
-from epson_driver.inputs.rc_files import Block, parsed, quoted, sealed
+from epson_driver.inputs.rc_files import Block, RcFileError, parsed, quoted, sealed
 from epson_driver.spel.errors import ErrorNumber, Position, Problem, SpelError
 from epson_driver.spel.values import Point
 
@@ -74,7 +74,8 @@ def read_project(path: Path) -> dict[str, str]:
     names: list[str] = []
     if path.is_dir() and projects:
         text = decoded(read_file(projects[0], LARGEST_FILE))
-        names = [*listed_files(projects[0].name, text), projects[0].name]
+        with suppress(RcFileError):  # project_data tells of it
+            names = [*listed_files(parsed(projects[0].name, text)), projects[0].name]
     programs = [name.lower() for name in names if name.lower().endswith(PROGRAM)]
     if not programs or not there.keys() >= set(programs):
         endings = (INCLUDE, POINTS, PROJECT, *([PROGRAM] if path.is_dir() else []))
@@ -91,9 +92,11 @@ def read_project(path: Path) -> dict[str, str]:
     return files
 
 
-def listed_files(name: str, text: str) -> Iterator[str]:
-    """Yield the files of a project, point files with the default one of robot 1 first."""
-    project = parsed(name, text)
+def listed_files(project: Block) -> Iterator[str]:
+    """Yield the files of a project, point files with the default one of robot 1 first.
+
+    Raises RcFileError.
+    """
     for kind in ('ProgramFile', 'IncludeFile'):
         yield from (each.text('sName') for each in project.blocks(kind))
     points = [each for each in project.blocks('PointFile') if each.number('nRobot', 1) == 1]
@@ -153,11 +156,13 @@ def project_data(files: Mapping[str, str], problems: list[Problem]) -> ProjectDa
     data = ProjectData()
     for name, text in files.items():
         lower = name.lower()
-        if not (lower.endswith(POINTS) or lower in (ERRORS, IO_LABELS)):
+        if not (lower.endswith((POINTS, PROJECT)) or lower in (ERRORS, IO_LABELS)):
             continue
         try:
             block = parsed(name, text)
-            if lower.endswith(POINTS):
+            if lower.endswith(PROJECT):
+                list(listed_files(block))
+            elif lower.endswith(POINTS):
                 data.point_files[lower] = points = _points(block)
                 data.point_labels |= {**points.labels, **data.point_labels}
             elif lower == IO_LABELS:
@@ -168,23 +173,21 @@ def project_data(files: Mapping[str, str], problems: list[Problem]) -> ProjectDa
                     number = int(each.number('nError'))
                     data.texts[number] = each.text('sMessage')
                     data.labels[each.text('sLabel').lower()] = number
-        except (InputError, ValueError) as error:
-            text = str(error).split(': ', 1)[-1] if isinstance(error, InputError) else str(error)
-            line = str(error).removeprefix(f'{name}:').split(':')[0]
-            at = Position(name, int(line) if line.isdigit() else 1)
-            problems.append(Problem(at, RULE, f'cannot be read: {text}'))
+        except RcFileError as error:
+            at = Position(name, error.line)
+            problems.append(Problem(at, RULE, f'cannot be read: {error.said}'))
     data.labels.pop('', None)
     return data
 
 
 def _points(block: Block) -> PointFile:
-    """Raises ValueError for a number that is none, or out of range."""
+    """Raises RcFileError for a number that is none, or out of range."""
     points: dict[int, Point] = {}
     labels: dict[str, int] = {}
     for each in block.blocks('Point'):
         number = int(each.number('nNumber', -1))
         if not 0 <= number <= LAST_POINT:
-            raise ValueError(f'point number {number} is not in 0..{LAST_POINT}')
+            raise each.fault('nNumber', f'point number {number} is not in 0..{LAST_POINT}')
         if each.text('sLabel'):
             labels[each.text('sLabel').lower()] = number
         if int(each.number('nUndefined')) & 0xF:  # X, Y, Z, U: a label without a place
@@ -198,7 +201,7 @@ def point_file(name: str, content: bytes) -> PointFile:
     """Return a .pts file. Raises SpelError."""
     try:
         return _points(parsed(name, decoded(content)))
-    except (InputError, ValueError) as error:
+    except RcFileError as error:
         raise SpelError(ErrorNumber.ARGUMENT, f'LoadPoints: {error}') from error
 
 

@@ -136,9 +136,9 @@ def test_our_own_file_gives_back_what_it_got(tmp_path_factory, places):
     [
         ('a.pts', 'Point1 {\n', 'has no end'),
         ('a.pts', 'Point1 {\nnNumber=1000\n}\n', r'point number 1000 is not in 0\.\.999'),
-        ('a.pts', 'Point1 {\nnNumber=x\n}\n', 'could not convert'),
+        ('a.pts', 'Point1 {\nnNumber=x\n}\n', "a.pts:2: nNumber='x': must be a"),
         ('a.pts', 'Point1 {\nnNumber=1\n}\nPoint2 {\nnNumber=1\n}\n', 'two points are called P1'),
-        ('a.pts', 'Point1 {\nnNumber=1\nrX=nan\n}\n', 'x = nan'),
+        ('a.pts', 'Point1 {\nnNumber=1\nrX=nan\n}\n', "a.pts:3: rX='nan'"),
         ('a.yaml', '[1]', 'must be a mapping'),
         ('a.yaml', 'pick: {x: 1}', 'pick: must have x, y, z'),
         ('a.yaml', 'pick: {x: 1, y: 2, z: far}', "pick: z = 'far'"),

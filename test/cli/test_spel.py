@@ -3,6 +3,7 @@
 """`epson_driver spel`: check and test, in a process as a user has them."""
 
 import json
+import os
 import socket
 import subprocess
 import sys
@@ -77,10 +78,14 @@ def test_check_says_file_line_and_column_and_ends_with_1_for_errors(tmp_path: Pa
     path.write_text(GOOD)
     done = run('check', path)
     assert (done.returncode, done.stdout) == (0, '0 errors, 0 warnings (version 8)\n')
-    done = subprocess.run(
-        [*COMMAND, 'check', '-'], input=WARNS, capture_output=True, text=True, check=False
+    piped = subprocess.run(
+        [*COMMAND, 'check', '-'],
+        input=WARNS.replace('Fend', "Fend ' Größe").encode('cp1252'),
+        env={**os.environ, 'PYTHONIOENCODING': 'utf-8:strict'},
+        capture_output=True,
+        check=False,
     )
-    assert done.stdout.startswith('stdin.prg:3:8: warning: i = True')
+    assert piped.stdout.startswith(b'stdin.prg:3:8: warning: i = True')
 
 
 def test_check_has_versions_and_warnings_that_fail_if_wished(tmp_path: Path) -> None:
@@ -113,13 +118,16 @@ def test_check_in_json(tmp_path: Path) -> None:
     path.write_text(GOOD)
     assert json.loads(run('check', '--format', 'json', 'main.prg', cwd=tmp_path).stdout) == []
     path.write_text(WARNS)
-    done = run('check', '--format', 'github', 'main.prg', cwd=tmp_path)
-    assert done.stdout.startswith('::warning file=main.prg,line=3,col=8,title=true-compare::i = T')
-    report = json.loads(run('check', '--format', 'sarif', 'main.prg', cwd=tmp_path).stdout)
+    path = path.rename(tmp_path / 'main task.prg')
+    done = run('check', '--format', 'github', path.name, cwd=tmp_path)
+    assert done.stdout.startswith(
+        '::warning file=main task.prg,line=3,col=8,title=true-compare::i = T'
+    )
+    report = json.loads(run('check', '--format', 'sarif', path.name, cwd=tmp_path).stdout)
     (result,) = report['runs'][0]['results']
     assert (result['ruleId'], result['level']) == ('true-compare', 'warning')
     place = result['locations'][0]['physicalLocation']
-    assert place['artifactLocation']['uri'] == 'main.prg'
+    assert place['artifactLocation']['uri'] == 'main%20task.prg'
     assert place['region'] == {'startLine': 3, 'startColumn': 8}
 
 
@@ -135,7 +143,7 @@ def test_a_folder_is_a_project(program: Path) -> None:
 
 def test_tests_run_and_are_reported(program: Path) -> None:
     report = program.parent / 'report.xml'
-    done = run('test', program, '--junit', report)
+    done = run('test', program.name, '--junit', report, cwd=program.parent)
     assert done.returncode == 1
     assert done.stdout.splitlines() == [
         'passed TestAdds (0.000 s)',
@@ -169,10 +177,38 @@ def test_some_tests_only(program: Path) -> None:
 def test_a_program_that_cannot_be_read_is_not_tested(tmp_path: Path) -> None:
     path = tmp_path / 'main.prg'
     path.write_text('Function TestIt\n  Curved 1\nFend\n')
-    done = run('test', path)
+    done = run('test', path.name, cwd=tmp_path)
     assert done.returncode == 1
     assert done.stdout == 'main.prg:2:3: error: unknown statement or function Curved [unknown]\n'
     assert done.stderr == ''
+
+
+@pytest.mark.parametrize('command', ['check', 'run', 'test'])
+@pytest.mark.parametrize(
+    ('name', 'text', 'said'),
+    [
+        (
+            'a.sprj',
+            'A {\n\tProgramFile1 {\n',
+            '2:1: error: cannot be read: the block Prog',
+        ),
+        (
+            'a.sprj',
+            'PointFile1 {\nnRobot=x\n}\n',
+            "2:1: error: cannot be read: nRobot='x'",
+        ),
+        ('UserErrors.dat', 'Label1 {\n\tnError=1e999\n}\n', '2:1: error: cannot be read: nError'),
+    ],
+)
+def test_a_project_that_cannot_be_read_is_told_from_where_the_command_was_called(
+    tmp_path: Path, command: str, name: str, text: str, said: str
+) -> None:
+    (tmp_path / 'cell').mkdir()
+    (tmp_path / 'cell' / 'main.prg').write_text('Function main\nFend\n')
+    (tmp_path / 'cell' / name).write_text(text)
+    done = run(command, 'cell', cwd=tmp_path)
+    assert done.returncode == 1
+    assert f'cell/{name}:{said}' in done.stdout
 
 
 RUNS = """#define STEPS 3
@@ -246,8 +282,9 @@ def test_a_program_that_cannot_be_run_is_not_started(tmp_path: Path) -> None:
     (tmp_path / 'main.prg').write_text('Function main\n  Jumps P1\nFend\n')
     done = run_with_input('', tmp_path)
     assert done.returncode == 1
-    said = 'main.prg:2:3: error: unknown statement or function Jumps: did you mean Jump? [unknown]'
-    assert done.stdout == f'{said}\n'
+    said = 'error: unknown statement or function Jumps: did you mean Jump? [unknown]'
+    assert done.stdout == f'{tmp_path}/main.prg:2:3: {said}\n'
+    assert done.stderr == f'{tmp_path} has no .sprj: all its .prg files are built\n'
 
 
 def test_a_program_that_is_not_over_in_time_shows_its_tasks(tmp_path: Path) -> None:
@@ -271,7 +308,8 @@ def test_people_at_the_controller_reach_a_run_over_the_remote_port(tmp_path: Pat
     )
     assert process.stdout is not None
     assert process.stderr is not None
-    ports = dict(word.split('=') for word in process.stderr.readline().split()[1:])
+    listening = next(line for line in process.stderr if line.startswith('listening'))
+    ports = dict(word.split('=') for word in listening.split()[1:])
     do(int(ports['remote']), 'io', 'in', '3', 'on')
     assert process.communicate(timeout=120)[0] == 'seen\n'
     assert process.returncode == 0
@@ -327,11 +365,16 @@ def test_which_lines_the_tests_ran(tmp_path: Path) -> None:
         '  EndIf\nFend\nFunction TestPick\n  SetSw 3, On\n  pick(Sw(3))\nFend\n'
         'Function TestMore\n  pick(True)\nFend\n'
     )
-    done = run('test', '--coverage', 'coverage.xml', '.', cwd=tmp_path)
-    assert done.stdout.splitlines()[-2:] == ['main.prg: 8 of 9 lines ran', '2 passed, 0 failed']
+    (tmp_path / 'more').mkdir()
+    (tmp_path / 'more' / 'main.prg').write_text('Function TestNothing\nFend\n')
+    done = run('test', '--coverage', 'coverage.xml', '.', 'more', cwd=tmp_path)
+    assert done.stdout.splitlines()[-3:] == [
+        'main.prg: 8 of 9 lines ran',
+        'more/main.prg: 1 of 1 lines ran',
+        '3 passed, 0 failed',
+    ]
     report = Xml.parse(tmp_path / 'coverage.xml').getroot()
-    (found,) = report.iter('class')
-    assert found.get('filename') == 'main.prg'
+    assert [each.get('filename') for each in report.iter('class')] == ['main.prg', 'more/main.prg']
     missed = [line.get('number') for line in report.iter('line') if line.get('hits') == '0']
     assert missed == ['5']
-    assert report.get('lines-valid') == '9'
+    assert report.get('lines-valid') == '10'

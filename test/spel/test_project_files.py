@@ -80,9 +80,10 @@ def test_what_is_read_is_written_back_byte_by_byte() -> None:
     [
         ('a=1\nnonsense\n', r'robot1\.pts:2:1: error: cannot be read: expected key=value'),
         ('}\n', r'robot1\.pts:1:1: error: cannot be read: \} without a block'),
-        ('A {\n', 'cannot be read: the block A has no end'),
-        ('Point1 {\nnNumber=x\n}\n', 'could not convert'),
-        ('Point1 {\nnNumber=4000\n}\n', r'point number 4000 is not in 0\.\.999'),
+        ('\nA {\n', r'robot1\.pts:2:1: error: cannot be read: the block A has no end: \}'),
+        ('Point1 {\nnNumber=x\n}\n', "robot1.pts:2:1: .* nNumber='x': must be a number"),
+        ('Point1 {\nnNumber=1e999\n}\n', "robot1.pts:2:1: .* nNumber='1e999': must be a number"),
+        ('Point1 {\nnNumber=4000\n}\n', r'pts:2:1: .* point number 4000 is not in 0\.\.999'),
     ],
 )
 def test_what_cannot_be_read_is_told_with_file_and_line(text: str, said: str) -> None:
