@@ -367,8 +367,11 @@ def message_box(
 
 
 def print_terminal(task: Task, text: str) -> None:
-    """Print to the terminal."""
-    task.world.host.write(task.caller, text)
+    """Print to the terminal, or keep what a command prints."""
+    if task.outputs:
+        task.outputs[-1].append(text)
+    else:
+        task.world.host.write(task.caller, text)
 
 
 def fill(name: str, line: str, targets: tuple[Reference, ...], whole: bool) -> None:

@@ -41,6 +41,7 @@ NOT_AFTER_ESTOP = frozenset({TaskType.NO_EMG_ABORT, TaskType.BACKGROUND})
 _FORBIDDEN = {
     'Xqt': frozenset({TaskType.NO_EMG_ABORT, TaskType.TRAP}),
     'StartMain': frozenset(TaskType) - {TaskType.BACKGROUND},
+    **dict.fromkeys(('JumpTLZ', 'PTran'), NOT_AFTER_ESTOP),  # not in that list, but they move
 }
 
 
@@ -125,6 +126,8 @@ _FORMS = {
     'MemOutW': 'n,n',
     # Points and motions
     'Pallet': '@pallet',
+    'Plane': '@plane',
+    'PlaneClr': 'n,n?',
     'PalletClr': 'n',
     'Go': '@motion',
     'Move': '@motion',
@@ -141,6 +144,7 @@ _FORMS = {
     'Sense': '@store',
     'Find': '@store',
     'Jump3CP': '@motion',
+    'JumpTLZ': '@motion',
     'Arc3': '@motion',
     'Here': '@here',
     'PDel': 'q,q?',
@@ -150,6 +154,7 @@ _FORMS = {
     'LoadPoints': 's,w(Merge)?',
     'SavePoints': 's',
     **dict.fromkeys(('Hand', 'Elbow', 'Wrist', 'J1Flag', 'J2Flag', 'J4Flag', 'J6Flag'), 'q?,n?'),
+    **dict.fromkeys(('J1Angle', 'J4Angle'), 'q?,n?'),
     'Arch': 'n,n,n',
     'PLocal': 'q,n',
     'Local': '@local',

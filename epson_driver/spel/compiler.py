@@ -55,6 +55,17 @@ from epson_driver.spel.syntax import (
 from epson_driver.spel.values import INT, NUMBERS, POINT, STRING, TYPES, Value
 
 COORDINATES = frozenset({'cx', 'cy', 'cz', 'cu', 'cv', 'cw'})
+MOTION_VALUES: dict[str, dict[str, tuple[str, ...]]] = {
+    'arc': {
+        'pp': (), 'ppn': ('path',), 'pn': ('angle',), 'pnnn': ('radius', 'path', 'direction'),
+    },
+    'arc3': {'pp': (), 'ppn': ('path',)},
+    'jump3': {'ppp': ()},
+    'jump3cp': {'ppp': ()},
+    'jumptlz': {'pn': ('tlz',)},
+}  # fmt: skip
+"""Points (p) and numbers (n) of a motion, and what the numbers are. Others take a point."""
+
 _MARK = re.compile('\x01([0-9]+)\x01')
 _WAITING = f'return {WAITING}'
 
@@ -75,7 +86,7 @@ class Compiler:
         self._codes = codes
         self._problems = problems
         self._code = codes[function.name.lower()]
-        self._expressions = Expressions(scope, self._user_call)
+        self._expressions = Expressions(scope, self._user_call, self._evaluation)
         self._expressions.notes = notes
         self._at = function.at
         self._start = 0
@@ -168,16 +179,16 @@ class Compiler:
         code.lines.append(self._at)
         code.starts.append(self._start)
 
-    def _do(self, body: str) -> None:
+    def _fall_through(self, body: str) -> None:
         """Add an instruction after which the next one comes."""
         self._marks.append(len(self._code.source) + 1)
         self._emit(f'{body}\nreturn {self._to(len(self._marks) - 1)}')
 
-    def _act(self, body: str) -> None:
+    def _suspend(self, body: str) -> None:
         """Add an instruction after which the task goes on by itself."""
         self._emit(f'{body}\n{_WAITING}')
 
-    def _go(self, mark: int) -> None:
+    def _jump(self, mark: int) -> None:
         self._emit(f'return {self._to(mark)}')
 
     def _leave_block(self, body: Block, end: int) -> None:
@@ -186,7 +197,7 @@ class Compiler:
             return
         self._begin()
         self._jumps[len(self._code.source)] = end
-        self._go(end)
+        self._jump(end)
 
     def _through(self, pc: int) -> int:
         """Return where an instruction leads that is only a jump."""
@@ -205,7 +216,14 @@ class Compiler:
         code = self._codes[name.lower()]
         given = self._expressions.parameters(code.name, code.parameters, arguments, at)
         slot = self._slot()
-        self._act(f'v[0].call(F[{code.index}], [{given}], {slot})')
+        self._suspend(f'v[0].call(F[{code.index}], [{given}], {slot})')
+        return slot
+
+    def _evaluation(self, text: str, reply: str = 'None') -> int:
+        """Add the instructions of Eval, and return the slot where its value will be."""
+        slot = self._slot()
+        self._suspend(f'v[0].evaluate({text}, {slot})')
+        self._fall_through(f'v[0].reply(v[{slot}], {reply})')
         return slot
 
     # Blocks and statements
@@ -247,22 +265,22 @@ class Compiler:
                 number, kind = made.whole(target.arguments[0].value), POINT
             elif isinstance(target, Apply) and target.name.lower() == 'plocal':
                 number = made.which_point(target.arguments[0].value)
-                self._do(f's_plocal(v[0], {number}, {made.whole(statement.value)})')
+                self._fall_through(f's_plocal(v[0], {number}, {made.whole(statement.value)})')
                 return
             elif isinstance(target, Apply) and target.name.lower() in COORDINATES:
                 number = made.which_point(target.arguments[0].value)
                 value = made.number(statement.value).text
                 axis = target.name[-1].lower()
-                self._do(f's_coordinate(v[0], {number}, {axis!r}, {value})')
+                self._fall_through(f's_coordinate(v[0], {number}, {axis!r}, {value})')
                 return
             else:
                 kind = ''
             if kind == POINT:
                 value = made.point(statement.value)
-                self._do(f'set_point(v[0], {number}, {value})')
+                self._fall_through(f'set_point(v[0], {number}, {value})')
                 return
         place, type_name = made.place(target)
-        self._do(f'{place} = {made.as_type(statement.value, type_name)}')
+        self._fall_through(f'{place} = {made.as_type(statement.value, type_name)}')
 
     @_statement.register
     def _(self, statement: If) -> None:
@@ -286,7 +304,7 @@ class Compiler:
         if subject.kind == POINT:
             raise SyntaxProblem(statement.at, 'Select does not take points', 'type')
         slot = self._slot()
-        self._do(f'v[{slot}] = {subject.text}')
+        self._fall_through(f'v[{slot}] = {subject.text}')
         end = self._mark()
         for items, body in statement.cases:
             yes, no = self._mark(), self._mark()
@@ -303,7 +321,7 @@ class Compiler:
                 following = self._mark()
                 self._branch(f'v[{slot}] {sign} {value.text}', yes, following)
                 self._set(following)
-            self._go(no)
+            self._jump(no)
             self._set(yes)
             self._block(body)
             self._leave_block(body, end)
@@ -331,7 +349,7 @@ class Compiler:
             yes, no = (end, top) if statement.after.until else (top, end)
             self._branch(truth, yes, no)
         else:
-            self._go(top)
+            self._jump(top)
         self._set(end)
 
     @_statement.register
@@ -344,7 +362,7 @@ class Compiler:
         first = made.as_type(statement.first, type_name)
         limit = made.number(statement.last).text
         by = made.number(statement.step).text if statement.step is not None else '1'
-        self._do(f'{place} = {first}\nv[{last}] = {limit}\nv[{step}] = {by}')
+        self._fall_through(f'{place} = {first}\nv[{last}] = {limit}\nv[{step}] = {by}')
         top, inside, end = self._mark(), self._mark(), self._mark()
         self._set(top)
         self._begin()
@@ -367,11 +385,11 @@ class Compiler:
     @_statement.register
     def _(self, statement: Exit) -> None:
         if statement.what == 'function':
-            self._act('v[0].leave()')
+            self._suspend('v[0].leave()')
             return
         for what, end in reversed(self._leaves):
             if what == statement.what:
-                self._go(end)
+                self._jump(end)
                 return
         word = statement.what.capitalize()
         raise SyntaxProblem(statement.at, f'Exit {word} stands outside a {word}')
@@ -397,7 +415,7 @@ class Compiler:
         target = '-1'
         if statement.label is not None:
             target = self._label(statement.label, statement.at)
-        self._do(f'v[0].on_error({target})')
+        self._fall_through(f'v[0].on_error({target})')
 
     @_statement.register
     def _(self, statement: EResume) -> None:
@@ -415,7 +433,7 @@ class Compiler:
             return
         if key in self._scope.libraries:
             call = Apply(statement.name, statement.arguments, statement.at)
-            self._do(self._expressions.value(call).text)
+            self._fall_through(self._expressions.value(call).text)
             return
         raise SyntaxProblem(statement.at, f'there is no function {statement.name}', 'unknown')
 
@@ -429,6 +447,8 @@ class Compiler:
             kinds = 'si'
         elif rule.name == 'Local':
             kinds = 'i' + 'p' * (len(statement.arguments) - 1)
+        elif rule.name == 'Plane':
+            kinds = 'ii'[: 1 + len(statement.arguments) % 2] + 'ppp'
         elif rule.name == 'Pallet':
             kinds = 'i' + 'p' * (len(statement.arguments) - 3) + 'ii'
         given = []
@@ -437,18 +457,15 @@ class Compiler:
             given.append('None' if argument is None else self._argument(argument, kind))
         values = ''.join(f'{code}, ' for code in given)
         if rule.robot:
-            self._act(f'v[0].command({rule.name.lower()!r}, ({values}), {statement.words!r})')
+            self._suspend(f'v[0].command({rule.name.lower()!r}, ({values}), {statement.words!r})')
         else:
             words = f', words={statement.words!r}' if statement.words else ''
-            self._act(f's_{rule.name.lower()}(v[0], {values.rstrip(", ")}{words})')
+            self._suspend(f's_{rule.name.lower()}(v[0], {values.rstrip(", ")}{words})')
 
     def _argument(self, argument: Expression, kind: str) -> str:
         made = self._expressions
         if kind == 'v':
-            if not isinstance(argument, Name | Apply):
-                raise SyntaxProblem(argument.at, 'must be a variable', 'type')
-            reference, type_name = made.reference(argument)
-            return f'(*{reference}, {type_name!r})'
+            return made.taker(argument)[0]
         if kind == 'a':
             return made.array(Argument(argument))[0]
         if kind == 's':
@@ -469,20 +486,20 @@ class Compiler:
             code = made.value(item)
             items.append(f'({code.text}, {code.kind!r}), ')
         port = 'None' if statement.port is None else made.whole(statement.port)
-        self._act(f's_print(v[0], {port}, ({"".join(items)}), {statement.line})')
+        self._suspend(f's_print(v[0], {port}, ({"".join(items)}), {statement.line})')
 
     @_statement.register
     def _(self, statement: Input) -> None:
         made = self._expressions
         targets = []
         for target in statement.targets:
-            reference, type_name = made.reference(target)
+            taker, type_name = made.taker(target)
             if statement.whole_line and TYPES[type_name].kind != STRING:
                 raise SyntaxProblem(target.at, 'Line Input needs a string', 'type')
-            targets.append(f'(*{reference}, {type_name!r}), ')
+            targets.append(f'{taker}, ')
         port = 'None' if statement.port is None else made.whole(statement.port)
         given = f'{port}, ({"".join(targets)}), {statement.whole_line}'
-        self._act(f's_input(v[0], {given})')
+        self._suspend(f's_input(v[0], {given})')
 
     @_statement.register
     def _(self, statement: Transfer) -> None:
@@ -505,15 +522,12 @@ class Compiler:
         elif name == 'writebin':
             code = made.whole(value)
         else:
-            if not isinstance(value, Name | Apply):
-                raise SyntaxProblem(value.at, 'must be a variable', 'type')
-            reference, type_name = made.reference(value)
+            code, type_name = made.taker(value)
             wanted = STRING if name == 'read' else INT
             if TYPES[type_name].kind != wanted:
                 what = 'a string' if name == 'read' else 'a whole number or an array of them'
                 raise SyntaxProblem(value.at, f'{statement.name} needs {what}', 'type')
-            code = f'(*{reference}, {type_name!r})'
-        self._act(f's_{name}(v[0], {port}, {code}, {count})')
+        self._suspend(f's_{name}(v[0], {port}, {code}, {count})')
 
     @_statement.register
     def _(self, statement: Xqt) -> None:
@@ -529,14 +543,14 @@ class Compiler:
         given = made.parameters(code.name, code.parameters, statement.arguments, statement.at)
         number = '0' if statement.number is None else made.whole(statement.number)
         kind = int(TASK_TYPE_WORDS[statement.type])
-        self._do(f'v[0].xqt({number}, F[{code.index}], [{given}], {kind})')
+        self._fall_through(f'v[0].xqt({number}, F[{code.index}], [{given}], {kind})')
 
     @_statement.register
     def _(self, statement: TaskCommand) -> None:
         task = repr(statement.function.lower()) if statement.function else 'None'
         if statement.task is not None:
             task = self._expressions.whole(statement.task)
-        self._act(f's_{statement.name.lower()}(v[0], {task})')
+        self._suspend(f's_{statement.name.lower()}(v[0], {task})')
 
     @_statement.register
     def _(self, statement: Wait) -> None:
@@ -546,16 +560,16 @@ class Compiler:
             if what is None or statement.time is not None:
                 text = 'Wait takes a time, or a condition with a time'
                 raise SyntaxProblem(statement.at, text, 'wait-condition')
-            self._act(f's_wait(v[0], {made.number(what).text})')
+            self._suspend(f's_wait(v[0], {made.number(what).text})')
             return
         before, test = condition(what, made)
         time = 'None' if statement.time is None else made.number(statement.time).text
-        self._act(f'{before}s_waitcondition(v[0], lambda: {test}, {time})')
+        self._suspend(f'{before}s_waitcondition(v[0], lambda: {test}, {time})')
 
     @_statement.register
     def _(self, statement: Store) -> None:
         before, test = condition(statement.condition, self._expressions)
-        self._do(f'{before}s_store(v[0], {statement.name.lower()!r}, lambda: {test})')
+        self._fall_through(f'{before}s_store(v[0], {statement.name.lower()!r}, lambda: {test})')
 
     @_statement.register
     def _(self, statement: Trap) -> None:
@@ -582,7 +596,7 @@ class Compiler:
                 raise SyntaxProblem(statement.at, text, 'arguments')
         target = 'None' if code is None else f'F[{code.index}]'
         given = f'{statement.event!r}, {number}, {test}, {target}, {statement.action!r}'
-        self._do(f'{before}s_trap(v[0], {given})')
+        self._fall_through(f'{before}s_trap(v[0], {given})')
 
     @_statement.register
     def _(self, statement: Redim) -> None:
@@ -599,20 +613,15 @@ class Compiler:
             raise SyntaxProblem(statement.at, text, 'type')
         bounds = ''.join(f'{made.whole(bound)}, ' for bound in statement.bounds)
         shared = variable.place == 'g'
-        self._do(f's_redim(v[0], {code}, ({bounds}), {statement.preserve}, {shared})')
+        self._fall_through(f's_redim(v[0], {code}, ({bounds}), {statement.preserve}, {shared})')
 
     @_statement.register
     def _(self, statement: Motion) -> None:
         made = self._expressions
         name = statement.name.lower()
-        if name == 'pulse':
-            values = ''.join(f'{made.number(each).text}, ' for each in statement.points)
-            points = f'f_pulse({values}), '
-        else:
-            if name in ('arc', 'arc3') and not made.are_points(statement.points):
-                text = f'not simulated: {statement.name} but by a point to pass through'
-                raise SyntaxProblem(statement.at, text, 'not-simulated')
-            points = ''.join(f'{made.point(each)}, ' for each in statement.points)
+        points, numbers = self._motion_values(statement)
+        for word in {'ecp', 'sync'}.intersection(statement.words):
+            made.note_stub(f'{statement.name} … {word.upper()}', statement.at)
         before = ''
         conditions = []
         for given, stored in (
@@ -626,39 +635,61 @@ class Compiler:
                 more, test = condition(given, made)
                 before += more
                 conditions.append(f'lambda: {test}')
-        numbers = ''.join(
-            f'{kind!r}: {made.number(value).text}, ' for kind, value in statement.numbers
-        )
+        for kind, value in statement.numbers:
+            numbers += f'{kind!r}: {made.number(value).text}, '
         beside = self._beside(statement) if statement.parallel else 'None'
-        self._act(
+        self._suspend(
             f'{before}v[0].move({name!r}, ({points}), {statement.cp}, '
             f'{", ".join(conditions)}, {statement.words!r}, {{{numbers}}}, {beside})'
         )
+
+    def _motion_values(self, motion: Motion) -> tuple[str, str]:
+        """Return the code of a motion's points, its end as the last, and of its numbers."""
+        made, name = self._expressions, motion.name.lower()
+        if name == 'pulse':
+            values = ''.join(f'{made.number(each).text}, ' for each in motion.points)
+            return f'f_pulse({values}), ', ''
+        forms = MOTION_VALUES.get(name, {'p': ()})
+        if name == 'pass':
+            forms = {'p' * len(motion.points): ()}
+        if len(motion.points) == 1 and 'p' in forms:
+            return f'{made.point(motion.points[0])}, ', ''
+        codes = [made.point_or_number(each) for each in motion.points]
+        shape = ''.join('p' if code.kind == POINT else 'n' for code in codes)
+        if shape not in forms:
+            text = f'{motion.name} takes {" or ".join(_spelled(each) for each in forms)}'
+            raise SyntaxProblem(motion.at, text, 'arguments')
+        points = [code.text for code in codes if code.kind == POINT]
+        if shape == 'ppn':  # the end, the centre
+            points.reverse()
+        named = zip(forms[shape], codes[len(points) :], strict=True)
+        numbers = ''.join(f'{kind!r}: {code.text}, ' for kind, code in named)
+        return ''.join(f'{point}, ' for point in points), numbers
 
     def _beside(self, motion: Motion) -> str:
         """Add the instructions of !…! for the motion to pass over, and return where they begin."""
         start, at = self._start, self._at
         inside, behind = self._mark(), self._mark()
-        self._go(behind)
+        self._jump(behind)
         self._set(inside)
         if motion.name.lower().startswith('jump'):  # once it has risen (p57)
-            self._act('v[0].wait_share(0)')
+            self._suspend('v[0].wait_share(0)')
         self._block(motion.parallel)
-        self._act('v[0].leave()')
+        self._suspend('v[0].leave()')
         self._set(behind)
         self._start, self._at = start, at
         return self._to(inside)
 
     @_statement.register
     def _(self, statement: Share) -> None:
-        self._act(f'v[0].wait_share({self._expressions.number(statement.percent).text})')
+        self._suspend(f'v[0].wait_share({self._expressions.number(statement.percent).text})')
 
     @_statement.register
     def _(self, statement: Stub) -> None:
         made = self._expressions
         given = [self._stub_argument(argument) for argument in statement.arguments]
         made.note_stub(statement.name, statement.at)
-        self._act(f'v[0].stub({statement.name!r}, ({"".join(f"{each}, " for each in given)}))')
+        self._suspend(f'v[0].stub({statement.name!r}, ({"".join(f"{each}, " for each in given)}))')
 
     def _stub_argument(self, argument: Argument) -> str:
         """Return a variable by reference, as the answer may be put into it, or a value."""
@@ -668,9 +699,11 @@ class Compiler:
             return made.stub_argument(argument)
         if variable.array and isinstance(value, Name):
             return made.array(argument)[0]
-        assert isinstance(value, Name | Apply)  # noqa: S101 - it names a variable
-        reference, type_name = made.reference(value)
-        return f'(*{reference}, {type_name!r})'
+        return made.taker(value)[0]
+
+
+def _spelled(shape: str) -> str:
+    return f'({", ".join("point" if each == "p" else "number" for each in shape)})'
 
 
 def _gives_value(function: Function) -> bool:

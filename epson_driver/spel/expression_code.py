@@ -68,14 +68,18 @@ class Code(NamedTuple):
 class Expressions:
     """Makes Python of the expressions of one function.
 
-    `call` adds the instruction that calls a function of the program, and returns the slot where
-    its value will be.
+    `call` adds the instruction that calls a function of the program, `evaluate` those of Eval;
+    both return the slot where the value will be.
     """
 
     def __init__(
-        self, scope: Scope, call: Callable[[str, tuple[Argument, ...], Position], int]
+        self,
+        scope: Scope,
+        call: Callable[[str, tuple[Argument, ...], Position], int],
+        evaluate: Callable[..., int],
     ) -> None:
         self.scope = scope
+        self._evaluate = evaluate
         self.notes: list[Problem] = []
         """What is allowed, but better not done."""
         self._call = call
@@ -111,12 +115,11 @@ class Expressions:
             return f't_p(v[0], {labelled})'
         return self._expect(expression, (POINT,), 'a point').text
 
-    def are_points(self, expressions: Sequence[Expression]) -> bool:
-        """Return whether there are two, both of them points."""
-        return len(expressions) == 2 and all(
-            self._labelled(each) is not None or self.value(each).kind == POINT
-            for each in expressions
-        )
+    def point_or_number(self, expression: Expression) -> Code:
+        """Return the code of a point, or else of a number."""
+        if self._labelled(expression) is not None:
+            return Code(self.point(expression), POINT)
+        return self._expect(expression, (POINT, *NUMBERS), 'a point or a number')
 
     def _labelled(self, expression: Expression) -> int | None:
         name = expression.name if isinstance(expression, Name) else ''
@@ -251,6 +254,13 @@ class Expressions:
         if variable.by_reference:
             return place, variable.type
         return f'({variable.place}, {variable.slot})', variable.type
+
+    def taker(self, expression: Expression) -> tuple[str, str]:
+        """Return the code of what a statement stores a value in, and its type."""
+        if not isinstance(expression, Name | Apply):
+            raise SyntaxProblem(expression.at, 'must be a variable', 'type')
+        reference, type_name = self.reference(expression)
+        return f'(*{reference}, {type_name!r})', type_name
 
     def _stored_in(self, target: Target) -> Variable:
         variable = self.scope.variable(target.name)
@@ -462,6 +472,8 @@ class Expressions:
             given += f', {REAL_DIGITS}'
         if rule.by == 'value':
             text = f'f_{name}({given})'
+        elif rule.by == 'call':
+            text = f'v[{self._evaluate(*(code.text for code in codes))}]'
         elif rule.by == 'task':
             text = f't_{name}(v[0]{", " if given else ""}{given})'
         else:
@@ -480,6 +492,13 @@ class Expressions:
             return Code(self.point(value), POINT)
         if wanted == 'q':
             return Code(self.which_point(value), INT)
+        if wanted == 'v':
+            taker, type_name = self.taker(value)
+            if TYPES[type_name].kind != STRING:
+                raise SyntaxProblem(value.at, 'must be a string variable', 'type')
+            return Code(taker, STRING)
+        if wanted == 'o' and isinstance(value, Name) and value.name.lower() == 'all':
+            return Code('1', INT)  # there is one robot
         if wanted == 't' and isinstance(value, Name):
             key = value.name.lower()
             if key in self.scope.functions and self.scope.variable(key) is None:

@@ -145,6 +145,13 @@ class Reader:
         self._depth -= 1
         return read
 
+    def expressions(self) -> tuple[Expression, ...]:
+        """Read expressions with commas between."""
+        read = [self.expression()]
+        while self.takes(','):
+            read.append(self.expression())
+        return tuple(read)
+
     def optional(self, *ends: str) -> Expression | None:
         """Read an expression unless the statement, or one of these signs, comes first."""
         return None if self.at_end() or self.sees(*ends) else self.expression()

@@ -19,11 +19,14 @@ PLACES = 9
 
 
 class Area(NamedTuple):
-    """A box from its lower to its upper corner, mm, in a local, without an axis from 0 to 0."""
+    """A box from its lower to its upper corner, mm, without an axis from 0 to 0.
+
+    `frame` is the number of a local, or a place.
+    """
 
     low: tuple[float, ...]
     high: tuple[float, ...]
-    local: int
+    frame: int | Point
 
 
 def changed(point: Point, operator: str, axis: str, value: float) -> Point:
@@ -115,18 +118,22 @@ def _frame(number: int, locals_: Mapping[int, Point]) -> Point:
     return frame
 
 
-def frame_of(points: Sequence[Point], axis: str = 'x') -> Point:
+def frame_of(name: str, points: Sequence[Point], axis: str = 'x') -> Point:
     """Return the frame of an origin and a point on X and Y each, the one on `axis` exact.
 
-    One point alone is the frame. Raises SpelError.
+    One point alone is the frame. Raises SpelError, about the statement of that name.
     """
     if any(each.kind != 'xy' for each in points) or len(points) not in (1, 3):
-        raise SpelError(ErrorNumber.ARGUMENT, 'Local takes an origin, or it and points on X and Y')
+        text = f'{name}: takes a place, or an origin and points on X and Y'
+        raise SpelError(ErrorNumber.ARGUMENT, text)
     origin = points[0]
     if len(points) == 1:
         return replace(origin, flags=())
     first, second = (_away(origin, each) for each in points[1:])
-    z = _unit(_cross(first, second))
+    normal = _cross(first, second)
+    if math.hypot(*normal) < 1e-6:
+        raise SpelError(ErrorNumber.ARGUMENT, f'{name}: the points are in one line')
+    z = _unit(normal)
     if axis == 'y':
         y = _unit(second)
         x = _cross(y, z)
@@ -160,8 +167,6 @@ def _cross(a: Sequence[float], b: Sequence[float]) -> tuple[float, ...]:
 
 def _unit(vector: Sequence[float]) -> tuple[float, ...]:
     length = math.hypot(*vector)
-    if length < 1e-6:
-        raise SpelError(ErrorNumber.ARGUMENT, 'Local: the points are in one line')
     return tuple(each / length for each in vector)
 
 

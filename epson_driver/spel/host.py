@@ -62,7 +62,8 @@ class MotionRequest:
     over without an error; the host asks at each scan, and ends the motion with the SpelError that
     the question may raise. `find`: where the arm is once it holds is kept; `sense`: a Jump ends
     above its target if it holds there. `words` are other modifiers ('rot'), `numbers` the values
-    of 'c', 'limz' (mm), 'ljm' and 'performmode', and of the arch 'depart' and 'approach' (mm).
+    of 'c', 'limz' (mm), 'ljm' and 'performmode', of the arch 'depart' and 'approach' (mm), of an
+    arc 'angle' (degrees), 'radius' (mm), 'path' and 'direction' (p104), of JumpTLZ 'tlz' (mm).
     """
 
     name: str

@@ -9,7 +9,7 @@ that can; each statement takes its time. Nothing depends on the computer: two ru
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from datetime import datetime
-from functools import lru_cache
+from functools import lru_cache, partial
 from types import CodeType
 from typing import Any, NamedTuple
 
@@ -168,6 +168,7 @@ class Machine:
             names[f's_{name}'] = statement
         program = self.world.program
         exec(_code_of(program.source), names)  # noqa: S102 - compiler.py wrote it
+        self.world.command = partial(self._command, evaluated=True)
         self.world.linked += [self._linked(code) for code in program.functions]
 
     def _linked(self, code: FunctionCode) -> Linked:
@@ -197,12 +198,20 @@ class Machine:
         """Start the function that runs as long as the controller does."""
         self.start(name, FIRST_BACKGROUND, TaskType.BACKGROUND, clear=False)
 
-    def execute(self, text: str) -> None:
-        """Start what the command window executes, as task 0. Raises ProgramError, SpelError."""
-        code = command(self.world.program, text)
+    def execute(self, text: str) -> list[str]:
+        """Start what the command window executes, as task 0, and return what it prints, later.
+
+        Raises ProgramError, SpelError.
+        """
+        task = self.world.add(COMMAND_TASK, self._command(text, False), (), TaskType.NORMAL)
+        task.outputs.append([])
+        return task.outputs[0]
+
+    def _command(self, text: str, evaluated: bool) -> Linked:
+        code = command(self.world.program, text, evaluated)
         source = ''.join(code.source)
         exec(compile(source, _SOURCE, 'exec'), self._names)  # noqa: S102 - compiler.py wrote it
-        self.world.add(COMMAND_TASK, self._linked(code), (), TaskType.NORMAL)
+        return self._linked(code)
 
     def clear_variables(self) -> None:
         """Set all shared variables to nothing but those that are preserved."""

@@ -106,8 +106,7 @@ class Parser(Statements):
         problems: list[Problem],
         points: Container[str] = frozenset(),
     ) -> None:
-        super().__init__(functions)
-        self._points = points
+        super().__init__(functions, points)
         self._file = File(name)
         self._problems = problems
         self._lines = lines

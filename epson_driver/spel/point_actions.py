@@ -10,7 +10,7 @@ from typing import Any
 from epson_driver.spel.actions import bad, print_terminal, within
 from epson_driver.spel.builtins import point
 from epson_driver.spel.frames import changed, frame_between, frame_of, local_of
-from epson_driver.spel.functions import POSTURES
+from epson_driver.spel.functions import ANGLES, POSTURES, subject
 from epson_driver.spel.project_data import LAST_POINT, point_file, points_of
 from epson_driver.spel.task import Task
 from epson_driver.spel.values import Point, nearest
@@ -97,24 +97,31 @@ def _posture(name: str) -> Callable[..., None]:
             found = None if number is None else point(task, number)
             print_terminal(task, f'{show(task, found)}\n')
             return
-        flags = POSTURES[name]
-        first = 1 if len(flags) == 2 and name[0] != 'j' else 0
-        index = within(name, nearest(value), first, first + len(flags) - 1) - first
-        world = task.world
-        world.points[number] = point(task, number).flagged(flags[index], flags)
+        if name in ANGLES:
+            flag = f'{ANGLES[name]}{value:g}'
+        else:
+            flags, first = POSTURES[name], _first(name)
+            flag = flags[within(name, nearest(value), first, first + len(flags) - 1) - first]
+        task.world.points[number] = point(task, number).flagged(flag)
 
     return run
 
 
 def _posture_of(name: str) -> Callable[..., int]:
     def read(task: Task, of: Point | None = None) -> int:
-        flags = POSTURES[name]
-        first = 1 if len(flags) == 2 and name[0] != 'j' else 0
         found = task.value('here', ()) if of is None else of
         assert isinstance(found, Point)  # noqa: S101 - Here is one
-        return first + next((flags.index(each) for each in found.flags if each in flags), 0)
+        flag = next((each for each in found.flags if subject(each) == ANGLES.get(name, name)), '')
+        if name in ANGLES:
+            return nearest(float(flag[3:] or 0))
+        return _first(name) + (POSTURES[name].index(flag) if flag else 0)
 
     return read
+
+
+def _first(name: str) -> int:
+    """Return the number of the usual posture: Hand, Elbow and Wrist count from 1."""
+    return int(name[0] != 'j')
 
 
 def distance(task: Task, first: Point, second: Point) -> float:
@@ -136,15 +143,14 @@ def define_local(task: Task, number: int, *given: Point, words: tuple[str, ...] 
         raw = [task.world.host.stored_point(each) for each in given]
         frame = frame_between([(raw[0], points[1]), (raw[2], points[3])])
     else:
-        frame = frame_of(points, 'y' if 'y' in words else 'x')
+        frame = frame_of('Local', points, 'y' if 'y' in words else 'x')
     task.world.locals[number] = frame
 
 
 def set_local(task: Task, number: int, local: float) -> None:
     """PLocal(P1) = n."""
     chosen = str(within('PLocal', nearest(local), 0, LAST_LOCAL))
-    found = point(task, number)
-    task.world.points[number] = found.flagged(chosen, [str(local_of(found))])
+    task.world.points[number] = point(task, number).flagged(chosen)
 
 
 def set_arch(task: Task, number: float, depart: float, approach: float) -> None:
@@ -178,7 +184,7 @@ POINT_STATEMENTS: dict[str, Callable[..., None]] = {
     'plocal': set_local,
     'local': define_local,
     'localclr': lambda task, number: task.world.locals.pop(nearest(number), None),
-    **{name: _posture(name) for name in POSTURES},
+    **{name: _posture(name) for name in (*POSTURES, *ANGLES)},
 }
 """By name in lower case."""
 
@@ -190,6 +196,6 @@ POINT_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'plocal': lambda _task, of: local_of(of),
     'local': _local,
     'localdef': lambda task, number: -(number in task.world.locals),
-    **{name: _posture_of(name) for name in POSTURES},
+    **{name: _posture_of(name) for name in (*POSTURES, *ANGLES)},
 }
 """By name in lower case."""

@@ -37,7 +37,13 @@ OFF = "'"
 COMMAND = '$Execute'
 """The name of what the command window executes."""
 
-_AROUND = (('Function', COMMAND), ('Fend',))
+_EXECUTED = f'Function {COMMAND}', 'Fend'
+_EVALUATED = (
+    f'Function {COMMAND} As Long; OnErr GoTo failed',
+    f'Exit Function; failed :; {COMMAND} = Err; Fend',
+)
+"""What stands around what $Execute and what Eval executes."""
+
 _MAIN = re.compile(r'(?im)^[ \t]*function[ \t]+main\b(?:[ \t]*\([ \t]*\))?')
 _DEFINE = re.compile(r"\s*'?#define\s+([A-Za-z]\w*)(?:\s+(.*))?$")
 
@@ -175,10 +181,11 @@ def build_with(
     return Program(list(codes.values()), codes, variables, declared, parsed, source, data, shared)
 
 
-def command(program: Program, text: str) -> FunctionCode:
+def command(program: Program, text: str, evaluated: bool = False) -> FunctionCode:
     """Return the code of statements as the command window takes them. Raises ProgramError.
 
-    They may use what is Global in the program. A string that has no end ends with them.
+    They may use what is Global in the program. A string that has no end ends with them. What is
+    `evaluated` returns the number of its error.
     """
     at = Position(COMMAND, 1)
     problems: list[Problem] = []
@@ -192,8 +199,11 @@ def command(program: Program, text: str) -> FunctionCode:
                 problems.append(Problem(part[0].position, 'syntax', said))
     except SyntaxProblem as problem:
         raise ProgramError([problem.problem]) from problem
-    around = [Line(at, tuple(Token(NAME, word, at) for word in words)) for words in _AROUND]
-    lines = [around[0], line, around[1]]
+    before, after = (
+        Line(at, tuple(Token(NAME, word, at) for word in words.replace(';', ' ;').split()))
+        for words in (_EVALUATED if evaluated else _EXECUTED)
+    )
+    lines = [before, line, after]
     file = Parser(COMMAND, lines, set(program.by_name), problems, program.data.point_labels).file()
     if problems:
         raise ProgramError(problems)
@@ -201,7 +211,7 @@ def command(program: Program, text: str) -> FunctionCode:
     functions = {each.name.lower(): each for of in program.files for each in of.functions}
     libraries = {each.name.lower(): (at, each) for at, each in enumerate(program.libraries)}
     scope = Scope(program.shared, functions, libraries, program.data)
-    code = FunctionCode(COMMAND, len(program.functions), (), '', at, at)
+    code = FunctionCode(COMMAND, len(program.functions), (), function.result, at, at)
     codes = {**program.by_name, COMMAND.lower(): code}
     Compiler(function, scope.for_function(), codes, problems, []).compile()
     if problems:

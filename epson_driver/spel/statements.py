@@ -3,6 +3,7 @@
 """The statements of one line: for each form of commands.py how it is read."""
 
 import re
+from collections.abc import Container
 
 from epson_driver.spel.commands import TASK_TYPE_WORDS
 from epson_driver.spel.errors import SyntaxProblem
@@ -57,8 +58,9 @@ _MODIFIERS = (*_CONDITIONS, *_NUMBERED, *_PLAIN, 'cp', '!')
 class Statements:
     """Reads what follows the word that a statement begins with."""
 
-    def __init__(self, functions: set[str]) -> None:
+    def __init__(self, functions: set[str], points: Container[str] = frozenset()) -> None:
         self._functions = functions
+        self._points = points
 
     def read_form(self, reader: Reader, first: Token, form: str) -> Command:
         """Read arguments by a form of the table."""
@@ -375,17 +377,23 @@ class Statements:
 
     def read_pallet(self, reader: Reader, first: Token) -> Command:
         """Read Pallet [Outside,] n, P1, P2, P3[, P4], columns, rows."""
-        outside = reader.takes('outside')
-        if outside:
+        words = ('outside',) if reader.takes('outside') else ()
+        if words:
             reader.takes(',')
-        given = [reader.expression()]
-        while reader.takes(','):
-            given.append(reader.expression())
+        given = reader.expressions()
         if len(given) not in (6, 7):
             text = f'{first.text} takes a number, three or four points, columns and rows'
             raise SyntaxProblem(first.position, text, 'arguments')
-        words = ('outside',) if outside else ()
-        return Command(first.text, tuple(given), first.position, words)
+        return Command(first.text, given, first.position, words)
+
+    def read_plane(self, reader: Reader, first: Token) -> Command:
+        """Read Plane n, [robot,] and one point or three."""
+        given = () if reader.at_end() else reader.expressions()
+        if not 2 <= len(given) <= 5:
+            text = f'{first.text} takes a number, perhaps a robot, and one point or three: '
+            text += 'without any it displays, which is not simulated'
+            raise SyntaxProblem(first.position, text, 'arguments')
+        return Command(first.text, given, first.position)
 
     def read_abort_motion(self, reader: Reader, first: Token) -> Command:
         """Read AbortMotion n|All."""
@@ -399,6 +407,8 @@ class Statements:
         while not points or reader.takes(','):
             if reader.sees('on', 'off'):  # Pass P1, On 2, P2
                 raise self._not_simulated(reader, first)
+            if points and (reader.sees(*_MODIFIERS) or self._is_arch(reader.here)):
+                break
             points.append(reader.expression())
         cp = False
         conditions: dict[str, Expression | bool] = dict.fromkeys(_CONDITIONS, False)
@@ -416,12 +426,14 @@ class Statements:
                 bare = reader.at_end() or reader.sees(*_MODIFIERS)
                 value = Number(1, token.position) if bare else reader.expression()
                 numbers.append((word, value))
-            elif len(word) == 2 and word[0] == 'c' and word[1].isdigit():
+            elif self._is_arch(token):
                 numbers.append(('c', Number(int(word[1]), token.position)))
             elif word in _PLAIN:
                 words.append(word)
             elif word == '!':
                 parallel = self.parallel(reader)
+            elif word == ',' and not reader.at_end():
+                continue
             else:
                 text = f'{first.text} does not take {token.text[:40]}'
                 raise SyntaxProblem(token.position, text)
@@ -435,6 +447,11 @@ class Statements:
             numbers=tuple(numbers),
             parallel=parallel,
         )
+
+    def _is_arch(self, token: Token) -> bool:
+        """Return whether a word is C0 to C9, and no point's label."""
+        word = token.lower
+        return len(word) == 2 and word[0] == 'c' and word[1].isdigit() and word not in self._points
 
     def parallel(self, reader: Reader) -> tuple[Statement, ...]:
         """Read what stands between two !."""

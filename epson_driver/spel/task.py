@@ -11,9 +11,9 @@ from typing import Any
 
 from epson_driver.spel.code import FunctionCode, Program, Variable
 from epson_driver.spel.commands import COMMANDS, TaskType, forbidden
-from epson_driver.spel.errors import ErrorNumber, SpelError, TaskError, meaning
-from epson_driver.spel.frames import Area, in_local, in_world, local_of, turned_step
-from epson_driver.spel.functions import FUNCTIONS, POSTURES
+from epson_driver.spel.errors import ErrorNumber, ProgramError, SpelError, TaskError, meaning
+from epson_driver.spel.frames import Area, in_local, in_world, turned_step
+from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.host import Caller, Completion, Host, MotionRequest, NetSettings
 from epson_driver.spel.pallets import Pallet
 from epson_driver.spel.surroundings import Surroundings
@@ -37,6 +37,9 @@ FIRST_HELPER = 1000
 """The task of !…! beside a motion has this number and that of the task that moves the arm."""
 COMMAND_TASK = 0
 """What the command window executes is a task that no program can name."""
+
+EVALUATED_AS = 1_000
+"""So many statements count for an Eval, which has a command compiled."""
 
 Instruction = Callable[[list[object]], int]
 Test = Callable[[], object]
@@ -181,6 +184,7 @@ class World:
         self.started = started
         self.time = 0.0
         self.linked: list[Linked] = []
+        self.command: Callable[[str], Linked]  # makes a function of what Eval executes
         self.g: list[object] = [blank(variable) for variable in program.variables]
         self.tasks: dict[int, Task] = {}
         self.aborted: dict[int, TaskError] = {}
@@ -197,7 +201,7 @@ class World:
         self.arches = {number: (30.0 + 10.0 * number,) * 2 for number in range(7)}
         """The arch table: depart and approach distance, mm (p111)."""
         self.pallets: dict[int, Pallet] = {}
-        self.areas: dict[int, Area] = {}
+        self.areas: dict[tuple[str, int], Area] = {}
         self.conditions: dict[str, Test] = {}
         self.timers: dict[int, float] = {}
         self.elapsed_from = 0.0
@@ -245,7 +249,7 @@ class World:
         helper.push(moving.linked, moving.v[1 : 1 + len(moving.linked.code.parameters)], 0)
         helper.current.v[1:] = moving.v[1:]
         helper.current.pc = begin
-        helper.motion = motion
+        helper.motion, helper.outputs = motion, task.outputs
         self.tasks[helper.number] = helper
         return helper
 
@@ -291,6 +295,11 @@ class World:
         return self.program.data.texts.get(number) or meaning(number)
 
 
+def printed(output: list[str]) -> str:
+    """Return what a command has printed, without its last line end."""
+    return ''.join(output).removesuffix('\n').replace('\n', '\r\n')
+
+
 def blank(variable: Variable) -> object:
     """Return what a variable holds at first."""
     if variable.bounds:
@@ -321,6 +330,8 @@ class Task:
         self.since_wait = 0
         self.motion: Completion | None = None
         """What !…! stands beside, whose task this is."""
+        self.outputs: list[list[str]] = []
+        """What is printed within commands, each in another, and not shown."""
 
     # Calls
 
@@ -364,6 +375,26 @@ class Task:
         if not self.current.gosubs:
             raise SpelError(ErrorNumber.RETURN_WITHOUT_GOSUB)
         return self.current.gosubs.pop()
+
+    def evaluate(self, text: str, slot: int) -> None:
+        """Execute what Eval is given: the number of its error comes into a variable.
+
+        It takes a turn, and counts as many statements. Raises SpelError.
+        """
+        self.world.time += self.world.timing.turn
+        self.since_wait += EVALUATED_AS
+        try:
+            self.push(self.world.command(text), (), slot)
+        except ProgramError:
+            self.current.v[slot] = int(ErrorNumber.ARGUMENT)
+        self.outputs.append([])
+
+    def reply(self, error: int, into: Reference | None) -> None:
+        """Store what the command of Eval has printed, or its error (p316)."""
+        text = printed(self.outputs.pop())
+        if into is not None:
+            container, index, type_name = into
+            container[index] = store(f'!Error: {error}' if error else text[:255], type_name)
 
     # Errors
 
@@ -505,8 +536,7 @@ class Task:
         """Return a point with a posture (/L), in a local (/1), or translated into one (@1)."""
         if flag[0] == '@':
             return in_local(point, int(flag[1:]), self.world.locals)
-        others = [flags for flags in POSTURES.values() if flag in flags]
-        return point.flagged(flag, others[0] if others else [str(local_of(point))])
+        return point.flagged(flag)
 
     def command(
         self, name: str, arguments: tuple[Value | Point | None, ...], words: tuple[str, ...]
@@ -537,6 +567,9 @@ class Task:
     ) -> None:
         """Begin a motion and wait for its end, with the instructions of !…! at `beside`."""
         self.may(name)
+        for word in {'ecp', 'sync'}.intersection(words):
+            text = f'{COMMANDS[name].name} … {word.upper()} is not simulated'
+            raise SpelError(ErrorNumber.NOT_SIMULATED, text)
         placed = self.world.placed(points, steps=name in ('bgo', 'bmove'))
         arch = numbers.get('c', GATE)
         if arch in self.world.arches:

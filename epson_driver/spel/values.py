@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 from epson_driver.spel.errors import ErrorNumber, SpelError
+from epson_driver.spel.functions import subject
 
 INT: Final = 'i'
 SINGLE: Final = 'f'
@@ -118,9 +119,9 @@ class Point:
     values: tuple[float, ...]
     flags: tuple[str, ...] = ()
 
-    def flagged(self, flag: str, instead: Sequence[str] = ()) -> 'Point':
+    def flagged(self, flag: str) -> 'Point':
         """Return it with an orientation flag, or a local, in place of the one it had."""
-        kept = (each for each in self.flags if each not in instead)
+        kept = (each for each in self.flags if subject(each) != subject(flag))
         return replace(self, flags=(*kept, flag))
 
     def __str__(self) -> str:

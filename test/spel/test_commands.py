@@ -166,6 +166,11 @@ VALUES = {
     'boxdef': ('BoxDef(1)', '0'),
     'insidebox': ('InsideBox(1)', '0'),
     'getrobotinsidebox': ('GetRobotInsideBox(1)', '0'),
+    'planedef': ('PlaneDef(1)', '0'),
+    'insideplane': ('InsidePlane(1, All)', '0'),
+    'getrobotinsideplane': ('GetRobotInsidePlane(1)', '0'),
+    'j1angle': ('J1Angle(XY(1, 2, 3, 4) /2 /J1A(90))', '90'),
+    'j4angle': ('J4Angle(XY(1, 2, 3, 4))', '0'),
     'iodef': ('IODef(0, 1, 3)', '0'),
     'iolabel$': ('IOLabel$(0, 1, 3)', ''),
     'ptptime': ('PTPTime(XY(0, 0, 0, 0), 0, 0)', '0'),
@@ -174,7 +179,7 @@ VALUES = {
 
 WITH_VARIABLES = {
     'parsestr', 'ubound', 'p', 'pdef', 'pallet', 'local', 'eof', 'filelen', 'filedatetime$', 'ctr',
-    'ionumber', 'box',
+    'ionumber', 'box', 'plane', 'eval',
 }  # fmt: skip
 """Those that need more than one line: below, or in test_types.py."""
 
@@ -286,6 +291,10 @@ STATEMENTS_AT_WORK = {
     'palletclr': (f'{PALLET}\nPalletClr 1\nOnErr GoTo a\nGo Pallet(1, 1)\na: Print Err', ['7007']),
     'box': ('Box 1, 0, 1, 0, 1, 0, 1\nPrint BoxDef(1), CX(Box(1, 2))', ['-1 1']),
     'boxclr': ('Box 1, 0, 1, 0, 1, 0, 1\nBoxClr 1\nPrint BoxDef(1)', ['0']),
+    'plane': ('Plane 1, XY(1, 2, 3, 4)\nPrint PlaneDef(1), CZ(Plane(1))', ['-1 3']),
+    'planeclr': ('Plane 1, XY(1, 2, 3, 4)\nPlaneClr 1\nPrint PlaneDef(1)', ['0']),
+    'j1angle': ('P1 = XY(1, 2, 3, 4) /2\nJ1Angle P1, 90\nPrint J1Angle(P1), PLocal(P1)', ['90 2']),
+    'j4angle': ('P1 = XY(1, 2, 3, 4)\nJ4Angle P1, 10\nJ4Angle P1, 20\nJ4Angle P1', ['20']),
     'fmtstr': ('String s$\nFmtStr 1.5, "00.00", s$\nPrint s$', ['01.50']),
     'where': ('OnErr GoTo a\nWhere\na:\nPrint Err', ['9999']),
     'joint': ('OnErr GoTo a\nJoint\na:\nPrint Err', ['9999']),
@@ -313,6 +322,7 @@ STATEMENTS_AT_WORK = {
     'bgo': ('Motor On\nBGo XY(1,2,3,4)', []),
     'bmove': ('Motor On\nBMove XY(1,2,3,4)', []),
     'arc3': ('Motor On\nArc3 XY(1,2,3,4), XY(5,6,7,8) CP\nPrint CX(Here)', ['5']),
+    'jumptlz': ('Motor On\nJumpTLZ XY(1,2,3,4), -10, C1, !On 1!\nPrint Oport(1)', ['1']),
     'jump3cp': ('Motor On\nP1 = XY(1,2,3,4)\nJump3CP P1, P1, P1\nPrint CX(Here)', ['1']),
     'here': ('P1 = XY(9,9,9,9)\nHere P1\nPrint CX(P1)', ['0']),
     'pdel': ('P1 = XY(1,2,3,4)\nP2 = P1\nPDel 1, 2\nPrint PDef(1), PDef(P2)', ['0 0']),

@@ -5,14 +5,15 @@
 from epson_driver.robots import RobotModel
 from epson_driver.robots.model import SCARA, SIX_AXIS
 
-_JOINT_ROBOT, _SCARA, _SIX_AXIS, _RS, _N = 1, 3, 5, 6, 7
+RS_SERIES, N_SERIES = 6, 7
+_JOINT_ROBOT, _SCARA, _SIX_AXIS = 1, 3, 5
 
 
 def robot_type(model: RobotModel) -> int:
     """Return the number of a model's kind, for arms of RS and N series by how they are built."""
     origins = model.chain.origins
     if model.kind == SCARA:
-        return _RS if origins[1, 2] < 0.0 else _SCARA  # the arms hang below each other
+        return RS_SERIES if origins[1, 2] < 0.0 else _SCARA  # the arms hang below each other
     if model.kind == SIX_AXIS:
-        return _N if origins[2, 0] < 0.0 else _SIX_AXIS  # the upper arm points back at zero
+        return N_SERIES if origins[2, 0] < 0.0 else _SIX_AXIS  # the upper arm points back at zero
     return _JOINT_ROBOT

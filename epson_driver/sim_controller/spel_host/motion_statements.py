@@ -3,6 +3,7 @@
 """Motion statements for the arm: from point to point, along lines and arcs."""
 
 import logging
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -14,17 +15,20 @@ from epson_driver.motion.joint_moves import JointMoves, Part, time_at
 from epson_driver.robots.model import SCARA
 from epson_driver.sim_controller.arm.executor import Point
 from epson_driver.sim_controller.arm.low_power import LOW_POWER, low_power_caps
+from epson_driver.sim_controller.remote.robot_type import N_SERIES, robot_type
 from epson_driver.sim_controller.spel_host.robot_points import NEAREST, UNREACHABLE
 from epson_driver.sim_controller.spel_host.robot_values import RobotContext
 from epson_driver.spel import ErrorNumber, MotionRequest, SpelError
 from epson_driver.spel import Point as SpelPoint
-from epson_driver.spel.frames import combined
+from epson_driver.spel.frames import combined, within
+from epson_driver.spel.words import CONSTANTS
 from epson_driver.tool_motion.curve_motion import Curve, CurveMotion, CurveSpeed, go_along
 from epson_driver.tool_motion.pose_path import PosePath
 
 _log = logging.getLogger(__name__)
 
 _MM = 1000.0
+ARC_SHORT, ARC_LONG = CONSTANTS['arc_short'], CONSTANTS['arc_long']
 SHORTEST_PATH = 1e-6
 """m; a path that is shorter is none: only the orientation changes."""
 
@@ -134,7 +138,7 @@ def _move(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
 def _line(robot: RobotContext, request: MotionRequest, point: SpelPoint, start: Array) -> Point:
     """Return a line to a point, or an arc where the statement has a point between."""
     name = request.name.capitalize()
-    via = request.points[0] if request.name in ('arc', 'arc3') else None
+    via = _passed(robot, request, start) if request.name in ('arc', 'arc3') else None
     samples, path = robot.points.path_to(point, start, via, level=request.name == 'arc')
     turns = path.length < SHORTEST_PATH < path.angle
     if turns and 'rot' not in request.words:
@@ -150,10 +154,43 @@ def _line(robot: RobotContext, request: MotionRequest, point: SpelPoint, start: 
     return replace(_at(samples[-1]), path=straight.from_rest)
 
 
-def _arc(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    if len(request.points) != 2:
-        raise SpelError(ErrorNumber.ARGUMENT, f'{request.name.capitalize()} takes two points')
-    return _move(robot, request)
+def _passed(robot: RobotContext, request: MotionRequest, start: Array) -> SpelPoint:
+    """Return what an arc passes half-way, by its point, angle, radius or centre (p104 to p109).
+
+    Raises SpelError.
+    """
+    numbers, name = request.numbers, request.name.capitalize()
+    if not numbers.keys() & {'angle', 'path'}:
+        return robot.points.stored(request.points[0])
+    ends = (robot.points.place(start), robot.points.stored(request.points[-1]))
+    begin, end = (np.array(each.values[:3]) for each in ends)
+    level = np.array([1.0, 1.0, request.name == 'arc3'])
+    chord, middle = (end - begin) * level, (begin + end) / 2.0
+    half = float(np.linalg.norm(chord)) / 2.0
+    angle, path = numbers.get('angle', 0.0), numbers.get('path', ARC_SHORT)
+    if path not in (ARC_SHORT, ARC_LONG):
+        raise SpelError(ErrorNumber.ARGUMENT, f'{name}: path must be ARC_SHORT or ARC_LONG')
+    if 'radius' in numbers:
+        radius, direction = numbers['radius'], numbers['direction']
+        if radius < half or direction not in (1, -1):
+            rule = f'the radius at least {half:.3f}, the direction ARC_PLUS or ARC_MINUS'
+            raise SpelError(ErrorNumber.ARGUMENT, f'{name}: {rule}')
+        angle = math.degrees(2.0 * math.asin(half / radius))
+        angle = direction * (angle if path == ARC_SHORT else 360.0 - angle)
+    elif 'angle' not in numbers:
+        offset = (np.array(robot.points.stored(request.points[0]).values[:3]) - middle) * level
+        offset -= chord * float(chord @ offset) / max(4.0 * half**2, SHORTEST_PATH)
+        height = float(np.linalg.norm(offset))
+        if height > SHORTEST_PATH:
+            away = math.hypot(height, half) * (-1.0 if path == ARC_SHORT else 1.0)
+            return SpelPoint('xy', (*(middle + offset + offset / height * away), 0.0, 0.0, 0.0))
+        if request.name == 'arc3':
+            raise SpelError(ErrorNumber.ARGUMENT, 'Arc3: half a circle needs a point to pass')
+        angle = 180.0 if path == ARC_SHORT else -180.0
+    if not 0.0 < abs(angle) < 360.0:
+        raise SpelError(ErrorNumber.ARGUMENT, f'{name}: {angle:g} degrees make no arc')
+    aside = np.array([chord[1], -chord[0], 0.0]) * math.tan(math.radians(angle) / 4.0) / 2.0
+    return SpelPoint('xy', (*(middle + aside), 0.0, 0.0, 0.0))
 
 
 def _relative(robot: RobotContext, request: MotionRequest) -> MotionRequest:
@@ -182,9 +219,7 @@ def _relative_move(robot: RobotContext, request: MotionRequest) -> Sequence[Poin
 
 
 def _jump3(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    """Straight to the first point, across to the second, straight to the third (p484)."""
-    if len(request.points) != 3:
-        raise SpelError(ErrorNumber.ARGUMENT, f'{request.name.capitalize()} takes three points')
+    """Straight to the first point, across to the second, straight to the third (p476)."""
     depart, approach, target = request.points
     found = [_line(robot, request, depart, robot.motion.start)]
     if request.name == 'jump3':
@@ -192,6 +227,19 @@ def _jump3(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     else:
         found.append(_line(robot, request, approach, found[-1].target))
     return [*found, _line(robot, request, target, found[-1].target)]
+
+
+def _jump_tlz(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
+    """Along the tool's Z, across by its X and Y, and along Z to the point (p481)."""
+    model = robot.controller.model
+    if robot_type(model) != N_SERIES:
+        text = f'JumpTLZ: only the N series has it; {model.name}: use Jump3'
+        raise SpelError(ErrorNumber.ARGUMENT, text)
+    here, target = robot.points.place(robot.motion.start), robot.points.stored(request.points[-1])
+    step = request.numbers['tlz']
+    x, y, *_ = within(here, target).values
+    above = (combined(here, SpelPoint('xy', (*at, step, 0, 0, 0))) for at in ((0, 0), (x, y)))
+    return _jump3(robot, replace(request, name='jump3', points=(*above, target)))
 
 
 def _pass(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
@@ -230,14 +278,15 @@ MOVES: dict[str, Callable[[RobotContext, MotionRequest], Sequence[Point]]] = {
     'home': _home,
     'jump': _jump,
     'move': _move,
-    'arc': _arc,
-    'arc3': _arc,
+    'arc': _move,
+    'arc3': _move,
     'tgo': _relative_go,
     'bgo': _relative_go,
     'tmove': _relative_move,
     'bmove': _relative_move,
     'jump3': _jump3,
     'jump3cp': _jump3,
+    'jumptlz': _jump_tlz,
     'pass': _pass,
     'jtran': _one_joint,
     'ptran': _one_joint,

@@ -19,6 +19,7 @@ from epson_driver.robots.model import SCARA
 from epson_driver.robots.opw import KinematicsError
 from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.sim_controller.programs.points import angles_rejection, clipped
+from epson_driver.sim_controller.remote.robot_type import N_SERIES, RS_SERIES, robot_type
 from epson_driver.spel import ErrorNumber as SpelNumber
 from epson_driver.spel import Point, SpelError
 from epson_driver.spel.functions import POSTURES
@@ -40,6 +41,12 @@ _MM = 1000.0
 _SIDES = ('hand', 'elbow', 'wrist')
 """What `Kinematics.sides` tells, as far as there is more than one posture."""
 
+_LEFT_OPEN = {('j1a', RS_SERIES): 0, ('j4a', N_SERIES): 3}
+"""Joints that turn with another one: joint 1 of an RS folded onto its axis, joint 4 of an N."""
+
+_USUAL = ('j1f0', 'j2f0')
+"""Flags that are not shown."""
+
 NEAREST = 'ljm'
 """The flag of a point that LJM has made."""
 
@@ -57,6 +64,7 @@ class RobotPoints:
     def __init__(self, model: RobotModel) -> None:
         self._model = model
         self._kinematics = Kinematics(model)
+        self._type = robot_type(model)
         self.tool = 0
         self.tools: dict[int, Point] = {}
         """Tools by number, as TLSet has defined them."""
@@ -114,15 +122,25 @@ class RobotPoints:
     def place(self, angles: Array) -> Point:
         """Return joint angles, shape (n,), rad, as a place in space."""
         where, turn = self._kinematics.epson_point(angles)
-        flags = (words[0] for words in self._posture(angles))
+        flags = [words[0] for words in self._posture(angles)]
         if self._model.kind == SCARA:
             turn[0] = self._counted(float(turn[0]), angles)
         turned = np.degrees(turn).tolist()
         return Point(
             'xy',
             (*(where * _MM).tolist(), *turned),
-            tuple(each for each in flags if each != 'j1f0'),
+            (*(each for each in flags if each not in _USUAL), *self._left_open(angles)),
         )
+
+    def _left_open(self, angles: Array) -> Iterator[str]:
+        """Yield the flag of a joint's angle that a place would leave open (p449, p455)."""
+        for (mark, kind), joint in _LEFT_OPEN.items():
+            if kind == self._type:
+                away = np.hypot(*self._kinematics.epson_point(angles)[0][:2])
+                if joint:
+                    away = abs(self._kinematics.sides(angles)[-1])
+                if away < STRAIGHT_RAD:
+                    yield f'{mark}{math.degrees(angles[joint]):.3f}'
 
     def _counted(self, u: float, angles: Array) -> float:
         """Return U of a SCARA, rad, with the full turns that its joints have made."""
@@ -197,6 +215,9 @@ class RobotPoints:
         usual = near.copy()
         if not free and self._model.kind != SCARA:
             usual[3] = 0.0  # where joints 4 and 6 are in line, joint 6 turns alone (p79)
+        for flag in point.flags:
+            if (flag[:3], self._type) in _LEFT_OPEN:
+                usual[_LEFT_OPEN[flag[:3], self._type]] = math.radians(float(flag[3:]))
         found = self._solutions(point, self._pose(point), usual)
         fitting = found if free else [each for each in found if self._fits(point, each)]
         if not len(fitting):
@@ -222,16 +243,18 @@ class RobotPoints:
             sides = self._kinematics.sides(joints)
         except KinematicsError:
             return
+        turns: tuple[tuple[int, float, int], ...] = ((6, 0.0, 127), (4, 0.0, 1), (1, 0.0, 1))
+        if self._model.kind == SCARA:  # one of the RS series turns its joints further
+            sides = (math.remainder(sides[0], FULL_TURN),)
+            turns = ((1, np.pi / 2.0, 1), (2, 0.0, 1)) if self._type == RS_SERIES else ()
         for name, side in zip(_SIDES, sides, strict=False):
             usual, other = POSTURES[name]
-            if abs(side) < STRAIGHT_RAD:
+            if min(abs(side), abs(abs(side) - np.pi)) < STRAIGHT_RAD:
                 yield usual, other
             else:
                 yield (usual if side > 0.0 else other,)
-        if self._model.kind != SCARA:
-            yield (f'j6f{_half_turns(float(joints[5]))}',)
-            yield (f'j4f{min(_half_turns(float(joints[3])), 1)}',)
-            yield (f'j1f{min(_half_turns(float(joints[0])), 1)}',)
+        for joint, middle, most in turns:  # p451 to p459
+            yield (f'j{joint}f{min(_half_turns(float(joints[joint - 1]) - middle), most)}',)
 
     def _solutions(self, point: Point, pose: Array, near: Array) -> Array:
         try:

@@ -22,7 +22,7 @@ from epson_driver.sim_controller.spel_host.robot_motion import RobotMotion
 from epson_driver.sim_controller.spel_host.robot_points import RobotPoints
 from epson_driver.sim_controller.spel_host.robot_values import RobotContext
 from epson_driver.sim_controller.spel_host.spel_host import SpelHost
-from epson_driver.sim_controller.spel_host.terminals import CommandTerminal, LogTerminal
+from epson_driver.sim_controller.spel_host.terminals import LogTerminal
 from epson_driver.simple_message import Frame
 from epson_driver.spel import (
     Machine,
@@ -36,7 +36,7 @@ from epson_driver.spel import (
     Terminal,
     Timing,
 )
-from epson_driver.spel.task import COMMAND_TASK, FIRST_BACKGROUND, LAST_BACKGROUND, Task
+from epson_driver.spel.task import COMMAND_TASK, FIRST_BACKGROUND, LAST_BACKGROUND, Task, printed
 
 MAIN, BACKGROUND = 'main', 'bgmain'
 _TYPES = {
@@ -94,13 +94,12 @@ class SpelProgram:
         self._around = around
         self._timing = Timing()
         self._motion = RobotMotion(arm, controller.clock, self._soon, self._timing.scan, claim)
-        self._terminal = CommandTerminal(terminal or LogTerminal(controller.clock))
         robot = RobotContext(controller, self._motion, RobotPoints(controller.model))
         self._host = SpelHost(
             controller,
             robot,
             network,
-            self._terminal,
+            terminal or LogTerminal(controller.clock),
             self._soon,
             self._task_failed,
             self._asked_to_pause,
@@ -115,6 +114,7 @@ class SpelProgram:
         self._ended = False  # whether the tasks have ended, until a person starts the program
         self._mover: Task | None = None  # the task whose motion is under way
         self._answer: Answer | None = None  # takes what becomes of the command under way
+        self._output: list[str] = []  # of that command
         self._command_error: SpelError | None = None
         self._command_moved = False
         self._standing: Timer | None = None
@@ -227,7 +227,7 @@ class SpelProgram:
         if self.executes:
             raise RuntimeError('a command is under way')
         self._pass_time()
-        self._machine.execute(text)
+        self._output = self._machine.execute(text)
         self._answer, self._command_error, self._command_moved = answer, None, False
         if self._timer is not None:
             self._timer.cancel()
@@ -255,8 +255,7 @@ class SpelProgram:
             self._standing.cancel()
             self._standing = None
         self._answer = None
-        printed = self._terminal.taken()
-        answer(printed if self._command_error is None else self._command_error)
+        answer(printed(self._output) if self._command_error is None else self._command_error)
 
     # The program as the controller sees it
 

@@ -1,13 +1,12 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The terminals of SPEL+ programs without a person, and of the command window."""
+"""The terminal of SPEL+ programs without a person."""
 
 import logging
 from typing import Final
 
 from epson_driver.sim_controller.clock import Clock
-from epson_driver.spel import Caller, Terminal
-from epson_driver.spel.task import COMMAND_TASK
+from epson_driver.spel import Caller
 
 CANCEL: Final = 2
 """What a MsgBox is answered with: there is nobody to ask."""
@@ -53,32 +52,3 @@ class LogTerminal:
         """Show the text and answer Cancel."""
         self.write(caller, f'MsgBox {title}: {text} (answered with Cancel)\n')
         return CANCEL
-
-
-class CommandTerminal:
-    """A terminal that keeps a command's output, and hands everything else on."""
-
-    def __init__(self, terminal: Terminal) -> None:
-        self._terminal = terminal
-        self._printed: list[str] = []
-
-    def taken(self) -> str:
-        """Return the output since the last call, without the last line end."""
-        text = ''.join(self._printed)
-        self._printed.clear()
-        return text.removesuffix('\n').replace('\n', '\r\n')
-
-    def write(self, caller: Caller, text: str) -> None:
-        """Keep a command's output, and show a program's."""
-        if caller.task == COMMAND_TASK:
-            self._printed.append(text)
-        else:
-            self._terminal.write(caller, text)
-
-    def read_line(self) -> str | None:
-        """Return a line that a person has typed, or None while there is none."""
-        return self._terminal.read_line()
-
-    def message_box(self, caller: Caller, text: str, buttons: int, title: str) -> int | None:
-        """Return the button that was pressed, or None as long as there is none."""
-        return self._terminal.message_box(caller, text, buttons, title)

@@ -99,7 +99,10 @@ def test_an_arm_goes_to_a_point_in_its_posture(caplog, statement, shown):
     assert harness.printed[0].endswith(shown)
 
 
-@pytest.mark.parametrize('name', ['c4_a601s', 'c8_a701s', 'vt6_a901s', 'gx4_c251s', 't3_401s'])
+@pytest.mark.parametrize(
+    'name',
+    ['c4_a601s', 'c8_a701s', 'vt6_a901s', 'n2_a450s', 'gx4_c251s', 't3_401s', 'rs4_551s'],
+)
 def test_a_place_and_its_posture_are_the_joints_that_it_was_taught_with(name):
     model = load_robot_model(name)
     points, limits = RobotPoints(model), model.limits
@@ -125,6 +128,107 @@ def test_relative_motions_by_the_tool_and_by_the_base(caplog):
         '  Move P1 -TLX(15)\n  Print Dist(Here, P1 -TLX(15)) < 0.01',
     )
     assert harness.printed[:5] == ['-1'] * 5
+
+
+@pytest.mark.invariant(2)
+@pytest.mark.parametrize(
+    ('arc', 'sweep', 'center'),
+    [  # p104 to p109: the end is 80 along X; plus is counterclockwise, seen from above
+        ('P2, 180', 180, (40, 0)),
+        ('P2, -90', -90, (40, -40)),
+        ('P2, 270', 270, (40, -40)),
+        ('P2, 50, ARC_SHORT, ARC_MINUS', -106.26, (40, -30)),
+        ('P2, 50, ARC_LONG, ARC_PLUS', 253.74, (40, -30)),
+        ('P2, P1 +X(40) +Y(30) +Z(50), ARC_SHORT', 106.26, (40, 30)),
+        ('P2, P1 +X(25) +Y(30), ARC_LONG', -253.74, (40, 30)),
+        ('P2, P1 +X(40), ARC_SHORT', 180, (40, 0)),
+        ('P2, P1 +X(40), ARC_LONG', -180, (40, 0)),
+    ],
+)
+def test_inv2_an_arc_by_its_angle_radius_or_centre(caplog, arc, sweep, center):
+    harness = ran(
+        caplog,
+        f'  SpeedS 300; AccelS 2000; P1 = Here; P2 = P1 +X(80)\n  Arc {arc}\n'
+        '  Print Dist(Here, P2) < 0.01',
+    )
+    assert harness.printed[0] == '-1'
+    arm = Kinematics(harness.controller.model)
+    places = np.array([arm.in_base(arm.forward(each))[:3, 3] for each in harness.positions])
+    about = (places - places[0])[:, :2] * 1000.0 - center
+    assert np.ptp(np.linalg.norm(about, axis=1)) < 0.05
+    angles = np.degrees(np.unwrap(np.arctan2(about[:, 1], about[:, 0])))
+    assert angles[-1] - angles[0] == pytest.approx(sweep, abs=0.05)
+    assert np.ptp(places[:, 2]) < 5e-5
+
+
+def test_an_arc_in_space_by_its_centre(caplog):
+    harness = ran(
+        caplog,
+        '  P1 = Here; P2 = P1 +X(40) +Z(40)\n  Arc3 P2, P1 +Z(40), ARC_SHORT\n'
+        '  Print Dist(Here, P2) < 0.01',
+    )
+    assert harness.printed[0] == '-1'
+    arm = Kinematics(harness.controller.model)
+    places = np.array([arm.in_base(arm.forward(each))[:3, 3] for each in harness.positions])
+    about = (places - places[0]) * 1000.0 - [0.0, 0.0, 40.0]
+    assert np.ptp(np.linalg.norm(about, axis=1)) < 0.05
+    assert about[:, 0].min() > -0.05  # the shorter way
+
+
+@pytest.mark.parametrize(
+    ('arc', 'said'),
+    [
+        ('Arc P2, 39, ARC_SHORT, ARC_PLUS', 'the radius at least 40.000'),
+        ('Arc P2, 40, 2, ARC_PLUS', 'ARC_SHORT or ARC_LONG'),
+        ('Arc P2, 50, ARC_SHORT, 0', 'ARC_PLUS or ARC_MINUS'),
+        ('Arc P2, 0', '0 degrees make no arc'),
+        ('Arc P2, 360', '360 degrees make no arc'),
+        ('Arc P1, 90', 'no arc leads'),
+        ('Arc3 P2, P1 +X(40), ARC_SHORT', 'half a circle needs a point to pass'),
+        ('Arc3 P1 +X(40) +Y(40), P2 ECP', 'ECP is not simulated'),
+        ('Go P1 SYNC', 'SYNC is not simulated'),
+        ('JumpTLZ P1, -20', 'only the N series has it'),
+    ],
+)
+def test_what_makes_no_arc_is_refused_before_the_arm_moves(caplog, arc, said):
+    source = f'Function main\n  Motor On; P1 = Here; P2 = P1 +X(80)\n  {arc}\nFend'
+    harness = SpelProgramHarness(source, caplog, start=BENT)
+    harness.until(lambda: harness.controller.error_number)
+    assert said in caplog.text
+    assert np.ptp(harness.positions, axis=0).max() < 1e-9
+
+
+FOLDING = load_robot_model('n2_a450s')
+
+
+def test_jump_tlz_goes_along_the_tool_across_and_along_the_tool(caplog):
+    harness = ran(
+        caplog,
+        '  P1 = Here; P2 = P1 +TLX(40) +TLY(10) +TLZ(5)\n  JumpTLZ P2, -30\n'
+        '  Print Dist(Here, P2) < 0.01',
+        start=np.radians([10.0, 30.0, 60.0, 0.0, 60.0, 20.0]),
+        model=FOLDING,
+    )
+    assert harness.printed[0] == '-1'
+    arm = Kinematics(FOLDING)
+    first = np.linalg.inv(arm.forward(harness.positions[0]))
+    along = np.array([(first @ arm.forward(each))[:3, 3] for each in harness.positions]) * 1000
+    assert along[:, 2].min() == pytest.approx(-30.0, abs=0.5)
+    risen = np.argmax(along[:, 2] < -29.99)
+    assert np.abs(along[:risen, :2]).max() < 0.05
+    down = len(along) - np.argmax(along[::-1, 2] < -29.99)
+    assert np.abs(along[down:, :2] - [40.0, 10.0]).max() < 0.05
+
+
+def test_a_point_of_an_n_tells_the_angle_that_its_place_leaves_open():
+    """J4Angle of a straight wrist (p455), and so Here is where the arm was."""
+    points = RobotPoints(FOLDING)
+    joints = np.radians([10.0, 30.0, 60.0, 25.0, 0.0, 20.0])
+    place = points.place(joints)
+    assert 'j4a25.000' in place.flags
+    assert np.allclose(points.joints(place, np.zeros(6)), joints, atol=1e-6)
+    turned = points.joints(place.flagged('j4a5'), np.zeros(6))
+    assert np.degrees(turned[[3, 5]]) == pytest.approx([5.0, 40.0])
 
 
 def test_jump3_goes_straight_up_across_and_straight_down(caplog):
