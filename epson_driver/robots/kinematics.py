@@ -104,7 +104,7 @@ class Kinematics:
         Shape (k, n), the nearest to `near` (default: all joints 0) first; k is 0 if the pose is
         out of reach. A joint that can turn more than once is returned with every turn. Where a
         six-axis arm's joint 5 is straight, joint 4 is as in `near`, one solution of infinitely
-        many; where a SCARA's arms are folded onto joint 1's axis, joint 1 is.
+        many; where its wrist, or a SCARA's folded arm, is on joint 1's axis, joint 1 is.
 
         Raises KinematicsError for a chain without a closed form, ValueError for a matrix that is
         no pose.

@@ -153,18 +153,18 @@ class OpwSolver:
     def branches(self, pose: Array, near: Array) -> list[Array]:
         """Return those of the eight solutions that exist, regardless of the joint limits.
 
-        Those of an arm at the edge of its reach come twice. With a straight wrist, joint 4 is as
-        in `near`.
+        Those of an arm at the edge of its reach come twice. With a straight wrist joint 4 is as
+        in `near`, with the wrist on joint 1's axis joint 1 is.
         """
-        fourth = float(self._signs[3] * near[3] - self._offsets[3])
+        first, _, _, fourth, _, _ = (self._signs * near - self._offsets).tolist()
         angles = [
             (*arm, *wrist)
-            for arm in self._arms(pose[:3, 3] - self._lengths['c4'] * pose[:3, 2])
+            for arm in self._arms(pose[:3, 3] - self._lengths['c4'] * pose[:3, 2], first)
             for wrist in _wrists(arm, pose[:3, :3], fourth)
         ]
         return [self._signs * (np.array(each) + self._offsets) for each in angles]
 
-    def _arms(self, wrist: Array) -> Iterator[tuple[float, float, float]]:
+    def _arms(self, wrist: Array, free: float) -> Iterator[tuple[float, float, float]]:
         """Yield the angles of joints 1 to 3 that bring the wrist's centre to a place."""
         a1, a2, b, c1, c2, c3, _ = self._lengths.values()
         x, y, up = float(wrist[0]), float(wrist[1]), float(wrist[2]) - c1
@@ -172,10 +172,11 @@ class OpwSolver:
         if square < -ROUNDING * (x * x + y * y + b * b):
             return
         out = sqrt(max(square, 0.0))
+        around = atan2(y, x) if hypot(x, y) > TOLERANCE else free
         fore, elbow = hypot(a2, c3), atan2(a2, c3)
         for first, ahead in (
-            (atan2(y, x) - atan2(b, out), out - a1),
-            (atan2(y, x) + atan2(b, out) - pi, -out - a1),  # over the shoulder
+            (around - atan2(b, out), out - a1),
+            (around + atan2(b, out) - pi, -out - a1),  # over the shoulder
         ):
             away = ahead * ahead + up * up
             bend = (away - c2 * c2 - fore * fore) / (2.0 * c2 * fore)

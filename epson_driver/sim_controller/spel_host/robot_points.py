@@ -41,8 +41,8 @@ _MM = 1000.0
 _SIDES = ('hand', 'elbow', 'wrist')
 """What `Kinematics.sides` tells, as far as there is more than one posture."""
 
-_LEFT_OPEN = {('j1a', RS_SERIES): 0, ('j4a', N_SERIES): 3}
-"""Joints that turn with another one: joint 1 of an RS folded onto its axis, joint 4 of an N."""
+_LEFT_OPEN = {RS_SERIES: {'j1a': 0}, N_SERIES: {'j1a': 0, 'j4a': 3}}
+"""Joints that turn with another one, where the flag of a point tells their angle (p449, p455)."""
 
 _USUAL = ('j1f0', 'j2f0')
 """Flags that are not shown."""
@@ -133,14 +133,11 @@ class RobotPoints:
         )
 
     def _left_open(self, angles: Array) -> Iterator[str]:
-        """Yield the flag of a joint's angle that a place would leave open (p449, p455)."""
-        for (mark, kind), joint in _LEFT_OPEN.items():
-            if kind == self._type:
-                away = np.hypot(*self._kinematics.epson_point(angles)[0][:2])
-                if joint:
-                    away = abs(self._kinematics.sides(angles)[-1])
-                if away < STRAIGHT_RAD:
-                    yield f'{mark}{math.degrees(angles[joint]):.3f}'
+        """Yield the flag of each joint's angle that a place would leave open."""
+        for mark, joint in _LEFT_OPEN.get(self._type, {}).items():
+            side = self._kinematics.sides(angles)[-1 if joint else 0]
+            if abs(math.remainder(side, FULL_TURN)) < STRAIGHT_RAD:
+                yield f'{mark}{math.degrees(angles[joint]):.3f}'
 
     def _counted(self, u: float, angles: Array) -> float:
         """Return U of a SCARA, rad, with the full turns that its joints have made."""
@@ -215,9 +212,9 @@ class RobotPoints:
         usual = near.copy()
         if not free and self._model.kind != SCARA:
             usual[3] = 0.0  # where joints 4 and 6 are in line, joint 6 turns alone (p79)
-        for flag in point.flags:
-            if (flag[:3], self._type) in _LEFT_OPEN:
-                usual[_LEFT_OPEN[flag[:3], self._type]] = math.radians(float(flag[3:]))
+        for mark, joint in _LEFT_OPEN.get(self._type, {}).items():
+            told = next((flag for flag in point.flags if flag.startswith(mark)), mark)
+            usual[joint] = math.radians(float(told[3:] or 0))
         found = self._solutions(point, self._pose(point), usual)
         fitting = found if free else [each for each in found if self._fits(point, each)]
         if not len(fitting):
@@ -249,7 +246,8 @@ class RobotPoints:
             turns = ((1, np.pi / 2.0, 1), (2, 0.0, 1)) if self._type == RS_SERIES else ()
         for name, side in zip(_SIDES, sides, strict=False):
             usual, other = POSTURES[name]
-            if min(abs(side), abs(abs(side) - np.pi)) < STRAIGHT_RAD:
+            over = name == 'elbow' and abs(sides[0]) < STRAIGHT_RAD  # joint 1: it bends either way
+            if over or min(abs(side), abs(abs(side) - np.pi)) < STRAIGHT_RAD:
                 yield usual, other
             else:
                 yield (usual if side > 0.0 else other,)

@@ -11,6 +11,7 @@ from support.spel_program_harness import SpelProgramHarness
 from epson_driver.robots import load_robot_model
 from epson_driver.robots.kinematics import Kinematics
 from epson_driver.sim_controller.spel_host.robot_points import RobotPoints
+from epson_driver.spel import Point
 
 BENT = np.radians([0.0, -10.0, 20.0, 0.0, -60.0, 0.0])
 SCARA = load_robot_model('gx4_c251s')
@@ -229,6 +230,26 @@ def test_a_point_of_an_n_tells_the_angle_that_its_place_leaves_open():
     assert np.allclose(points.joints(place, np.zeros(6)), joints, atol=1e-6)
     turned = points.joints(place.flagged('j4a5'), np.zeros(6))
     assert np.degrees(turned[[3, 5]]) == pytest.approx([5.0, 40.0])
+
+
+@pytest.mark.parametrize(
+    ('name', 'over'),
+    [
+        ('n2_a450s', (0.0, 0.0, 620.0, 90.0, 0.0, 0.0)),
+        ('rs4_551s', (0.0, 0.0, -20.0, 50.0, 0.0, 0.0)),
+    ],
+)
+def test_a_point_on_the_axis_of_joint_1_tells_its_angle(name, over):
+    """J1Angle of N and RS (p449): 0 where nothing is said."""
+    model = load_robot_model(name)
+    points = RobotPoints(model)
+    near = np.zeros(len(model.joint_names))
+    for flags, angle in (((), 0.0), (('j1a30',), 30.0), (('j1a-45',), -45.0)):
+        joints = points.joints(Point('xy', over, flags), near)
+        assert np.degrees(joints[0]) == pytest.approx(angle)
+        place = points.place(joints)
+        assert place.values == pytest.approx(over, abs=1e-6)
+        assert np.allclose(points.joints(place, near), joints, atol=1e-6)
 
 
 def test_jump3_goes_straight_up_across_and_straight_down(caplog):
