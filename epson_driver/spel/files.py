@@ -3,7 +3,8 @@
 """The files that a program reads and writes: those of its folder, and what it has written.
 
 What a program writes stays in memory, unless the files are `kept`: then it goes into the folder,
-and nowhere else. A path of another disk or folder is one in memory.
+and nowhere else. A path of another disk or folder is one in memory. Point files that were there
+before are changed in memory only: those of a simulated robot never replace taught ones.
 """
 
 from collections.abc import Iterator
@@ -16,8 +17,8 @@ from epson_driver.spel.errors import ErrorNumber, SpelError
 MOST_BYTES = 20_000_000
 """Of all that a program writes."""
 
-_PROJECT = ('.prg', '.inc', '.sprj', '.dat')
-"""Files of the project that no program may write to."""
+_PROJECT = ('.prg', '.inc', '.sprj', 'iolabels.dat', 'usererrors.dat', 'macros.dat')
+"""Ends of the files of the project that no program may write to."""
 
 
 def _bad(text: str) -> SpelError:
@@ -40,6 +41,8 @@ class Files:
 
     def __init__(self, folder: Path | None = None, keep: bool = False) -> None:
         self._folder = folder
+        there = _inside(folder) if folder is not None and keep else []
+        self._taught = {name for each in there if (name := each.name.lower()).endswith('.pts')}
         self._keep = keep
         self._written: dict[str, bytes | None] = {}
         self._folders: set[str] = set()
@@ -79,7 +82,7 @@ class Files:
         others = sum(len(each) for path, each in self._written.items() if each and path != key)
         if others + len(content) > MOST_BYTES:
             raise _bad(f'{name}: more than {MOST_BYTES} bytes are written')
-        if self._keep:
+        if self._keep and key not in self._taught:
             with _said(name):
                 self._target(name, key).write_bytes(content)
         self._written[key] = content
@@ -90,7 +93,7 @@ class Files:
             raise _bad(f'there is no file {name}')
         key = self.path(name)
         self._written[key] = None
-        if self._keep:
+        if self._keep and key not in self._taught:
             with _said(name):
                 self._target(name, key).unlink(missing_ok=True)
 

@@ -128,7 +128,31 @@ def test_files_are_those_of_the_folder_and_written_there_only_if_asked(
     assert (tmp_path / 'old.txt').exists() is not keep
 
 
-@pytest.mark.parametrize('name', ['../a.txt', 'C:\\\\a.txt', '/a.txt', 'main.prg', 'link/a.txt'])
+POINTS = """
+  P1 = XY(1, 2, 3, 4)
+  SavePoints "Robot1.pts"
+  ClearPoints
+  LoadPoints "robot1.pts"
+  SavePoints "new.pts"
+  SavePoints "robot1.pts"
+  Print PDef(1)
+  Del "old.pts"
+  Print FileExists("old.pts")
+"""
+
+
+def test_taught_points_are_never_replaced_by_those_of_a_simulated_robot(tmp_path: Path) -> None:
+    for name in ('robot1.pts', 'old.pts'):
+        (tmp_path / name).write_text('taught')
+    host = run(POINTS, Surroundings(files=Files(tmp_path, keep=True)))
+    assert lines(host) == ['-1', '0']
+    assert {each.name for each in tmp_path.iterdir()} == {'robot1.pts', 'old.pts', 'new.pts'}
+    assert (tmp_path / 'robot1.pts').read_text() == (tmp_path / 'old.pts').read_text() == 'taught'
+
+
+@pytest.mark.parametrize(
+    'name', ['../a.txt', 'C:\\\\a.txt', '/a.txt', 'main.prg', 'IOLabels.dat', 'link/a.txt']
+)
 def test_nothing_is_written_outside_the_folder_or_over_the_project(
     tmp_path: Path, name: str
 ) -> None:
