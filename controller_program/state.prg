@@ -15,16 +15,18 @@ Double m_due
 
 ' A background task that never ends
 Function StateServer
+  OnErr GoTo state_error
   Do
     StateService
     Wait 0.1
   Loop
+state_error:
+  EResume Next
 Fend
 
 ' Serves one client
 Function StateService
   Integer i
-  OnErr GoTo state_failed
   If ChkNet(STATE_PORT) <> -3 Then CloseNet #STATE_PORT
   SetNet #STATE_PORT, OWN_ADDRESS, STATE_TCP_PORT, CRLF, NONE, 2
   OpenNet #STATE_PORT As Server
@@ -54,9 +56,6 @@ Function StateService
       If Not NextSlot Then Exit Function
     Next i
   Loop
-state_failed:
-  EResume state_end
-state_end:
 Fend
 
 ' Answers what the client has sent, and waits until the next message is due. False: the client must go.

@@ -3,7 +3,7 @@
 """io.prg: docs/io.md's messages on the controller's inputs, outputs and memory bits."""
 
 import pytest
-from support.robot_program import IO_PORT, Client, RobotHarness
+from support.robot_program import FILES, IO_PORT, Client, RobotHarness
 
 from epson_driver.simple_message import (
     GetVersion,
@@ -235,6 +235,7 @@ def test_outputs_stay_if_config_says_so() -> None:
 
 def test_outputs_that_rc_plus_uses_as_remote_outputs_are_read_only() -> None:
     """As it is shipped: bits 0 to 7, with their byte and their word."""
+    assert '\n#define IO_FIRST_OUTPUT_BYTE 1\n' in FILES['config.inc']
     harness = RobotHarness(IO_FIRST_OUTPUT_BYTE='1')
     client = harness.client(IO_PORT)
     wanted = (

@@ -28,7 +28,9 @@ from support.robot_program import (
 from support.spel_program_harness import SPEL_PROFILE, SpelProgramHarness
 
 from epson_driver.sim_controller.spel_host.profile_project import profile_project
+from epson_driver.spel import build
 from epson_driver.spel.lint import check
+from epson_driver.spel.syntax import Assign, Binary, Declaration, OnErr, walk
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / 'docs' / 'controller_program.md').read_text(encoding='utf-8')
@@ -159,6 +161,27 @@ def test_every_statement_is_executed() -> None:
     behind = {each for each in missing if each[2] == BEHIND_A_LOOP and each[0] in ENDLESS}
     assert sorted(missing - behind) == []
     assert {name for name in FILES if name.endswith('.prg')} == lines.keys()
+
+
+FUNCTIONS = {each.name: each for file in build(FILES).files for each in file.functions}
+ARITHMETIC = ('+', '-', '*', '/', 'mod', 'and')
+
+
+@pytest.mark.parametrize('name', ['BgMain', 'MotionServer', 'StateServer', 'IoServer'])
+def test_no_background_task_has_a_statement_outside_an_error_handler(name: str) -> None:
+    first = next(each for each in FUNCTIONS[name].body if not isinstance(each, Declaration))
+    assert isinstance(first, OnErr)
+
+
+def test_nothing_is_written_that_no_old_program_has() -> None:
+    """Assigned comparisons without brackets, and the protocol of SetNet."""
+    for node in walk([each.body for each in FUNCTIONS.values()]):
+        if isinstance(node, Assign) and isinstance(node.value, Binary):
+            line = FILES[node.at.file].split('\n')[node.at.line - 1]
+            value = line[node.target.at.column - 1 :].partition(' = ')[2]
+            assert node.value.operator in ARITHMETIC or value.startswith('('), line
+    for arguments in re.findall(r'(?m)^ *SetNet (.*)$', ''.join(FILES.values())):
+        assert arguments.endswith('CRLF, NONE, 2')
 
 
 @pytest.mark.parametrize('version', [6, 7, 8])

@@ -90,6 +90,7 @@ BAD = [
     ('unknown', 3, main('  Foo 1')),
     ('not-simulated', 3, main('  Curve "a"')),
     ('type', 3, main('  Print 1 + "a"')),
+    ('type', 4, main('  Long n(3)\n  f(ByRef n(1))') + 'Function f(ByRef n As Long)\nFend\n'),
     ('arguments', 3, main('  Print Sin(1, 2)')),
     ('declaration', 3, main('  Integer a, a')),
     ('array-size', 3, main('  Integer a(5000)')),
