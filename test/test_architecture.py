@@ -54,7 +54,7 @@ ROOMS = {
     'simple_message trace',
     'panel': 'ROS driver motion node numpy pages remote_ethernet robots sim_controller websockets',
     'pendant': 'driver error_texts processes remote_ethernet sim_controller simple_message',
-    'fleet': 'ROS processes rich',
+    'fleet': 'ROS node processes rich',
     'exercise': 'ROS error_texts inputs motion numpy pendant processes profiles pytest '
     'remote_ethernet report robots sim_controller',
     'demo': 'ROS error_texts inputs matplotlib motion node numpy panel planning processes '

@@ -13,7 +13,8 @@ from collections.abc import Callable
 
 import rclpy
 from control_msgs.msg import JointJog
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rcl_interfaces.msg import Log
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
@@ -23,6 +24,7 @@ from epson_driver.cli.arguments import argument
 from epson_driver.driver.inhibit import Remedy, with_remedy
 from epson_driver.inputs import number, printable
 from epson_driver.node.remedies import WORDS
+from epson_driver.node.sampling import level, sampled, take, take_all
 
 PERIOD_S = 0.02
 """Time between two messages while a key is held, s."""
@@ -30,8 +32,18 @@ PERIOD_S = 0.02
 WAIT_S = 10.0
 """How long to wait for the driver, s."""
 
-MAX_UNREAD = 12
-"""So many callbacks may wait when a key is pressed: diagnostics come once a second."""
+IDLE_S = 0.1
+"""How often the driver is listened to while no key is held, s."""
+
+MOST = 20
+"""Messages of one topic that wait; diagnostics come once a second, of every driver."""
+
+JOINTS_SILENT_S, DRIVER_SILENT_S = 0.5, 2.5
+"""After what time without joint states, or diagnostics, that is said, s."""
+
+WARN = 30
+TOPIC = '~/joint_jog'
+"""As the driver calls it in its log."""
 
 RELEASE_S = 0.15
 """A key that did not come again for so long was released, s. Terminals repeat a key 10 to 30 times
@@ -130,56 +142,76 @@ def main() -> int:
 
 
 class WhyNot:
-    """What keeps the arm from moving, as the driver's diagnostics say."""
+    """What keeps the arm from moving: what its driver says, or that it is silent."""
 
     def __init__(self, node: Node, driver: str) -> None:
-        self._node = node
-        self._name = f'{node.resolve_service_name(driver).lstrip("/")}: arm'
-        self._text = ''
-        node.create_subscription(DiagnosticArray, '/diagnostics', self._take, 10)
+        name = node.resolve_service_name(driver).lstrip('/')
+        self._arm, self._logger = f'{name}: arm', name.replace('/', '.')
+        self._diagnostics = sampled(node, DiagnosticArray, '/diagnostics', MOST)
+        self._log = sampled(node, Log, '/rosout', MOST)
+        self._joints = sampled(node, JointState, 'joint_states', 1)
+        self._held = ''
+        self._told = self._moved = time.monotonic()
 
-    def __call__(self) -> str:
-        """Return the newest reason, '' if nothing keeps the arm from moving."""
-        for _ in range(MAX_UNREAD):
-            rclpy.spin_once(self._node, timeout_sec=0.0)
-        return self._text
+    def __call__(self, now: float) -> tuple[str, list[str]]:
+        """Return the reason, '' if there is none, and what the driver said since the last time."""
+        if take(self._joints) is not None:
+            self._moved = now
+        for message in take_all(self._diagnostics, MOST):
+            for status in message.status:
+                if status.name == self._arm:
+                    self._told, self._held = now, _held(status)
+        lines = [each for each in take_all(self._log, MOST) if each.name == self._logger]
+        said = [each.msg for each in lines if level(each) >= WARN and TOPIC in each.msg]
+        return self._reason(now), said
 
-    def _take(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            if status.name == self._name:
-                values = {each.key: each.value for each in status.values}
-                held = values.get('cause', 'NONE') != 'NONE'
-                remedy = Remedy.__members__.get(values.get('remedy', ''), Remedy.NONE)
-                self._text = with_remedy(status.message, remedy, WORDS) if held else ''
+    def _reason(self, now: float) -> str:
+        if now - self._told > DRIVER_SILENT_S:
+            return 'its driver is silent: look whether it runs'
+        if not self._held and now - self._moved > JOINTS_SILENT_S:
+            return 'no joint_states come: look whether the driver and the controller run'
+        return self._held
+
+
+def _held(arm: DiagnosticStatus) -> str:
+    """Return what keeps the arm from moving and what helps, '' if nothing does."""
+    values = {each.key: each.value for each in arm.values}
+    remedy = Remedy.__members__.get(values.get('remedy', ''), Remedy.NONE)
+    held = values.get('cause', 'NONE') != 'NONE'
+    return with_remedy(arm.message, remedy, WORDS) if held else ''
 
 
 def _jog(
     names: list[str],
     speed: float,
     publish: Callable[[JointJog], None],
-    why_not: Callable[[], str],
+    why_not: Callable[[float], tuple[str, list[str]]],
 ) -> None:
     """Publish a velocity while a key is held, and all zero once when it is released.
 
-    `why_not` returns what keeps the arm from moving: it is said when a key is pressed.
+    `why_not`: what keeps the arm from moving, and what the driver says of it, both said at once.
     """
     keys = JogKeys(len(names), speed)
-    moved = False
+    moved, known = False, ''
     while not keys.ended:
-        wait = PERIOD_S if moved else None
-        ready, _, _ = select.select([sys.stdin], [], [], wait)
+        ready, _, _ = select.select([sys.stdin], [], [], PERIOD_S if moved else IDLE_S)
         now = time.monotonic()
         if ready:
             for key in os.read(sys.stdin.fileno(), 64).decode(errors='replace') or ['']:
                 keys.press(key, now)
         velocity = keys.velocity(now)
         if velocity is not None:
-            if not moved and (why := why_not()):
-                print(f'the arm does not move: {printable(why)}')
             joint, value = velocity
             publish(JointJog(joint_names=[names[joint]], velocities=[value], duration=PERIOD_S))
         elif moved:
             publish(JointJog(joint_names=names, velocities=[0.0] * len(names)))
+        why, said = why_not(now)
+        if velocity is not None and why and (why != known or not moved):
+            print(f'the arm does not move: {printable(why)}')
+        elif not why:
+            for line in said:
+                print(printable(line))
+        known = why
         if ready and velocity is None and not keys.ended:
             print(f'{keys.speed:.3g} {UNIT}')
         moved = velocity is not None
@@ -187,12 +219,12 @@ def _jog(
 
 def _joint_names(node: Node) -> list[str] | None:
     """Return the joints of the first joint_states, or None if there are none in time."""
-    names: list[str] = []
-    node.create_subscription(JointState, 'joint_states', lambda m: names.extend(m.name), 1)
+    states = sampled(node, JointState, 'joint_states', 1)
     until = time.monotonic() + WAIT_S
-    while not names and time.monotonic() < until:
-        rclpy.spin_once(node, timeout_sec=0.1)
-    return names or None
+    while (state := take(states)) is None and time.monotonic() < until:
+        time.sleep(PERIOD_S)
+    node.destroy_subscription(states)
+    return None if state is None else list(state.name)
 
 
 def _say(names: list[str], speed: float) -> None:

@@ -15,6 +15,8 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from epson_driver.node.sampling import sampled, take_all
+
 KEPT_STATES = 2000
 """Joint states of one robot that wait to be counted: those of ten seconds."""
 
@@ -38,8 +40,6 @@ class Watch:
     def __init__(self, names: Sequence[str]) -> None:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self._node = rclpy.create_node('fleet')
-        # Joint states are counted once in a while, all that wait at once: an executor would
-        # build its wait set anew for each of thousands a second.
         self._counter = rclpy.create_node('fleet_counter')
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
@@ -58,9 +58,8 @@ class Watch:
             self._clients[name] = self._node.create_client(
                 GetParameters, f'{driver}/get_parameters'
             )
-            self._states[name] = self._counter.create_subscription(
-                JointState, f'/{name}/joint_states', _never, states, raw=True
-            )
+            topic = f'/{name}/joint_states'
+            self._states[name] = sampled(self._counter, JointState, topic, states, raw=True)
 
     def close(self) -> None:
         """Leave ROS."""
@@ -104,13 +103,7 @@ class Watch:
 
     def _count(self) -> dict[str, int]:
         """Take the joint states that waited, and return how many there were of each robot."""
-        counts = {}
-        for name, subscription in self._states.items():
-            counts[name] = 0
-            with subscription.handle:
-                while subscription.handle.take_message(JointState, True) is not None:
-                    counts[name] += 1
-        return counts
+        return {name: len(take_all(each, KEPT_STATES)) for name, each in self._states.items()}
 
     def _on_link(self, name: str, message: Any) -> None:
         self._links[name] = message.data
@@ -118,7 +111,3 @@ class Watch:
     def _on_answer(self, name: str, _future: Any) -> None:
         if name in self._calls:
             self._answers[name] = time.monotonic() - self._calls.pop(name)[0]
-
-
-def _never(_message: bytes) -> None:
-    raise RuntimeError('no executor serves this subscription')

@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """`/diagnostics` (REP-107): one status for each link that is used and one for the arm.
 
-Everything is worked out here, once a second, from what the links and the robot state keep anyway:
+Everything is worked out here, from what the links and the robot state keep anyway:
 a message costs no more because somebody may look.
 """
 
+import asyncio
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
@@ -30,9 +31,13 @@ LEVELS = {
 }
 """Of what keeps the arm from moving; of all else WARN."""
 
+PERIOD_S = 1.0
+LOOKS = 10
+"""In a period, at what keeps the arm from moving."""
+
 
 class Diagnostics:
-    """Builds the array once a second, with rates since the build before.
+    """Builds the array, with rates since the build before.
 
     `publishers` returns how many publishers a topic has.
     """
@@ -43,6 +48,22 @@ class Diagnostics:
         self._node_name = node_name
         self._before: dict[str, tuple[float, int]] = {}
         self._built: float | None = None
+
+    async def run(
+        self, stamp: Callable[[], Time], publish: Callable[[DiagnosticArray], None]
+    ) -> None:
+        """Publish once a second, and as soon as something else keeps the arm from moving."""
+        while True:
+            cause = self._cause()
+            publish(self.build(stamp(), _now()))
+            for _ in range(LOOKS):
+                await asyncio.sleep(PERIOD_S / LOOKS)
+                if self._cause() is not cause:
+                    break
+
+    def _cause(self) -> Cause | None:
+        found = self._driver.inhibit(_now())
+        return None if found is None else found.cause
 
     def build(self, stamp: Time, now: float) -> DiagnosticArray:
         """Return the message. `now` is the loop's time, s."""
@@ -192,3 +213,7 @@ class Diagnostics:
 def _milliseconds(sorted_seconds: Sequence[float], share: float) -> str:
     """Return the value below which `share` of the others lie, in ms."""
     return f'{sorted_seconds[int(share * (len(sorted_seconds) - 1))] * 1e3:.2f}'
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()

@@ -52,8 +52,6 @@ from epson_driver.robots import load_robot_model
 from epson_driver.simple_message import Status
 from epson_driver.trace import TraceError
 
-DIAGNOSTICS_PERIOD_S = 1.0
-
 
 class ClientNode:
     """Connects an rclpy node with a driver. Make it in the driver's event loop.
@@ -245,7 +243,5 @@ class ClientNode:
         self._link_state.publish(String(data=name))
 
     async def _publish_diagnostics(self) -> None:
-        while True:
-            stamp = self._clock.now().to_msg()
-            self._diagnostic_array.publish(self._diagnostics.build(stamp, self._loop.time()))
-            await asyncio.sleep(DIAGNOSTICS_PERIOD_S)
+        publish = self._diagnostic_array.publish
+        await self._diagnostics.run(lambda: self._clock.now().to_msg(), publish)

@@ -8,7 +8,6 @@ sampled (`ros_robot.py`).
 
 from collections import deque
 from collections.abc import Callable
-from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -19,8 +18,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from epson_driver.node.ros_thread import RosThread
+from epson_driver.node.sampling import level, sampled, take_all
 from epson_driver.panel.robot_state import MAX_EVENTS, Event
-from epson_driver.panel.ros_robot import RosRobot, take
+from epson_driver.panel.ros_robot import RosRobot
 
 NAME = 'epson_driver_panel'
 
@@ -65,10 +65,8 @@ class RosDiscovery:
         )
         self._node = self._new_node(NAME)
         self._sampled = self._new_node(f'{NAME}_topics')
-        self._diagnostics = self._sampled.create_subscription(
-            DiagnosticArray, '/diagnostics', _never, MANY
-        )
-        self._log = self._sampled.create_subscription(Log, '/rosout', _never, LOG)
+        self._diagnostics = sampled(self._sampled, DiagnosticArray, '/diagnostics', MANY)
+        self._log = sampled(self._sampled, Log, '/rosout', LOG)
         self._thread = RosThread(on_error, self._context)
         self._thread.executor.add_node(self._node)
         self._thread.start()
@@ -100,15 +98,15 @@ class RosDiscovery:
 
     def sample_slow(self, now: float) -> None:
         """Take what comes rarely: diagnostics and log lines."""
-        for message in _all(self._diagnostics):
+        for message in take_all(self._diagnostics, MAX_AT_ONCE):
             for status in message.status:
                 node, separator, part = status.name.partition(': ')
                 robot = self.robots.get(f'/{node}')
                 if robot is not None and separator and part == 'arm':
                     robot.on_diagnostics(status, now)
-        for line in _all(self._log):
+        for line in take_all(self._log, MAX_AT_ONCE):
             at = line.stamp.sec + line.stamp.nanosec * 1e-9
-            event = Event(at, _level(line.level), line.msg)
+            event = Event(at, level(line), line.msg)
             name = '/' + line.name.replace('.', '/')
             robot = self.robots.get(name)
             if robot is not None:
@@ -151,18 +149,3 @@ class RosDiscovery:
         self._node.destroy_node()
         self._sampled.destroy_node()
         rclpy.shutdown(context=self._context)
-
-
-def _all(subscription: Any) -> list[Any]:
-    messages: list[Any] = []
-    while len(messages) < MAX_AT_ONCE and (message := take(subscription)) is not None:
-        messages.append(message)
-    return messages
-
-
-def _level(level: Any) -> int:
-    return level if isinstance(level, int) else int.from_bytes(level, 'little')
-
-
-def _never(_message: Any) -> None:
-    raise RuntimeError('this subscription is sampled, not served')

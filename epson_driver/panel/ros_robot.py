@@ -32,6 +32,8 @@ from std_srvs.srv import Trigger
 
 from epson_driver.driver.inhibit import Cause, Inhibit, Remedy
 from epson_driver.motion import Array, Trajectory
+from epson_driver.node.sampling import sampled as subscribed
+from epson_driver.node.sampling import take
 from epson_driver.node.trajectory_messages import trajectory_message
 from epson_driver.panel.robot import Say
 from epson_driver.panel.robot_state import (
@@ -67,13 +69,6 @@ TRIGGERS = ('stop', 'enable', 'disable', 'reset_error')
 
 class NoDriverError(RequestError):
     """Nobody serves a request that its text names."""
-
-
-def take(subscription: Any) -> Any:
-    """Return the next message of a subscription that no executor serves, or None."""
-    with subscription.handle:
-        taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-    return None if taken is None else taken[0]
 
 
 class Goal:
@@ -136,7 +131,6 @@ class RosRobot:
         self._action = ActionClient(node, FollowJointTrajectory, f'{name}/follow_joint_trajectory')
         self._goals: list[Goal] = []
         self._goals_lock = threading.Lock()
-        subscribe = sampled.create_subscription
         topics: tuple[tuple[Any, str, Callable[[Any, float], None], QoSProfile], ...] = (
             (JointState, f'{self.namespace}/joint_states', self._on_joints, LATEST),
             (RobotStatus, f'{self.namespace}/robot_status', self._on_status, LATEST),
@@ -151,7 +145,7 @@ class RosRobot:
             (IoStates, f'{name}/io_states', self._on_io, LATCHED),
         )
         self._topics = [
-            (subscribe(kind, topic, _never, qos), handle) for kind, topic, handle, qos in topics
+            (subscribed(sampled, kind, topic, qos), handle) for kind, topic, handle, qos in topics
         ]
 
     def last_heard(self, now: float) -> float:
@@ -386,10 +380,6 @@ class RosRobot:
     def log(self, text: str, level: int) -> None:
         """Put a line of the panel's own among those of the driver."""
         self.state.add_event(Event(time.time(), level, text))
-
-
-def _never(_message: Any) -> None:
-    raise RuntimeError('this subscription is sampled, not served')
 
 
 def _possible(values: Array | float) -> bool:

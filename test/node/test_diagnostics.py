@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """`/diagnostics` says the same as the driver knows, with the level of its condition."""
 
+import asyncio
+from itertools import pairwise
+
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -288,3 +291,25 @@ async def test_a_connection_has_its_time_until_it_is_lost():
 def test_the_arm_knows_its_joints(harness):
     zeros = (0.0,) * 10
     assert harness.driver.robot.on_joints(zeros, 1.0, zeros).positions.shape == (JOINTS,)
+
+
+async def test_they_come_each_second_and_as_soon_as_the_cause_changes():
+    sent = []
+    async with ScriptedController() as controller, Harness(controller.ports) as harness:
+        await harness.ready()
+        diagnostics = Diagnostics(harness.driver, 'epson_driver', lambda _: 1)
+
+        def publish(message):
+            sent.append((now(), values(rows(message)['arm'])['cause']))
+
+        task = asyncio.create_task(diagnostics.run(lambda: STAMP, publish))
+        await until(lambda: len(sent) == 3)
+        await controller.__aexit__()
+        gone = now()
+        await until(lambda: len(sent) == 4)
+        task.cancel()
+    assert [round(later - sooner, 2) for (sooner, _), (later, _) in pairwise(sent[:3])] == [
+        1.0
+    ] * 2
+    assert sent[3][1] == 'NO_STATE_LINK'
+    assert sent[3][0] - gone < 0.2

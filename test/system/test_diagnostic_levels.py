@@ -24,12 +24,16 @@ def values(status: Any) -> dict[str, str]:
 def wait(cell: Cell, part: str, level: bytes, text: str = '') -> dict[str, str]:
     """Wait until that status has the level and the text; return its values."""
 
+    found: dict[str, str] = {}
+
     def there() -> bool:
         status = rows(cell).get(part)
-        return status is not None and status.level == level and text in status.message
+        if status is not None and status.level == level and text in status.message:
+            found.update(values(status))
+        return bool(found)
 
     cell.peer.wait_for(there, f'{part} at level {level!r}: {text}')
-    return values(rows(cell)[part])
+    return found
 
 
 def test_levels_and_sentences_through_an_estop_and_a_restart(tmp_path: Path) -> None:
