@@ -49,7 +49,7 @@ def is_up(row: Row) -> bool:
 def table(rows: Iterable[Row], others: dict[str, Use]) -> Table:
     """Return the table: a line for each robot, for shared processes, and for all."""
     rows = list(rows)
-    shown = Table(box=SIMPLE, show_footer=True, highlight=False, padding=(0, 1), pad_edge=False)
+    shown = Table(box=SIMPLE, show_footer=True, padding=(0, 1, 0, 0), show_edge=False)
     total = sum((row.driver + row.controller for row in rows), NOTHING)
     total = sum(others.values(), total)
     answers = [row.seen.answer_s for row in rows if row.seen.answer_s is not None]
@@ -58,7 +58,7 @@ def table(rows: Iterable[Row], others: dict[str, Use]) -> Table:
         ('robot', 'all'),
         ('up', f'{sum(map(is_up, rows))} of {len(rows)}'),
         ('answers', _milliseconds(max(answers, default=None))),
-        ('joint states', f'≥ {slowest:.0f} Hz'),
+        ('states', f'≥ {slowest:.0f} Hz'),
         ('driver', _cores(sum(row.driver.cpu_s for row in rows))),
         ('controller', _cores(sum(row.controller.cpu_s for row in rows))),
         ('CPU', _cores(total.cpu_s)),
@@ -86,11 +86,11 @@ def table(rows: Iterable[Row], others: dict[str, Use]) -> Table:
 
 def _state(row: Row) -> str:
     if row.ended is not None:
-        return f'[bold red]ended with {row.ended}[/]'
+        return f'[bold red]ended: {row.ended}[/]'
     if is_up(row):
         return '[green]yes[/]'
     link = row.seen.link.replace('_', ' ') or EMPTY
-    return '[bold red]no[/]' if link == 'connected' else f'[bold red]no, {link}[/]'
+    return f'[bold red]{"no" if link == "connected" else link}[/]'
 
 
 def _milliseconds(seconds: float | None) -> str:
@@ -168,9 +168,9 @@ def _window(fleet: Fleet, watch: Watch) -> tuple[list[Row], dict[str, Use]]:
     own |= {f'controller {name}': each for name, each in fleet.controllers.items()}
     others: dict[str, int] = {}
     if fleet.together:
-        others['drivers, one process'] = next(iter(fleet.drivers.values())).process_id
+        others['drivers'] = next(iter(fleet.drivers.values())).process_id
     if fleet.server is not None:
-        others['discovery server'] = fleet.server.process_id
+        others['discovery'] = fleet.server.process_id
     others['this table'] = os.getpid()
     ids = {name: each.process_id for name, each in own.items()} | others
     before, began = _uses(ids), time.monotonic()

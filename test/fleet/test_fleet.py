@@ -53,9 +53,9 @@ def test_a_line_says_how_a_robot_does() -> None:
     ('ended', 'seen', 'shown'),
     [
         (None, WELL, 'yes'),
-        (1, WELL, 'ended with 1'),
-        (0, WELL, 'ended with 0'),
-        (None, WELL._replace(link='backing_off'), 'no, backing off'),
+        (1, WELL, 'ended: 1'),
+        (0, WELL, 'ended: 0'),
+        (None, WELL._replace(link='backing_off'), 'backing off'),
         (None, WELL._replace(answer_s=None), 'no'),
         (None, WELL._replace(rate=0.0), 'no'),
     ],
@@ -65,16 +65,26 @@ def test_up_is_who_is_connected_answers_and_sends(
 ) -> None:
     row = Row('robot_1', ended, seen, NOTHING, NOTHING)
     assert is_up(row) == (shown == 'yes')
-    text = ' '.join(text_of(row)).split()  # at 80 columns a cell has two lines
-    assert set(shown.split()) <= set(text)
+    assert f'  {shown}  ' in '\n'.join(text_of(row))
+
+
+def test_it_fits_80_columns() -> None:
+    busy = Use(1.23, 1_234_567_890)
+    rows = [Row('robot_64', -15, WELL, busy, busy), Row('robot_1', None, WELL, busy, busy)]
+    lines = [
+        line for line in text_of(*rows, discovery=busy, **{'this table': busy}) if line.strip()
+    ]
+    assert len(lines) == 1 + 1 + 4 + 1 + 1  # no cell has two lines
+    assert '…' not in ''.join(lines)
+    assert max(map(len, lines)) <= 80
 
 
 def test_the_last_line_is_of_all_with_what_they_share() -> None:
     rows = [Row('robot_1', None, WELL, USED, USED), Row('robot_2', 1, WELL, USED, USED)]
-    shared = {'discovery server': Use(0.01, 5_000_000)}
+    shared = {'discovery': Use(0.01, 5_000_000)}
     last = next(line for line in text_of(*rows, **shared) if line.strip().startswith('all '))
     for cell in ('1 of 2', '20 %', '41 %', '405 MB', '≥ 182 Hz'):
-        assert f' {cell} ' in last
+        assert f' {cell} ' in f'{last} '
 
 
 @pytest.mark.skipif(not process_figures.available(), reason='Linux only')
@@ -302,7 +312,7 @@ def test_a_terminal_shows_every_window_and_the_last_one_decides(
     assert shown.show(two_robots(), Heard(), 5.0, console) == 0  # type: ignore[arg-type]
     assert next(windows, None) is None
     assert isinstance(console.file, io.StringIO)
-    assert 'ended with 1' in console.file.getvalue()
+    assert 'ended: 1' in console.file.getvalue()
 
 
 def test_a_fleet_that_cannot_start_says_why(
