@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 
 from epson_driver.spel.commands import TaskType
-from epson_driver.spel.errors import ErrorNumber, SpelError
+from epson_driver.spel.errors import ErrorNumber, SpelError, bad
 from epson_driver.spel.host import Memory
 from epson_driver.spel.library import format_string, parse_string, text_of, value_of
 from epson_driver.spel.pallets import checked_number, new_pallet
@@ -39,11 +39,6 @@ _LONGEST = 1e7
 _MOST_ELEMENTS = {False: (2_000, 200), True: (100_000, 10_000)}
 
 
-def bad(name: str, text: str) -> SpelError:
-    """Return the error that an argument is out of range."""
-    return SpelError(ErrorNumber.ARGUMENT, f'{name}: {text}')
-
-
 def seconds(task: Task, name: str, time: float) -> float:
     """Return a time as the controller waits it: whole ticks, rounded up. Raises SpelError."""
     if not 0.0 <= time <= _LONGEST:
@@ -70,14 +65,12 @@ def wait(task: Task, time: float) -> None:
 def wait_condition(task: Task, test: Test, time: float | None) -> None:
     """Wait condition[, s]: TW says whether the time ran out, TMOut makes that an error."""
     limit = task.default_timeout if time is None else seconds(task, 'Wait', time)
-    task.timed_out = False
 
     def after(timed_out: bool) -> None:
-        task.timed_out = timed_out
         if timed_out and time is None:
             raise SpelError(ErrorNumber.WAIT_TIMEOUT)
 
-    task.wait(limit, test, after, scanned=True)
+    task.wait_or_time_out(limit, test, after, scanned=True)
 
 
 def set_default_timeout(task: Task, time: float) -> None:
@@ -90,13 +83,8 @@ def wait_signal(task: Task, number: int, time: float | None = None) -> None:
     within('WaitSig', nearest(number), 0, 63)
     signals = task.world.signals
     before = signals.get(number, 0)
-    task.timed_out = False
-
-    def after(timed_out: bool) -> None:
-        task.timed_out = timed_out
-
     limit = None if time is None else seconds(task, 'WaitSig', time)
-    task.wait(limit, lambda: signals.get(number, 0) != before, after)
+    task.wait_or_time_out(limit, lambda: signals.get(number, 0) != before)
 
 
 def signal(task: Task, number: int) -> None:
@@ -111,15 +99,13 @@ def sync_lock(task: Task, number: int, time: float | None = None) -> None:
     locks = task.world.locks
     if locks.get(number) == task.number:
         raise SpelError(ErrorNumber.SYNC, f'SyncLock {number}: this task has locked it already')
-    task.timed_out = False
 
     def after(timed_out: bool) -> None:
-        task.timed_out = timed_out
         if not timed_out:
             locks[number] = task.number
 
     limit = None if time is None else seconds(task, 'SyncLock', time)
-    task.wait(limit, lambda: number not in locks, after)
+    task.wait_or_time_out(limit, lambda: number not in locks, after)
 
 
 def sync_unlock(task: Task, number: int) -> None:
@@ -353,7 +339,7 @@ def message_box(
     pressed: list[int] = []
 
     def asked() -> bool:
-        button = world.host.message_box(caller, text, nearest(buttons or 0), title or '')
+        button = world.host.terminal.message_box(caller, text, nearest(buttons or 0), title or '')
         if button is not None:
             pressed.append(button)
         return button is not None
@@ -371,7 +357,7 @@ def print_terminal(task: Task, text: str) -> None:
     if task.outputs:
         task.outputs[-1].append(text)
     else:
-        task.world.host.write(task.caller, text)
+        task.world.host.terminal.write(task.caller, text)
 
 
 def fill(name: str, line: str, targets: tuple[Reference, ...], whole: bool) -> None:
@@ -395,7 +381,7 @@ def input_terminal(task: Task, targets: tuple[Reference, ...], whole: bool) -> N
     typed: list[str] = []
 
     def asked() -> bool:
-        line = task.world.host.read_line()
+        line = task.world.host.terminal.read_line()
         if line is not None:
             typed.append(line)
         return line is not None

@@ -8,7 +8,8 @@ from math import inf
 from typing import Any
 
 from epson_driver.spel import frames
-from epson_driver.spel.actions import bad, within
+from epson_driver.spel.actions import within
+from epson_driver.spel.errors import bad
 from epson_driver.spel.frames import Area
 from epson_driver.spel.task import Task
 from epson_driver.spel.values import Point, nearest

@@ -49,6 +49,7 @@ class BareHost(Loopback):
         self.here = Point('xy', (0.0,) * 6)
         self.tools: dict[int, Point] = {}
         self._show = show
+        self.terminal = self.network = self
 
     # Terminal
 

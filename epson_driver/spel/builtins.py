@@ -6,8 +6,9 @@ from collections.abc import Callable
 from datetime import datetime, timedelta
 from typing import Any
 
+from epson_driver.spel.actions import within
 from epson_driver.spel.commands import TaskType
-from epson_driver.spel.errors import ErrorNumber, SpelError, TaskError
+from epson_driver.spel.errors import ErrorNumber, SpelError, TaskError, bad
 from epson_driver.spel.host import Memory
 from epson_driver.spel.pallets import checked_number
 from epson_driver.spel.ports import check_net, lines_waiting, port_of
@@ -17,9 +18,8 @@ from epson_driver.spel.values import Point
 
 def timer(task: Task, number: int) -> float:
     """Return Tmr: seconds since TmReset, or since the start, in milliseconds."""
-    if not 0 <= number <= 63:
-        raise SpelError(ErrorNumber.ARGUMENT, f'Tmr: {number} is not in 0..63')
-    return round(task.world.time - task.world.timers.get(number, 0.0), 3)
+    begun = task.world.timers.get(within('Tmr', number, 0, 63), 0.0)
+    return round(task.world.time - begun, 3)
 
 
 def now(task: Task) -> datetime:
@@ -29,10 +29,7 @@ def now(task: Task) -> datetime:
 
 def _time(task: Task, unit: int) -> int:
     clock = now(task)
-    units = (clock.hour, clock.minute, clock.second)
-    if not 0 <= unit <= 2:
-        raise SpelError(ErrorNumber.ARGUMENT, f'Time: {unit} is not in 0..2')
-    return units[unit]
+    return (clock.hour, clock.minute, clock.second)[within('Time', unit, 0, 2)]
 
 
 def point(task: Task, number: int) -> Point:
@@ -64,8 +61,6 @@ def _task_info(task: Task, which: int | str, index: int) -> int:
     found = task.world.task(which)
     if found is None:
         raise SpelError(ErrorNumber.NO_SUCH_TASK, f'TaskInfo: task {which} does not exist')
-    if not 0 <= index <= 4:
-        raise SpelError(ErrorNumber.ARGUMENT, f'TaskInfo: {index} is not in 0..4')
     states = (
         found.number,
         int(found.type is not TaskType.BACKGROUND),
@@ -73,7 +68,7 @@ def _task_info(task: Task, which: int | str, index: int) -> int:
         int(found.state),
         -1 if found.timed_out else 0,
     )
-    return states[index]
+    return states[within('TaskInfo', index, 0, 4)]
 
 
 def _error(task: Task, which: int | str | None) -> TaskError | None:
@@ -85,19 +80,14 @@ def _error(task: Task, which: int | str | None) -> TaskError | None:
     return found.error
 
 
-def _err(task: Task, which: int | str | None = None) -> int:
-    error = _error(task, which)
-    return error.number if error is not None else 0
+def _of_error(read: Callable[[TaskError], Any], blank: int | str) -> Callable[..., Any]:
+    """Return a function of a task's last error, `blank` where there is none."""
 
+    def ask(task: Task, which: int | str | None = None) -> Any:
+        error = _error(task, which)
+        return read(error) if error is not None else blank
 
-def _erl(task: Task, which: int | str | None = None) -> int:
-    error = _error(task, which)
-    return error.position.line if error is not None else 0
-
-
-def _erf(task: Task, which: int | str | None = None) -> str:
-    error = _error(task, which)
-    return error.function if error is not None else ''
+    return ask
 
 
 def _net_owner(task: Task, number: int) -> int:
@@ -124,14 +114,14 @@ def _decimal_in(task: Task, port: int) -> int:
 def _counted(task: Task, bit: int) -> int:
     counter = task.world.counters.get(bit)
     if counter is None:
-        raise SpelError(ErrorNumber.ARGUMENT, f'Ctr: input {bit} counts nothing: CTReset {bit}')
+        raise bad('Ctr', f'input {bit} counts nothing: CTReset {bit}')
     return counter.count
 
 
 def _io_number(task: Task, label: str) -> int:
     found = task.world.program.data.labels.get(label.lower())
     if found is None:
-        raise SpelError(ErrorNumber.ARGUMENT, f'IONumber: there is no I/O label {label}')
+        raise bad('IONumber', f'there is no I/O label {label}')
     return found
 
 
@@ -160,11 +150,11 @@ TASK_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'taskstate': task_state,
     'taskinfo': _task_info,
     'taskdone': _done,
-    'err': _err,
-    'erl': _erl,
+    'err': _of_error(lambda error: error.number, 0),
+    'erl': _of_error(lambda error: error.position.line, 0),
     'era': lambda _task, _which=None: 0,
     'ert': lambda task: task.error.task if task.error is not None else 0,
-    'erf$': _erf,
+    'erf$': _of_error(lambda error: error.function, ''),
     'errmsg$': lambda task, number, _language=0: task.world.error_text(number),
     'chknet': check_net,
     'opennet': _net_owner,

@@ -4,10 +4,12 @@
 
 A form is a list of argument kinds with commas: `n` a number, `s` a string, `x` either, `p` a
 point, `q` the number of one (P1, its label), `v` a variable, `a` a whole array, `w(A|B)` one of
-these words; `?` after a kind: it may be left out, `*` any number of them. A form that begins with
-@ is read by a method of that name in the parser. Task types and versions are those of words.py.
+these words; `?` after a kind: it may be left out, `*` any number of them; - is none. A form that
+begins with @ is read by a method of that name in the parser. Task types and versions are those of
+words.py.
 """
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
@@ -65,123 +67,37 @@ class CommandRule:
         return bool(first) and first[0] != '@' and first[-1] not in '?*'
 
 
-_FORMS = {
-    # Structure
-    'If': '@if',
-    'Select': '@select',
-    'Do': '@do',
-    'For': '@for',
-    'Exit': '@exit',
-    'GoTo': '@jump',
-    'GoSub': '@jump',
-    'Return': '@return',
-    'Call': '@call',
-    'OnErr': '@on_err',
-    'EResume': '@e_resume',
-    'Error': 'n,n?',
-    'Redim': '@redim',
-    # Tasks
-    'Xqt': '@xqt',
-    'Quit': '@task_command',
-    'Halt': '@task_command',
-    'Resume': '@task_command',
-    'TaskWait': '@task_command',
-    'StartMain': '@task_command',
-    'Pause': '',
-    'Cont': '',
-    'Wait': '@wait',
-    'TMOut': 'n',
-    'Signal': 'n',
-    'WaitSig': 'n,n?',
-    'SyncLock': 'n,n?',
-    'SyncUnlock': 'n',
-    'Trap': '@trap',
-    'TmReset': 'n',
-    'ResetElapsedTime': '',
-    'Randomize': 'n?',
-    # Terminal, strings
-    'Print': '@print',
-    'Input': '@input',
-    'Line': '@line_input',
-    'MsgBox': 's,n?,s?,v?',
-    'ParseStr': 's,a,s',
-    'FmtStr': 'x,s,v',
-    # Network
-    'SetNet': '@set_net',
-    'OpenNet': '@open_net',
-    'CloseNet': '@close_net',
-    'WaitNet': '@wait_net',
-    'Read': '@transfer',
-    'ReadBin': '@transfer',
-    'Write': '@transfer',
-    'WriteBin': '@transfer',
-    # Inputs, outputs, memory
-    'On': 'n,n?,n?,w(Forced)?',
-    'Off': 'n,n?,n?,w(Forced)?',
-    'Out': 'n,n,w(Forced)?',
-    'OutW': 'n,n,w(Forced)?',
-    'MemOn': 'n',
-    'MemOff': 'n',
-    'MemOut': 'n,n',
-    'MemOutW': 'n,n',
-    # Points and motions
-    'Pallet': '@pallet',
-    'Plane': '@plane',
-    'PlaneClr': 'n,n?',
-    'PalletClr': 'n',
-    'Go': '@motion',
-    'Move': '@motion',
-    'Arc': '@motion',
-    'Jump': '@motion',
-    'Jump3': '@motion',
-    'Pass': '@motion',
-    'Pulse': '@motion',
-    'TGo': '@motion',
-    'TMove': '@motion',
-    'BGo': '@motion',
-    'BMove': '@motion',
-    'Till': '@store',
-    'Sense': '@store',
-    'Find': '@store',
-    'Jump3CP': '@motion',
-    'JumpTLZ': '@motion',
-    'Arc3': '@motion',
-    'Here': '@here',
-    'PDel': 'q,q?',
-    'PLabel': 'q,s',
-    'PList': 'q?,q?',
-    'ClearPoints': '',
-    'LoadPoints': 's,w(Merge)?',
-    'SavePoints': 's',
-    **dict.fromkeys(('Hand', 'Elbow', 'Wrist', 'J1Flag', 'J2Flag', 'J4Flag', 'J6Flag'), 'q?,n?'),
-    **dict.fromkeys(('J1Angle', 'J4Angle'), 'q?,n?'),
-    'Arch': 'n,n,n',
-    'PLocal': 'q,n',
-    'Local': '@local',
-    'LocalClr': 'n',
-    'Box': '@box',
-    'BoxClr': 'n,n?',
-    'Where': '',
-    'Joint': '',
-    # Inputs of a dry run, counters
-    'SetSw': 'n,n',
-    'SetIn': 'n,n',
-    'SetInW': 'n,n',
-    'OpBCD': 'n,n,w(Forced)?',
-    'CTReset': 'n',
-    # Files
-    **dict.fromkeys(('AOpen', 'BOpen', 'ROpen', 'UOpen', 'WOpen'), '@open'),
-    'Close': 'n',
-    'Flush': 'n',
-    'Seek': 'n,n',
-    'Copy': 's,s',
-    'Del': 's',
-    'Rename': 's,s',
-    'RenDir': 's,s',
-    'MkDir': 's',
-    'RmDir': 's',
-    'ChDir': 's',
-}
+_FORMS = """
+@: If Select Do For Exit Return Call OnErr EResume Redim Xqt Wait Trap Print Input SetNet OpenNet
+@: CloseNet WaitNet Here Local Box Plane Pallet
+@jump: GoTo GoSub
+@task_command: Quit Halt Resume TaskWait StartMain
+@line_input: Line
+@transfer: Read ReadBin Write WriteBin
+@open: AOpen BOpen ROpen UOpen WOpen
+@motion: Go Move Arc Arc3 Jump Jump3 Jump3CP JumpTLZ Pass Pulse TGo TMove BGo BMove
+@store: Till Sense Find
+-: Pause Cont ResetElapsedTime ClearPoints Where Joint
+n: TMOut Signal SyncUnlock TmReset MemOn MemOff PalletClr LocalClr CTReset Close Flush
+n?: Randomize
+n,n: MemOut MemOutW SetSw SetIn SetInW Seek
+n,n?: Error WaitSig SyncLock BoxClr PlaneClr
+n,n,n: Arch
+n,n?,n?,w(Forced)?: On Off
+n,n,w(Forced)?: Out OutW OpBCD
+s: SavePoints Del MkDir RmDir ChDir
+s,s: Copy Rename RenDir
+s,w(Merge)?: LoadPoints
+s,n?,s?,v?: MsgBox
+s,a,s: ParseStr
+x,s,v: FmtStr
+q,n: PLocal
+q,s: PLabel
+q,q?: PDel
+q?,q?: PList
+q?,n?: Hand Elbow Wrist J1Flag J2Flag J4Flag J6Flag J1Angle J4Angle
+"""
+"""Those that the interpreter executes; @: the parser's method has the statement's name."""
 
 WITHOUT_EFFECT = (
     'ATCLR', 'AutoLJM', 'AvoidSingularity', 'CollisionDetect', 'CP_Offset', 'FineDist', 'Hordr',
@@ -190,37 +106,24 @@ WITHOUT_EFFECT = (
 )  # fmt: skip
 """Settings of the robot that no host does anything with."""
 
-_ROBOT_FORMS = {
-    'Motor': 'w(On|Off)',
-    'Power': 'w(High|Low),w(Forced)?',
-    'Speed': 'n,n?,n?',
-    'Accel': 'n,n,n?,n?,n?,n?',
-    'SpeedS': 'n,n?,n?',
-    'AccelS': 'n,n?,n?,n?,n?,n?',
-    'SpeedR': 'n',
-    'AccelR': 'n,n?',
-    'SpeedFactor': 'n',
-    'CP': 'w(On|Off)',
-    'Fine': 'n,n,n,n,n?,n?',
-    'LimZ': 'n',
-    'Weight': 'n,n?',
-    'Inertia': 'n?,n?',
-    'Tool': 'n',
-    'TLSet': 'n,p',
-    'TLClr': 'n',
-    'Arm': 'n',
-    'Robot': 'n',
-    'JTran': 'n,n',
-    'PTran': 'n,n',
-    'PTPBoost': 'n,n?,n?',
-    'QP': 'w(On|Off)',
-    'Home': '',
-    'HomeSet': 'n,n,n,n,n?,n?,n?',
-    'WaitPos': '',
-    'Reset': 'w(Error)?',
-    'AbortMotion': '@abort_motion',
-    **dict.fromkeys(WITHOUT_EFFECT, 'n*'),
-}
+_ROBOT_FORMS = f"""
+@: AbortMotion
+-: Home WaitPos
+n: SpeedR SpeedFactor LimZ Tool TLClr Arm Robot
+n,n: JTran PTran
+n,n?: AccelR Weight
+n?,n?: Inertia
+n,n?,n?: Speed SpeedS PTPBoost
+n,n,n?,n?,n?,n?: Accel
+n,n?,n?,n?,n?,n?: AccelS
+n,n,n,n,n?,n?: Fine
+n,n,n,n,n?,n?,n?: HomeSet
+n,p: TLSet
+w(On|Off): Motor CP QP
+w(High|Low),w(Forced)?: Power
+w(Error)?: Reset
+n*: {' '.join(WITHOUT_EFFECT)}
+"""
 """Those that are handed to the host."""
 
 SHOWN = {
@@ -232,11 +135,16 @@ SHOWN = {
 
 
 def _rules() -> Iterator[CommandRule]:
-    for name, form in {**_FORMS, **_ROBOT_FORMS}.items():
-        word = WORDS[name.lower()]
-        forbidden = ANYWHERE if word.background else NOT_AFTER_ESTOP
-        forbidden = _FORBIDDEN.get(name, forbidden)
-        yield CommandRule(name, form, forbidden, word.since[0], name in _ROBOT_FORMS)
+    for table in (_FORMS, _ROBOT_FORMS):
+        for line in table.strip().split('\n'):
+            form, names = line.split(': ')
+            for name in names.split():
+                word = WORDS[name.lower()]
+                usual = ANYWHERE if word.background else NOT_AFTER_ESTOP
+                read = '@' + re.sub('(?<=[a-z])(?=[A-Z])', '_', name).lower()
+                form_of = read if form == '@' else form.strip('-')
+                forbidden = _FORBIDDEN.get(name, usual)
+                yield CommandRule(name, form_of, forbidden, word.since[0], table is _ROBOT_FORMS)
 
 
 COMMANDS = {rule.name.lower(): rule for rule in _rules()}

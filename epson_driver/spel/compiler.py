@@ -456,6 +456,8 @@ class Compiler:
             kind = kinds[number] if kinds else _form_kind(rule.form, number)
             given.append('None' if argument is None else self._argument(argument, kind))
         values = ''.join(f'{code}, ' for code in given)
+        if 'baseu' in statement.words:
+            self._expressions.note_stub('Local … BaseU', statement.at)
         if rule.robot:
             self._suspend(f'v[0].command({rule.name.lower()!r}, ({values}), {statement.words!r})')
         else:

@@ -134,6 +134,11 @@ class SpelError(Exception):
         super().__init__(f'error {self.number}: {self.text}')
 
 
+def bad(name: str, text: str) -> SpelError:
+    """Return the error that an argument of a statement or function is out of range."""
+    return SpelError(ErrorNumber.ARGUMENT, f'{name}: {text}')
+
+
 @dataclass(frozen=True, slots=True)
 class TaskError:
     """An error as RC+ shows it: number, text, file and line, function and task."""

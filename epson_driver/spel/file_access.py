@@ -8,7 +8,7 @@ from datetime import timedelta
 from pathlib import PurePosixPath
 from typing import Any
 
-from epson_driver.spel.errors import ErrorNumber, SpelError
+from epson_driver.spel.errors import bad
 from epson_driver.spel.task import OpenFile, Task
 from epson_driver.spel.values import nearest
 
@@ -36,10 +36,6 @@ _MODES = {
 }
 
 
-def _bad(name: str, text: str) -> SpelError:
-    return SpelError(ErrorNumber.ARGUMENT, f'{name}: {text}')
-
-
 def is_file(number: float) -> bool:
     """Return whether a number after # is that of a file."""
     return FIRST_FILE <= number <= LAST_FILE
@@ -49,7 +45,7 @@ def opened(task: Task, name: str, number: int) -> OpenFile:
     """Return an open file. Raises SpelError."""
     found = task.world.open_files.get(number)
     if found is None:
-        raise _bad(name, f'file {number} is not open')
+        raise bad(name, f'file {number} is not open')
     return found
 
 
@@ -58,12 +54,12 @@ def _open(way: str) -> Callable[[Task, str, int], None]:
 
     def run(task: Task, name: str, number: int) -> None:
         if not is_file(number):
-            raise _bad(way, f'{number} is not in {FIRST_FILE}..{LAST_FILE}')
+            raise bad(way, f'{number} is not in {FIRST_FILE}..{LAST_FILE}')
         if number in task.world.open_files:
-            raise _bad(way, f'file {number} is open already')
+            raise bad(way, f'file {number} is open already')
         content = task.world.files.read(name)
         if content is None and mode.must:
-            raise _bad(way, f'there is no file {name}')
+            raise bad(way, f'there is no file {name}')
         data = bytearray(b'' if mode.empty else content or b'')
         at = len(data) if way == 'aopen' else 0
         file = OpenFile(name, data, at, mode.reads, mode.writes)
@@ -91,7 +87,7 @@ def seek(task: Task, number: float, at: float) -> None:
     """Seek #n, pointer: bytes from the beginning."""
     file = opened(task, 'Seek', nearest(number))
     if not 0 <= at <= len(file.data):
-        raise _bad('Seek', f'{nearest(at)} is not in 0..{len(file.data)}')
+        raise bad('Seek', f'{nearest(at)} is not in 0..{len(file.data)}')
     file.at = nearest(at)
 
 
@@ -99,11 +95,11 @@ def write(task: Task, name: str, number: int, data: bytes) -> None:
     """Write bytes to a file. Raises SpelError."""
     file = opened(task, name, number)
     if not file.writes:
-        raise _bad(name, f'file {number} is open for reading')
+        raise bad(name, f'file {number} is open for reading')
     file.data[file.at : file.at + len(data)] = data
     file.at += len(data)
     if len(file.data) > task.world.files.most_bytes:
-        raise _bad(name, f'file {number} is larger than {task.world.files.most_bytes} bytes')
+        raise bad(name, f'file {number} is larger than {task.world.files.most_bytes} bytes')
     task.since_wait += len(data)
 
 
@@ -111,9 +107,9 @@ def read(task: Task, name: str, number: int, count: int | None) -> bytes:
     """Return the next bytes of a file, or its next line without its end. Raises SpelError."""
     file = opened(task, name, number)
     if not file.reads:
-        raise _bad(name, f'file {number} is open for writing')
+        raise bad(name, f'file {number} is open for writing')
     if file.at >= len(file.data):
-        raise _bad(name, f'the end of file {number} is reached: ask Eof')
+        raise bad(name, f'the end of file {number} is reached: ask Eof')
     if count is not None:
         data = bytes(file.data[file.at : file.at + count])
         file.at += len(data)
@@ -128,7 +124,7 @@ def read(task: Task, name: str, number: int, count: int | None) -> bytes:
 def _copy(task: Task, source: str, target: str) -> None:
     content = task.world.files.read(source)
     if content is None:
-        raise _bad('Copy', f'there is no file {source}')
+        raise bad('Copy', f'there is no file {source}')
     task.world.files.write(target, content)
 
 
@@ -140,7 +136,7 @@ def _rename(task: Task, source: str, target: str) -> None:
 def _change_folder(task: Task, name: str) -> None:
     files = task.world.files
     if not files.has_folder(name):
-        raise _bad('ChDir', f'there is no folder {name}')
+        raise bad('ChDir', f'there is no folder {name}')
     files.current = files.path(name)
 
 
@@ -148,13 +144,13 @@ def _free(task: Task) -> int:
     for number in range(FIRST_FILE, LAST_FILE + 1):
         if number not in task.world.open_files:
             return number
-    raise _bad('FreeFile', 'all files are open')
+    raise bad('FreeFile', 'all files are open')
 
 
 def _length(task: Task, name: str) -> int:
     content = task.world.files.read(name)
     if content is None:
-        raise _bad('FileLen', f'there is no file {name}')
+        raise bad('FileLen', f'there is no file {name}')
     return len(content)
 
 

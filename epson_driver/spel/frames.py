@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from epson_driver.spel.errors import ErrorNumber, SpelError
+from epson_driver.spel.errors import ErrorNumber, SpelError, bad
 from epson_driver.spel.functions import AXES, TURNS
 from epson_driver.spel.values import Point
 
@@ -52,7 +52,7 @@ def changed(point: Point, operator: str, axis: str, value: float) -> Point:
     return combined(point, offset)
 
 
-def added(left: Point, right: Point, sign: float) -> Point:
+def added(left: Point, right: Point, sign: float = 1.0) -> Point:
     """Return P1 + P2, or - (p593): coordinate by coordinate, posture and local of the first."""
     if left.kind != 'xy' or right.kind != 'xy':
         raise SpelError(ErrorNumber.ARGUMENT, '+ and - take places in space')
@@ -124,15 +124,14 @@ def frame_of(name: str, points: Sequence[Point], axis: str = 'x') -> Point:
     One point alone is the frame. Raises SpelError, about the statement of that name.
     """
     if any(each.kind != 'xy' for each in points) or len(points) not in (1, 3):
-        text = f'{name}: takes a place, or an origin and points on X and Y'
-        raise SpelError(ErrorNumber.ARGUMENT, text)
+        raise bad(name, 'takes a place, or an origin and points on X and Y')
     origin = points[0]
     if len(points) == 1:
         return replace(origin, flags=())
     first, second = (_away(origin, each) for each in points[1:])
     normal = _cross(first, second)
     if math.hypot(*normal) < 1e-6:
-        raise SpelError(ErrorNumber.ARGUMENT, f'{name}: the points are in one line')
+        raise bad(name, 'the points are in one line')
     z = _unit(normal)
     if axis == 'y':
         y = _unit(second)
@@ -143,13 +142,20 @@ def frame_of(name: str, points: Sequence[Point], axis: str = 'x') -> Point:
     return Point('xy', _values(origin.values[:3], tuple(zip(x, y, z, strict=True))))
 
 
-def frame_between(pairs: Sequence[tuple[Point, Point]]) -> Point:
-    """Return the frame in which two points of a local are two of the base (p519)."""
+def frame_between(pairs: Sequence[tuple[Point, Point]], share: float) -> Point:
+    """Return the frame in which two points of a local are two of the base (p514).
+
+    Where they are not as far apart, what is exact is a share of the way between them.
+    """
     (here, there), (here2, there2) = pairs
     turn = _heading(there, there2) - _heading(here, here2)
+    here, there = added(here, _step(here, here2, share)), added(there, _step(there, there2, share))
     turned = combined(Point('xy', (0.0, 0.0, 0.0, turn, 0.0, 0.0)), here)
-    origin = (b - a for a, b in zip(turned.values[:3], there.values[:3], strict=True))
-    return Point('xy', (*origin, turn, 0.0, 0.0))
+    return Point('xy', (*_away(turned, there), turn, 0.0, 0.0))
+
+
+def _step(first: Point, second: Point, share: float) -> Point:
+    return Point('xy', (*(share * each for each in _away(first, second)), 0.0, 0.0, 0.0))
 
 
 def _heading(first: Point, second: Point) -> float:

@@ -164,8 +164,16 @@ class Robot(Protocol):
         """Return a point as P0, P1, … would hold it: angles become a place in space."""
 
 
-class Host(Terminal, Network, Bits, Robot, Protocol):
+class Host(Bits, Robot, Protocol):
     """All of it, and what happens to tasks."""
+
+    @property
+    def terminal(self) -> Terminal:
+        """Return what Print, Input and MsgBox use."""
+
+    @property
+    def network(self) -> Network:
+        """Return the ports."""
 
     def call_library(
         self, library: str, name: str, arguments: Sequence[Value | Array]

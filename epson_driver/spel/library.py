@@ -9,7 +9,7 @@ from dataclasses import replace
 from datetime import datetime
 from typing import Any
 
-from epson_driver.spel.errors import ErrorNumber, SpelError
+from epson_driver.spel.errors import bad
 from epson_driver.spel.values import LONGEST_STRING, SINGLE, Array, Point, overflow
 
 _NUMBER = re.compile(
@@ -51,7 +51,7 @@ def power(base: float, exponent: float) -> float:
     except OverflowError:
         raise overflow('Double', math.inf) from None
     if isinstance(result, complex):
-        raise _bad('**', 'a negative number has no broken power')
+        raise bad('**', 'a negative number has no broken power')
     return result
 
 
@@ -63,10 +63,6 @@ def remainder(left: int, right: int) -> int:
     return -rest if left < 0 else rest
 
 
-def _bad(name: str, text: str) -> SpelError:
-    return SpelError(ErrorNumber.ARGUMENT, f'{name}: {text}')
-
-
 def _signed(value: int, bits: int) -> int:
     value &= (1 << bits) - 1
     return value - (1 << bits) if value >> (bits - 1) else value
@@ -75,7 +71,7 @@ def _signed(value: int, bits: int) -> int:
 def _shift(name: str, bits: int, left: bool) -> Callable[[int, int], int]:
     def shift(value: int, count: int) -> int:
         if not 0 <= count < bits:
-            raise _bad(name, f'a shift by {count} is not in 0..{bits - 1}')
+            raise bad(name, f'a shift by {count} is not in 0..{bits - 1}')
         value = _signed(value, bits)
         return _signed(value << count, bits) if left else value >> count
 
@@ -85,7 +81,7 @@ def _shift(name: str, bits: int, left: bool) -> Callable[[int, int], int]:
 def _bit(name: str, change: Callable[[int, int], int], bits: int) -> Callable[[int, int], int]:
     def bit(value: int, number: int) -> int:
         if not 0 <= number < bits:
-            raise _bad(name, f'bit {number} is not in 0..{bits - 1}')
+            raise bad(name, f'bit {number} is not in 0..{bits - 1}')
         return _signed(change(_signed(value, bits), number), bits)
 
     return bit
@@ -97,25 +93,25 @@ def _floor(value: float) -> int:
 
 def _character(number: int) -> str:
     if not 1 <= number <= 255:
-        raise _bad('Chr$', f'{number} is not in 1..255')
+        raise bad('Chr$', f'{number} is not in 1..255')
     return chr(number)
 
 
 def _code(text: str) -> int:
     if not text:
-        raise _bad('Asc', 'the string is empty')
+        raise bad('Asc', 'the string is empty')
     return ord(text[0])
 
 
 def _length(name: str, count: int) -> int:
     if not 0 <= count <= LONGEST_STRING:
-        raise _bad(name, f'{count} is not in 0..{LONGEST_STRING}')
+        raise bad(name, f'{count} is not in 0..{LONGEST_STRING}')
     return count
 
 
 def _mid(text: str, start: int, count: int = LONGEST_STRING) -> str:
     if start < 1:
-        raise _bad('Mid$', f'position {start}: the first one is 1')
+        raise bad('Mid$', f'position {start}: the first one is 1')
     return text[start - 1 : start - 1 + _length('Mid$', count)]
 
 
@@ -167,7 +163,7 @@ def _date(text: str, pattern: str) -> str:
             continue
         break
     else:
-        raise _bad('FmtStr$', f'{text[:40]!r} is no date: yyyy/mm/dd hh:nn:ss')
+        raise bad('FmtStr$', f'{text[:40]!r} is no date: yyyy/mm/dd hh:nn:ss')
     half = 'am/pm' in pattern.lower()
     hour = (date.hour - 1) % 12 + 1 if half else date.hour
     shown = {
@@ -188,7 +184,7 @@ def _format(value: float, pattern: str) -> str:
     """
     found = re.fullmatch(r'([0#,]*?)(,*)(?:\.([0#]*))?', pattern)
     if found is None:
-        raise _bad('FmtStr$', f'{pattern[:40]!r} may have 0, #, commas and one point only')
+        raise bad('FmtStr$', f'{pattern[:40]!r} may have 0, #, commas and one point only')
     value /= 1000 ** len(found[2])
     whole, broken = found[1].replace(',', ''), found[3] or ''
     digits = f'{abs(value):.{len(broken)}f}'
@@ -211,7 +207,7 @@ def parse_string(text: str, into: Array, delimiters: str) -> int:
     if delimiters:
         parts = [part for part in re.split(f'[{re.escape(delimiters)}]', text) if part]
     if len(into.bounds) != 1:
-        raise _bad('ParseStr', 'needs an array of one dimension')
+        raise bad('ParseStr', 'needs an array of one dimension')
     into.resize((max(len(parts[:_MOST_ELEMENTS]) - 1, 0),), keep=False)
     into.d[: len(parts)] = parts[:_MOST_ELEMENTS]
     return min(len(parts), _MOST_ELEMENTS)
@@ -220,7 +216,7 @@ def parse_string(text: str, into: Array, delimiters: str) -> int:
 def upper_bound(array: Array, dimension: int = 1) -> int:
     """Return the upper bound of a dimension, the first one being 1. Raises SpelError."""
     if not 1 <= dimension <= len(array.bounds):
-        raise _bad('UBound', f'the array has no dimension {dimension}')
+        raise bad('UBound', f'the array has no dimension {dimension}')
     return array.bounds[dimension - 1]
 
 

@@ -27,42 +27,41 @@ from epson_driver.spel.words import CONSTANTS
 _PORTS = (201, 216)
 _BACKGROUND = range(65, 81)
 RANGES: dict[str, tuple[tuple[float, float] | None, ...]] = {
-    'speed': ((1, 100),) * 3,
-    'speedfactor': ((1, 100),),
-    'tool': ((0, 15),),
-    'tlset': ((1, 15),),
-    'tlclr': ((1, 15),),
-    'local': ((1, 15),),
-    'localclr': ((1, 15),),
-    'arch': ((0, 6),),
-    'pallet': ((0, 15),),
-    'palletclr': ((0, 15),),
-    'tmreset': ((0, 63),),
-    'tmr': ((0, 63),),
-    'signal': ((0, 63),),
-    'waitsig': ((0, 63),),
-    'synclock': ((0, 63),),
-    'syncunlock': ((0, 63),),
-    'memon': ((0, 1023),),
-    'memoff': ((0, 1023),),
-    'memsw': ((0, 1023),),
-    'memout': ((0, 127), (0, 255)),
-    'memin': ((0, 127),),
-    'memoutw': ((0, 63), (-32768, 65535)),
-    'meminw': ((0, 63),),
-    'out': (None, (0, 255)),
-    'outw': (None, (-32768, 65535)),
-    'opbcd': (None, (0, 99)),
-    'setnet': (_PORTS,),
-    'opennet': (_PORTS,),
-    'waitnet': (_PORTS,),
-    'closenet': (_PORTS,),
-    'chknet': (_PORTS,),
-    'xqt': ((1, 32),),
-    'c': ((0, 7),),
-    'd': ((0, 100),),
+    name: ranges
+    for names, ranges in (
+        ('speed', ((1, 100),) * 3),
+        ('speedfactor', ((1, 100),)),
+        ('tool pallet palletclr', ((0, 15),)),
+        ('tlset tlclr local localclr', ((1, 15),)),
+        ('box boxclr boxdef insidebox getrobotinsidebox', ((1, 15),)),
+        ('plane planeclr planedef insideplane getrobotinsideplane', ((1, 15),)),
+        ('arch', ((0, 6),)),
+        ('tmreset tmr signal waitsig synclock syncunlock', ((0, 63),)),
+        ('memon memoff memsw', ((0, 1023),)),
+        ('memout', ((0, 127), (0, 255))),
+        ('memin', ((0, 127),)),
+        ('memoutw', ((0, 63), (-32768, 65535))),
+        ('meminw', ((0, 63),)),
+        ('out', (None, (0, 255))),
+        ('outw', (None, (-32768, 65535))),
+        ('opbcd', (None, (0, 99))),
+        ('setnet opennet waitnet closenet chknet', (_PORTS,)),
+        ('xqt', ((1, 32),)),
+        ('c', ((0, 7),)),
+        ('d', ((0, 100),)),
+    )
+    for name in names.split()
 }
 """What the arguments of statements and functions can be, by name in lower case."""
+
+SIMULATED = {
+    'arm': (0,),
+    'robot': (1,),
+    'ctrlinfo': (1, 5, 6, 7),
+    'robotinfo': (0,),
+    'stat': (0, 1),
+}
+"""For which first arguments there is a simulation, where not for all."""
 
 
 def _number(expression: Expression | None) -> int | float | None:
@@ -73,11 +72,15 @@ def _outside(name: str, place: int, given: Expression | None) -> Iterator[Proble
     ranges = RANGES.get(name.lower(), ())
     limits = ranges[place] if place < len(ranges) else None
     value = _number(given)
-    if limits is None or given is None or value is None:
+    if given is None or value is None:
         return
-    if not limits[0] <= value <= limits[1]:
+    if limits is not None and not limits[0] <= value <= limits[1]:
         text = f'{name}: {value:g} is not in {limits[0]:g}..{limits[1]:g}'
         yield Problem(given.at, 'range', text)
+    known = SIMULATED.get(name.lower())
+    if known is not None and place == 0 and value not in known:
+        text = f'{name} {value:g} is not simulated, only {", ".join(map(str, known))}'
+        yield Problem(given.at, 'not-simulated', text, warning=True)
 
 
 def literals(program: Program, functions: list[Function]) -> Iterator[Problem]:

@@ -4,7 +4,7 @@
 
 from dataclasses import dataclass
 
-from epson_driver.spel.errors import ErrorNumber, SpelError
+from epson_driver.spel.errors import ErrorNumber, SpelError, bad
 from epson_driver.spel.values import Point
 
 LAST_PALLET = 15
@@ -57,20 +57,16 @@ def new_pallet(
     checked_number(number)
     for name, count in (('columns', columns), ('rows', rows)):
         if not 1 <= count <= _MOST_PLACES:
-            raise _bad(f'{count} {name} are not in 1..{_MOST_PLACES}')
+            raise bad('Pallet', f'{count} {name} are not in 1..{_MOST_PLACES}')
     if columns * rows >= _MOST_PLACES:
-        raise _bad(f'{columns} times {rows} places are not below {_MOST_PLACES}')
+        raise bad('Pallet', f'{columns} times {rows} places are not below {_MOST_PLACES}')
     if any(corner.kind != 'xy' or len(corner.values) < 3 for corner in given):
-        raise _bad('the corners must be places in space')
+        raise bad('Pallet', 'the corners must be places in space')
     return Pallet(given, columns, rows, out)
 
 
 def checked_number(number: int) -> int:
     """Return the number of a pallet. Raises SpelError."""
     if not 0 <= number <= LAST_PALLET:
-        raise _bad(f'{number} is not in 0..{LAST_PALLET}')
+        raise bad('Pallet', f'{number} is not in 0..{LAST_PALLET}')
     return number
-
-
-def _bad(text: str) -> SpelError:
-    return SpelError(ErrorNumber.ARGUMENT, f'Pallet: {text}')

@@ -7,8 +7,9 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import Any
 
-from epson_driver.spel.actions import bad, print_terminal, within
+from epson_driver.spel.actions import print_terminal, within
 from epson_driver.spel.builtins import point
+from epson_driver.spel.errors import ErrorNumber, SpelError, bad
 from epson_driver.spel.frames import changed, frame_between, frame_of, local_of
 from epson_driver.spel.functions import ANGLES, POSTURES, subject
 from epson_driver.spel.project_data import LAST_POINT, point_file, points_of
@@ -133,17 +134,19 @@ def distance(task: Task, first: Point, second: Point) -> float:
 
 
 def define_local(task: Task, number: int, *given: Point, words: tuple[str, ...] = ()) -> None:
-    """Local n, origin[, on X, on Y[, X|Y]], or two pairs of points (p519)."""
+    """Local n, origin[, on X, on Y[, X|Y]], or two pairs of points[, L|R] (p514)."""
     task.may('local')
     within('Local', number, 1, LAST_LOCAL)
-    points = task.world.placed([task.world.host.stored_point(each) for each in given])
+    points = [task.world.host.stored_point(each) for each in given]
     if 'pair' in words:
         if len(points) != 4:
             raise bad('Local', 'takes two pairs of points')
-        raw = [task.world.host.stored_point(each) for each in given]
-        frame = frame_between([(raw[0], points[1]), (raw[2], points[3])])
+        if 'baseu' in words:
+            raise SpelError(ErrorNumber.NOT_SIMULATED, 'Local … BaseU is not simulated')
+        pairs = list(zip(points[::2], task.world.placed(points[1::2]), strict=True))
+        frame = frame_between(pairs, 0.0 if 'l' in words else 1.0 if 'r' in words else 0.5)
     else:
-        frame = frame_of('Local', points, 'y' if 'y' in words else 'x')
+        frame = frame_of('Local', task.world.placed(points), 'y' if 'y' in words else 'x')
     task.world.locals[number] = frame
 
 

@@ -16,7 +16,7 @@ from epson_driver.spel.actions import (
     seconds,
     within,
 )
-from epson_driver.spel.errors import ErrorNumber, SpelError
+from epson_driver.spel.errors import ErrorNumber, SpelError, bad
 from epson_driver.spel.file_access import is_file
 from epson_driver.spel.host import NetSettings
 from epson_driver.spel.task import Port, Reference, Task
@@ -74,10 +74,10 @@ def open_net(task: Task, number: float, words: tuple[str, ...] = ()) -> None:
     if _taken(task, port):
         text = f'OpenNet: port {nearest(number)} was opened by task {port.owner}{ONE_TASK}'
         raise SpelError(ErrorNumber.PORT_IN_USE, text)
-    host = task.world.host
+    network = task.world.host.network
     if port.owner:
-        host.close_net(nearest(number))
-    host.open_net(nearest(number), port.settings, 'server' in words)
+        network.close_net(nearest(number))
+    network.open_net(nearest(number), port.settings, 'server' in words)
     port.owner = task.number
 
 
@@ -92,7 +92,7 @@ def close_net(task: Task, number: float | None) -> None:
             text = f'CloseNet: port {each} was opened by task {port.owner}{ONE_TASK}'
             raise SpelError(ErrorNumber.PORT_IN_USE, text)
         if port.owner:
-            task.world.host.close_net(each)
+            task.world.host.network.close_net(each)
             port.owner = 0
 
 
@@ -100,14 +100,9 @@ def wait_net(task: Task, number: float, time: float | None = None) -> None:
     """WaitNet #n[, s]: until there is a peer or the time ran out, as TW says."""
     index = nearest(number)
     _opened(task, 'WaitNet', index)
-    host = task.world.host
-    task.timed_out = False
-
-    def after(timed_out: bool) -> None:
-        task.timed_out = timed_out
-
+    network = task.world.host.network
     limit = None if time is None else seconds(task, 'WaitNet', time)
-    task.wait(limit, lambda: host.connected(index), after)
+    task.wait_or_time_out(limit, lambda: network.connected(index))
 
 
 def check_net(task: Task, number: int) -> int:
@@ -118,8 +113,8 @@ def check_net(task: Task, number: int) -> int:
         return -3
     if _taken(task, port):
         return -2
-    host = task.world.host
-    return len(host.received(number)) if host.connected(number) else -1
+    network = task.world.host.network
+    return len(network.received(number)) if network.connected(number) else -1
 
 
 def _receive(
@@ -135,15 +130,15 @@ def _receive(
         use(file_access.read(task, name, number, wanted))
         return
     port = _opened(task, name, number)
-    host = task.world.host
+    network = task.world.host.network
 
     def test() -> bool:
-        return ready(host.received(number)) > 0 or not host.connected(number)
+        return ready(network.received(number)) > 0 or not network.connected(number)
 
     def after(timed_out: bool) -> None:
-        count = ready(host.received(number))
+        count = ready(network.received(number))
         if count > 0:
-            use(host.take(number, count))
+            use(network.take(number, count))
         elif timed_out:
             raise SpelError(ErrorNumber.READ_TIMEOUT, f'{name}: port {number} got nothing in time')
         else:
@@ -157,18 +152,18 @@ def _send(task: Task, name: str, number: int, data: bytes) -> None:
         file_access.write(task, name, number, data)
         return
     _opened(task, name, number)
-    host = task.world.host
-    if not host.connected(number):
+    network = task.world.host.network
+    if not network.connected(number):
         raise SpelError(ErrorNumber.NETWORK, f'{name}: port {number} has no peer')
     task.owe(name.lower())
     task.since_wait = 0
-    host.send(number, data)
+    network.send(number, data)
 
 
 def _count(name: str, count: int | None, array: Array) -> int:
     most = min(len(array.d), _MOST_BYTES)
     if len(array.bounds) != 1:
-        raise SpelError(ErrorNumber.ARGUMENT, f'{name}: needs an array of one dimension')
+        raise bad(name, 'needs an array of one dimension')
     return within(name, most if count is None else count, 1, most)
 
 
@@ -275,7 +270,7 @@ def lines_waiting(task: Task, number: int) -> int:
     port = port_of(task, 'Lof', number)
     if port.owner == 0:
         return 0
-    return task.world.host.received(number).count(port.settings.terminator.encode())
+    return task.world.host.network.received(number).count(port.settings.terminator.encode())
 
 
 NET_STATEMENTS: dict[str, Callable[..., None]] = {

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from epson_driver.inputs import InputError, printable, read_file
 from epson_driver.inputs.rc_files import Block, RcFileError, parsed, quoted, sealed
-from epson_driver.spel.errors import ErrorNumber, Position, Problem, SpelError
+from epson_driver.spel.errors import Position, Problem, bad
 from epson_driver.spel.values import Point
 
 LARGEST_FILE = 5_000_000
@@ -202,7 +202,7 @@ def point_file(name: str, content: bytes) -> PointFile:
     try:
         return _points(parsed(name, decoded(content)))
     except RcFileError as error:
-        raise SpelError(ErrorNumber.ARGUMENT, f'LoadPoints: {error}') from error
+        raise bad('LoadPoints', str(error)) from error
 
 
 def points_of(points: Mapping[int, Point], labels: Mapping[str, int], when: datetime) -> str:

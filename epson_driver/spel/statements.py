@@ -136,7 +136,7 @@ class Statements:
             return OnErr(None, first.position)
         return OnErr(reader.name('a label or 0').text, first.position)
 
-    def read_e_resume(self, reader: Reader, first: Token) -> EResume:
+    def read_eresume(self, reader: Reader, first: Token) -> EResume:
         """Read EResume, EResume Next, EResume label."""
         if reader.at_end():
             return EResume('again', '', first.position)
@@ -335,7 +335,7 @@ class Statements:
         return Assign(reader.target(), Name(first.text, first.position), first.position)
 
     def read_local(self, reader: Reader, first: Token) -> Command:
-        """Read Local n, and one point, three with X or Y, or two pairs (P1:P11), (P2:P12)."""
+        """Read Local n, and one point, three with X or Y, or two pairs (P1:P11), (P2:P12), L|R."""
         given = [reader.expression()]
         words: list[str] = []
         while reader.takes(','):
@@ -350,6 +350,9 @@ class Statements:
                 words.append('pair')
             else:
                 given.append(reader.expression())
+        if len(given) > 4 and not words:  # the place by its numbers
+            values = tuple(Argument(each) for each in given[1:])
+            given[1:] = [Apply('XY', values, first.position)]
         return Command(first.text, tuple(given), first.position, tuple(words))
 
     def read_box(self, reader: Reader, first: Token) -> Command:

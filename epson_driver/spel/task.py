@@ -265,7 +265,7 @@ class World:
             del self.tasks[task.number]
             for number, port in self.ports.items():
                 if port.owner == task.number:
-                    self.host.orphan_net(number)
+                    self.host.network.orphan_net(number)
         for number in [each for each, owner in self.locks.items() if owner == task.number]:
             del self.locks[number]
 
@@ -471,6 +471,23 @@ class Task:
             now + self.world.timing.scan,
             after,
         )
+
+    def wait_or_time_out(
+        self,
+        seconds: float | None,
+        test: Test,
+        then: Callable[[bool], None] | None = None,
+        scanned: bool = False,
+    ) -> None:
+        """Wait for a test: TW says whether the time ran out, before `then` is called."""
+        self.timed_out = False
+
+        def after(timed_out: bool) -> None:
+            self.timed_out = timed_out
+            if then is not None:
+                then(timed_out)
+
+        self.wait(seconds, test, after, scanned)
 
     def wake(self, timed_out: bool) -> None:
         """Go on behind the statement that waited, or to the error that it ends with."""

@@ -20,6 +20,7 @@ from epson_driver.sim_controller.spel_host.robot_points import NEAREST, UNREACHA
 from epson_driver.sim_controller.spel_host.robot_values import RobotContext
 from epson_driver.spel import ErrorNumber, MotionRequest, SpelError
 from epson_driver.spel import Point as SpelPoint
+from epson_driver.spel.errors import bad
 from epson_driver.spel.frames import combined, within
 from epson_driver.spel.words import CONSTANTS
 from epson_driver.tool_motion.curve_motion import Curve, CurveMotion, CurveSpeed, go_along
@@ -58,16 +59,14 @@ def _jump(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     """Up to LimZ, across, and down, with a rest between, or round the corners of an arch."""
     model = robot.controller.model
     if model.kind != SCARA:
-        text = f'Jump: only a SCARA can; {model.name} is none: use Go'
-        raise SpelError(ErrorNumber.ARGUMENT, text)
+        raise bad('Jump', f'only a SCARA can; {model.name} is none: use Go')
     start = robot.motion.start
     target = robot.points.joints(request.points[-1], start)
     lim_z = robot.motion.lim_z
     if 'limz' in request.numbers:
         lim_z = request.numbers['limz'] / _MM
     if lim_z > model.limits.position_max[2]:
-        text = f'Jump: LimZ {lim_z * _MM:g} is above the range of joint 3'
-        raise SpelError(ErrorNumber.ARGUMENT, text)
+        raise bad('Jump', f'LimZ {lim_z * _MM:g} is above the range of joint 3')
     for number, what, joints in ((4005, 'the arm', start), (4006, 'the target', target)):
         if joints[2] > lim_z + SHORTEST_PATH:
             text = f'{what}, at {joints[2] * _MM:g}, is above LimZ {lim_z * _MM:g}'
@@ -142,11 +141,11 @@ def _line(robot: RobotContext, request: MotionRequest, point: SpelPoint, start: 
     samples, path = robot.points.path_to(point, start, via, level=request.name == 'arc')
     turns = path.length < SHORTEST_PATH < path.angle
     if turns and 'rot' not in request.words:
-        text = f'{name}: only the orientation changes to {point}: {name} … ROT'
-        raise SpelError(ErrorNumber.ARGUMENT, text)
+        raise bad(name, f'only the orientation changes to {point}: {name} … ROT')
     if max(path.length, path.angle) < SHORTEST_PATH:
         return _at(start)
-    straight = _Straight(robot, point, samples, path, _turning if turns else _straight)
+    turning = 'rot' in request.words and path.angle > SHORTEST_PATH  # SpeedS has no effect (p105)
+    straight = _Straight(robot, point, samples, path, _turning if turning else _straight)
     try:
         straight(start, False)
     except ValueError as error:
@@ -169,12 +168,12 @@ def _passed(robot: RobotContext, request: MotionRequest, start: Array) -> SpelPo
     half = float(np.linalg.norm(chord)) / 2.0
     angle, path = numbers.get('angle', 0.0), numbers.get('path', ARC_SHORT)
     if path not in (ARC_SHORT, ARC_LONG):
-        raise SpelError(ErrorNumber.ARGUMENT, f'{name}: path must be ARC_SHORT or ARC_LONG')
+        raise bad(name, 'path must be ARC_SHORT or ARC_LONG')
     if 'radius' in numbers:
         radius, direction = numbers['radius'], numbers['direction']
         if radius < half or direction not in (1, -1):
             rule = f'the radius at least {half:.3f}, the direction ARC_PLUS or ARC_MINUS'
-            raise SpelError(ErrorNumber.ARGUMENT, f'{name}: {rule}')
+            raise bad(name, rule)
         angle = math.degrees(2.0 * math.asin(half / radius))
         angle = direction * (angle if path == ARC_SHORT else 360.0 - angle)
     elif 'angle' not in numbers:
@@ -185,10 +184,10 @@ def _passed(robot: RobotContext, request: MotionRequest, start: Array) -> SpelPo
             away = math.hypot(height, half) * (-1.0 if path == ARC_SHORT else 1.0)
             return SpelPoint('xy', (*(middle + offset + offset / height * away), 0.0, 0.0, 0.0))
         if request.name == 'arc3':
-            raise SpelError(ErrorNumber.ARGUMENT, 'Arc3: half a circle needs a point to pass')
+            raise bad('Arc3', 'half a circle needs a point to pass')
         angle = 180.0 if path == ARC_SHORT else -180.0
     if not 0.0 < abs(angle) < 360.0:
-        raise SpelError(ErrorNumber.ARGUMENT, f'{name}: {angle:g} degrees make no arc')
+        raise bad(name, f'{angle:g} degrees make no arc')
     aside = np.array([chord[1], -chord[0], 0.0]) * math.tan(math.radians(angle) / 4.0) / 2.0
     return SpelPoint('xy', (*(middle + aside), 0.0, 0.0, 0.0))
 
@@ -233,8 +232,7 @@ def _jump_tlz(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     """Along the tool's Z, across by its X and Y, and along Z to the point (p481)."""
     model = robot.controller.model
     if robot_type(model) != N_SERIES:
-        text = f'JumpTLZ: only the N series has it; {model.name}: use Jump3'
-        raise SpelError(ErrorNumber.ARGUMENT, text)
+        raise bad('JumpTLZ', f'only the N series has it; {model.name}: use Jump3')
     here, target = robot.points.place(robot.motion.start), robot.points.stored(request.points[-1])
     step = request.numbers['tlz']
     x, y, *_ = within(here, target).values
@@ -356,11 +354,15 @@ def _straight(robot: RobotContext, path: PosePath, low_power: bool) -> CurveSpee
     return _shares(robot, speed / length, accel / length)
 
 
-def _turning(robot: RobotContext, path: PosePath, _low_power: bool) -> CurveSpeed:
+def _turning(robot: RobotContext, path: PosePath, low_power: bool) -> CurveSpeed:
     """Return the limits of SpeedR and AccelR."""
     speed = (robot.controller.spel.values('SpeedR') or (TURN_DEGREES_S,))[0]
     accel = (robot.controller.spel.values('AccelR') or (TURN_DEGREES_S2,))[0]
-    angle = float(np.degrees(max(path.angle, SHORTEST_PATH)))
+    angle = math.degrees(max(path.angle, SHORTEST_PATH))
+    length = max(path.length, SHORTEST_PATH) * _MM
+    if low_power:
+        speed = min(speed, LOW_POWER_MM_S / length * angle)
+        accel = min(accel, LOW_POWER_MM_S2 / length * angle)
     return _shares(robot, speed / angle, accel / angle)
 
 

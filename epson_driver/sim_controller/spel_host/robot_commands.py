@@ -190,6 +190,6 @@ COMMANDS: dict[str, Run] = {
     'tlset': _define_tool,
     'tlclr': _define_tool,
     'arm': _only('Arm', 0),
-    'robot': _only('RobotContext', 1),
+    'robot': _only('Robot', 1),
 }
 """By name in lower case, besides the settings and those without effect."""

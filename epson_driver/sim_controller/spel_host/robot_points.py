@@ -20,8 +20,8 @@ from epson_driver.robots.opw import KinematicsError
 from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.sim_controller.programs.points import angles_rejection, clipped
 from epson_driver.sim_controller.remote.robot_type import N_SERIES, RS_SERIES, robot_type
-from epson_driver.spel import ErrorNumber as SpelNumber
 from epson_driver.spel import Point, SpelError
+from epson_driver.spel.errors import bad
 from epson_driver.spel.functions import POSTURES
 from epson_driver.tool_motion.pose_path import PosePath, arc, level_arc, line
 
@@ -83,15 +83,14 @@ class RobotPoints:
     def use(self, tool: int) -> None:
         """Lead another tool from now on (Tool n). Raises SpelError."""
         if tool and tool not in self.tools:
-            text = f'Tool {tool} is not defined: TLSet {tool}, or run --setup'
-            raise SpelError(SpelNumber.ARGUMENT, text)
+            raise bad('Tool', f'Tool {tool} is not defined: TLSet {tool}, or run --setup')
         self._kinematics = Kinematics(self._model, _matrix(self.tools[tool]) if tool else None)
         self.tool = tool
 
     def define(self, tool: int, point: Point | None) -> None:
         """Define a tool (TLSet), or none (TLClr). Raises SpelError."""
         if point is not None and point.kind != 'xy':
-            raise SpelError(SpelNumber.ARGUMENT, 'TLSet: takes a place, XY(…)')
+            raise bad('TLSet', 'takes a place, XY(…)')
         self.tools.pop(tool, None)
         if point is not None:
             self.tools[tool] = point
@@ -170,7 +169,7 @@ class RobotPoints:
         count = len(per_unit)
         if len(point.values) < count or any(point.values[count:]):
             text = f'{len(point.values)} values for {count} joints'
-            raise SpelError(SpelNumber.ARGUMENT, f'{point}: {text}')
+            raise bad(str(point), text)
         return np.asarray(np.array(point.values[:count]) / per_unit)
 
     def path_to(
@@ -258,7 +257,7 @@ class RobotPoints:
         try:
             return self._kinematics.inverse(pose, near)
         except (KinematicsError, ModuleNotFoundError) as error:
-            raise SpelError(SpelNumber.ARGUMENT, f'{point}: {error}') from error
+            raise bad(str(point), str(error)) from error
 
     def _pose(self, point: Point) -> Array:
         """Return where the tool is at a place in space, in base_link."""

@@ -16,6 +16,7 @@ from epson_driver.sim_controller.remote.robot_type import robot_type
 from epson_driver.sim_controller.spel_host.robot_motion import RobotMotion
 from epson_driver.sim_controller.spel_host.robot_points import RobotPoints
 from epson_driver.spel import ErrorNumber, Point, SpelError
+from epson_driver.spel.errors import bad
 
 Arguments = Sequence[int | float | Point]
 Result = int | float | Point | str
@@ -46,7 +47,7 @@ class RobotContext(NamedTuple):
         """Return a joint's index. Raises SpelError."""
         count = len(self.controller.model.joint_names)
         if isinstance(number, Point) or not 1 <= number <= count:
-            raise SpelError(ErrorNumber.ARGUMENT, f'{name}: joint {number} is not in 1..{count}')
+            raise bad(name, f'joint {number} is not in 1..{count}')
         return int(number) - 1
 
 
@@ -105,7 +106,7 @@ def _setting(name: str, usual: float) -> Callable[[RobotContext, Arguments], flo
         values = robot.controller.spel.values(name) or (usual,)
         which = arguments[0] if arguments else 1
         if isinstance(which, Point) or not 1 <= which <= 6:
-            raise SpelError(ErrorNumber.ARGUMENT, f'{name}: {which} is not in 1..6')
+            raise bad(name, f'{which} is not in 1..6')
         return values[min(int(which), len(values)) - 1]
 
     return read
@@ -128,7 +129,7 @@ def _pulses(name: str, real: bool) -> Callable[[RobotContext, Arguments], int]:
 def _range(robot: RobotContext, arguments: Arguments) -> int:
     joint = robot.joint('JRange', arguments[0])
     if arguments[1] not in (1, 2):
-        raise SpelError(ErrorNumber.ARGUMENT, f'JRange: {arguments[1]} is not 1 or 2')
+        raise bad('JRange', f'{arguments[1]} is not 1 or 2')
     limits, per_unit = robot.controller.model.limits, robot.points.pulses_per_unit
     ends = (limits.position_min[joint], limits.position_max[joint])
     low, high = sorted(float(end * per_unit[joint]) for end in ends)
@@ -208,7 +209,7 @@ def _tool(robot: RobotContext, arguments: Arguments) -> Point:
     number = arguments[0]
     tool = None if isinstance(number, Point) else robot.points.tools.get(int(number))
     if tool is None:
-        raise SpelError(ErrorNumber.ARGUMENT, f'TLSet: tool {number} is not defined')
+        raise bad('TLSet', f'tool {number} is not defined')
     return tool
 
 

@@ -15,12 +15,10 @@ from epson_driver.sim_controller.spel_host.robot_values import RobotContext, val
 from epson_driver.simple_message import IoType
 from epson_driver.spel import (
     Array,
-    Caller,
     Completion,
     ErrorNumber,
     Memory,
     MotionRequest,
-    NetSettings,
     Point,
     SpelError,
     TaskError,
@@ -63,57 +61,13 @@ class SpelHost:
     ) -> None:
         self._controller = controller
         self._robot = robot
-        self._network = network
-        self._terminal = terminal
+        self.network = network
+        self.terminal = terminal
         self._news = news
         self._failed = failed
         self._pauses = pauses
         self._moves = moves
         self._commanded = commanded
-
-    # Terminal
-
-    def write(self, caller: Caller, text: str) -> None:
-        """Show printed text."""
-        self._terminal.write(caller, text)
-
-    def read_line(self) -> str | None:
-        """Return a line that a person has typed, or None while there is none."""
-        return self._terminal.read_line()
-
-    def message_box(self, caller: Caller, text: str, buttons: int, title: str) -> int | None:
-        """Return the button that was pressed, or None as long as there is none."""
-        return self._terminal.message_box(caller, text, buttons, title)
-
-    # Network
-
-    def open_net(self, port: int, settings: NetSettings, server: bool) -> None:
-        """Serve clients of a TCP port. Raises SpelError."""
-        self._network.open_net(port, settings, server)
-
-    def close_net(self, port: int) -> None:
-        """Close a port object."""
-        self._network.close_net(port)
-
-    def orphan_net(self, port: int) -> None:
-        """Refuse new clients of a port object whose task has ended."""
-        self._network.orphan_net(port)
-
-    def connected(self, port: int) -> bool:
-        """Return whether a port object has a client."""
-        return self._network.connected(port)
-
-    def received(self, port: int) -> bytes:
-        """Return the unread bytes of a port."""
-        return self._network.received(port)
-
-    def take(self, port: int, count: int) -> bytes:
-        """Take the first bytes of it."""
-        return self._network.take(port, count)
-
-    def send(self, port: int, data: bytes) -> None:
-        """Send. Raises SpelError 2902."""
-        self._network.send(port, data)
 
     # Inputs, outputs, memory
 

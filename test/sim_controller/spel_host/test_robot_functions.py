@@ -11,6 +11,10 @@ from support.longer_arm import arm_model
 from support.spel_program_harness import SpelProgramHarness
 
 from epson_driver.robots import load_robot_model
+from epson_driver.spel.commands import COMMANDS
+from epson_driver.spel.functions import FUNCTIONS
+from epson_driver.spel.lint import check
+from epson_driver.spel.lint_ranges import SIMULATED
 
 SCARA = load_robot_model('gx4_c251s')
 BENT = np.radians([0.0, -10.0, 20.0, 0.0, -60.0, 0.0])
@@ -67,6 +71,18 @@ def test_what_is_out_of_range_is_said_with_the_value_and_what_it_may_be(caplog, 
     number, sentence = refusal(caplog, statement, start=BENT)
     assert number == 9993
     assert said in sentence
+
+
+@pytest.mark.parametrize('name', SIMULATED)
+def test_check_warns_of_what_is_not_simulated_as_it_is_refused(caplog, name):
+    known = SIMULATED[name]
+    form = 'Print {}({})' if name in FUNCTIONS and name not in COMMANDS else '{} {}'
+    *good, bad = (form.format(name, each) for each in (*known, max(known) + 1))
+    source = 'Function main\n{}\nFend'
+    assert check({'main.prg': source.format('\n'.join(good))}) == []
+    (problem,) = check({'main.prg': source.format(bad)})
+    assert (problem.rule, problem.warning) == ('not-simulated', True)
+    assert refusal(caplog, '\n'.join((*good, bad)), start=BENT)[0] == 9993
 
 
 def test_a_dll_cannot_be_reached(caplog):

@@ -160,6 +160,29 @@ def test_only_the_orientation_turns_with_rot(caplog):
     assert_limits_kept(harness)
 
 
+@pytest.mark.parametrize('power', ['High', 'Low'])
+def test_rot_makes_speedr_the_speed_of_a_line(caplog, power):
+    """SpeedS has no effect (p105), but at low power the tool is as slow as ever."""
+    source = f"""
+    Function main
+      Motor On
+      Power {power}
+      SpeedS 1; SpeedR 20; AccelR 100
+      P1 = Here
+      TmReset 1
+      Move P1 +X(20) +U(20) ROT
+      Print Dist(Here, P1 +X(20)) < 0.01, Tmr(1) > 1, Tmr(1) < 2
+    Fend
+    """
+    harness = six_axis(caplog, source)
+    harness.until(lambda: harness.printed)
+    assert harness.printed[0].split()[:2] == ['-1', '-1']
+    assert power == 'Low' or harness.printed[0].endswith('-1')
+    speeds = np.linalg.norm(np.diff(tool_places(harness), axis=0), axis=1) / STEP_S
+    assert power == 'High' or speeds.max() <= 0.0501
+    assert_limits_kept(harness)
+
+
 JUMP = """
 Function main
   Integer i
