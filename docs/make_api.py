@@ -40,6 +40,9 @@ CLASSES = (
 WITHIN = ('begin', 'finish')
 """Methods that no user calls."""
 
+PARTS = {'Arm': 'api/arm.py', 'Motions': 'api/motions.py', 'Streams': 'api/streams.py'}
+"""Classes whose members are shown as those of the class that has them as bases."""
+
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 HEAD = """\
@@ -59,16 +62,20 @@ def page() -> str:
     title, *rest = HEAD.split('\n\n')
     parts = [title + '\n', *map(_wrapped, rest)]
     for file, name in CLASSES:
-        tree = ast.parse((PACKAGE / file).read_text(encoding='utf-8'))
-        (found,) = (
-            node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == name
-        )
-        parts.extend(_class(found))
+        parts.extend(_class(_read(file, name)))
     return '\n'.join(parts)
 
 
+def _read(file: str, name: str) -> ast.ClassDef:
+    tree = ast.parse((PACKAGE / file).read_text(encoding='utf-8'))
+    (found,) = (node for node in tree.body if isinstance(node, ast.ClassDef) and node.name == name)
+    return found
+
+
 def _class(node: ast.ClassDef) -> Iterator[str]:
-    bases = ', '.join(ast.unparse(base) for base in node.bases)
+    names = [ast.unparse(base) for base in node.bases]
+    parts = [_read(PARTS[name], name) for name in ('Arm', *names) if {*names} & {*PARTS}]
+    bases = ', '.join(name for name in names if name not in PARTS)
     yield f'## {node.name}\n'
     if bases:
         yield f'A `{bases}`.\n'
@@ -76,7 +83,7 @@ def _class(node: ast.ClassDef) -> Iterator[str]:
     fields = [_field(each) for each in node.body if isinstance(each, ast.AnnAssign)]
     if fields:
         yield '```py\n' + '\n'.join(fields) + '\n```\n'
-    for each in node.body:
+    for each in [*node.body, *(each for part in parts for each in part.body)]:
         if not isinstance(each, Function) or each.name in WITHIN:
             continue
         if each.name == '__init__' and not fields and len(each.args.kwonlyargs) > 1:

@@ -65,8 +65,8 @@ class Robot(Synchronous[aio.Robot]):
     """One arm. `connect` first, or use it in a `with` block, which stops the arm at its end.
 
     controller, model: names of config/controllers and config/robots, or paths to files. Ports:
-    the profile's unless given; an I/O or remote port of 0 is not used. Raises ValueError and
-    FileNotFoundError for what cannot be.
+    the profile's unless given; an I/O or remote port of 0 is not used. enable: `connect` enables
+    the arm. Raises ValueError and FileNotFoundError for what cannot be.
     """
 
     @makes(aio.Robot)
@@ -88,7 +88,7 @@ class Robot(Synchronous[aio.Robot]):
 
         start: its first joint positions, rad (m). motion: through all points without a stop
         ('smooth', the default), or with a rest at each ('ptp'); a SPEL+ program moves as its
-        statements say.
+        statements say. enable: `connect` enables the arm.
         """
         made = cls.__new__(cls)
         Robot.__init__.__wrapped__(made, robot)  # type: ignore[attr-defined]
@@ -97,7 +97,8 @@ class Robot(Synchronous[aio.Robot]):
     def connect(self, timeout: float = aio.READY_TIMEOUT_S) -> Self:
         """Connect, and wait until the controller has told its state and where the arm is.
 
-        Raises RobotError that says what is missing after `timeout` s. The arm stays disabled.
+        Raises RobotError that says what is missing after `timeout` s. The arm stays disabled,
+        unless the Robot was made with `enable=True`: it is enabled then, or nothing is connected.
         """
         self._session.open(partial(self._awaited.connect, timeout))
         return self

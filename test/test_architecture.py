@@ -40,7 +40,7 @@ ROOMS = {
     'simple_message trace',
     'api': 'driver error_texts inputs link motion numpy processes profiles remote_ethernet '
     'robots simple_message taught_points tool_motion trace trajectory_file',
-    'aio': 'api driver motion numpy robots taught_points tool_motion',
+    'aio': 'api driver taught_points',
     'robot': 'aio api taught_points',
     'node': 'ROS driver error_texts inputs link log_lines motion numpy processes profiles robots '
     'simple_message taught_points tool_motion trace',

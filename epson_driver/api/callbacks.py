@@ -30,8 +30,6 @@ class Callbacks(Generic[P]):
 
     def add(self, function: Callable[P, object]) -> Callable[[], None]:
         """Have a function called from now on. Returns what takes it away again."""
-        if not callable(function):
-            raise TypeError(f'{function!r} cannot be called')
         self._functions.append(function)
 
         def remove() -> None:

@@ -3,9 +3,7 @@
 """What the Python API raises. A motion raises nothing but RobotErrors."""
 
 import contextlib
-from collections.abc import Callable, Coroutine, Iterator
-from functools import wraps
-from typing import Any, ParamSpec, TypeVar
+from collections.abc import Iterator
 
 from epson_driver.driver.goal.planning_scope import PlanningEndedError
 from epson_driver.driver.inhibit import Remedy, with_remedy
@@ -13,9 +11,6 @@ from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outco
 from epson_driver.inputs import number
 from epson_driver.tool_motion.joint_path import PathError as NoPathError
 from epson_driver.tool_motion.pose_path import BlendError
-
-P = ParamSpec('P')
-T = TypeVar('T')
 
 WORDS = {
     Remedy.CONNECT: 'start the controller, or check host and ports',
@@ -29,7 +24,7 @@ WORDS = {
 """What helps, in the names of this API."""
 
 
-_TIMEOUT = number(0.0, 1e7, 's')
+TIMEOUT = number(0.0, 1e7, 's')
 
 
 class RobotError(RuntimeError):
@@ -78,19 +73,6 @@ def refusals() -> Iterator[None]:
         raise MotionError(rejection.outcome) from rejection
 
 
-def motion(
-    method: Callable[P, Coroutine[Any, Any, T]],
-) -> Callable[P, Coroutine[Any, Any, T]]:
-    """Have a method raise an ArgumentError for every ValueError."""
-
-    @wraps(method)
-    async def run(*args: P.args, **kwargs: P.kwargs) -> T:
-        with argument_errors():
-            return await method(*args, **kwargs)
-
-    return run
-
-
 @contextlib.contextmanager
 def argument_errors() -> Iterator[None]:
     """Raise an ArgumentError for every ValueError."""
@@ -107,4 +89,4 @@ def argument_errors() -> Iterator[None]:
 def checked_timeout(timeout: float | None) -> float | None:
     """Return how long to wait, s, or None for ever. Raises ArgumentError."""
     with argument_errors():
-        return None if timeout is None else float(_TIMEOUT.checked(timeout, 'timeout'))
+        return None if timeout is None else float(TIMEOUT.checked(timeout, 'timeout'))

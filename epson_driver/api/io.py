@@ -7,7 +7,8 @@ import contextlib
 from collections.abc import Awaitable, Callable
 from typing import TypeVar
 
-from epson_driver.api.errors import RobotError, checked_timeout, motion
+from epson_driver.api.arguments import checked_arguments
+from epson_driver.api.errors import RobotError, checked_timeout
 from epson_driver.api.ownership import Unique
 from epson_driver.driver.io import io_driver
 from epson_driver.driver.io.gripper import LOOK_PERIOD_S
@@ -34,13 +35,13 @@ class Io(Unique):
     def __init__(self, driver: Callable[[], io_driver.Io]) -> None:
         self._driver = driver
 
-    @motion
+    @checked_arguments
     async def read(self, kind: str, index: int) -> int:
         """Return the value of a point, such as `read('DI', 3)`. Analogue: mV (docs/io.md)."""
         address = IoAddress(_type(kind), INDEX.checked(index, 'index'))
         return await _answered(self._driver().read, [address])
 
-    @motion
+    @checked_arguments
     async def wait(self, kind: str, index: int, value: int, timeout: float | None = None) -> None:
         """Wait until a point has a value, such as `wait('DI', 3, 1)`.
 
@@ -56,7 +57,7 @@ class Io(Unique):
         except TimeoutError as error:
             raise TimeoutError(f'{kind} {index} was not {value} within {timeout:g} s') from error
 
-    @motion
+    @checked_arguments
     async def write(self, kind: str, index: int, value: int) -> None:
         """Set an output, a group or a flag, such as `write('DO', 3, 1)`."""
         number = VALUE.checked(int(value) if isinstance(value, bool) else value, 'value')

@@ -4,6 +4,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import ceil
 
 import numpy as np
@@ -30,6 +31,7 @@ from epson_driver.tool_motion.pose_path import (
     runs,
 )
 from epson_driver.tool_motion.statement_points import only_turns, passing, tool_frame
+from epson_driver.tool_motion.tool_pose import numbers
 from epson_driver.tool_motion.tool_trajectory import JERK_PER_ACCELERATION, ToolLimits
 
 LONGEST_MOTION_S = 86_400.0
@@ -44,14 +46,8 @@ SAME_PLACE_M, SAME_PLACE_RAD = 1e-4, 1e-3
 
 def joint_rows(field: str, values: Pose, limits: JointLimits, *, rows: bool) -> Array:
     """Return numbers as shape (n,), or (k, n) with `rows`, for n joints. Raises ValueError."""
-    try:
-        array = np.array(values)
-        if array.dtype.kind not in 'iuf' and array.size:
-            raise TypeError(f'these are {array.dtype.name}')
-        array = array.astype(float)
-    except (TypeError, ValueError) as error:
-        shape = 'rows of numbers, all of one length' if rows else 'numbers'
-        raise ValueError(f'{field}: must be {shape} ({error})') from error
+    form = 'rows of numbers, all of one length' if rows else 'numbers'
+    array = numbers(field, values, form)
     count = len(limits.names)
     if rows and (array.ndim != 2 or array.shape[1] != count or not len(array)):
         raise ValueError(
@@ -339,6 +335,12 @@ def divided(trajectory: Trajectory, start: Array) -> Trajectory:
     )
 
 
+def _permuted(names: tuple[str, ...], given: Sequence[str]) -> tuple[str, ...]:
+    if sorted(given) != sorted(names):
+        raise ValueError
+    return tuple(given)
+
+
 def planned(
     times: npt.ArrayLike,
     positions: npt.ArrayLike,
@@ -347,14 +349,12 @@ def planned(
     limits: JointLimits,
 ) -> Trajectory:
     """Return a user's trajectory in the controller's joint order. Raises ValueError."""
-    names = limits.names if joint_names is None else tuple(joint_names)
-    if sorted(names) != sorted(limits.names):
-        raise ValueError(f'joint_names = {list(names)}: must be {", ".join(limits.names)}')
+    names = limits.names
+    if joint_names is not None:
+        read = partial(_permuted, names)
+        names = Rule(read, f'must be {", ".join(names)}').checked(joint_names, 'joint_names')
     rows = limits.settled(joint_rows('positions', positions, limits, rows=True))
-    try:
-        moments = np.array(times, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f'times: must be numbers ({error})') from error
+    moments = numbers('times', times)
     if moments.shape != (len(rows),):
         raise ValueError(f'times has shape {moments.shape}: must be ({len(rows)},), one per point')
     if moments[-1] > LONGEST_MOTION_S:

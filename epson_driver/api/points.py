@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable, Iterator
 from os import PathLike
 from typing import Any
 
-from epson_driver.api.errors import argument_errors
+from epson_driver.api.arguments import checked_arguments
 from epson_driver.api.ownership import Unique
 from epson_driver.taught_points.epson_point import EpsonPoint
 from epson_driver.taught_points.posture import Posture
@@ -29,16 +29,17 @@ class Points(Unique):
         self._here = here
         self._taught = TaughtPoints()
 
+    @checked_arguments
     def __getitem__(self, name: str) -> EpsonPoint:
         """Return a point. Raises KeyError, and ArgumentError for a label without a place."""
-        with argument_errors():
-            return self._taught.get(name)
+        return self._taught.get(name)
 
+    @checked_arguments
     def __setitem__(self, name: str, point: EpsonPoint) -> None:
         """Set a point, also a new one. Raises ArgumentError."""
-        with argument_errors():
-            self._taught.set(name, point)
+        self._taught.set(name, point)
 
+    @checked_arguments
     def __delitem__(self, name: str) -> None:
         """Forget a point. Raises KeyError."""
         self._taught.remove(name)
@@ -55,29 +56,29 @@ class Points(Unique):
         """Return whether there is such a point, with a place or without."""
         return name in self._taught
 
+    @checked_arguments
     def teach(self, name: str) -> EpsonPoint:
         """Take where the tool is now for a point, also a new one, and return it.
 
         Raises ArgumentError, and as `Robot.joints`.
         """
         point, posture = self._here()
-        with argument_errors():
-            self._taught.set(name, point, posture)
+        self._taught.set(name, point, posture)
         return point
 
+    @checked_arguments
     def load(self, path: str | PathLike[str]) -> int:
         """Read a .pts or .yaml file in place of all points and return how many it has.
 
         Raises OSError, and ArgumentError that names the file and what is wrong in it.
         """
-        with argument_errors():
-            return self._taught.load(path)
+        return self._taught.load(path)
 
+    @checked_arguments
     def save(self, path: str | PathLike[str]) -> None:
         """Write all points to a .pts or .yaml file.
 
         What was read from a .pts file and not changed is written as it was. Raises OSError, and
         ArgumentError for a point that such a file cannot hold.
         """
-        with argument_errors():
-            self._taught.save(path)
+        self._taught.save(path)

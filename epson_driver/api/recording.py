@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from epson_driver.api.errors import ArgumentError, RobotError
+from epson_driver.api.arguments import checked_arguments
+from epson_driver.api.errors import RobotError
 from epson_driver.api.ownership import Unique
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.inputs import number
@@ -74,6 +75,7 @@ class Recording(Unique):
         """Record no more."""
         self._stop()
 
+    @checked_arguments
     def save(self, path: str | PathLike[str]) -> None:
         """Stop, and write it as a trajectory of ROS in YAML. Raises RobotError, OSError."""
         self.stop()
@@ -82,12 +84,10 @@ class Recording(Unique):
         write_trajectory(Path(path), recorded, 'joints as they were measured')
 
     @classmethod
+    @checked_arguments
     def load(cls, path: str | PathLike[str]) -> 'Recording':
         """Return what `save` has written, or another trajectory. Raises ArgumentError, OSError."""
-        try:
-            read = read_trajectory(Path(path))
-        except ValueError as error:
-            raise ArgumentError(str(error)) from error
+        read = read_trajectory(Path(path))
         found = cls(read.joint_names)
         found._rows = list(zip((read.times - read.times[0]).tolist(), read.positions, strict=True))
         return found
@@ -101,7 +101,6 @@ class Recording(Unique):
 
         Raises ValueError that names what of it cannot be replayed.
         """
-        SPEED.checked(speed, 'speed')
         self._check_any()
         if self.joint_names != limits.names:
             raise ValueError(

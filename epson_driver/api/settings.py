@@ -3,9 +3,10 @@
 """From the arguments of a Robot to the driver's configuration."""
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import BinaryIO, Literal
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
 
@@ -16,9 +17,9 @@ from epson_driver.driver.goal.goal import GoalSettings, cause_timeout
 from epson_driver.driver.io.gripper import GripperWiring
 from epson_driver.driver.servo.setpoint import ServoSettings
 from epson_driver.driver.smoothing import usual_smoothing
-from epson_driver.driver.state.joint_mapping import joint_mapping
+from epson_driver.driver.state.joint_mapping import OFFSETS, SIGNS, joint_mapping
 from epson_driver.error_texts import load_error_texts
-from epson_driver.inputs import HOST, JOINT_NAMES, Rule, count, number, shown
+from epson_driver.inputs import HOST, JOINT_NAMES, Rule, choice, count, number, shown
 from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import RobotModel, load_robot_model
 from epson_driver.simple_message import MAX_JOINTS, ByteOrder
@@ -62,15 +63,26 @@ class Settings:
     trace_file: str | None = None
 
     def __post_init__(self) -> None:
-        for name, rule in _RULES.items():
-            value = getattr(self, name)
-            if value is not None:
-                rule.checked(value, name)
-        for name, choices in _CHOICES.items():
-            value = getattr(self, name)
-            if value is not None and value not in choices:
-                raise ValueError(f'{name} = {value!r}: must be one of {", ".join(choices)}')
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is not None or field.default is not None:
+                _RULES[field.name].checked(value, field.name)
 
+
+def _is(*kinds: type) -> Callable[[Any], Any]:
+    def read(value: Any) -> Any:
+        if not isinstance(value, kinds):
+            raise TypeError
+        return value
+
+    return read
+
+
+def _each(rule: Rule) -> Rule:
+    return Rule(lambda values: rule.read(list(values)), rule.text)
+
+
+_FILE = Rule(_is(str), 'must be the path of a file')
 
 _RULES: dict[str, Rule] = {
     'state_timeout': number(0.05, 60.0, 's'),
@@ -82,12 +94,16 @@ _RULES: dict[str, Rule] = {
     'stopped_velocity_tolerance': number(1e-6, 10.0, 'rad/s or m/s'),
     'servo_scale': number(0.01, 1.0),
     'servo_timeout': number(0.02, 1.0, 's'),
-}
-
-_CHOICES = {
-    'interface': ('streaming', 'download', 'statements'),
-    'point_message': ('joint_traj_pt', 'joint_traj_pt_full'),
-    'byte_order': tuple(BYTE_ORDERS),
+    'joint_names': JOINT_NAMES,
+    'joint_signs': _each(SIGNS),
+    'joint_offsets': _each(OFFSETS),
+    'j23_factor': choice(-1, 0, 1),
+    'error_texts': _FILE,
+    'interface': choice('streaming', 'download', 'statements'),
+    'point_message': choice('joint_traj_pt', 'joint_traj_pt_full'),
+    'byte_order': choice(*BYTE_ORDERS),
+    'gripper': Rule(_is(GripperWiring), 'must be GripperWiring(...)'),
+    'trace_file': _FILE,
 }
 
 
@@ -140,15 +156,12 @@ def make_setup(host: str, controller: str, model_name: str, ports: Ports, more: 
     the profiles or models there are.
     """
     HOST.checked(host, 'host')
-    if not isinstance(more, Settings):
-        raise ValueError(f'settings = {shown(more)}: must be Settings(...)')
     for field, name in (('controller', controller), ('model', model_name)):
         if not isinstance(name, str):
             raise ValueError(f'{field} = {shown(name)}: must be a name, or the path of a file')
     profile = load_controller_profile(controller)
     model = load_robot_model(model_name)
     if more.joint_names is not None:
-        JOINT_NAMES.checked(list(more.joint_names), 'joint_names')
         if len(more.joint_names) != len(model.joint_names):
             raise ValueError(
                 f'joint_names has {len(more.joint_names)} names, but {model.name} has '

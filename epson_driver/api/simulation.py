@@ -7,10 +7,11 @@ import contextlib
 import signal
 from collections.abc import Callable, Sequence
 
-from epson_driver.api.errors import RobotError, motion
+from epson_driver.api.arguments import checked_arguments
+from epson_driver.api.errors import RobotError
 from epson_driver.api.ownership import Unique
 from epson_driver.api.settings import Ports
-from epson_driver.inputs import choice, count
+from epson_driver.inputs import Rule, choice, count
 from epson_driver.processes.command import module_command
 from epson_driver.remote_ethernet.client import RemoteError, connected, logged_in
 
@@ -109,6 +110,7 @@ class SimulatedController:
 INPUT = choice('DI', 'AI')
 INDEX = count(0, 65_535)
 VALUE = count(-(2**31), 2**31 - 1)
+WORDS = Rule(str.split, "must be a text, such as 'cut for=0.5'")
 
 
 class Simulation(Unique):
@@ -120,10 +122,12 @@ class Simulation(Unique):
     def __init__(self, port: Callable[[], int]) -> None:
         self._port = port
 
+    @checked_arguments
     async def estop(self, pressed: bool = True) -> None:
         """Press the E-stop button, or release it. It stays latched until `Robot.reset`."""
         await self._do(f'Sim,estop,{"press" if pressed else "release"}')
 
+    @checked_arguments
     async def door(self, is_open: bool = True) -> None:
         """Open the safeguard door, or close it: what it has paused waits for `go_on` then."""
         await self._do(f'Sim,door,{"open" if is_open else "close"}')
@@ -132,16 +136,17 @@ class Simulation(Unique):
         """Continue at the controller what is paused."""
         await self._do('Continue')
 
-    @motion
+    @checked_arguments
     async def input(self, index: int, value: int = 1, *, kind: str = 'DI') -> None:
         """Set an input as if wired so: DI (0 or 1) or AI (mV)."""
         number = VALUE.checked(int(value) if isinstance(value, bool) else value, 'value')
         point = f'{INPUT.checked(str(kind).upper(), "kind")},{INDEX.checked(index, "index")}'
         await self._do(f'Sim,io,{point},{number}')
 
+    @checked_arguments
     async def fault(self, text: str) -> None:
         """Begin a fault, such as 'cut for=0.5', or end it: 'clear' (docs/controller.md)."""
-        await self._do(','.join(['Sim,fault', *text.split()]))
+        await self._do(','.join(['Sim,fault', *WORDS.checked(text, 'text')]))
 
     async def _do(self, command: str) -> None:
         """Give a remote command. Raises RobotError with the controller's reason."""

@@ -1,26 +1,27 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Setpoints of the Python API: one more source of the driver's servo, under the same rules.
+"""Streams of setpoints: one more source of the driver's servo, under the same rules.
 
 What cannot be followed is heard by the servo all the same: a program that goes on after a stop has
 not let go.
 """
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
 import numpy.typing as npt
 
-from epson_driver.api.connection import Connection
+from epson_driver.api.arguments import checked_arguments
+from epson_driver.api.arm import Arm
 from epson_driver.api.errors import PathError, RobotError, refusals
 from epson_driver.api.moves import joint_rows
-from epson_driver.api.poses import BASE_LINK, TOOL
+from epson_driver.api.poses import BASE_LINK, TOOL, Pose
 from epson_driver.driver.servo.servo import Servo
 from epson_driver.driver.servo.setpoint import POSSIBLE_SHARE, Setpoint
+from epson_driver.inputs import shown
 from epson_driver.motion import Array, JointLimits
-from epson_driver.robots.kinematics import Kinematics
 from epson_driver.tool_motion.tool_pose import finite_numbers
 
 SOURCE = 'servo()'
@@ -33,64 +34,79 @@ OFF_COURSE = 0.02
 """As a share of what is asked for, the tool may move otherwise: more is a singularity."""
 
 
-class Streams:
-    """Hands setpoints to the driver of a connection. `limits`: of the joints."""
+class Streams(Arm):
+    """The streams that an arm follows. Robot has all of them."""
 
-    def __init__(self, connection: Connection, limits: JointLimits) -> None:
-        self._connection = connection
-        self._limits = limits
+    @checked_arguments
+    def servo(self, target: npt.ArrayLike, velocities: npt.ArrayLike | None = None) -> None:
+        """Follow joint positions, shape (n,), rad (m), that come 10 to 500 times a second.
 
-    def positions(self, target: npt.ArrayLike, velocities: npt.ArrayLike | None) -> None:
-        """Follow joint positions, shape (n,). Raises ArgumentError or RobotError."""
+        velocities: with which these go on, shape (n,); None: estimated. The newest counts; the arm
+        follows inside a share of its limits (`Settings.servo_scale`), 0.1 rad away at most when
+        the stream begins, and comes to rest when none comes any more. After a stop, or whatever
+        disabled the arm, a stream must be silent for a second before it begins anew
+        (docs/servo.md).
+
+        Raises ArgumentError for what cannot be followed; RobotError, or MotionError, with why,
+        while it is not followed. The setpoint is lost then.
+        """
+        limits = self.model.limits
         with self._heard() as servo:
-            joints = joint_rows('target', target, self._limits, rows=False)
+            joints = joint_rows('target', target, limits, rows=False)
             given = None
             if velocities is not None:
-                given = joint_rows('velocities', velocities, self._limits, rows=False)
+                given = joint_rows('velocities', velocities, limits, rows=False)
             self._take(servo, Setpoint(SOURCE, joints, given))
 
-    def velocities(self, velocities: npt.ArrayLike) -> None:
-        """Follow joint velocities, shape (n,). Raises ArgumentError or RobotError."""
+    @checked_arguments
+    def servo_velocity(self, velocities: npt.ArrayLike) -> None:
+        """Follow joint velocities, shape (n,), rad/s (m/s). The rest as `servo`."""
         with self._heard() as servo:
-            given = joint_rows('velocities', velocities, self._limits, rows=False)
-            self._check_possible(given)
+            given = joint_rows('velocities', velocities, self.model.limits, rows=False)
+            _check_possible(given, self.model.limits)
             self._take(servo, Setpoint(SOURCE, velocities=given))
 
-    def pose(self, arm: Kinematics, find: Callable[[Array], Array]) -> None:
-        """Follow a pose of the tool, which `find` makes of where the tool is now.
+    @checked_arguments
+    def servo_pose(self, pose: Pose, *, frame: str | None = None) -> None:
+        """Follow a pose of the tool, in any form and frame that `move_line` takes.
 
-        Both shape (4, 4), m, in base_link. Raises PathError, ArgumentError or RobotError.
+        In the configuration nearest to where the arm is. Raises PathError for a pose that is out
+        of reach or asks for another configuration. The rest as `servo`.
         """
+        arm, limits = self._hand[1], self.model.limits
         with self._heard() as servo:
             near = self._commanded(servo)
-            pose = find(arm.forward(near))
-            found = arm.inverse(pose, near)
+            wanted = self._frames.target('pose', pose, frame).seen_from(arm.forward(near))
+            found = arm.inverse(wanted, near)
             if not len(found):
-                why = arm.why_unreachable(pose) or 'it is out of reach'
+                why = arm.why_unreachable(wanted) or 'it is out of reach'
                 raise PathError(f'pose: {why}')
             jump = np.abs(found[0] - near)
             if jump.max() > MAX_JUMP_RAD:
                 joint = int(np.argmax(jump))
                 raise PathError(
-                    f'pose: {self._limits.names[joint]} would have to jump from {near[joint]:.4g} '
-                    f'to {found[0][joint]:.4g} {self._limits.units[joint]}'
+                    f'pose: {limits.names[joint]} would have to jump from {near[joint]:.4g} to '
+                    f'{found[0][joint]:.4g} {limits.units[joint]}'
                 )
             self._take(servo, Setpoint(SOURCE, found[0]))
 
-    def twist(self, arm: Kinematics, twist: npt.ArrayLike, frame: str) -> None:
+    @checked_arguments
+    def servo_speed(self, velocity: npt.ArrayLike, *, frame: str = BASE_LINK) -> None:
         """Follow a velocity of the tool: x y z, m/s, and about x y z, rad/s, shape (6,).
 
-        Raises PathError, ArgumentError or RobotError.
+        frame: 'base_link' or 'tool', the tool where it is, for its axes. Slower where a joint
+        would be too fast. Raises PathError where the tool cannot move so. The rest as `servo`.
         """
+        arm = self._hand[1]
         with self._heard() as servo:
-            wanted = finite_numbers('velocity', twist)
+            wanted = finite_numbers('velocity', velocity)
             if wanted.shape != (6,):
                 raise ValueError(
                     f'velocity has shape {wanted.shape}: must be (6,), x y z in m/s and the turn '
                     'about x y z in rad/s'
                 )
             if frame not in (BASE_LINK, TOOL):
-                raise ValueError(f'frame = {frame!r}: must be {BASE_LINK} or {TOOL}')
+                raise ValueError(f'frame = {shown(frame)}: must be {BASE_LINK} or {TOOL}')
             near = self._commanded(servo)
             jacobian = arm.jacobian(near)
             if frame == TOOL:
@@ -103,10 +119,10 @@ class Streams:
                     'velocity: the tool cannot move that way here, at a singularity or for want '
                     'of a joint'
                 )
-            share = np.abs(joints) / (servo.settings.share * self._limits.velocity)
+            share = np.abs(joints) / (servo.settings.share * self.model.limits.velocity)
             self._take(servo, Setpoint(SOURCE, velocities=joints / max(share.max(), 1.0)))
 
-    async def end(self) -> str:
+    async def servo_end(self) -> str:
         """Wait until no stream is followed and the arm stands, and say so."""
         servo = self._connection.running.servo
         while servo.occupation() is not None:
@@ -140,13 +156,14 @@ class Streams:
         commanded = servo.commanded
         return self._connection.sample().positions if commanded is None else commanded
 
-    def _check_possible(self, velocities: Array) -> None:
-        fastest = POSSIBLE_SHARE * self._limits.velocity
-        wrong = np.flatnonzero(np.abs(velocities) > fastest)
-        if wrong.size:
-            joint = int(wrong[0])
-            unit = self._limits.units[joint]
-            raise ValueError(
-                f'velocities: {self._limits.names[joint]} = {velocities[joint]:.6g} {unit}/s is '
-                f'beyond what the joint can do, {self._limits.velocity[joint]:.6g} {unit}/s'
-            )
+
+def _check_possible(velocities: Array, limits: JointLimits) -> None:
+    fastest = POSSIBLE_SHARE * limits.velocity
+    wrong = np.flatnonzero(np.abs(velocities) > fastest)
+    if wrong.size:
+        joint = int(wrong[0])
+        unit = limits.units[joint]
+        raise ValueError(
+            f'velocities: {limits.names[joint]} = {velocities[joint]:.6g} {unit}/s is beyond what '
+            f'the joint can do, {limits.velocity[joint]:.6g} {unit}/s'
+        )

@@ -19,16 +19,16 @@ from epson_driver.api.points import Points as AwaitedPoints
 from epson_driver.api.simulation import Simulation as AwaitedSimulation
 from epson_driver.api.threads import Session
 
-A = TypeVar('A')
+A_co = TypeVar('A_co', covariant=True)
 P = ParamSpec('P')
 S = TypeVar('S')
 T = TypeVar('T')
 
 
-class Synchronous(Unique, Generic[A]):
+class Synchronous(Unique, Generic[A_co]):
     """An asynchronous object, and the session in whose event loop its methods run."""
 
-    def __init__(self, awaited: A, session: Session) -> None:
+    def __init__(self, awaited: A_co, session: Session) -> None:
         self._awaited = awaited
         self._session = session
 
@@ -52,22 +52,22 @@ def measured(self: Synchronous[Any], ask: Callable[[], T]) -> T:
 
 
 def waits(
-    method: Callable[Concatenate[A, P], Coroutine[Any, Any, T]],
-) -> Callable[Concatenate[Synchronous[A], P], T]:
+    method: Callable[Concatenate[A_co, P], Coroutine[Any, Any, T]],
+) -> Callable[Concatenate[Synchronous[A_co], P], T]:
     """Derive a method that waits for a coroutine."""
 
-    def run(self: Synchronous[A], /, *args: P.args, **kwargs: P.kwargs) -> T:
+    def run(self: Synchronous[A_co], /, *args: P.args, **kwargs: P.kwargs) -> T:
         return self._session.run(partial(method, self._awaited, *args, **kwargs))
 
     return _described(run, method)
 
 
 def moves(
-    method: Callable[Concatenate[A, P], Coroutine[Any, Any, AwaitedMotion]],
-) -> Callable[Concatenate[Synchronous[A], P], 'Motion']:
+    method: Callable[Concatenate[A_co, P], Coroutine[Any, Any, AwaitedMotion]],
+) -> Callable[Concatenate[Synchronous[A_co], P], 'Motion']:
     """Derive a method that begins a motion."""
 
-    def run(self: Synchronous[A], /, *args: P.args, **kwargs: P.kwargs) -> Motion:
+    def run(self: Synchronous[A_co], /, *args: P.args, **kwargs: P.kwargs) -> Motion:
         begin = partial(method, self._awaited, *args, **kwargs)
         return Motion(self._session.run(begin), self._session)
 
@@ -75,11 +75,11 @@ def moves(
 
 
 def calls(
-    method: Callable[Concatenate[A, P], T], via: Via = now
-) -> Callable[Concatenate[Synchronous[A], P], T]:
+    method: Callable[Concatenate[A_co, P], T], via: Via = now
+) -> Callable[Concatenate[Synchronous[A_co], P], T]:
     """Derive a method from one that is not awaited."""
 
-    def run(self: Synchronous[A], /, *args: P.args, **kwargs: P.kwargs) -> T:
+    def run(self: Synchronous[A_co], /, *args: P.args, **kwargs: P.kwargs) -> T:
         result: T = via(self, partial(method, self._awaited, *args, **kwargs))
         return result
 
@@ -87,15 +87,18 @@ def calls(
 
 
 def hears(
-    method: Callable[Concatenate[A, P], T],
-) -> Callable[Concatenate[Synchronous[A], P], T]:
+    method: Callable[Concatenate[A_co, P], T],
+) -> Callable[Concatenate[Synchronous[A_co], P], T]:
     """Derive a method whose arguments are callbacks: they run in a thread of their own."""
 
-    def run(self: Synchronous[A], /, *args: P.args, **kwargs: P.kwargs) -> T:
+    def run(self: Synchronous[A_co], /, *args: P.args, **kwargs: P.kwargs) -> T:
         add: Callable[..., T] = method
-        wrap = self._session.callbacks.wrap
-        named = {name: wrap(each) for name, each in kwargs.items()}  # type: ignore[arg-type]
-        return add(self._awaited, *(wrap(each) for each in args), **named)  # type: ignore[arg-type]
+
+        def wrap(each: object) -> object:  # what cannot be called is refused there
+            return self._session.callbacks.wrap(each) if callable(each) else each
+
+        named = {name: wrap(each) for name, each in kwargs.items()}
+        return add(self._awaited, *map(wrap, args), **named)
 
     return _described(run, method)
 
@@ -112,11 +115,11 @@ class Reading(property, Generic[T]):
         return super().__get__(instance, owner)
 
 
-def reads(kind: type[A], read: Callable[[A], T], via: Via = now) -> Reading[T]:
+def reads(kind: type[A_co], read: Callable[[A_co], T], via: Via = now) -> Reading[T]:
     """Derive a property from one of an asynchronous class: a lambda says which."""
     (name,) = read.__code__.co_names
 
-    def get(self: Synchronous[A]) -> T:
+    def get(self: Synchronous[A_co]) -> T:
         result: T = via(self, partial(read, self._awaited))
         return result
 
@@ -124,11 +127,11 @@ def reads(kind: type[A], read: Callable[[A], T], via: Via = now) -> Reading[T]:
 
 
 def makes(
-    make: Callable[P, A],
-) -> Callable[[Callable[[S, A], T]], Callable[Concatenate[S, P], T]]:
+    make: Callable[P, A_co],
+) -> Callable[[Callable[[S, A_co], T]], Callable[Concatenate[S, P], T]]:
     """Have a function that takes an asynchronous object take the arguments that make one."""
 
-    def decorate(function: Callable[[S, A], T]) -> Callable[Concatenate[S, P], T]:
+    def decorate(function: Callable[[S, A_co], T]) -> Callable[Concatenate[S, P], T]:
         def run(first: S, /, *args: P.args, **kwargs: P.kwargs) -> T:
             return function(first, make(*args, **kwargs))
 

@@ -130,8 +130,6 @@ class CallbackThread:
 
         It is for one thread, that of the event loop. Raises queue.Full if callbacks pile up.
         """
-        if not callable(callback):
-            raise TypeError(f'{callback!r} cannot be called')
 
         def put(*args: object) -> None:
             self._waiting.put_nowait(partial(callback, *args))

@@ -125,10 +125,10 @@ class RobotModel:
             if origin is not None and origin.worst in MARKS[2:]
         )
 
-    def checked_payload(self, payload: float) -> float:
+    def checked_payload(self, payload: float, field: str = 'payload') -> float:
         """Return a mass that the arm may carry, kg. Raises InputError."""
         rule = number(0.0, MOST_PAYLOAD_KG if self.payload is None else self.payload, 'kg')
-        return float(rule.checked(payload, 'payload'))
+        return float(rule.checked(payload, field))
 
     def bent(self, joints: Sequence[float]) -> Array:
         """Return joints of six axes, shape (6,), rad, given for an arm that is upright at zero.

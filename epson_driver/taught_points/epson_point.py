@@ -5,11 +5,12 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from epson_driver.inputs import number
 from epson_driver.motion import Array
 from epson_driver.robots.kinematics import rotation_of_uvw, uvw
-from epson_driver.tool_motion.tool_pose import homogeneous
+from epson_driver.tool_motion.tool_pose import finite_numbers, homogeneous
 
 _LENGTH = number(-1e6, 1e6, 'mm')
 _ANGLE = number(-36000.0, 36000.0, 'degrees')
@@ -46,17 +47,23 @@ class EpsonPoint:
         self, *, x: float = 0.0, y: float = 0.0, z: float = 0.0, u: float = 0.0
     ) -> 'EpsonPoint':
         """Return the point moved by mm and degrees, as SPEL+'s `P1 +Z(50)`."""
+        for name, value in (('x', x), ('y', y), ('z', z)):
+            _LENGTH.checked(plain(value), name)
+        _ANGLE.checked(plain(u), 'u')
         return replace(self, x=self.x + x, y=self.y + y, z=self.z + z, u=self.u + u)
 
     def before(self, distance: float) -> 'EpsonPoint':
         """Return where the tool approaches it from, mm back along its own Z axis."""
         pose = self.pose
-        pose[:3, 3] -= pose[:3, 2] * (float(distance) / 1e3)
+        pose[:3, 3] -= pose[:3, 2] * (_LENGTH.checked(plain(distance), 'distance') / 1e3)
         return EpsonPoint.of(pose)
 
     @classmethod
-    def of(cls, pose: Array) -> 'EpsonPoint':
-        """Return the point of a homogeneous matrix, shape (4, 4), m."""
+    def of(cls, pose: npt.ArrayLike) -> 'EpsonPoint':
+        """Return the point of a homogeneous matrix, shape (4, 4), m. Raises ValueError."""
+        pose = finite_numbers('pose', pose)
+        if pose.shape != (4, 4):
+            raise ValueError(f'pose has shape {pose.shape}: must be (4, 4), m')
         return cls(*(pose[:3, 3] * 1e3).tolist(), *np.degrees(uvw(pose[:3, :3])).tolist())
 
 

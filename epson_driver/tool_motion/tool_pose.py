@@ -17,12 +17,20 @@ MAX_TOOL_M = 10.0
 """How far a tool may be from the flange."""
 
 
+def numbers(field: str, values: object, form: str = 'numbers') -> Array:
+    """Return numbers as an array, also those that are not finite. Raises ValueError."""
+    try:
+        array = np.array(values)
+        if array.dtype.kind not in 'iuf' and array.size:
+            raise TypeError(f'these are {array.dtype.name}')
+        return array.astype(float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f'{field}: must be {form} ({error})') from error
+
+
 def finite_numbers(field: str, values: npt.ArrayLike) -> Array:
     """Return numbers as an array. Raises ValueError."""
-    try:
-        array = np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f'{field}: must be numbers ({error})') from error
+    array = numbers(field, values)
     if not np.all(np.isfinite(array)):
         raise ValueError(f'{field} = {array.tolist()}: must be finite numbers')
     return array

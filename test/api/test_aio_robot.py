@@ -7,7 +7,7 @@ import gc
 
 import numpy as np
 import pytest
-from support.api_harness import FAR, robot_cell
+from support.api_harness import FAR, ports_of, robot_cell
 from support.driver_harness import ScriptedController, answer, simulated
 from support.event_loop import real_time, run, stand_still, until
 from support.sim_process import vacant_port
@@ -437,7 +437,7 @@ def test_a_callback_can_be_taken_away():
     async def scenario():
         told = []
         async with robot_cell() as (robot, controller):
-            with pytest.raises(TypeError, match='3 cannot be called'):
+            with pytest.raises(aio.ArgumentError, match='callback = 3: must be a function'):
                 robot.on_estop(3)
             remove = robot.on_estop(told.append)
             remove()
@@ -548,6 +548,32 @@ def test_a_robot_can_be_connected_again_but_not_twice():
 
 
 # --- I/O --------------------------------------------------------------------------------------
+
+
+@pytest.mark.invariant(4)
+async def test_connecting_enables_the_arm_only_where_that_is_asked_for_and_can_be():
+    async with simulated() as (controller, ports):
+        with pytest.raises(ValueError, match='enable = 1: must be True or False'):
+            Robot(enable=1)
+        asking = Robot(**ports_of(ports), enable=True)
+        for robot, enabled in ((Robot(**ports_of(ports)), False), (asking, True)):
+            async with robot:
+                assert robot.status.enabled is enabled
+        controller.apply(Event.ESTOP_PRESS)
+        with pytest.raises(RobotError, match='E-stop'):
+            await asking.connect()
+        with pytest.raises(RobotError, match='there is no connection'):
+            await asking.enable()
+        controller.apply(Event.ESTOP_RELEASE)
+        async with Robot(**ports_of(ports)) as robot:
+            await robot.reset()
+            assert not robot.status.enabled
+        async with asking:
+            controller.apply(Event.ESTOP_PRESS)
+            await until(lambda: not asking.status.enabled)
+            controller.apply(Event.ESTOP_RELEASE)
+            await asking.reset()
+            assert not asking.status.enabled
 
 
 def test_io_is_read_and_written_and_refused_in_the_driver_s_words():

@@ -21,6 +21,7 @@ from support.sim_process import wait_for
 
 from epson_driver import Robot, RobotError, aio
 from epson_driver.aio import MotionError
+from epson_driver.api import motions
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.faults.fault_text import parse
 
@@ -173,14 +174,14 @@ def test_a_motion_that_was_being_planned_never_begins_after_what_ended_it(what, 
     """It is said at once, though the thread that plans goes on, and the arm is enabled again."""
     happens, said = WHILE_PLANNED[what]
     begun, go_on = threading.Event(), threading.Event()
-    planned = aio.runs_trajectory
+    planned = motions.runs_trajectory
 
     def held_up(*args):
         begun.set()
         go_on.wait(PATIENCE)
         return planned(*args[:4])  # whether anybody wants it or not
 
-    monkeypatch.setattr(aio, 'runs_trajectory', held_up)
+    monkeypatch.setattr(motions, 'runs_trajectory', held_up)
 
     async def scenario():
         async with robot_cell(model='gx4_c251s') as (robot, controller):

@@ -71,14 +71,14 @@ CASES = [
     ('frame name', lambda r: r.set_frame('tool', UP), 'that frame is always there'),
     ('parent', lambda r: r.set_frame('a', UP, parent='b'), "parent = 'b': must be base_link"),
     ('pose in', lambda r: r.pose_in('x'), "frame = 'x': must be base_link or base"),
-    ('mass', lambda r: r.set_payload(-1), 'payload'),
+    ('mass', lambda r: r.set_payload(-1), 'mass = -1: must be'),
     ('center', lambda r: r.set_payload(1, [0] * 2), r'center has shape \(2,\)'),
     ('forward', lambda r: r.forward([0] * 5), 'joints has shape'),
     ('near', lambda r: r.inverse(POSE, near=[NAN] * 6), 'near: joint_1 = nan'),
     ('rate', lambda r: r.record(rate=NAN), 'rate = nan'),
     ('taught name', lambda r: r.points.teach('p3'), "name = 'p3': must be a word"),
     ('no name', lambda r: r.points.teach(None), 'name = null: must be a word|name = None'),
-    ('no point', lambda r: r.points.__setitem__('a', 3), 'point a = 3: must be an EpsonPoint'),
+    ('no point', lambda r: r.points.__setitem__('a', 3), 'point = 3: must be EpsonPoint'),
     ('no file', lambda r: r.points.load('x.txt'), r'x\.txt: must be a \.pts or a \.yaml'),
     ('input', lambda r: r.simulation.input(3, 'x'), "value = 'x'"),
 ]
@@ -147,27 +147,3 @@ def test_of_all_of_them_nothing_was_sent(answers):
 def test_what_cannot_be_made_says_why(make, said):
     with pytest.raises(ValueError, match=said):
         make()
-
-
-@pytest.mark.parametrize(
-    'ask',
-    [
-        lambda r: r.joints,
-        lambda r: r.move_joints(HOME),
-        lambda r: r.servo(HOME),
-        lambda r: r.enable(),
-        lambda r: r.io.read('DI', 0),
-        lambda r: r.gripper.open(),
-        lambda r: r.points.teach('a'),
-        lambda r: r.record(),
-        lambda r: r.set_speed_scaling(0.5),
-    ],
-)
-def test_a_robot_that_was_closed_says_so(ask):
-    async def scenario():
-        async with robot_cell() as (robot, _):
-            pass
-        with pytest.raises(RobotError, match='there is no connection'):
-            await asked(robot, ask)
-
-    run(scenario())

@@ -37,9 +37,9 @@ async def test_the_simulated_controller_takes_them():
 @pytest.mark.parametrize(
     ('given', 'why'),
     [
-        ((-1.0,), 'payload = -1'),
-        ((float('nan'),), 'payload = nan'),
-        ((50.0,), 'payload = 50'),
+        ((-1.0,), 'mass = -1'),
+        ((float('nan'),), 'mass = nan'),
+        ((50.0,), 'mass = 50'),
         ((1.0, [0.0, 0.0]), r'center has shape \(2,\): must be \(3,\)'),
         ((1.0, [0.0, 0.0, float('inf')]), 'center .* must be finite'),
         ((1.0, [0.0, 0.0, 0.0], [1.0]), r'inertia has shape \(1,\): must be \(6,\)'),

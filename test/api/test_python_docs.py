@@ -14,7 +14,7 @@ EXAMPLES = re.findall(r'(?ms)^```python\n(.*?)^```', PAGE)
 
 SAID = (
     'the arm is enabled',
-    'the arm is not enabled (not enabled since the driver started) → call enable()',
+    'the running motion ended: ',
     'canceled; the arm stands',
     'out of reach',
     '[0. 0. 0.]',

@@ -16,12 +16,12 @@ from support.driver_harness import simulated
 from support.sim_process import vacant_port
 from support.two_jaws import TwoJaws
 
-from epson_driver import MotionError, Robot, RobotError, Settings, aio, robot
+from epson_driver import ArgumentError, MotionError, Robot, RobotError, Settings, aio, robot
 from epson_driver.api import simulation
 from epson_driver.api.errors import RobotError as AnyRobotError
 from epson_driver.api.gripper import GripperWiring
 from epson_driver.api.simulation import SimulatedController
-from epson_driver.api.threads import CallbackThread, LoopThread
+from epson_driver.api.threads import LoopThread
 from epson_driver.sim_controller.condition.states import Event
 
 PATIENCE = 60.0
@@ -135,7 +135,7 @@ ASYNCHRONOUS = {'catch_up', 'measured'}
 @pytest.mark.parametrize('name', ['Robot', 'Motion', 'Io', 'Gripper'])
 def test_each_member_has_the_arguments_and_the_words_of_the_asynchronous_one(name):
     face, awaited = getattr(robot, name), getattr(aio, name)
-    members = {each for each in vars(awaited) if not each.startswith('_')}
+    members = {each for each in dir(awaited) if not each.startswith('_')}
     members -= ASYNCHRONOUS | {'begin', 'finish'}
     assert members <= set(vars(face))
     for each in members:
@@ -196,10 +196,8 @@ def test_a_loop_does_not_wait_for_itself():
 
 
 def test_what_is_no_function_is_no_callback():
-    thread = CallbackThread('test', lambda error: None)
-    with pytest.raises(TypeError, match='3 cannot be called'):
-        thread.wrap(3)
-    thread.close()
+    with pytest.raises(ArgumentError, match='callback = 3: must be a function'):
+        Robot().on_estop(3)
 
 
 # --- the simulated controller as a process ------------------------------------------------------

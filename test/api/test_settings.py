@@ -57,7 +57,6 @@ def test_the_configuration_is_that_of_the_node_s_default_parameters(name, model)
         ({'state_port': '11002'}, "state_port = '11002'"),
         ({'host': 'no host'}, 'host = '),
         ({'settings': Settings(joint_names=('a', 'b'))}, 'joint_names has 2 names'),
-        ({'settings': Settings(joint_signs=(1, 2))}, 'joint_signs'),
         ({'controller': 'motoman', 'settings': Settings(interface='download')}, 'interface'),
     ],
 )

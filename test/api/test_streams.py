@@ -8,8 +8,12 @@ import contextlib
 import numpy as np
 import pytest
 from support.api_harness import robot_cell
+from support.event_loop import now
 
+from benchmark.exact_extrema import Recorded, exact_extrema
+from benchmark.policy_lag import behind, policy
 from epson_driver.aio import ArgumentError, MotionError, PathError, RobotError
+from epson_driver.sim_controller.arm import streaming
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.simple_message import IoType
 
@@ -59,6 +63,35 @@ async def test_positions_are_followed_at_any_rate_and_the_arm_rests_at_the_last(
         assert 0.12 < speed < 0.25 * robot.model.limits.velocity[0]
         assert max(each.positions[0] for each in seen) == pytest.approx(0.2, abs=0.02)
         await robot.move_joints(np.zeros(6))
+
+
+@pytest.mark.invariant(2)
+async def test_a_policy_at_30_hz_is_followed_inside_every_limit_of_the_controller(monkeypatch):
+    """What is executed is taken apart into its polynomials: no sample misses a peak."""
+    executed = []
+
+    class Executing(Recorded):
+        def __init__(self, limits, position, **settings):
+            super().__init__(limits, position, **settings)
+            executed.append((self, position))
+
+    monkeypatch.setattr(streaming, 'Smoother', Executing)
+    async with robot_cell(smooth=True) as (robot, _):
+        rows = []
+        robot.on_joints(lambda sample: rows.append((now(), sample.positions[0])))
+        begin = now()
+        await streamed(lambda time: robot.servo([policy(time), 0, 0, 0, 0, 0]), 12.0)
+        times, ways = np.array(rows).T
+        counts = robot._connection.driver.servo.counts
+        assert (counts.received, counts.refused, counts.late) == (360, 0, 0)
+        await robot.servo_end()
+    lag, rms = behind(times - begin, ways, policy)
+    assert 0.05 < lag < 0.13
+    assert rms < 2e-3
+    found = [exact_extrema(smoother, position) for smoother, position in executed]
+    assert max(each.worst for each in found) < 1.001
+    assert 0.04 < max(each.velocity for each in found) < 0.1
+    assert max(each.acceleration_jump for each in found) < 1e-9
 
 
 async def test_velocities_are_followed_and_silence_brakes():

@@ -238,6 +238,31 @@ def test_a_line_that_is_too_fast_for_a_joint_is_slowed_unless_that_is_unwanted(a
     assert np.allclose(robot.tool_pose, pose, atol=1e-4)
 
 
+@pytest.mark.parametrize(
+    ('speed', 'acceleration', 'mm'),
+    [(0.1, 1.0, 0.003), (0.3, 2.0, 0.022), (1.0, 5.0, 0.095), (2.0, 10.0, 0.145)],
+)
+@pytest.mark.parametrize(
+    ('model', 'start'), [('c3_a601s', READY), ('gx4_c251s', SCARA_READY)], ids=['C3', 'GX4']
+)
+async def test_a_line_is_as_straight_as_documented(model, start, speed, acceleration, mm):
+    """The figures of docs/python.md, which the servos' lag makes; the worse is the SCARA's."""
+    async with robot_cell(model=model, smooth=True) as (robot, _):
+        await robot.move_joints(start)
+        begin = robot.tool_pose[:3, 3]
+        recording = robot.record()
+        there = [0.0, 0.15, 0.0, 0.0, 0.0, 0.0, 1.0]
+        motion = await robot.move_line(there, frame='tool', speed=speed, acceleration=acceleration)
+        recording.stop()
+        places = np.array([robot.forward(joints)[:3, 3] for joints in recording.positions])
+        way = (places[-1] - begin) / np.linalg.norm(places[-1] - begin)
+        aside = places - begin - np.outer((places - begin) @ way, way)
+        away = float(np.linalg.norm(aside, axis=1).max())
+        assert away < 1e-3 * mm
+        assert model == 'c3_a601s' or away > 0.4e-3 * mm
+        assert ('away from its path' in motion.text) == (away > ACCURACY)
+
+
 async def test_a_motion_that_left_its_path_says_how_far():
     async with robot_cell(model='gx4_c251s', smooth=True) as (robot, _):
         await robot.move_joints(SCARA_READY, speed=1.0)

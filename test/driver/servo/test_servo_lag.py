@@ -13,6 +13,7 @@ from support.driver_harness import Harness, pose, simulated
 from support.event_loop import now
 from support.streams import PERIOD, positions, window
 
+from benchmark.policy_lag import behind
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.servo.stream import StreamLag
 from epson_driver.driver.state.robot_state import JointSample
@@ -20,8 +21,6 @@ from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
 
 DURATION = 7.0
-SETTLED = 2.0
-LONGEST = 1.5
 JITTER = 0.004
 LOST = 0.02
 WINDOW = 0.1
@@ -74,17 +73,6 @@ async def followed(harness, stream, wave):
     return times, np.array([sample.positions[0] for sample in samples])
 
 
-def lag_of(times, ways, wave):
-    """Return the delay with which the wave is nearest to what was measured, s, and the rms."""
-    chosen = times > SETTLED
-    found = (np.inf, 0.0)
-    for lag in np.arange(-0.1, LONGEST, 0.004):
-        wanted = np.array([wave(t - lag)[0] for t in times[chosen]])
-        rms = float(np.sqrt(np.mean((ways[chosen] - wanted) ** 2)))
-        found = min(found, (rms, float(lag)))
-    return found[1], found[0]
-
-
 def options(name):
     """Return what a profile sets of a driver's configuration."""
     profile = load_controller_profile(name)
@@ -123,7 +111,7 @@ async def test_the_lag_behind_a_stream_is_as_documented(controller, stream, wave
         await harness.ready()
         await harness.commands.enable()
         times, ways = await followed(harness, STREAMS[stream], wave)
-        lag, rms = lag_of(times, ways, wave)
+        lag, rms = behind(times, ways, lambda each: np.array([wave(t)[0] for t in each]))
         record_property('figures', f'lag {lag * 1e3:.0f} ms, rms {rms * 1e3:.1f} mrad')
         bar = BARS[controller][list(STREAMS).index(stream)][WAVES.index(wave)]
         assert lag <= bar + 1e-9

@@ -1,0 +1,219 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Where the arm is, its tool, and the frames and poses that its motions are about."""
+
+import asyncio
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from epson_driver.api import moves
+from epson_driver.api.arguments import checked_arguments
+from epson_driver.api.connection import Connection
+from epson_driver.api.errors import PathError, checked_timeout
+from epson_driver.api.ownership import Unique
+from epson_driver.api.payload import checked_load
+from epson_driver.api.poses import BASE, Frames, Pose, Tool, checked_tool
+from epson_driver.api.settings import Setup
+from epson_driver.api.status import RobotStatus, Sample
+from epson_driver.motion import Array
+from epson_driver.robots import RobotModel
+from epson_driver.robots.kinematics import Kinematics
+from epson_driver.taught_points.epson_point import EpsonPoint
+from epson_driver.taught_points.posture import Posture, posture
+from epson_driver.tool_motion.tool_pose import quaternion_pose
+
+T = TypeVar('T')
+
+
+class Arm(Unique):
+    """An arm as it is measured, and what belongs to it. Robot has all of it."""
+
+    def __init__(self, setup: Setup) -> None:
+        self._setup = setup
+        self._connection = Connection(setup)
+        self._kinematics = Kinematics(setup.model)
+        self._hand = (Tool(np.eye(4)), self._kinematics)
+        self._frames = Frames(setup.model.base.matrix, float(setup.model.reach[0]))
+
+    @property
+    def model(self) -> RobotModel:
+        """The robot model: joint names, limits, frames."""
+        return self._setup.model
+
+    @property
+    def status(self) -> RobotStatus:
+        """What is known of arm and controller now, also while a link is down."""
+        return self._connection.status
+
+    @property
+    def joints(self) -> Array:
+        """Measured joint positions, shape (n,), rad (m). Raises RobotError if they are too old."""
+        return self._connection.sample().positions.copy()
+
+    @property
+    def joint_velocities(self) -> Array:
+        """Joint velocities, shape (n,), rad/s (m/s). Raises as `joints`."""
+        return self._connection.sample().velocities.copy()
+
+    def sample(self) -> Sample:
+        """Return joints, time and state of the newest measurement. Raises as `joints`."""
+        return self._connection.stamped(self._connection.sample())
+
+    @property
+    def pose(self) -> Array:
+        """The flange (tool0) in base_link: homogeneous, shape (4, 4), m. Raises as `joints`."""
+        return self._kinematics.forward(self._connection.sample().positions)
+
+    @property
+    def tool_pose(self) -> Array:
+        """The tool in base_link: homogeneous, shape (4, 4), m. Raises as `joints`."""
+        return self._hand[1].forward(self._connection.sample().positions)
+
+    @property
+    def ros_pose(self) -> Array:
+        """The tool in base_link: x y z, m, and a quaternion x y z w, shape (7,). As `joints`."""
+        return quaternion_pose(self.tool_pose)
+
+    @property
+    def epson_point(self) -> EpsonPoint:
+        """The tool as the teach pendant shows it, in mm and degrees. Raises as `joints`."""
+        return EpsonPoint.of(self.pose_in(BASE))
+
+    def _taught(self) -> tuple[EpsonPoint, Posture | str]:
+        """Return where the tool is, and the arm's posture as .pts files have it, or why not."""
+        try:
+            known = posture(self.model, self._connection.sample().positions)
+        except ValueError as error:
+            return self.epson_point, str(error)
+        return self.epson_point, known
+
+    @checked_arguments
+    def pose_in(self, frame: str) -> Array:
+        """Return the tool in a frame: homogeneous, shape (4, 4), m.
+
+        Raises ArgumentError for a frame that is not there; otherwise as `joints`.
+        """
+        return self._frames.pose_in(self.tool_pose, frame)
+
+    # --- tool and frames --------------------------------------------------------------------
+
+    @property
+    def tool(self) -> Array:
+        """The tool in the flange (tool0): homogeneous, shape (4, 4), m."""
+        return self._hand[0].pose.copy()
+
+    @checked_arguments
+    def set_tool(
+        self,
+        pose: Pose,
+        *,
+        max_speed: float | None = None,
+        max_acceleration: float | None = None,
+    ) -> None:
+        """Set the tool (TCP) that lines, arcs and poses are about, at first the flange.
+
+        pose: in the flange (tool0), in any form that `move_line` takes. max_speed, m/s, and
+        max_acceleration, m/s²: a line, an arc or a path that asks for more is refused; None: no
+        limit. Joint moves are not held against them. What runs goes on. Raises ArgumentError.
+        """
+        tool = checked_tool(pose, max_speed, max_acceleration)
+        self._hand = (tool, Kinematics(self.model, tool.pose))
+
+    @checked_arguments
+    def set_payload(
+        self,
+        mass: float,
+        center: npt.ArrayLike = (0.0, 0.0, 0.0),
+        inertia: npt.ArrayLike = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    ) -> None:
+        """Have the controller told what the arm carries, tool and part, from the next motion on.
+
+        As geometry_msgs/Inertia in the flange (tool0): mass, kg; center, shape (3,), m; inertia
+        about the center, kg m², ixx ixy ixz iyy iyz izz, or as a matrix (3, 3). SPEL+'s Weight and
+        Inertia are made of it. Raises ArgumentError, and RobotError where the controller's program
+        has it.
+        """
+        self._connection.set_load(checked_load(self.model, mass, center, inertia))
+
+    @checked_arguments
+    def forward(self, joints: npt.ArrayLike) -> Array:
+        """Return the tool in base_link at joint positions, shape (n,): shape (4, 4), m.
+
+        Raises ArgumentError.
+        """
+        values = moves.joint_rows('joints', joints, self.model.limits, rows=False)
+        return self._hand[1].forward(values)
+
+    @checked_arguments
+    def inverse(
+        self, pose: Pose, *, frame: str | None = None, near: npt.ArrayLike | None = None
+    ) -> Array:
+        """Return joint positions, shape (n,), rad (m), that bring the tool to a pose.
+
+        pose, frame: as in `move_line`. near: of all solutions the nearest to these joints; None:
+        to where the arm is. Raises PathError for a pose out of reach, ArgumentError, and, without
+        near, as `joints`.
+        """
+        if near is None:
+            start = self._connection.sample().positions
+        else:
+            start = moves.joint_rows('near', near, self.model.limits, rows=False)
+        return self._joints_at('pose', pose, frame, start)
+
+    def _joints_at(self, field: str, pose: Pose, frame: str | None, near: Array) -> Array:
+        arm = self._hand[1]
+        wanted = self._frames.target(field, pose, frame).seen_from(arm.forward(near))
+        found = arm.inverse(wanted, near)
+        if not len(found):
+            place = ', '.join(f'{1e3 * value:.1f}' for value in wanted[:3, 3])
+            why = arm.why_unreachable(wanted) or 'it is out of reach'
+            raise PathError(f'{field}: no joint positions lead to ({place}) mm: {why}')
+        return np.asarray(found[0])
+
+    @property
+    def frames(self) -> dict[str, Array]:
+        """The frames by name, each in base_link: homogeneous, shape (4, 4), m."""
+        return self._frames.poses
+
+    @checked_arguments
+    def set_frame(self, name: str, pose: Pose, *, parent: str | None = None) -> None:
+        """Set a named frame by its pose in another one, in any form that `move_line` takes.
+
+        parent: as `frame` of `move_line`, but not 'tool'. The frame stays where it is if the
+        parent is set anew. Raises ArgumentError.
+        """
+        self._frames.set(name, pose, parent)
+
+    async def catch_up(self) -> None:
+        """Let what has come be read, as long as the newest joints are too old: half a second.
+
+        In a program that held the event loop, or on a busy machine, newer ones may be waiting.
+        """
+        await self._connection.wait_for_fresh_state()
+
+    @checked_arguments
+    async def measured(self, read: Callable[[], T]) -> T:
+        """Catch up, then return what `read` does: `await robot.measured(lambda: robot.joints)`.
+
+        It reads what had come by then, however long this process is held up in between.
+        """
+        return await self._connection.measured(read)
+
+    @checked_arguments
+    async def wait_until(
+        self, condition: Callable[[Sample], bool], timeout: float | None = None
+    ) -> Sample:
+        """Wait until a condition, asked for each sample, holds for one, and return that.
+
+        Raises TimeoutError after `timeout` s, RobotError when joints are too old.
+        """
+        try:
+            async with asyncio.timeout(checked_timeout(timeout)):
+                while not condition(sample := await self.measured(self.sample)):
+                    await self._connection.next_joints()
+        except TimeoutError as error:
+            raise TimeoutError(f'the condition did not hold within {timeout:g} s') from error
+        return sample

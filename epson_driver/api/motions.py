@@ -1,0 +1,297 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Motions of an arm: joints, plans, recordings, lines, arcs and paths, and how fast they run."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from os import PathLike
+
+import numpy.typing as npt
+
+from epson_driver.api import moves
+from epson_driver.api.arguments import checked_arguments
+from epson_driver.api.arm import Arm
+from epson_driver.api.errors import not_begun, refusals
+from epson_driver.api.motion import Motion
+from epson_driver.api.poses import Pose, Waypoint, is_pose
+from epson_driver.api.recording import RATE, SPEED, Recording
+from epson_driver.driver.goal.planning_scope import PlanningScope
+from epson_driver.driver.smoothing import Smoothing, SmoothingError, SmoothingProcess
+from epson_driver.motion import Array
+from epson_driver.motion.point_to_point import LONGEST_SEGMENT_S, straight
+from epson_driver.tool_motion.pose_path import Run
+from epson_driver.tool_motion.tool_trajectory import ToolLimits, runs_trajectory
+
+
+class Motions(Arm):
+    """The motions of an arm, each of which returns a Motion. Robot has all of them."""
+
+    @checked_arguments
+    async def move_joints(
+        self,
+        target: Pose,
+        *,
+        speed: float = 0.2,
+        acceleration: float = 0.5,
+        wait: bool = True,
+    ) -> Motion:
+        """Move straight in joint space to n joint positions, rad (m), or to a pose of the tool.
+
+        A pose is in any form that `move_line` takes, in base_link (an EpsonPoint: in EPSON's
+        world), and is reached in the configuration nearest to where the arm is.
+
+        speed, acceleration: shares of the joint limits, (0, 1]; 1 is as fast as the arm can. wait:
+        until the arm is there; Ctrl-C or a cancelled task meanwhile stops the arm. Otherwise
+        return at once.
+
+        Raises ArgumentError for bad arguments; MotionError if the arm is not enabled, a motion
+        runs already (none replaces it unnoticed: wait for it or cancel it), or this one fails.
+        Both are RobotErrors.
+        """
+        limits = self.model.limits
+        moves.check_shares(speed, acceleration)
+        pose = is_pose(target, len(limits.names))
+        if pose:
+            self._frames.target('target', target, None)
+        else:
+            positions = moves.joint_rows('target', target, limits, rows=False)
+            positions = moves.targets('target', positions[None, :], limits).positions[0]
+        start, plan = await self._connection.ready()
+        if pose:
+            positions = self._joints_at('target', target, None, start)
+        trajectory = straight(
+            start, positions, limits, speed, acceleration, sampled=self._connection.interpolates
+        )
+        return await self._connection.execute(
+            trajectory,
+            plan,
+            wait=wait,
+            move=lambda moves: moves.joints(positions, speed, acceleration),
+        )
+
+    @checked_arguments
+    async def move_waypoints(
+        self,
+        points: npt.ArrayLike,
+        *,
+        speed: float = 0.2,
+        acceleration: float = 0.5,
+        wait: bool = True,
+    ) -> Motion:
+        """Move through joint positions, shape (k, n), rad (m), without a rest where that can be.
+
+        As fast as the shares of the joint limits allow; a controller that rests at each point does
+        so here. Planning takes up to seconds, also with `wait=False`. Raises as `move_joints`.
+        """
+        limits = self.model.limits
+        moves.check_shares(speed, acceleration)
+        waypoints = moves.targets('points', points, limits)
+        start, plan = await self._connection.ready()
+        scaled = moves.scaled_limits(limits, speed, acceleration)
+        smoother = SmoothingProcess(
+            scaled, Smoothing(time_optimal=True, longest=LONGEST_SEGMENT_S)
+        )
+        try:
+            trajectory = await smoother.prepared(waypoints, start)
+        except SmoothingError as error:
+            raise not_begun(str(error)) from error
+        finally:
+            await smoother.close()
+        return await self._connection.execute(trajectory, plan, wait=wait)
+
+    @checked_arguments
+    async def move_trajectory(
+        self,
+        times: npt.ArrayLike,
+        positions: npt.ArrayLike,
+        velocities: npt.ArrayLike | None = None,
+        *,
+        joint_names: Sequence[str] | None = None,
+        wait: bool = True,
+    ) -> Motion:
+        """Execute a planned trajectory as it is, from where the arm stands.
+
+        times: shape (k,), s from the start, strictly increasing. positions, velocities: shape
+        (k, n), rad and rad/s (m, m/s), in the order of joint_names (default: the model's). What a
+        trajectory must be is in docs/goals.md. Raises as `move_joints`.
+        """
+        limits = self.model.limits
+        trajectory = moves.planned(times, positions, velocities, joint_names, limits)
+        return await self._connection.execute(trajectory, PlanningScope(), wait=wait)
+
+    @checked_arguments
+    def record(self, rate: float = 1000.0) -> Recording:
+        """Record the joints from now on, however the arm is moved, until its `stop`.
+
+        rate: per s; at most as often as the controller sends them. Raises as `joints`, and
+        ArgumentError.
+        """
+        period = 1.0 / RATE.checked(rate, 'rate')
+        self._connection.running  # noqa: B018 - it raises
+        recording = Recording(self.model.joint_names, period)
+        recording.begin(self._connection.changes.recorded.add)
+        return recording
+
+    @checked_arguments
+    async def replay(
+        self,
+        recording: Recording | str | PathLike[str],
+        *,
+        speed: float = 1.0,
+        wait: bool = True,
+    ) -> Motion:
+        """Move as it was recorded, or is in a file, from `move_joints` to where that begins.
+
+        speed: the share of its own, 0.01 to 1. The arm begins at once, and rests where it rested.
+        What is still being recorded ends with this.
+        Raises OSError for a file that cannot be read, otherwise as `move_trajectory`.
+        """
+        SPEED.checked(speed, 'speed')
+        if not isinstance(recording, Recording):
+            recording = Recording.load(recording)
+        recording.stop()
+        limits = self.model.limits
+        way = moves.checked(recording.plan(limits, speed), limits, 'recording')
+        start, plan = await self._connection.ready()
+        trajectory = straight(
+            start, way.positions[0], limits, 0.2, 0.5, sampled=self._connection.interpolates
+        )
+        return await self._connection.execute(moves.joined(trajectory, way), plan, wait=wait)
+
+    @checked_arguments
+    async def move_line(
+        self,
+        pose: Pose,
+        *,
+        frame: str | None = None,
+        speed: float = 0.1,
+        acceleration: float = 1.0,
+        turn_speed: float = 1.0,
+        turn_acceleration: float = 10.0,
+        accuracy: float = 1e-4,
+        jerk: float | None = None,
+        slow: bool = True,
+        wait: bool = True,
+    ) -> Motion:
+        """Move the tool straight to a pose: in base_link, a named frame, or 'tool'.
+
+        pose: a homogeneous matrix, shape (4, 4), m; x y z, m, and a quaternion x y z w, shape
+        (7,); or an EpsonPoint. frame: 'base_link', 'base' (EPSON's world), 'tool' (the tool where
+        it is), or a name given to `set_frame`; None: 'base_link', 'base' for an EpsonPoint.
+
+        The orientation turns evenly about one axis. speed, acceleration: of the tool at most, m/s
+        and m/s², in bends too; turn_speed, turn_acceleration: of its turn, rad/s and rad/s².
+        jerk: of the tool, m/s³; None: 10 / s of the acceleration; that of the turn is in the same
+        ratio. accuracy: points are sent so densely that the way between them is no farther from
+        the line, m; a motion in which the tool was farther away says so in its text. slow: go
+        slower where a joint limit asks for it; False: refuse that.
+
+        Raises PathError, an ArgumentError, before anything is sent, for a pose out of reach or a
+        way through a singularity, with joint, place and limit; otherwise as `move_joints`.
+        """
+        tool = moves.tool_limits(
+            speed, acceleration, turn_speed, turn_acceleration, accuracy, jerk=jerk, slow=slow
+        )
+        point = moves.PathPoint(self._frames.target('pose', pose, frame))
+        return await self._move_tool(point.run, tool, wait, point)
+
+    @checked_arguments
+    async def move_arc(
+        self,
+        via: npt.ArrayLike,
+        pose: Pose,
+        *,
+        frame: str | None = None,
+        speed: float = 0.1,
+        acceleration: float = 1.0,
+        turn_speed: float = 1.0,
+        turn_acceleration: float = 10.0,
+        accuracy: float = 1e-4,
+        jerk: float | None = None,
+        slow: bool = True,
+        wait: bool = True,
+    ) -> Motion:
+        """Move the tool on a circle through a point, x y z in m, to a pose in the same frame.
+
+        The point is x y z also where the pose is an EpsonPoint. The rest as in `move_line`.
+        """
+        tool = moves.tool_limits(
+            speed, acceleration, turn_speed, turn_acceleration, accuracy, jerk=jerk, slow=slow
+        )
+        middle = self._frames.point('via', via, frame, pose)
+        point = moves.PathPoint(self._frames.target('pose', pose, frame), middle)
+        return await self._move_tool(point.run, tool, wait, point)
+
+    @checked_arguments
+    async def move_path(
+        self,
+        points: Sequence[Waypoint | Pose],
+        *,
+        blend: float = 0.0,
+        frame: str | None = None,
+        speed: float = 0.1,
+        acceleration: float = 1.0,
+        turn_speed: float = 1.0,
+        turn_acceleration: float = 10.0,
+        accuracy: float = 1e-4,
+        jerk: float | None = None,
+        slow: bool = True,
+        wait: bool = True,
+    ) -> Motion:
+        """Move the tool through poses or Waypoints, from one to the next straight or on a circle.
+
+        blend: how far from each point, m, the tool may leave the way to it for the way to the
+        next, without a rest; 0: it rests there. blend and frame hold for the points that have none
+        of their own. Around the corner it is as fast as the limits allow. 'tool' is the tool where
+        it is at the beginning.
+
+        The rest as in `move_line`; the error for a blend that is longer than the way, and for
+        what is wrong with a single point, names the point.
+        """
+        tool = moves.tool_limits(
+            speed, acceleration, turn_speed, turn_acceleration, accuracy, jerk=jerk, slow=slow
+        )
+        ways = moves.path_points(points, blend, frame, self._frames)
+        return await self._move_tool(partial(moves.path_runs, ways), tool, wait)
+
+    async def _move_tool(
+        self,
+        path: Callable[[Array], list[Run]],
+        limits: ToolLimits,
+        wait: bool,
+        point: moves.PathPoint | None = None,
+    ) -> Motion:
+        tool, arm = self._hand
+        tool.check(limits.speed, limits.acceleration)
+        start, plan = await self._connection.ready()
+        way = path(arm.forward(start))
+        if not way:  # the tool is there
+            trajectory = straight(start, start, self.model.limits, 1.0, 1.0, sampled=False)
+            return await self._connection.execute(
+                trajectory, plan, wait=wait, move=lambda written: written.joints(start, 0.01, 0.01)
+            )
+        with refusals():
+            trajectory = await plan.in_thread(partial(runs_trajectory, arm, start, way, limits))
+        written = None
+        if point is not None:
+            written = partial(
+                moves.tool_statement, arm, tool.pose, point, start, trajectory, limits
+            )
+        held = (moves.deviation(arm, way), limits.accuracy)
+        return await self._connection.execute(trajectory, plan, wait=wait, path=held, move=written)
+
+    @property
+    def speed_scaling(self) -> float:
+        """The share of the planned speed at which all motions run."""
+        return self._connection.running.goal_queue.scaling.target
+
+    @checked_arguments
+    def set_speed_scaling(self, factor: float) -> None:
+        """Run all motions at this share of their planned speed, also those that run: 0 pauses.
+
+        From 0.01 to 1, or 0. It is reached in half a second at most, and acts on what the
+        controller does not have yet: an arm that moves rests within three seconds (docs/goals.md).
+        For a rest at once, call `stop`. Raises ArgumentError, and RobotError where the controller
+        cannot do it.
+        """
+        self._connection.set_speed_scaling(moves.FACTOR.checked(factor, 'factor'))
