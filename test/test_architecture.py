@@ -52,7 +52,8 @@ ROOMS = {
     'simple_message socket_errors trace yaml',
     'first_run': 'doctor driver error_texts inputs motion numpy profiles robots sim_controller '
     'simple_message trace',
-    'panel': 'ROS driver motion node numpy pages remote_ethernet robots sim_controller websockets',
+    'panel': 'ROS driver motion node numpy pages remote_ethernet robots sim_controller '
+    'tool_motion websockets',
     'pendant': 'driver error_texts processes remote_ethernet sim_controller simple_message',
     'fleet': 'ROS node processes rich',
     'exercise': 'ROS error_texts inputs motion numpy pendant processes profiles pytest '

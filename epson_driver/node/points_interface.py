@@ -109,7 +109,8 @@ class PointsInterface:
         for name, pose in self._poses().items():
             response.names.append(name)
             response.poses.append(_filled(pose))
-        self._logger.info(f'~/taught_points: {response.message}')
+        if request.action != Service.Request.LIST:
+            self._logger.info(f'~/taught_points: {response.message}')
         return response
 
     async def _list(self, _request: Service.Request) -> str:

@@ -104,6 +104,8 @@ class RobotState:
     io: tuple[IoRange, ...] = ()
     io_reason: str = 'nothing was reported yet'
     simulation: Simulation | None = None
+    taught: Mapping[str, Array] = field(default_factory=dict)
+    """Points by name: x y z, m, in base_link, and a quaternion x y z w, shape (7,)."""
     events: deque[Event] = field(default_factory=lambda: deque(maxlen=MAX_EVENTS))
     times: dict[str, float] = field(default_factory=dict)
 

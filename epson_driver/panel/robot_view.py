@@ -15,7 +15,8 @@ from epson_driver.panel.lamps import advice, lamps
 from epson_driver.panel.robot_control import RobotControl
 from epson_driver.panel.window import text_of
 from epson_driver.robots import RobotModel
-from epson_driver.robots.kinematics import Kinematics
+from epson_driver.robots.kinematics import Kinematics, uvw
+from epson_driver.tool_motion.tool_pose import pose_of_quaternion
 
 REFERENCE_LASTS_S = 0.5
 """So long after the last ~/controller_state (20 Hz) a trajectory counts as being executed, s."""
@@ -105,6 +106,7 @@ class RobotView:
             'ages': text_of([[name, _rounded(state.age(key, now))] for name, key in AGES]),
             'log': text_of([[e.at, e.level, e.text] for e in list(state.events)[-SHOWN_EVENTS:]]),
             'io': text_of(self._io()),
+            'taught': text_of(self._taught()),
         }
 
     def controls(self, window: int) -> str:
@@ -178,6 +180,7 @@ class RobotView:
                     'high': (limits.position_max * per_unit).tolist(),
                     'size': float(max(0.5, 0.8 * np.max(model.reach))),
                     'packed': packed_arm(model),
+                    'base': model.base.matrix[:3].tolist(),
                 }
             )
         }
@@ -190,6 +193,17 @@ class RobotView:
         if plan is not None and len(plan.times) > 1 and self.control.hand is not None:
             points = _tool_path(self.control.hand.kinematics, plan)
         self._plan_part = text_of({'way': self._ways, 'points': points})
+
+    def _taught(self) -> dict[str, list[float]]:
+        """Return the driver's points as X, Y, Z, mm, and U, V, W, degrees, in EPSON's world."""
+        if self.control.hand is None:
+            return {}
+        arm, found = self.control.hand.kinematics, {}
+        for name, values in self._state.taught.items():
+            pose = arm.in_base(pose_of_quaternion(name, values))
+            place = [*(1e3 * pose[:3, 3]), *np.degrees(uvw(pose[:3, :3]))]
+            found[name] = np.round(place, 3).tolist()
+        return found
 
     def _io(self) -> Any:
         state = self._state

@@ -35,6 +35,7 @@ from epson_driver.motion import Array, Trajectory
 from epson_driver.node.sampling import sampled as subscribed
 from epson_driver.node.sampling import take
 from epson_driver.node.trajectory_messages import trajectory_message
+from epson_driver.panel.driver_points import DriverPoints
 from epson_driver.panel.robot import Say
 from epson_driver.panel.robot_state import (
     ERROR,
@@ -126,6 +127,7 @@ class RosRobot:
         self._write_io = node.create_client(WriteIo, f'{name}/write_io')
         self._get_parameters = node.create_client(GetParameters, f'{name}/get_parameters')
         self._jog = node.create_publisher(JointJog, f'{name}/joint_jog', LATEST)
+        self._points = DriverPoints(node, name, self.state)
         self._asking: Any = None
         self._asked = 0.0
         self._action = ActionClient(node, FollowJointTrajectory, f'{name}/follow_joint_trajectory')
@@ -158,6 +160,7 @@ class RosRobot:
     def close(self) -> None:
         """Let go of a driver that is gone."""
         self._give_up_asking()
+        self._points.close()
         for subscription, _ in self._topics:
             self._sampled.destroy_subscription(subscription)
         self._action.destroy()
@@ -184,12 +187,14 @@ class RosRobot:
         if silent or not self._get_parameters.service_is_ready():
             self.parameters = {}
             self._give_up_asking()
+            self._points.forget()
             for goal in self.goals:
                 self._forget(goal)
                 self.log(
                     f'{goal.text}: the driver is gone, and what became of it is not known', WARN
                 )
             return
+        self._points.look(now)
         if self._asking is not None and now - self._asked > PARAMETERS_TIMEOUT_S:
             self._give_up_asking()
         if self._asking is None or self._asking.done():

@@ -332,6 +332,43 @@ def test_points_are_taught_saved_and_gone_to(page: Page, cell: Cell) -> None:
     page.wait_for_text('points', '350.0 20.0 -30.0 0.0 0.0 0.0')
 
 
+def test_points_of_the_page_and_of_the_driver_are_markers(page: Page, cell: Cell) -> None:
+    from epson_msgs.srv import TaughtPoints
+
+    page.armed()
+    page.page.evaluate(
+        "() => { document.querySelector('#points').closest('details').open = true; }"
+    )
+    page.page.locator('#points-file').set_input_files(
+        {
+            'name': 'a.yaml',
+            'mimeType': 'application/yaml',
+            'buffer': b'mine: {x: 250, y: 0, z: 400}',
+        }
+    )
+    page.wait_for_text('points', 'mine')
+    shown = page.page.locator('#scene')
+    before = page.picture()
+    request = TaughtPoints.Request(action=TaughtPoints.Request.TEACH, name='theirs')
+    with cell.peer.client(TaughtPoints, 'epson_driver/taught_points') as client:
+        there = cell.peer.wait_until_still()
+        assert cell.peer.complete(client.call_async(request)).success
+        page.wait_for_text('points', 'theirs')
+        assert {'mine', 'theirs'} <= {*shown.get_attribute('data-points').split()}
+        page.page.locator('#points li', has_text='mine').hover()
+        page.wait(lambda: (page.picture() != before).any(), 'a larger marker')
+        if folder := os.environ.get('PICTURES'):
+            page.page.screenshot(path=f'{folder}/markers.png', full_page=True)
+        page.button('Go to theirs').click()
+        page.wait_for_text('log', 'to theirs: ')
+        assert cell.peer.wait_until_still() == pytest.approx(there, abs=2e-3)
+        request.action = TaughtPoints.Request.FORGET
+        assert cell.peer.complete(client.call_async(request)).success
+    page.wait(lambda: 'theirs' not in page.text('points'), 'no point of the driver')
+    page.button('Forget mine').click()
+    assert shown.get_attribute('data-points') == ''
+
+
 def test_a_line_of_the_log_stays_selected(page: Page) -> None:
     page.page.evaluate(
         """() => getSelection().selectAllChildren(document.querySelector('#log li'))"""

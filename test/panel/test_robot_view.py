@@ -21,8 +21,9 @@ from epson_driver.panel.robot_view import INPUT, OUTPUT, RobotView
 from epson_driver.panel.sim_pendant import PendantThread
 from epson_driver.panel.window import BadMessageError
 from epson_driver.robots import RobotModel, load_robot_model, robot_models
-from epson_driver.robots.kinematics import Kinematics
+from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw
 from epson_driver.robots.model import SCARA
+from epson_driver.tool_motion.tool_pose import quaternion_pose
 
 NOW = 100.0
 MODEL = load_robot_model('c3_a601s')
@@ -118,6 +119,17 @@ def test_the_way_of_somebody_else_s_goal_is_drawn_as_it_goes(made: Made) -> None
     assert theirs['points'] is None
     assert theirs['way'] != own['way']
     assert made.part('pose', NOW + 20.0)['plan'] == [0.1] * 6
+
+
+def test_points_of_the_driver_are_told_as_the_pendant_shows_them(made: Made) -> None:
+    assert made.part('taught') == {}
+    arm = Kinematics(MODEL)
+    pose = arm.forward(np.array([0.3, 0.2, 0.1, 0.0, -0.8, 0.4]))
+    made.robot.state.taught = {'pick': quaternion_pose(pose)}
+    place = made.part('taught')['pick']
+    base = np.array(made.part('arm')['base'])
+    assert_allclose(base @ [*np.array(place[:3]) / 1e3, 1.0], pose[:3, 3], atol=1e-6)
+    assert_allclose(rotation_of_uvw(np.radians(place[3:])), arm.in_base(pose)[:3, :3], atol=1e-4)
 
 
 @pytest.mark.invariant(6)

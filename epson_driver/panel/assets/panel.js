@@ -36,7 +36,7 @@ try {
 }
 const curves = new Curves($('plots'));
 const hand = new Hand(send);
-const points = new Points(send, note);
+const points = new Points(send, note, view);
 
 // --- the parts -------------------------------------------------------------------------------------
 
@@ -71,9 +71,11 @@ const parts = {
     arm = found;
     say('model', found ? `${found.model}: ${found.description}` : '');
     if (view) view.setArm(found && found.packed, found && found.size);
+    points.setBase(found && found.base);
     way = 0;
     describe();
   },
+  taught(taught) { points.setTaught(taught); },
   plan(plan) {
     if (view && plan && plan.way !== way) {
       way = plan.way;
@@ -268,7 +270,7 @@ function connect() {
     const found = JSON.parse(data);
     for (const key of ['robots', 'stopped', 'alarms', 'notes', 'pendant']) if (key in found) parts[key](found[key]);
     if (found.robot !== chosen) return;
-    for (const key of ['arm', 'controls', 'plan', 'lamps', 'advice', 'ages', 'log', 'io', 'history', 'pose', 'row']) {
+    for (const key of ['arm', 'controls', 'plan', 'lamps', 'advice', 'ages', 'log', 'io', 'taught', 'history', 'pose', 'row']) {
       if (key in found) parts[key](found[key]);
     }
   });

@@ -11,8 +11,8 @@ const LINE = /^([A-Za-z_]\w*)\s*:\s*\{([^{}]*)\}\s*(?:#.*)?$/;
 const $ = (id) => document.getElementById(id);
 
 export class Points {
-  constructor(send, note) {
-    Object.assign(this, { send, note, here: null, robot: '', points: {}, armed: false });
+  constructor(send, note, view) {
+    Object.assign(this, { send, note, view, here: null, robot: '', points: {}, taught: {}, base: null, armed: false });
     $('teach').addEventListener('click', () => this.teach());
     $('point-name').addEventListener('keydown', (event) => { if (event.key === 'Enter') this.teach(); });
     $('save-points').addEventListener('click', () => this.save());
@@ -59,7 +59,8 @@ export class Points {
   }
 
   draw() {
-    $('points').replaceChildren(...Object.entries(this.points).map(([name, point]) => {
+    const own = Object.entries(this.points), theirs = Object.entries(this.taught);
+    $('points').replaceChildren(...[...own, ...theirs].map(([name, point], k) => {
       const made = document.createElement('li');
       const label = document.createElement('b');
       const numbers = document.createElement('small');
@@ -78,10 +79,35 @@ export class Points {
         delete this.points[name];
         this.keep();
       });
-      made.append(label, go, forget);
+      if (k < own.length) made.append(label, go, forget);
+      else made.append(label, go, 'of the driver');
+      made.addEventListener('pointerenter', () => this.mark(name));
+      made.addEventListener('pointerleave', () => this.mark());
       return made;
     }));
+    this.mark();
     this.enable(this.armed);
+  }
+
+  /** Show the points that were taught to the driver, [x, y, z, u, v, w] by name. */
+  setTaught(taught) {
+    this.taught = Object.fromEntries(Object.entries(taught).map(([name, values]) =>
+      [name, Object.fromEntries(FIELDS.map((field, k) => [field, values[k]]))]));
+    this.draw();
+  }
+
+  /** Take the pose of EPSON's world in base_link, three rows, in m. */
+  setBase(base) {
+    this.base = base;
+    this.mark();
+  }
+
+  /** Draw all as markers in the view, one of them as the chosen one. */
+  mark(chosen) {
+    if (!this.view) return;
+    const places = this.base ? { ...this.points, ...this.taught } : {};
+    const at = ({ x, y, z }) => this.base.map(([a, b, c, d]) => (a * x + b * y + c * z) / 1e3 + d);
+    this.view.setPoints(Object.fromEntries(Object.entries(places).map(([name, point]) => [name, at(point)])), chosen);
   }
 
   enable(armed) {

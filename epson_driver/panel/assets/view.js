@@ -53,6 +53,9 @@ export function makeView(canvas, holder) {
   setDark(dark.matches);
   dark.addEventListener('change', () => setDark(dark.matches));
   const driven = new Way(scene, DRIVEN, 2.5, -8), planned = new Way(scene, PLANNED, 5, 0);
+  const ball = (color) => new lib.MeshStandardMaterial({ color, roughness: 0.4 });
+  const BALL = new lib.SphereGeometry(0.007, 16, 12), TAUGHT = ball(0x8e44ad), CHOSEN = ball(0xd13bb0);
+  let markers = [];
   let arm = null, ghost = null, follows = true, grey = false;
   setInterval(() => {
     const news = [driven.draw(), planned.draw()];
@@ -81,6 +84,19 @@ export function makeView(canvas, holder) {
       driven.set([]);
       planned.set(points || []);
       follows = !points;
+    },
+    /** Draw markers at places, [x, y, z] in m by name; `chosen` is larger. */
+    setPoints(places, chosen) {
+      for (const each of markers) scene.remove(each);
+      markers = Object.entries(places).map(([name, place]) => {
+        const made = new lib.Mesh(BALL, name === chosen ? CHOSEN : TAUGHT);
+        made.position.set(...place);
+        made.scale.setScalar(name === chosen ? 2 : 1);
+        return made;
+      });
+      if (markers.length) scene.add(...markers);
+      canvas.dataset.points = Object.keys(places).join(' ');
+      soon();
     },
     show(joints, plan, fresh) {
       if (!arm) return;
