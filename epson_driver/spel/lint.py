@@ -111,7 +111,7 @@ RULES = {
 """The rules by name, with what each finds."""
 
 _WAITING_COMMANDS = frozenset(
-    {'waitsig', 'waitnet', 'synclock', 'msgbox', 'waitpos', 'home', 'taskwait'}
+    {'waitsig', 'waitnet', 'synclock', 'msgbox', 'waitpos', 'home', 'jtran', 'ptran', 'taskwait'}
 )
 
 
@@ -167,6 +167,11 @@ def _task_names(body: Any) -> Iterator[Any]:
             rule = FUNCTIONS.get(node.name.lower())
             if rule is not None and rule.arguments.startswith('t') and node.arguments:
                 yield from walk(node.arguments[0])
+
+
+def _instead(function: str) -> bool:
+    """Return whether a person starts a function, as main7, instead of main: never beside it."""
+    return function.startswith('main') and function[4:].isdigit()
 
 
 @dataclass(frozen=True)
@@ -242,7 +247,7 @@ class _Lint:
         roots: dict[tuple[str, TaskType], _Root] = {}
         todo: list[_Root] = []
         for name, function in self.functions.items():
-            if name == 'main' or (name.startswith('main') and name[4:].isdigit()):
+            if name == 'main' or _instead(name):
                 todo.append(_Root(name, TaskType.NORMAL, function.at))
             elif name == 'bgmain':
                 todo.append(_Root(name, TaskType.BACKGROUND, function.at))
@@ -277,14 +282,13 @@ class _Lint:
         roots = [root.function for root in self._roots()]
         reached = {root: self._reached(root) for root in roots}
         yield from unused(self.program, self.files, set(roots))
-        mains = [root for root in roots if root.startswith('main') and root[4:].isdigit()]
         traps = {
             node.target.lower()
             for function in self.functions.values()
             for node in walk(function.body)
             if isinstance(node, Trap)
         }
-        tasks = {root: reached[root] for root in roots if root not in {*mains, *traps}}
+        tasks = {root: reached[root] for root in roots if not _instead(root) and root not in traps}
         yield from shared(tasks, self.functions)
 
     def _names(self) -> Iterator[Problem]:
@@ -347,7 +351,7 @@ class _Lint:
     def _ports(self) -> Iterator[Problem]:
         users: dict[int, dict[str, Position]] = defaultdict(dict)
         for root in self._roots():
-            for name in self._reached(root.function):
+            for name in () if _instead(root.function) else self._reached(root.function):
                 for port, at in self._used_ports(self.functions[name]):
                     users[port].setdefault(root.function, at)
         for port, tasks in sorted(users.items()):

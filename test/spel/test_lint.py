@@ -238,6 +238,10 @@ QUIET = {
     ),
     'a comment that switches a rule off': main("  Integer i  ' check off: hex, unused"),
     'background tasks': 'Function BgMain\n  Xqt 66, a\nFend\nFunction a\n  Wait 1\nFend\n',
+    'a port of two programs that a person starts one at a time': (
+        main('  OpenNet #201 As Server') + 'Function main1\n  OpenNet #201 As Server\nFend\n'
+    ),
+    'a loop that moves': main('  Do While Sw(1) = Off\n    JTran 3, -.5\n  Loop'),
     'a name behind an #ifdef': 'Integer m\n#ifdef X\n#define Y m\n#endif\n' + main('  Print 1'),
     'Error with a handler that goes on': main(
         '  OnErr GoTo bad\n  Error 8001\n  Exit Function\nbad:\n  EResume Next'
