@@ -7,7 +7,7 @@ and played again: goals are offsets from where the arm is, publishers and ports 
 """
 
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +20,10 @@ MIN_EVENTS, MAX_EVENTS = 6, 30
 JOINTS = 6
 
 PUBLISHERS = 4
+OUTPUTS = 3
+CALM_SHARE = 0.25
+"""In how many worlds nothing goes wrong."""
+
 SCALES = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 1.0, 1.0)
 DISTANCES_RAD = (0.0, 2e-4, 0.005, 0.1, 0.3)
 """How far goals go in each joint at most: some stay within their tolerance."""
@@ -50,7 +54,8 @@ FAULTS = (
     'delay seconds=0.1 for={t}',
     'jitter seconds=0.08 for={t}',
     'coalesce seconds=0.1 for={t}',
-    'one_byte for={t}',
+    'one_byte port=state for={t}',
+    'one_byte port=motion for={t}',
     'bit_errors rate=0.2 for={t}',
     'wrong_length count=1',
     'lost_reply count=1',
@@ -102,6 +107,35 @@ def _stream(rng: Rng) -> Parameters:
         'period': float(rng.choice([0.01, 0.02, 0.05])),
         'zero_each': int(rng.choice([0, 0, 3, 25])),
     }
+
+
+def _wrong(rng: Rng) -> Parameters:
+    return {
+        'kind': str(rng.choice(['no number', 'degrees', 'huge'])),
+        'topic': str(rng.choice(['~/servo', '~/servo', '~/joint_jog'])),
+    }
+
+
+def _lines(rng: Rng) -> Parameters:
+    far = float(rng.choice([0.005, 0.05, 0.15]))
+    ways = rng.uniform(-far, far, (int(rng.integers(1, 4)), 3)).round(4).tolist()
+    return {
+        'ways': ways,
+        'blend': float(rng.choice([0.0, 0.001])),
+        'speed': float(rng.choice([0.05, 0.25])),
+    }
+
+
+def _output(rng: Rng) -> Parameters:
+    return {'index': int(rng.integers(OUTPUTS))}
+
+
+def _setting(rng: Rng) -> Parameters:
+    return _output(rng) | {'value': int(rng.integers(2))}
+
+
+def _leave(rng: Rng) -> Parameters:
+    return _seconds(rng) | {'lost': bool(rng.random() < 0.5)}
 
 
 def _publisher(rng: Rng) -> Parameters:
@@ -178,6 +212,11 @@ KINDS: dict[str, tuple[float, Callable[[Rng], Parameters]]] = {
     'network_flip': (0.5, _flip),
     'driver_hangs': (1.0, _seconds),
     'driver_dies': (0.7, _seconds),
+    'driver_leaves': (0.7, _leave),
+    'move_tool': (1.5, _lines),
+    'wrong_setpoint': (0.5, _wrong),
+    'read_output': (0.7, _output),
+    'write_output': (1.0, _setting),
     'second_client': (0.7, _port_for_a_while),
     'panel_jog': (2.5, _held),
     'panel_step': (1.0, _step),
@@ -193,20 +232,39 @@ KINDS: dict[str, tuple[float, Callable[[Rng], Parameters]]] = {
 """Kind of event → how often it is drawn, and from what its parameters are."""
 
 
+CALM_KINDS = frozenset(
+    (
+        'goal',
+        'cancel',
+        'scale',
+        'stop',
+        'enable',
+        'stream',
+        'one_setpoint',
+        'end_stream',
+        'move_tool',
+        'wrong_setpoint',
+    )
+)
+"""What happens where nothing goes wrong: none of it may close the gate."""
+
+
 def events_of(seed: str) -> list[Event]:
     """Return the events of a seed, `7`, or of one that was varied, `7.3`. Raises ValueError."""
     first, *others = (int(part) for part in seed.split('.'))
     rng = np.random.default_rng([first, 0])
-    events = [draw(rng) for _ in range(int(rng.integers(MIN_EVENTS, MAX_EVENTS + 1)))]
+    kinds = CALM_KINDS if rng.random() < CALM_SHARE else KINDS.keys()
+    events = [draw(rng, kinds) for _ in range(int(rng.integers(MIN_EVENTS, MAX_EVENTS + 1)))]
     for other in others:
         events = varied(events, np.random.default_rng([first, other, 1]))
     return events
 
 
-def draw(rng: Rng) -> Event:
-    """Draw one event."""
-    weights = np.array([weight for weight, _ in KINDS.values()])
-    kind = str(rng.choice(list(KINDS), p=weights / weights.sum()))
+def draw(rng: Rng, kinds: Collection[str]) -> Event:
+    """Draw one event of these kinds."""
+    names = [kind for kind in KINDS if kind in kinds]
+    weights = np.array([KINDS[kind][0] for kind in names])
+    kind = str(rng.choice(names, p=weights / weights.sum()))
     gaps = (0.0, 0.0003, 0.01, rng.uniform(0.0, 0.3), rng.uniform(0.0, 1.5))
     return Event(round(float(rng.choice(gaps)), 4), kind, KINDS[kind][1](rng))
 
@@ -218,7 +276,7 @@ def varied(events: list[Event], rng: Rng) -> list[Event]:
         at = int(rng.integers(len(changed) + 1))
         what = rng.integers(4)
         if what == 0 or at == len(changed):
-            changed.insert(at, draw(rng))
+            changed.insert(at, draw(rng, KINDS))
         elif what == 1:
             del changed[at]
         elif what == 2:

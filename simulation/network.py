@@ -225,6 +225,8 @@ class End(asyncio.Transport):
         self._closing = False
         self._gone = False
         self._eof_sent = False
+        self._ended = False
+        """Whether a FIN has come."""
         self._flushing = False
 
     def attach(self, protocol: Any, loop: Any, sock: Socket) -> None:
@@ -362,6 +364,9 @@ class End(asyncio.Transport):
         loop.call_at(arrival, self.peer._arrive, data, context=Context())  # noqa: SLF001
 
     def _arrive(self, data: bytes | None) -> None:
+        if self._ended:  # nothing is read behind a FIN
+            return
+        self._ended = data is None
         if self._gone or self._closing:
             if data is not None and self._closing:
                 self.peer.receive_reset()  # nobody is there any more to take it

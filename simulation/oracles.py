@@ -7,12 +7,15 @@ was commanded to go. The numbers are those of docs/invariants.md.
 """
 
 from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from epson_driver.motion import Array
+from epson_driver.simple_message import IoType
 
 STILL_RAD = 1e-9
 """A commanded joint that moves less in a step stands."""
@@ -31,6 +34,15 @@ REMEMBERED_S = 5.0
 
 HELD_S = 1.0
 """How long a stream without setpoints still counts as asking for motion, s."""
+
+ANSWERED_S = 0.02
+"""An arm that has moved since so long, s, does not stand."""
+
+POSSIBLE_RAD = 0.15
+"""How far beyond their range joints may be published whatever comes, rad."""
+
+LATE_WRITE_S = 5.0
+"""How long a write that was not answered may still come, s."""
 
 READ_RAD = 2e-3
 """How far what is published may be from where the arm was, rad: encoders lag and round."""
@@ -63,6 +75,8 @@ class Wishes:
     may be true, as something closed it while it was being enabled."""
     goals: set[int] = field(default_factory=set)
     """Goals that were handed in since the last stop, and have not ended."""
+    closed_meanwhile: bool = False
+    """Whether something has closed the gate since somebody last began to open it."""
     person: bool = False
     """Whether a person at the controller had the arm go on."""
     topics: dict[str, Topic] = field(default_factory=dict)
@@ -89,7 +103,7 @@ class Wishes:
 
     def closed(self, now: float) -> None:
         """Something has closed the gate that every user can know of."""
-        self.open = False
+        self.open, self.closed_meanwhile = False, True
         self.nothing(now)
 
     def setpoint(self, source: str, now: float, *, moves: bool) -> None:
@@ -180,14 +194,41 @@ class Arm:
                 'wanted it was told, or stopped it'
             )
 
+    def rest(self) -> None:
+        """Judge that it stands from now on: a goal has succeeded, and nobody wants anything."""
+        self._unwanted_since, self._rested, self._rest = self._now(), True, self._commanded
+
+    def client_came(self) -> None:
+        """Expect old points to be gone on with until STOP has arrived (docs/safety.md)."""
+        self._wishes.asked = self._now()
+
+    def old_points_over(self) -> None:
+        """Judge that STOP has arrived. Raises BrokenError."""
+        now = self._now()
+        if now - self.moved < ANSWERED_S and not self._wishes.any(now):
+            raise BrokenError('4: the arm goes on with old points since a client came')
+
+    def said_to_stand(self, request: str) -> None:
+        """Judge that it stands, as was answered. Raises BrokenError."""
+        if self._now() - self.moved < ANSWERED_S:
+            raise BrokenError(f'9: ~/{request} says that the arm stands, and it moves')
+
     def _remember(self, now: float) -> None:
         """Keep where the arm is; while it stands for long, what was kept last."""
         while self._true and now - self._true[0][0] > REMEMBERED_S:
             self._true.popleft()
         self._true.append((now, self.at.copy()))
 
-    def published(self, positions: Array) -> None:
-        """Judge joints that the driver publishes. Raises BrokenError."""
+    def published(self, positions: Array, *, unsure: bool = False) -> None:
+        """Judge joints that the driver publishes. Raises BrokenError.
+
+        unsure: bits were changed on the way, so they need only be possible.
+        """
+        beyond = (positions < self._low - POSSIBLE_RAD) | (positions > self._high + POSSIBLE_RAD)
+        if beyond.any() or not np.isfinite(positions).all():
+            raise BrokenError(f'8: joints are published that cannot be: {positions}')
+        if unsure:
+            return
         for _, where in reversed(self._true):
             if np.abs(positions - where).max() <= READ_RAD:
                 return
@@ -199,3 +240,82 @@ class Arm:
                     f'8: joints are published where the arm has not been for '
                     f'{REMEMBERED_S:g} s: {positions}'
                 )
+
+
+@dataclass
+class Writing:
+    """A write of an output that is under way. Nothing else changes it meanwhile if `alone`."""
+
+    value: int
+    until: float = np.inf
+    """When it counts no more, s."""
+    answered: bool = False
+    alone: bool = True
+
+    def done(self) -> None:
+        """Take note that it was answered as done."""
+        self.answered = True
+
+
+class Outputs:
+    """Watches the controller's outputs: only what somebody asked for is written.
+
+    They may become 0, the safe value, at any time; `break_` gets what did not hold.
+    """
+
+    def __init__(
+        self, points: Any, now: Callable[[], float], break_: Callable[[BrokenError], object]
+    ) -> None:
+        self._points, self._now, self._break = points, now, break_
+        self._values = self._read()
+        self._writes: dict[int, list[Writing]] = {}
+        self._readers: dict[int, list[set[int]]] = {}
+        points.listen(self._changed)
+
+    def _read(self) -> tuple[int, ...]:
+        values: tuple[int, ...] = self._points.read_range(
+            IoType.DIGITAL_OUTPUT, 0, self._points.profile.digital_outputs
+        )
+        return values
+
+    def _changed(self) -> None:
+        before, self._values = self._values, self._read()
+        for index, (old, new) in enumerate(zip(before, self._values, strict=True)):
+            if old == new:
+                continue
+            writes = [each for each in self._writes.get(index, []) if self._now() < each.until]
+            self._writes[index] = writes
+            for held in self._readers.get(index, []):
+                held.add(new)
+            for each in writes:
+                each.alone &= each.value == new
+            if new and all(each.value != new for each in writes):
+                self._break(BrokenError(f'1: output {index} becomes {new}: nobody asked for that'))
+
+    @contextmanager
+    def reading(self, index: int) -> Iterator[set[int]]:
+        """Collect the values that an output has during the block."""
+        held = {self._values[index]}
+        readers = self._readers.setdefault(index, [])
+        readers.append(held)
+        try:
+            yield held
+        finally:
+            readers.remove(held)
+
+    @contextmanager
+    def writing(self, index: int, value: int) -> Iterator[Writing]:
+        """Allow a value during the block, and later if it ends without an answer."""
+        writing = Writing(value)
+        writes = self._writes.setdefault(index, [])
+        for each in writes:
+            each.alone = False
+        writing.alone = not writes
+        writes.append(writing)
+        try:
+            yield writing
+        finally:
+            writing.until = self._now() + (0.0 if writing.answered else LATE_WRITE_S)
+            if writing.answered and writing.alone and self._values[index] != value:
+                text = f'9: output {index} = {value} is answered as done, and it is not'
+                self._break(BrokenError(text))

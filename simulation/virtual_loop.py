@@ -9,7 +9,7 @@ its name in its context, so that a process can hang, or die, between two callbac
 import asyncio
 import heapq
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from contextvars import Context
 from typing import Any
 
@@ -29,14 +29,17 @@ class NothingLeftError(RuntimeError):
 class VirtualLoop(asyncio.BaseEventLoop):
     """Runs callbacks in virtual time, over a network in memory."""
 
-    def __init__(self, network: Network) -> None:
+    _ready: 'deque[asyncio.Handle]'
+    _scheduled: list[asyncio.TimerHandle]
+
+    def __init__(self, network: Network, thread_s: float = 0.0) -> None:
         super().__init__()
         self.now = START_S
+        self.thread_s = thread_s
+        """How long what is done in a thread takes, s."""
         self.network = network
         self.hanging: set[str] = set()
         self.dead: set[str] = set()
-        self._dying = False
-        """Whether callbacks of dead processes may be left."""
         self._held: list[asyncio.Handle] = []
         self._buried: list[asyncio.Handle] = []
         """What dead processes would have called: what it refers to lives until the end."""
@@ -63,8 +66,8 @@ class VirtualLoop(asyncio.BaseEventLoop):
 
     def _run_once(self) -> None:
         self.now += TURN_S
-        if self.hanging or self._dying:
-            self._dying = self._hold()
+        if self.hanging or self.dead:
+            self._hold()
         super()._run_once()  # type: ignore[misc]
 
     # --- processes -----------------------------------------------------------------------------
@@ -87,7 +90,6 @@ class VirtualLoop(asyncio.BaseEventLoop):
         """Never call anything of a process again; its connections are closed by the system."""
         self.hanging.discard(process)
         self.dead.add(process)
-        self._dying = True
         self.network.process_died(process)
 
     def bury(self) -> None:
@@ -105,25 +107,30 @@ class VirtualLoop(asyncio.BaseEventLoop):
             self.run_until_complete(ending)
         self.close()
 
-    def _hold(self) -> bool:
-        """Take away what hanging and dead processes would call; return whether that was any."""
-        ready: deque[asyncio.Handle] = self._ready  # type: ignore[has-type]
-        scheduled: list[asyncio.TimerHandle] = self._scheduled  # type: ignore[has-type]
-        before = len(ready) + len(scheduled)
-        self._ready = deque(self._kept(ready))
-        self._scheduled = list(self._kept(scheduled))
-        heapq.heapify(self._scheduled)
-        return before > len(self._ready) + len(self._scheduled)
+    def _hold(self) -> None:
+        """Take away what hanging and dead processes would call in this turn."""
+        scheduled = self._scheduled
+        self._ready = deque(handle for handle in self._ready if self._stays(handle))
+        due = [] if not self._ready else [self.now]  # else when the next timer is
+        kept = []
+        while scheduled and not (due and scheduled[0].when() > due[0] + TURN_S):
+            timer = heapq.heappop(scheduled)
+            if self._stays(timer):
+                kept.append(timer)
+                if not due and not timer.cancelled():
+                    due.append(max(timer.when(), self.now))
+        for timer in kept:
+            heapq.heappush(scheduled, timer)
 
-    def _kept(self, handles: Iterable[Any]) -> Iterator[Any]:
-        for handle in handles:
-            process = process_of(handle)
-            if process in self.hanging:
-                self._held.append(handle)
-            elif process in self.dead:
-                self._buried.append(handle)
-            else:
-                yield handle
+    def _stays(self, handle: asyncio.Handle) -> bool:
+        process = process_of(handle)
+        if process in self.hanging:
+            self._held.append(handle)
+        elif process in self.dead:
+            self._buried.append(handle)
+        else:
+            return True
+        return False
 
     # --- what asyncio asks of a loop -----------------------------------------------------------
 
@@ -151,12 +158,13 @@ class VirtualLoop(asyncio.BaseEventLoop):
         fd.forget()
 
     def run_in_executor(self, executor: Any, func: Callable[..., Any], *args: Any) -> Any:  # type: ignore[override]
-        """Call a function at once; its result is there in the next turn."""
+        """Call a function at once; its result is there after `thread_s`."""
         future = self.create_future()
         try:
-            future.set_result(func(*args))
+            end, result = future.set_result, func(*args)
         except Exception as error:  # noqa: BLE001 - raised where it is awaited
-            future.set_exception(error)
+            end, result = future.set_exception, error
+        self.call_later(self.thread_s, lambda: future.done() or end(result))
         return future
 
     def call_soon(  # type: ignore[override]

@@ -59,6 +59,17 @@ def test_a_reset_drops_what_was_not_read():
     run(scenario)
 
 
+def test_nothing_is_read_behind_the_end():
+    async def scenario(network):
+        port, (_, writer), (reader, _) = await connected(network)
+        network.half_close(port)
+        writer.write(b'too late')
+        assert await reader.read() == b''
+        await asyncio.sleep(0.1)
+
+    run(scenario)
+
+
 def test_a_stalled_port_holds_back_everything_until_it_is_released():
     async def scenario(network):
         port, (_, writer), (reader, _) = await connected(network)

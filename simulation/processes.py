@@ -1,0 +1,420 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Who is connected to the controller: the process of a node, or of a program in Python.
+
+What a node's callbacks call in the driver, and what is public of the Python API, is called in the
+process's context, while it runs. ROS itself is played.
+"""
+
+import asyncio
+import contextlib
+from collections.abc import Awaitable, Callable, Coroutine
+from contextvars import copy_context
+from functools import partial
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+
+from epson_driver.aio import MotionError, Robot, RobotError
+from epson_driver.api.ownership import let_go
+from epson_driver.driver.arm_commands import ArmCommands
+from epson_driver.driver.configuration import Configuration
+from epson_driver.driver.driver import Driver
+from epson_driver.driver.goal.goal import Goal, GoalSettings
+from epson_driver.driver.goal.goal_queue import FRESH_POSE_TIMEOUT_S, GoalHandle
+from epson_driver.driver.goal.planning_scope import PlanningEndedError, PlanningScope
+from epson_driver.driver.io.io_driver import IoAnswer, IoUnavailableError
+from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
+from epson_driver.driver.servo.setpoint import Setpoint
+from epson_driver.driver.tasks import wait_for_fresh_state
+from epson_driver.motion import Array, Trajectory
+from epson_driver.robots import RobotModel
+from epson_driver.robots.kinematics import Kinematics
+from epson_driver.simple_message import IoAddress, IoSetting, IoType, Status
+from epson_driver.tool_motion.motion_sequence import (
+    Kind,
+    Primitive,
+    SequenceError,
+    plan_sequence,
+)
+from simulation.network import PROCESS
+from simulation.virtual_loop import VirtualLoop
+
+T = TypeVar('T')
+
+TOLERANCE_RAD = 0.01
+"""Of a goal, and within how much of its end it must have succeeded."""
+
+CONNECT_S, CONNECT_AGAIN_S = 10.0, 0.5
+"""How long a program waits for its controller, and before it tries again, s."""
+
+OnEnd = Callable[[Outcome, Array | None], object]
+"""on_end(outcome, joints where it was to end, if these are known)."""
+
+
+class DiedError(Exception):
+    """The process died before it answered."""
+
+
+class Surroundings(Protocol):
+    """The world, as far as processes have to do with it: it hears what a driver publishes."""
+
+    loop: VirtualLoop
+
+    def say(self, text: str) -> None:
+        """Write a line of the log."""
+
+    def process_over(self, task: 'asyncio.Task[None]') -> None:
+        """Judge how the work of a process ended."""
+
+    def on_joints(self, sample: Any) -> None:
+        """Judge what is published."""
+
+    def on_status(self, status: Status) -> None:
+        """Take a status."""
+
+    def on_link_state(self, name: str, why: str) -> None:
+        """Take it into the log."""
+
+
+class Process:
+    """A process from its start to its death. `lives` is not collected while others go on."""
+
+    def __init__(self, world: Surroundings, number: int) -> None:
+        self.name = f'driver {number}'
+        self.context = copy_context()
+        self.context.run(PROCESS.set, self.name)
+        self.lives: list[Any] = []
+        self.died: asyncio.Future[None] = world.loop.create_future()
+        self._world = world
+
+    def die(self) -> None:
+        """Be killed: nothing of it is called any more."""
+        self._world.loop.kill(self.name)
+        if not self.died.done():
+            self.died.set_result(None)
+
+    @property
+    def hangs(self) -> bool:
+        """Whether it stands still."""
+        return self.name in self._world.loop.hanging
+
+    def call(self, callback: Callable[[], object]) -> None:
+        """Call something as an event of the process does, when it runs."""
+        self._world.loop.call_soon(callback, context=self.context)
+
+    def begin(self, work: Coroutine[Any, Any, T]) -> 'asyncio.Task[T]':
+        """Begin a task of the process."""
+        task: asyncio.Task[T] = self.context.copy().run(self._world.loop.create_task, work)
+        self.lives.append(task)
+        return task
+
+    async def ask(self, work: Callable[[], Awaitable[T]]) -> T:
+        """Have the process do something, and return or raise what comes of it, or DiedError."""
+        answer: asyncio.Future[T] = self._world.loop.create_future()
+
+        async def done() -> None:
+            try:
+                answer.set_result(await work())
+            except Exception as error:  # noqa: BLE001 - raised where it is awaited
+                answer.set_exception(error)
+
+        self.begin(done())
+        either: set[asyncio.Future[Any]] = {answer, self.died}
+        await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
+        if not answer.done():
+            raise DiedError
+        return answer.result()
+
+
+class NodeProcess(Process):
+    """The process of the ROS node: its driver, and what its callbacks do with it."""
+
+    def __init__(
+        self, world: Surroundings, number: int, configuration: Configuration, model: RobotModel
+    ) -> None:
+        super().__init__(world, number)
+        self._arm = Kinematics(model)
+        self.driver = self.context.run(Driver, configuration, world, GoalSettings())
+        self._commands = ArmCommands(self.driver)
+        self._handles: dict[int, GoalHandle] = {}
+        self._plans: dict[int, PlanningScope] = {}
+        self._running = self.begin(self.driver.run())
+        self._running.add_done_callback(world.process_over)
+        self.lives.append(self.driver)
+
+    @property
+    def linked(self) -> bool:
+        """Whether it has found its controller."""
+        driver = self.driver
+        known = driver.robot.sample is not None and driver.robot.status is not None
+        return known and all(link.connected for link in driver.links)
+
+    @property
+    def gate(self) -> bool | None:
+        """Whether its diagnostics say that the arm is enabled; None: it says nothing."""
+        return None if self.died.done() or self.hangs else self.driver.gate.reason is None
+
+    async def leave(self, *, lost: bool) -> None:
+        """End as by SIGTERM."""
+        self.call(self._running.cancel)
+        await asyncio.wait([self._running, self.died], return_when=asyncio.FIRST_COMPLETED)
+        self.die()
+
+    async def command(self, name: str) -> str:
+        """Serve a service. Raises CommandError."""
+        said: str = await getattr(self._commands, name)()
+        return said
+
+    def scale(self, factor: float) -> None:
+        """Take a speed scaling. Raises ValueError."""
+        self.driver.goal_queue.scaling.set(factor, self._world.loop.time())
+
+    def take(self, setpoint: Setpoint, came: float) -> None:
+        """Take a setpoint."""
+        self.driver.servo.take(setpoint, came)
+
+    def hand_in(self, number: int, trajectory: Trajectory, on_end: OnEnd) -> None:
+        """Take a goal."""
+        self.call(partial(self._submit, number, trajectory, on_end))
+
+    def _submit(self, number: int, trajectory: Trajectory, on_end: OnEnd) -> None:
+        goal = Goal(trajectory, np.full(len(trajectory.joint_names), TOLERANCE_RAD), 0.0)
+        ended = partial(self._ended, number, on_end, trajectory.positions[-1])
+        self._handles[number] = handle = GoalHandle(goal, ended, lambda *_: None)
+        self.driver.goal_queue.submit(handle)
+
+    def _ended(self, number: int, on_end: OnEnd, target: Array, outcome: Outcome) -> None:
+        handle = self._handles.pop(number, None)
+        if handle is not None:
+            handle.outcome = outcome
+        on_end(outcome, target)
+
+    def cancel(self, number: int) -> bool:
+        """Take a cancel."""
+        self.call(partial(self._cancel, number))
+        return True
+
+    def _cancel(self, number: int) -> None:
+        if number in self._handles:
+            self.driver.goal_queue.cancel(self._handles[number])
+        elif number in self._plans:
+            self._plans[number].end('canceled')
+
+    def move_tool(
+        self, number: int, ways: list[list[float]], blend: float, speed: float, on_end: OnEnd
+    ) -> None:
+        """Take a sequence of lines of the tool: each as far as a way says, m."""
+        self.begin(self._sequence(number, ways, blend, speed, on_end))
+
+    async def _sequence(
+        self, number: int, ways: list[list[float]], blend: float, speed: float, on_end: OnEnd
+    ) -> None:
+        queue, robot = self.driver.goal_queue, self.driver.robot
+        self._plans[number] = plan = queue.plans.begin()
+        try:
+            now = await wait_for_fresh_state(
+                robot.why_not_ready, self.driver.changed, FRESH_POSE_TIMEOUT_S
+            )
+            start = queue.check_ready(now).positions
+            lines = self._lines(start, ways, blend, speed)
+            planned = await plan.in_thread(
+                lambda given_up: plan_sequence(self._arm, start, lines, given_up=given_up)
+            )
+            plan.check()
+            if not queue.idle or self.driver.moves is not None:
+                raise SequenceError('another goal runs, or the controller takes no plans')
+        except (GoalRejectedError, SequenceError, PlanningEndedError) as error:
+            on_end(Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, str(error)), None)
+        else:
+            self._submit(number, planned.trajectory, on_end)
+        finally:
+            del self._plans[number]
+
+    def _lines(
+        self, start: Array, ways: list[list[float]], blend: float, speed: float
+    ) -> list[Primitive]:
+        pose, lines = self._arm.forward(start), []
+        for index, way in enumerate(ways):
+            pose = pose.copy()
+            pose[:3, 3] += way
+            last = index == len(ways) - 1
+            lines.append(
+                Primitive(
+                    Kind.LINEAR_CARTESIAN,
+                    pose,
+                    velocity=speed,
+                    blend_radius=0.0 if last else blend,
+                )
+            )
+        return lines
+
+    async def read(self, index: int) -> int:
+        """Return the value of an output. Raises IoUnavailableError."""
+        return _one(await self.driver.io.read([IoAddress(IoType.DIGITAL_OUTPUT, index)]))
+
+    async def write(self, index: int, value: int) -> None:
+        """Set an output. Raises IoUnavailableError."""
+        _one(await self.driver.io.write([IoSetting(IoType.DIGITAL_OUTPUT, index, value)]))
+
+
+def _one(answers: list[IoAnswer]) -> int:
+    if answers[0].text:
+        raise IoUnavailableError(answers[0].text)
+    return answers[0].value
+
+
+class RobotProcess(Process):
+    """A program that uses the Python API; it makes a Robot anew when that was closed or lost."""
+
+    def __init__(
+        self, world: Surroundings, number: int, make: Callable[[], Robot], model: RobotModel
+    ) -> None:
+        super().__init__(world, number)
+        self._make = make
+        self._arm = Kinematics(model)
+        self._motions: dict[int, Any] = {}
+        self._robot: Robot | None = None
+        self._asking = 0
+        self.linked = False
+        self.begin(self._connect())
+
+    @property
+    def gate(self) -> bool | None:
+        """None: there is nobody to whom it tells that."""
+        return None
+
+    async def _connect(self) -> None:
+        self._robot = self._make()
+        self.lives.append(self._robot._connection)  # noqa: SLF001 - a process that died closes nothing
+        self._robot.on_joints(self._world.on_joints)
+        while not self.linked:
+            try:
+                await self._robot.connect(CONNECT_S)
+                self.linked = True
+            except RobotError as error:
+                self._world.say(f'connect: {error}')
+                await asyncio.sleep(CONNECT_AGAIN_S)
+
+    def die(self) -> None:
+        """Be killed: what it owned is nobody's any more."""
+        super().die()
+        if self._robot is not None:
+            let_go(self._robot._connection)  # noqa: SLF001 - its memory is gone
+            self.lives.append(self._robot)
+
+    @property
+    def _there(self) -> Robot:
+        if self._robot is None:
+            raise RobotError('there is no robot now')
+        return self._robot
+
+    async def leave(self, *, lost: bool) -> None:
+        """Close the robot, or lose it where nothing of the program still has it."""
+        if not self.linked:
+            return
+        self.linked = False
+        await self.ask(partial(self._let_go, lost and not self._asking))
+
+    async def _let_go(self, lost: bool) -> None:
+        robot, self._robot = self._robot, None
+        if robot is not None and not lost:
+            await robot.close()
+
+    def come_back(self) -> None:
+        """Connect again."""
+        if not self.linked and self._robot is None:
+            self.begin(self._connect())
+
+    async def command(self, name: str) -> str:
+        """Do what a person types. Raises RobotError."""
+        self._asking += 1
+        try:
+            method = 'reset' if name == 'reset_error' else name
+            said: str = await getattr(self._there, method)()
+        finally:
+            self._asking -= 1
+        return said
+
+    def scale(self, factor: float) -> None:
+        """Set the speed. Raises ValueError."""
+        try:
+            self._there.set_speed_scaling(factor)
+        except RobotError as error:
+            raise ValueError(str(error)) from error
+
+    def take(self, setpoint: Setpoint, _came: float) -> None:
+        """Call `servo` or `servo_velocity`."""
+        with contextlib.suppress(RobotError):
+            if setpoint.positions is not None:
+                self._there.servo(setpoint.positions, setpoint.velocities)
+            elif setpoint.velocities is not None:
+                self._there.servo_velocity(setpoint.velocities)
+
+    def hand_in(self, number: int, trajectory: Trajectory, on_end: OnEnd) -> None:
+        """Begin a motion to a point, or through several."""
+        times, points = trajectory.times, trajectory.positions
+
+        async def move() -> Any:
+            if len(times) == 1:
+                return await self._there.move_joints(points[0], wait=False)
+            return await self._there.move_trajectory(times, points, wait=False)
+
+        self.begin(self._motion(number, move, points[-1], on_end))
+
+    def move_tool(
+        self, number: int, ways: list[list[float]], blend: float, speed: float, on_end: OnEnd
+    ) -> None:
+        """Begin a motion of the tool."""
+
+        async def move() -> Any:
+            pose, poses = self._there.tool_pose, []
+            for way in ways:
+                pose = pose.copy()
+                pose[:3, 3] += way
+                poses.append(pose)
+            if len(poses) == 1:
+                return await self._there.move_line(poses[0], speed=speed, wait=False)
+            return await self._there.move_path(poses, blend=blend, speed=speed, wait=False)
+
+        self.begin(self._motion(number, move, None, on_end))
+
+    async def _motion(
+        self, number: int, move: Callable[[], Awaitable[Any]], target: Array | None, on_end: OnEnd
+    ) -> None:
+        end, text = End.SUCCEEDED, ''
+        self._asking += 1
+        try:
+            try:
+                self._motions[number] = motion = await move()
+            finally:
+                self._asking -= 1
+            text = await motion.wait()
+        except MotionError as error:
+            end, text = error.end, str(error)
+        except RobotError as error:
+            end, text = End.ABORTED, str(error)
+        self._motions.pop(number, None)
+        on_end(Outcome(end, ErrorCode.SUCCESSFUL, text), target)
+
+    def cancel(self, number: int) -> bool:
+        """Cancel a motion that was begun, and return whether there is one."""
+        motion = self._motions.get(number)
+        if motion is None:
+            return False
+
+        async def cancel() -> None:
+            with contextlib.suppress(MotionError):
+                await motion.cancel()
+
+        self.begin(cancel())
+        return True
+
+    async def read(self, index: int) -> int:
+        """Return the value of an output. Raises RobotError."""
+        value: int = await self._there.io.read('DO', index)
+        return value
+
+    async def write(self, index: int, value: int) -> None:
+        """Set an output. Raises RobotError."""
+        await self._there.io.write('DO', index, value)

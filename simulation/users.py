@@ -1,0 +1,379 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Who uses the driver: goals, motions of the tool, streams of publishers, services, outputs.
+
+What they want, and what they were answered, is noted in the world's wishes.
+"""
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from functools import partial
+from typing import Any, Protocol
+
+import numpy as np
+
+from epson_driver.api.errors import RobotError
+from epson_driver.driver.arm_commands import CommandError
+from epson_driver.driver.io.io_driver import IoUnavailableError
+from epson_driver.driver.outcome import End, Outcome
+from epson_driver.driver.servo.setpoint import Setpoint, Window
+from epson_driver.motion import Array, JointLimits, Trajectory
+from simulation.oracles import Arm, BrokenError, Outputs, Wishes
+from simulation.processes import TOLERANCE_RAD, DiedError, NodeProcess, RobotProcess
+from simulation.virtual_loop import VirtualLoop
+
+ANSWER_S = 30.0
+"""How long a request may stay without an answer, s."""
+
+REACH_RAD = 0.6
+"""How far goals go from where the arm was at first."""
+
+READ_RAD = 2e-3
+"""How far the arm may be from where its encoders say that it is, rad."""
+
+SETTLED_RAD = 1e-3
+"""An arm that is so near to a goal that has succeeded does not move any more, rad. One that is
+farther away, within the tolerance, may have the last of its points yet to do."""
+
+SOONER_S = 0.05
+"""How much sooner than planned a goal may succeed, s: the state tells the time but so well."""
+
+IMPOSSIBLE = {'no number': np.nan, 'degrees': 57.3, 'huge': 1e308}
+"""What a wrong program sends as velocities, rad/s."""
+
+
+class Surroundings(Protocol):
+    """The world, as far as users have to do with it."""
+
+    loop: VirtualLoop
+    rng: np.random.Generator
+    wishes: Wishes
+    arm: Arm
+    outputs: Outputs
+    process: NodeProcess | RobotProcess
+    start: Array
+    limits: JointLimits
+    timed: bool
+    """Whether the controller takes as long as a goal says."""
+    streams: bool
+    """Whether it follows streams."""
+
+    def say(self, text: str) -> None:
+        """Write a line of the log."""
+
+    def break_(self, error: BrokenError) -> None:
+        """Take note of what did not hold."""
+
+
+class Users:
+    """All of them. Methods are events of the world, or what the panel asks for."""
+
+    def __init__(self, world: Surroundings) -> None:
+        self.loop, self.rng, self.wishes, self.say = world.loop, world.rng, world.wishes, world.say
+        self._world = world
+        self.goals: dict[int, float] = {}
+        """Those that have not ended, and how soon each may have succeeded, loop time, s."""
+        self.publishers: dict[int, asyncio.Task[None]] = {}
+        self.requests: set[asyncio.Task[None]] = set()
+        self._count = 0
+
+    @property
+    def gate(self) -> bool | None:
+        """Whether the driver says that the arm is enabled; None: it says nothing."""
+        return self._world.process.gate
+
+    def driver_died(self) -> None:
+        """Forget the goals of a process that is gone."""
+        self.goals.clear()
+
+    # --- goals -------------------------------------------------------------------------------
+
+    async def goal(self, step: float, offsets: list[list[float]], from_here: bool) -> None:
+        """Hand in a goal."""
+        self.submit(np.array(offsets), step, from_here=from_here)
+
+    def submit(
+        self,
+        offsets: Array,
+        step: float,
+        *,
+        from_here: bool,
+        on_end: Callable[[int, Outcome], object] = lambda *_: None,
+    ) -> int:
+        """Hand in a goal; return its number."""
+        limits, at, start = self._world.limits, self._world.arm.at.copy(), self._world.start
+        points: Array = np.clip(at + offsets, start - REACH_RAD, start + REACH_RAD)
+        points = np.clip(points, limits.position_min, limits.position_max)
+        apart = np.ptp(np.vstack([at, points]), axis=0)
+        step = max(step, 1.5 * float(np.max(apart / limits.velocity)))
+        times = np.arange(1.0, len(points) + 1.0) * step
+        if from_here:
+            times, points = np.append(0.0, times), np.vstack([at, points])
+        return self.hand_in(Trajectory(limits.names, times, points), on_end)
+
+    def hand_in(
+        self,
+        trajectory: Trajectory,
+        on_end: Callable[[int, Outcome], object] = lambda *_: None,
+        *,
+        wanted: bool = True,
+    ) -> int:
+        """Hand in a goal; return its number. `wanted`: somebody wants it now."""
+        timed = self._world.timed and isinstance(self._world.process, NodeProcess)
+        number = self._want(trajectory.duration - SOONER_S if timed else 0.0, wanted=wanted)
+        self._world.process.hand_in(number, trajectory, partial(self._ended, number, on_end))
+        return number
+
+    async def move_tool(self, ways: list[list[float]], blend: float, speed: float) -> None:
+        """Ask for lines of the tool."""
+        number = self._want(0.0)
+        ended = partial(self._ended, number, lambda *_: None)
+        self._world.process.move_tool(number, ways, blend, speed, ended)
+
+    def _want(self, takes: float, *, wanted: bool = True) -> int:
+        number = self._count = self._count + 1
+        now = self.loop.time()
+        self.goals[number] = now + takes
+        if wanted and self.wishes.open is not False:
+            self.wishes.goal(number, now)
+        return number
+
+    def _ended(
+        self,
+        number: int,
+        on_end: Callable[[int, Outcome], object],
+        outcome: Outcome,
+        target: Array | None,
+    ) -> None:
+        soonest = self.goals.pop(number, None)
+        on_end(number, outcome)
+        now, arm, wishes = self.loop.time(), self._world.arm, self.wishes
+        self.say(f'goal {number}: {outcome.end.value}: {outcome.text}')
+        if soonest is None:
+            self._world.break_(BrokenError(f'5: goal {number} ended twice: {outcome.text}'))
+            return
+        wishes.goals.discard(number)
+        if outcome.end is not End.SUCCEEDED:
+            return
+        away = SETTLED_RAD if target is None else float(np.abs(arm.at - target).max())
+        if away > TOLERANCE_RAD + READ_RAD:
+            self._world.break_(BrokenError(f'5: goal {number} succeeded {away:.4f} rad away'))
+        if now < soonest:
+            text = f'5: goal {number} succeeded {soonest - now:.3f} s before it can have'
+            self._world.break_(BrokenError(text))
+        if away < SETTLED_RAD and not wishes.any(now):
+            arm.rest()
+
+    async def cancel(self) -> None:
+        """Cancel the newest goal."""
+        if self.goals:
+            self.cancel_goal(max(self.goals))
+
+    def cancel_goal(self, number: int) -> None:
+        """Cancel a goal: nobody wants it any more."""
+        if self._world.process.cancel(number):
+            self.wishes.goals.discard(number)
+
+    async def scale(self, factor: float) -> None:
+        """Set the speed scaling."""
+
+        def change() -> None:
+            try:
+                self._world.process.scale(factor)
+            except ValueError as error:
+                self.say(f'refused: {error}')
+
+        self._world.process.call(change)
+
+    # --- services ----------------------------------------------------------------------------
+
+    async def stop(self) -> None:
+        """Call ~/stop."""
+        self.request('stop')
+
+    async def enable(self) -> None:
+        """Call ~/enable."""
+        self.request('enable')
+
+    async def disable(self) -> None:
+        """Call ~/disable."""
+        self.request('disable')
+
+    async def reset_error(self) -> None:
+        """Call ~/reset_error."""
+        self.request('reset_error')
+
+    def request(self, name: str, say: Callable[[str], object] = lambda _: None) -> None:
+        """Call a service; who wants motion after a stop wants it afterwards."""
+        if name == 'stop':
+            self.wishes.nothing(self.loop.time())
+        elif name == 'disable':
+            self.wishes.closed(self.loop.time())
+
+        async def answered() -> None:
+            say(await self.asked(name))
+
+        self.begin(answered(), f'~/{name}')
+
+    async def asked(self, name: str) -> str:
+        """Ask the driver for something, as a service does; return its answer."""
+        wishes, process = self.wishes, self._world.process
+        began = wishes.open
+        if name == 'enable':
+            wishes.open = None if wishes.open is False else wishes.open
+            wishes.closed_meanwhile = False
+        try:
+            said = f'ok: {await process.ask(lambda: process.command(name))}'
+        except (CommandError, RobotError) as error:
+            said = f'no: {error}'
+        except DiedError:
+            said = 'no: the driver died'
+        self.say(f'~/{name}: {said}')
+        ok = said.startswith('ok')
+        if name == 'enable':
+            if ok:
+                wishes.open = None if wishes.closed_meanwhile else True
+            elif wishes.open is None and began is False:
+                wishes.open = False
+        elif name in ('stop', 'disable') and ok and not wishes.any(self.loop.time()):
+            self._world.arm.said_to_stand(name)
+        return said
+
+    def begin(self, work: Coroutine[Any, Any, None], what: str) -> None:
+        """Begin a request, which must be answered unless the driver hangs or dies."""
+        process = self._world.process
+
+        async def within() -> None:
+            try:
+                async with asyncio.timeout(ANSWER_S):
+                    await work
+            except TimeoutError:
+                if not process.hangs and not process.died.done():
+                    text = f'9: {what} has no answer after {ANSWER_S:g} s'
+                    self._world.break_(BrokenError(text))
+
+        task = self.loop.create_task(within())
+        self.requests.add(task)
+        task.add_done_callback(self._done)
+
+    def _done(self, task: 'asyncio.Task[None]') -> None:
+        self.requests.discard(task)
+        error = None if task.cancelled() else task.exception()
+        if isinstance(error, BrokenError):
+            self._world.break_(error)
+        elif error is not None:
+            self._world.break_(BrokenError(f'9: a request failed: {error!r}'))
+
+    # --- streams -----------------------------------------------------------------------------
+
+    async def stream(
+        self, publisher: int, kind: str, speed: list[float], period: float, zero_each: int
+    ) -> None:
+        """Let a publisher send setpoints until it is ended."""
+        await self.end_stream(publisher)
+        sending = self._send(kind, speed, period, zero_each)
+        self.publishers[publisher] = self.loop.create_task(sending)
+
+    async def _send(self, kind: str, speed: list[float], period: float, zero_each: int) -> None:
+        begin, count = self._world.arm.at.copy(), 0
+        while True:
+            zero = bool(zero_each) and count % zero_each == 0
+            self._take(kind, np.array(speed) * (0.0 if zero else 1.0), begin, count * period)
+            count += 1
+            await asyncio.sleep(period)
+
+    async def one_setpoint(
+        self, publisher: int, kind: str, speed: list[float], period: float, zero_each: int
+    ) -> None:
+        """Let one setpoint come."""
+        begin = self._world.arm.at.copy()
+        self._take(kind, np.array(speed), begin, period * (publisher + zero_each))
+
+    async def wrong_setpoint(self, kind: str, topic: str) -> None:
+        """Let one come that nobody can follow."""
+        at, wrong = self._world.arm.at.copy(), np.full(len(self._world.start), IMPOSSIBLE[kind])
+        setpoint = Setpoint('~/servo', at, wrong)
+        if topic == '~/joint_jog':
+            setpoint = Setpoint(topic, None, wrong * np.nan)
+        self._follow(setpoint)
+
+    def _take(self, kind: str, speed: Any, begin: Any, time: float) -> None:
+        """Let a setpoint come on the topic of its kind."""
+        swing = begin + speed * np.sin(time)
+        if kind in ('velocities', 'zeros'):
+            speed = speed if kind == 'velocities' else np.zeros(len(begin))
+            setpoint = Setpoint('~/joint_jog', None, speed)
+            moves = bool(np.any(speed))
+        elif kind == 'positions':
+            setpoint, moves = Setpoint('~/servo', swing, None), True
+        else:
+            times = np.arange(0.0, 0.105, 0.01)
+            ways = np.array([begin + speed * np.sin(time + each) for each in times])
+            speeds = np.array([speed * np.cos(time + each) for each in times])
+            setpoint = Setpoint('~/servo', ways[-1], speeds[-1], Window(times, ways, speeds))
+            moves = bool(np.any(speed))
+        self._want_setpoint(setpoint, moves=moves)
+
+    def jog(self, velocities: Array, *, wanted: bool) -> None:
+        """Let velocities come from the panel."""
+        moves = wanted and bool(np.any(velocities))
+        self._want_setpoint(Setpoint('~/joint_jog', None, velocities), moves=moves)
+
+    def _want_setpoint(self, setpoint: Setpoint, *, moves: bool) -> None:
+        if self._world.streams:
+            node = isinstance(self._world.process, NodeProcess)
+            source = setpoint.source if node else 'servo()'
+            self.wishes.setpoint(source, self.loop.time(), moves=moves)
+        self._follow(setpoint)
+
+    def _follow(self, setpoint: Setpoint) -> None:
+        process = self._world.process
+        process.call(partial(process.take, setpoint, self.loop.time()))
+
+    async def end_stream(self, publisher: int) -> None:
+        """Let a publisher send no more."""
+        task = self.publishers.pop(publisher, None)
+        if task is not None:
+            task.cancel()
+
+    def end_streams(self) -> None:
+        """Let none send any more."""
+        for task in self.publishers.values():
+            task.cancel()
+        self.publishers.clear()
+
+    # --- outputs -----------------------------------------------------------------------------
+
+    async def read_output(self, index: int) -> None:
+        """Read an output."""
+
+        async def read() -> None:
+            process = self._world.process
+            with self._world.outputs.reading(index) as held:
+                try:
+                    value = await process.ask(lambda: process.read(index))
+                except (IoUnavailableError, RobotError, DiedError) as error:
+                    self.say(f'output {index}: {error}')
+                else:
+                    self.say(f'output {index} is {value}')
+                    if value not in held:
+                        text = f'8: output {index} is read as {value}, which it was not'
+                        self._world.break_(BrokenError(text))
+
+        self.begin(read(), '~/read_io')
+
+    async def write_output(self, index: int, value: int) -> None:
+        """Set an output."""
+
+        async def write() -> None:
+            process = self._world.process
+            with self._world.outputs.writing(index, value) as writing:
+                try:
+                    await process.ask(lambda: process.write(index, value))
+                except (IoUnavailableError, RobotError, DiedError) as error:
+                    self.say(f'output {index} = {value}: {error}')
+                else:
+                    self.say(f'output {index} = {value}: done')
+                    writing.done()
+
+        self.begin(write(), '~/write_io')

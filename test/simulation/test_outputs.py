@@ -1,0 +1,65 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""An output that nobody asked for, or that is not what was answered, is seen."""
+
+import pytest
+
+from epson_driver.profiles import load_controller_profile
+from epson_driver.sim_controller.io.io_points import IoPoints
+from epson_driver.simple_message import IoType
+from simulation.oracles import LATE_WRITE_S, Outputs
+
+
+class World:
+    def __init__(self):
+        self.now = 0.0
+        self.broken = []
+        self.points = IoPoints(load_controller_profile('rc620').io)
+        self.outputs = Outputs(self.points, lambda: self.now, self.broken.append)
+
+    def write(self, value):
+        self.points.write(IoType.DIGITAL_OUTPUT, 1, value)
+
+
+@pytest.fixture
+def world():
+    return World()
+
+
+def broken(world):
+    return [str(each).partition(':')[0] for each in world.broken]
+
+
+def test_what_was_asked_for_and_a_safe_value_are_fine(world):
+    with world.outputs.reading(1) as held:
+        with world.outputs.writing(1, 1) as writing:
+            world.write(1)
+            writing.done()
+        world.points.reset()
+    assert held == {0, 1}
+    assert not world.broken
+
+
+@pytest.mark.invariant(1)
+def test_a_value_that_nobody_asked_for_is_seen(world):
+    world.write(1)
+    assert broken(world) == ['1']
+
+
+@pytest.mark.invariant(1)
+@pytest.mark.parametrize(
+    ('after', 'seen'), [(LATE_WRITE_S - 1.0, []), (LATE_WRITE_S + 1.0, ['1'])]
+)
+def test_a_write_without_an_answer_counts_for_a_while(world, after, seen):
+    with world.outputs.writing(1, 1):
+        pass
+    world.now = after
+    world.write(1)
+    assert broken(world) == seen
+
+
+@pytest.mark.invariant(9)
+def test_an_answer_that_is_not_true_is_seen(world):
+    with world.outputs.writing(1, 1) as writing:
+        writing.done()
+    assert broken(world) == ['9']
