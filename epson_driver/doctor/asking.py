@@ -103,11 +103,12 @@ async def ask_motion_port(host: str, port: int, state: Conversation, findings: F
 def _tell_of_silence(motion: Conversation, findings: Findings) -> None:
     if motion.heard.ended:
         text = f'{motion.heard.ended} as soon as it was open: it has a client already'
-        remedy = f'stop the other client, which may be the driver or the ROS 1 node; or {RESTART}'
-    else:
-        text = f'no reply to a STOP within {REPLY_TIMEOUT_S:g} s'
-        remedy = f'its motion task may have ended: {RESTART}'
-    findings.wrong('motion port', text, remedy)
+        findings.doubt = 'the motion port has a client already'
+        remedy = f'if that is not the driver, stop it, as the ROS 1 node; or {RESTART}'
+        findings.note('motion port', text, remedy)
+        return
+    text = f'no reply to a STOP within {REPLY_TIMEOUT_S:g} s'
+    findings.wrong('motion port', text, f'its motion task may have ended: {RESTART}')
 
 
 def _reply_facts(reply: Packet) -> Facts:

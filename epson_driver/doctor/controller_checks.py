@@ -35,7 +35,7 @@ from epson_driver.doctor.state_facts import (
     state_facts,
 )
 from epson_driver.doctor.why_not import ARM, tell_inhibit
-from epson_driver.driver.inhibit import controller_error, seen_inhibit
+from epson_driver.driver.inhibit import MAIN_ENDED, Cause, controller_error, seen_inhibit
 from epson_driver.error_texts import load_error_texts
 from epson_driver.profiles import ControllerProfile
 from epson_driver.remote_ethernet.client import RemoteError
@@ -213,6 +213,10 @@ async def _tell_why_not(question: Question, state: Conversation, findings: Findi
         facts, told = await ask_remote_port(
             question.host, question.remote_port, question.password, findings, texts, needs_main
         )
+        unclear = seen is not None and seen.cause is Cause.NOT_POSSIBLE
+        no_program = facts.get('program.motors') == 'remote_ethernet'
+        if unclear and (told or no_program):
+            held, told = [], told or [MAIN_ENDED]
         # STATUS knows E-stop, key and error, too: of one cause one line
         known = {each.cause for each in held}
         held = [each for each in told if each.cause not in known] + held

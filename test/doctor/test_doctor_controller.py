@@ -381,6 +381,11 @@ def paused(controller):
     controller.apply(Event.PAUSE)
 
 
+def ended(controller):
+    enabled(controller)
+    controller.apply(Event.STOP)
+
+
 def door_open(controller):
     enabled(controller)
     controller.apply(Event.DOOR_OPEN)
@@ -418,6 +423,8 @@ def test_an_arm_that_could_move_is_said_to():
         (door_open, 'safeguard', 'the safeguard door is open'),
         (lambda controller: controller.press_estop(), 'E-stop', 'pressed'),
         (lambda controller: controller.apply(Event.MODE_MANUAL), 'key switch', 'MANUAL'),
+        (paused, 'pause', 'the tasks are paused'),
+        (ended, 'main', 'main does not run'),
     ],
 )
 def test_the_remote_port_tells_what_status_does_not(prepare, about, said):
@@ -426,14 +433,12 @@ def test_the_remote_port_tells_what_status_does_not(prepare, about, said):
     assert held[0].about == about
     assert said in held[0].found
     assert len({each.about for each in held}) == len(held)
+    assert 'the arm' not in [each.about for each in held]  # which of three it is, is told
     assert 'Remote Ethernet answers: ' in told(findings, Level.OK)['remote port']
 
 
 def test_main_that_does_not_run_and_another_control_device_are_told(monkeypatch):
     monkeypatch.setattr(status_words, 'CONTROL_DEVICE', 21)
-
-    def ended(controller):
-        controller.apply(Event.STOP)
 
     _, findings = examined('spel', prepare=ended, may_ask=True)
     held = told(findings, Level.HELD)
