@@ -13,6 +13,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,6 +23,7 @@ from PIL import Image
 from rich.console import Console
 from rich.text import Text
 
+from epson_driver import Robot, Settings
 from epson_driver.motion import Trajectory
 from epson_driver.processes import processes
 from epson_driver.share import share_file
@@ -142,20 +144,50 @@ def _panel(page: Any, remote_port: int) -> None:
 
 
 def report() -> None:
-    """Take the report of two runs of the demo, side by side."""
+    """Take the report of two runs of the demo, side by side, and that of a run with an E-stop."""
     with tempfile.TemporaryDirectory(prefix='epson_driver_pictures_') as name:
-        picture = Path(name, 'demo.png')
+        picture, trace = Path(name, 'demo.png'), Path(name, 'night.pcap')
         demo = [*COMMAND, 'demo', '--compare', f'--picture={picture}']
         subprocess.run(demo, check=True)
-        with tab(*REPORT_SIZE) as page:
-            page.goto(f'file://{picture.with_suffix(".html")}')
-            page.wait_for_selector('body[data-ready=yes]')
-            page.locator('#time').evaluate(
-                '(e, v) => { e.value = v; e.dispatchEvent(new Event("input", {bubbles: true})); }',
-                '1.51',
-            )
-            page.wait_for_timeout(3_000)
-            save(page, 'report.png')
+        _report(picture.with_suffix('.html'), 'report.png', '() => 1.51')
+        _repeated_after_an_estop(trace)
+        page = trace.with_suffix('.html')
+        subprocess.run([*COMMAND, 'report', str(trace), f'--output={page}'], check=True)
+        _report(page, 'report_estop.png', AFTER_THE_ESTOP)
+
+
+AFTER_THE_ESTOP = """() => {
+    const rows = [...document.querySelectorAll('#events tr')];
+    return parseFloat(rows.find((row) => row.innerText.includes('E-stop')).innerText) + 1.0;
+}"""
+
+
+def _report(path: Path, name: str, moment: str) -> None:
+    """Take a report at the time, s, that a function in the page returns."""
+    with tab(*REPORT_SIZE) as page:
+        page.goto(f'file://{path}')
+        page.wait_for_selector('body[data-ready=yes]')
+        page.evaluate(f"""() => {{
+            const slider = document.getElementById('time');
+            slider.value = ({moment})();
+            slider.dispatchEvent(new Event('input', {{bubbles: true}}));
+        }}""")
+        page.wait_for_timeout(3_000)
+        save(page, name)
+
+
+def _repeated_after_an_estop(trace: Path) -> None:
+    """Record a motion that an E-stop ended, and that was repeated."""
+    target = [0.8, 0.5, 0.1, 0.3, -0.4, 0.0]
+    with Robot.simulated(enable=True, settings=Settings(trace_file=str(trace))) as robot:
+        robot.move_joints(target, speed=0.05, wait=False)
+        time.sleep(1.5)
+        robot.simulation.estop()
+        time.sleep(3.0)
+        robot.simulation.estop(pressed=False)
+        robot.reset()
+        robot.enable()
+        robot.move_joints(target, speed=0.1)
 
 
 def exercise() -> None:

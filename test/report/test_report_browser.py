@@ -89,6 +89,15 @@ def test_it_fits_a_phone_and_paper(pages):
         tab.goto(f'file://{pages[1]}')
         tab.wait_for_selector('body[data-ready=yes]', timeout=120_000)
         assert tab.evaluate('() => document.documentElement.scrollWidth') == 390
+        beyond = """() => [...document.querySelectorAll('td, th, .card *')]
+            .filter((each) => each.getBoundingClientRect().right > innerWidth)
+            .map((each) => each.outerHTML.slice(0, 100))"""
+        assert tab.evaluate(beyond) == []
+        paper = '() => getComputedStyle(document.querySelector(".card")).backgroundColor'
+        light = tab.evaluate(paper)
+        tab.emulate_media(color_scheme='dark')
+        assert tab.evaluate(paper) != light
+        tab.emulate_media(color_scheme='light')
         tab.wait_for_timeout(1000)
         assert tab.evaluate(PICTURE_AS_IT_IS) > 100
         width = '() => document.querySelector(".uplot").clientWidth'

@@ -149,15 +149,16 @@ const drawing = (() => {
       camera.updateProjectionMatrix();
       render();
     }).observe(holder);
-    const setDark = (dark) => {
-      grid.material.opacity = dark ? 0.14 : 0.6;
+    const dark = matchMedia('(prefers-color-scheme: dark)');
+    const shade = () => {
+      grid.material.opacity = dark.matches ? 0.14 : 0.6;
       soon();
     };
-    setDark(false);
+    dark.addEventListener('change', shade);
+    shade();
     return {
       scene,
       soon,
-      setDark,
       /** Look at an arm that reaches so far, m. */
       lookAt(size) {
         camera.position.set(1.6 * size + 0.14, -1.6 * size - 0.14, 1.05 * size + 0.22);

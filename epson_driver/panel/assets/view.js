@@ -48,10 +48,7 @@ class Way {
 
 /** Raises an error where there is no WebGL. */
 export function makeView(canvas, holder) {
-  const { scene, soon, lookAt, setDark } = drawing.stage(canvas, holder);
-  const dark = matchMedia('(prefers-color-scheme: dark)');
-  setDark(dark.matches);
-  dark.addEventListener('change', () => setDark(dark.matches));
+  const { scene, soon, lookAt } = drawing.stage(canvas, holder);
   const driven = new Way(scene, DRIVEN, 2.5, -8), planned = new Way(scene, PLANNED, 5, 0);
   const ball = (color) => new lib.MeshStandardMaterial({ color, roughness: 0.4 });
   const BALL = new lib.SphereGeometry(0.007, 16, 12), TAUGHT = ball(0x8e44ad), CHOSEN = ball(0xd13bb0);

@@ -9,7 +9,7 @@
   const joints = runs[0].figures.joint_names;
   const compare = runs.length > 1;
   const letter = (r) => 'AB'[r];
-  const RUN_COLOURS = ['#0b5cad', '#d97706'];
+  const RUN_COLOURS = ['#2272c3', '#d97706'];
   const TAU = 2 * Math.PI;
 
   // --- reading ------------------------------------------------------------------------------------
@@ -92,12 +92,16 @@
     return made;
   }
   function table(heads, rows, numbers = []) {
-    const made = element('table');
+    const made = element('table', null, 'wide');
     const head = made.appendChild(element('tr'));
     heads.forEach((text, i) => head.appendChild(element('th', text, numbers.includes(i) ? 'number' : '')));
     for (const row of rows) {
       const line = made.appendChild(element('tr'));
-      row.forEach((text, i) => line.appendChild(element('td', text, numbers.includes(i) ? 'number' : '')));
+      row.forEach((text, i) => {
+        const cell = line.appendChild(element('td', text, numbers.includes(i) ? 'number' : ''));
+        cell.dataset.head = heads[i]; // for a phone
+        cell.classList.toggle('none', text === '' || text === '–');
+      });
     }
     return made;
   }
@@ -196,8 +200,9 @@
   let view = null;
   try {
     view = makeView();
-  } catch (error) {
-    $('view-note').textContent = `no 3D view: ${error.message}. The curves work without it.`;
+  } catch {
+    $('view').classList.add('none');
+    $('view-note').textContent = 'No 3D view: this browser has no WebGL. All else works without it.';
   }
   function makeView() {
     const { scene, soon, lookAt } = drawing.stage($('scene'), $('view'));
@@ -358,7 +363,7 @@
     line.appendChild(element('span', hint));
     const tables = series.map(({ x, y }) => [x, y]);
     const joined = lib.uPlot.join(tables, tables.map(() => [0, 1]));
-    const axis = { stroke: '#5d6b79', grid: { stroke: '#edf0f3', width: 1 }, ticks: { show: false }, font: '11px system-ui, sans-serif' };
+    const axis = { stroke: '#74818e', grid: { stroke: '#7b88952b', width: 1 }, ticks: { show: false }, font: '11px system-ui, sans-serif' };
     const u = new lib.uPlot({
       width: box.clientWidth - 16, height: options.height || 158, legend: { show: false }, padding: [8, 20, 0, 0],
       cursor: { sync: { key: 'time' }, points: { show: false }, drag: { x: true, y: false } },
@@ -415,7 +420,7 @@
 
   // --- time ---------------------------------------------------------------------------------------
 
-  const LANES = [['drives_powered', 'motors', '#1c9a5b', '#e7b45c'], ['e_stopped', 'E-stop', '#d5342b', '#e3ede7'], ['in_error', 'error', '#d5342b', '#e3ede7'], ['in_motion', 'motion', '#0b5cad', '#e3ebf3']];
+  const LANES = [['drives_powered', 'motors', '#1c9a5b', '#e7b45c'], ['e_stopped', 'E-stop', '#d5342b', '#1c9a5b24'], ['in_error', 'error', '#d5342b', '#1c9a5b24'], ['in_motion', 'motion', '#2272c3', '#2272c324']];
   const LEFT = 46;
   $('lanes').style.height = `${10 + LANES.length * (compare ? 16 : 11)}px`;
   function drawLanes() {
@@ -432,11 +437,11 @@
         const from = x(condition[0] - run.shift), next = run.conditions[k + 1];
         const to = x(next ? next[0] - run.shift : Math.min(last, run.figures.duration_s - run.shift));
         const value = tri(condition, flag);
-        ctx.fillStyle = value === 1 ? on : value === 0 ? off : '#d5dbe1';
+        ctx.fillStyle = value === 1 ? on : value === 0 ? off : '#8795a344';
         ctx.fillRect(from, top + 1, Math.max(to - from, 0.7), each - 1.5);
       });
       if (r === 0) {
-        ctx.fillStyle = '#5d6b79';
+        ctx.fillStyle = '#74818e';
         ctx.font = '10px system-ui, sans-serif';
         ctx.fillText(name, 0, top + each * runs.length / 2 + 4);
       }
@@ -445,7 +450,7 @@
       ctx.fillStyle = { error: '#d5342b', warning: '#e08a00', info: '#8795a3' }[event.level];
       ctx.fillRect(x(event.at) - 0.75, height - 7, 1.5, 7);
     }
-    ctx.fillStyle = '#17212b';
+    ctx.fillStyle = getComputedStyle(document.body).color;
     ctx.fillRect(x(time) - 0.75, 0, 1.5, height);
   }
   $('lanes').addEventListener('click', (event) => setTime(first + (last - first) * (event.offsetX - LEFT - 8) / ($('lanes').clientWidth - LEFT - 16)));
