@@ -8,7 +8,7 @@ from collections.abc import Callable
 from epson_driver.spel.commands import TaskType
 from epson_driver.spel.errors import ErrorNumber, SpelError, bad
 from epson_driver.spel.host import Memory
-from epson_driver.spel.library import format_string, parse_string, text_of, value_of
+from epson_driver.spel.library import format_string, parse_string, value_of
 from epson_driver.spel.pallets import checked_number, new_pallet
 from epson_driver.spel.project_data import LAST_POINT
 from epson_driver.spel.task import (
@@ -292,17 +292,6 @@ def _bits(name: str, memory: Memory, width: int, value: int | None) -> Callable[
     return many if value is None else one
 
 
-def _set_input(width: int) -> Callable[[Task, float, float], None]:
-    """Return SetSw, SetIn, SetInW: inputs of a dry run, which this is."""
-
-    def run(task: Task, index: float, given: float) -> None:
-        wanted = within('SetIn', nearest(given), -(1 << (width - 1)), (1 << width) - 1)
-        value = (wanted != 0) if width == 1 else wanted & (1 << width) - 1
-        task.world.host.write_bits(Memory.INPUT, nearest(index), width, int(value))
-
-    return run
-
-
 def _decimal_out(task: Task, port: float, given: float, words: tuple[str, ...] = ()) -> None:
     """OpBCD port, 0 to 99."""
     number = within('OpBCD', nearest(given), 0, 99)
@@ -320,11 +309,6 @@ def reset_counter(task: Task, bit: float) -> None:
 
 
 # Terminal
-
-
-def print_line(items: tuple[tuple[Value | Point, str], ...]) -> str:
-    """Return the items of a Print as one text, spaces between."""
-    return ' '.join(text_of(value, kind) for value, kind in items)
 
 
 def message_box(
@@ -464,9 +448,9 @@ STATEMENTS: dict[str, Callable[..., None]] = {
     'memoff': _bits('MemOff', Memory.MEMORY, 1, 0),
     'memout': _bits('MemOut', Memory.MEMORY, 8, None),
     'memoutw': _bits('MemOutW', Memory.MEMORY, 16, None),
-    'setsw': _set_input(1),
-    'setin': _set_input(8),
-    'setinw': _set_input(16),
+    'setsw': _bits('SetSw', Memory.INPUT, 1, None),
+    'setin': _bits('SetIn', Memory.INPUT, 8, None),
+    'setinw': _bits('SetInW', Memory.INPUT, 16, None),
     'opbcd': _decimal_out,
     'ctreset': reset_counter,
     'msgbox': message_box,

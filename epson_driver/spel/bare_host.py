@@ -98,6 +98,8 @@ class BareHost(Loopback):
         """Return what was set, or 0."""
         if name in ('here', 'curpos', 'realpos', 'findpos'):
             return self.here
+        if name == 'ljm':
+            return arguments[0]
         if name in ('cx', 'cy', 'cz', 'cu', 'cv', 'cw'):
             point = arguments[0]
             axis = 'xyzuvw'.index(name[1])

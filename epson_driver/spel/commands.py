@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The statements there are, as one table: argument form, who may not run them, versions.
 
-A form is a list of argument kinds with commas: `n` a number, `s` a string, `x` either, `p` a
-point, `q` the number of one (P1, its label), `v` a variable, `a` a whole array, `w(A|B)` one of
-these words; `?` after a kind: it may be left out, `*` any number of them; - is none. A form that
-begins with @ is read by a method of that name in the parser. Task types and versions are those of
-words.py.
+A form is a list of argument kinds with commas: `n` a number, `#` one behind #, `s` a string, `x`
+a number or a string, `p` a point, `q` the number of one (P1, its label), `v` a variable, `a` a
+whole array, `w(A|B)` one of these words; `?` after a kind: it may be left out, `*` any number of
+them; - is none. A form that begins with @ is read by a method of that name in the parser. Task
+types and versions are those of words.py.
 """
 
 import re
@@ -69,7 +69,7 @@ class CommandRule:
 
 _FORMS = """
 @: If Select Do For Exit Return Call OnErr EResume Redim Xqt Wait Trap Print Input SetNet OpenNet
-@: CloseNet WaitNet Here Local Box Plane Pallet
+@: CloseNet Here Local Box Plane Pallet
 @jump: GoTo GoSub
 @task_command: Quit Halt Resume TaskWait StartMain
 @line_input: Line
@@ -81,6 +81,7 @@ _FORMS = """
 n: TMOut Signal SyncUnlock TmReset MemOn MemOff PalletClr LocalClr CTReset Close Flush
 n?: Randomize
 n,n: MemOut MemOutW SetSw SetIn SetInW Seek
+#,n?: WaitNet
 n,n?: Error WaitSig SyncLock BoxClr PlaneClr
 n,n,n: Arch
 n,n?,n?,w(Forced)?: On Off

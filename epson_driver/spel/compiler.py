@@ -440,17 +440,14 @@ class Compiler:
     @_statement.register
     def _(self, statement: Command) -> None:
         rule = COMMANDS[statement.name.lower()]
-        kinds = {'MsgBox': 'snsv', 'ParseStr': 'sas'}.get(rule.name, '')
-        if rule.name == 'SetNet':
-            kinds = 'isin'
-        elif rule.form == '@open':
-            kinds = 'si'
-        elif rule.name == 'Local':
-            kinds = 'i' + 'p' * (len(statement.arguments) - 1)
-        elif rule.name == 'Plane':
-            kinds = 'ii'[: 1 + len(statement.arguments) % 2] + 'ppp'
-        elif rule.name == 'Pallet':
-            kinds = 'i' + 'p' * (len(statement.arguments) - 3) + 'ii'
+        count = len(statement.arguments)
+        kinds = {
+            '@set_net': 'isin',
+            '@open': 'si',
+            '@local': 'i' + 'p' * (count - 1),
+            '@plane': 'ii'[: 1 + count % 2] + 'ppp',
+            '@pallet': 'i' + 'p' * (count - 3) + 'ii',
+        }.get(rule.form, '')
         given = []
         for number, argument in enumerate(statement.arguments):
             kind = kinds[number] if kinds else _form_kind(rule.form, number)
@@ -624,25 +621,21 @@ class Compiler:
         points, numbers = self._motion_values(statement)
         for word in {'ecp', 'sync'}.intersection(statement.words):
             made.note_stub(f'{statement.name} … {word.upper()}', statement.at)
-        before = ''
-        conditions = []
-        for given, stored in (
-            (statement.till, 'till'), (statement.find, 'find'), (statement.sense, 'sense')
-        ):  # fmt: skip
-            if given is False:
-                conditions.append('None')
-            elif given is True:
-                conditions.append(f'v[0].stored({stored!r})')
-            else:
+        before, modifiers = '', f'cp={statement.cp}'
+        for name_of in ('till', 'find', 'sense'):
+            given = getattr(statement, name_of)
+            if given is True:
+                modifiers += f', {name_of}=v[0].stored({name_of!r})'
+            elif given:
                 more, test = condition(given, made)
                 before += more
-                conditions.append(f'lambda: {test}')
+                modifiers += f', {name_of}=lambda: {test}'
         for kind, value in statement.numbers:
             numbers += f'{kind!r}: {made.number(value).text}, '
         beside = self._beside(statement) if statement.parallel else 'None'
         self._suspend(
-            f'{before}v[0].move({name!r}, ({points}), {statement.cp}, '
-            f'{", ".join(conditions)}, {statement.words!r}, {{{numbers}}}, {beside})'
+            f'{before}v[0].move({name!r}, ({points}), {statement.words!r}, {{{numbers}}}, '
+            f'{beside}, {modifiers})'
         )
 
     def _motion_values(self, motion: Motion) -> tuple[str, str]:

@@ -91,6 +91,16 @@ class Reader:
         index = self._next + ahead
         return self._tokens[index] if index < len(self._tokens) else Token(END, '', self._start)
 
+    def past_brackets(self, ahead: int = 0) -> int:
+        """Return how far away the token is behind the brackets that open at a token ahead."""
+        depth = 0
+        while (token := self.look(ahead)).kind != END:
+            depth += (token.text == '(') - (token.text == ')')
+            ahead += 1
+            if depth == 0:
+                break
+        return ahead
+
     def step(self) -> Token:
         """Take the next token."""
         token = self.here

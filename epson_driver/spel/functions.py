@@ -59,7 +59,7 @@ value n,n,n,n,n?,n? p: XY
 value n,n,n?,n?,n?,n?,n? p: JA
 value n,n,n,n,n?,n?,n? p: AglToPls
 value i,i,i,i,i?,i?,i? p: Pulse
-value p,p?,i? p: LJM
+task p,p?,i? p: LJM
 task i p: P Local
 task i,o? p: Plane
 task i,i,i? p: Box Pallet

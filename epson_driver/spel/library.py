@@ -5,7 +5,6 @@
 import math
 import re
 from collections.abc import Callable
-from dataclasses import replace
 from datetime import datetime
 from typing import Any
 
@@ -227,11 +226,6 @@ def _point(kind: str) -> Callable[..., Point]:
     return point
 
 
-def _nearest_way(point: Point, _from: Point | None = None, _flag: int = 1) -> Point:
-    """Return LJM: the point with the mark that any posture will do, the nearest one."""
-    return replace(point, flags=(*(each for each in point.flags if each.isdigit()), 'ljm'))
-
-
 def _xy(*values: float) -> Point:
     return Point('xy', (*(float(value) for value in values), *([0.0] * (6 - len(values)))))
 
@@ -284,7 +278,6 @@ VALUE_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'parsestr': parse_string,
     'ubound': upper_bound,
     'xy': _xy,
-    'ljm': _nearest_way,
     'ja': _point('angles'),
     'agltopls': _point('angles'),
     'pulse': _point('pulses'),

@@ -58,6 +58,7 @@ from epson_driver.spel.syntax import (
     Xqt,
     walk,
 )
+from epson_driver.spel.syntax import Variable as VariableName
 from epson_driver.spel.words import CONSTANTS, WORDS
 
 LONGEST_LINE = 512
@@ -218,6 +219,20 @@ class _Lint:
             for variable in declaration.variables
         }
 
+    def _nodes(self, *kinds: type) -> Iterator[Any]:
+        """Yield what of some kinds there is in the functions."""
+        for function in self.functions.values():
+            yield from (node for node in walk(function.body) if isinstance(node, kinds))
+
+    @cached_property
+    def _whole(self) -> list[Any]:
+        """All declarations and functions' bodies."""
+        return [
+            node
+            for file in self.program.files
+            for node in walk([*file.declarations, *(each.body for each in file.functions)])
+        ]
+
     # Who calls whom
 
     def _called(self, function: Function) -> set[str]:
@@ -282,12 +297,7 @@ class _Lint:
         roots = [root.function for root in self._roots()]
         reached = {root: self._reached(root) for root in roots}
         yield from unused(self.program, self.files, set(roots))
-        traps = {
-            node.target.lower()
-            for function in self.functions.values()
-            for node in walk(function.body)
-            if isinstance(node, Trap)
-        }
+        traps = {node.target.lower() for node in self._nodes(Trap)}
         tasks = {root: reached[root] for root in roots if not _instead(root) and root not in traps}
         yield from shared(tasks, self.functions)
 
@@ -298,13 +308,9 @@ class _Lint:
             yield from _long(function.name, LONGEST_FUNCTION_NAME, function.at)
             for parameter in function.parameters:
                 yield from _long(parameter.name, LONGEST_NAME, parameter.at)
-        for file in self.program.files:
-            for node in walk([*file.declarations, *(each.body for each in file.functions)]):
-                if isinstance(node, Label):
-                    yield from _long(node.name, LONGEST_NAME, node.at)
-                elif isinstance(node, Declaration):
-                    for variable in node.variables:
-                        yield from _long(variable.name, LONGEST_NAME, variable.at)
+        for node in self._whole:
+            if isinstance(node, Label | VariableName):
+                yield from _long(node.name, LONGEST_NAME, node.at)
 
     def _versions(self) -> Iterator[Problem]:
         for file in self.program.files:
@@ -313,16 +319,16 @@ class _Lint:
                     yield from self._new(parameter.type, TYPES[parameter.type], parameter.at)
                 if function.result:
                     yield from self._new(function.result, TYPES[function.result], function.at)
-            for node in walk([*file.declarations, *(each.body for each in file.functions)]):
-                if isinstance(node, Declaration):
-                    yield from self._new(node.type, TYPES[node.type], node.at)
-                elif isinstance(node, Command | Motion | Stub):
-                    since = WORDS[node.name.lower()].since[0]
-                    yield from self._new(node.name, since, node.at)
-                elif isinstance(node, Name | Apply):
-                    rule = FUNCTIONS.get(node.name.lower())
-                    if rule is not None and node.name.lower() not in self._shared:
-                        yield from self._new(node.name, rule.since, node.at)
+        for node in self._whole:
+            if isinstance(node, Declaration):
+                yield from self._new(node.type, TYPES[node.type], node.at)
+            elif isinstance(node, Command | Motion | Stub):
+                since = WORDS[node.name.lower()].since[0]
+                yield from self._new(node.name, since, node.at)
+            elif isinstance(node, Name | Apply):
+                rule = FUNCTIONS.get(node.name.lower())
+                if rule is not None and node.name.lower() not in self._shared:
+                    yield from self._new(node.name, rule.since, node.at)
 
     def _new(self, name: str, since: int, at: Position) -> Iterator[Problem]:
         if since > self.version:
@@ -391,15 +397,12 @@ class _Lint:
         return False
 
     def _loops(self) -> Iterator[Problem]:
-        for function in self.functions.values():
-            for node in walk(function.body):
-                if not isinstance(node, Do):
-                    continue
-                tests = [test for test in (node.before, node.after) if test is not None]
-                polls = any(self._asks(test.condition) for test in tests)
-                if (polls or not tests) and not self._block_waits(node.body, frozenset()):
-                    text = 'the loop has no Wait: put one of 0.01 s or more into it'
-                    yield Problem(node.at, 'endless-loop', text, warning=True)
+        for node in self._nodes(Do):
+            tests = [test for test in (node.before, node.after) if test is not None]
+            polls = any(self._asks(test.condition) for test in tests)
+            if (polls or not tests) and not self._block_waits(node.body, frozenset()):
+                text = 'the loop has no Wait: put one of 0.01 s or more into it'
+                yield Problem(node.at, 'endless-loop', text, warning=True)
 
     def _asks(self, condition: Expression) -> bool:
         """Return whether a condition depends on the world, or on another task."""
@@ -411,18 +414,15 @@ class _Lint:
         return False
 
     def _gotos(self) -> Iterator[Problem]:
-        for function in self.functions.values():
-            for loop in walk(function.body):
-                if not isinstance(loop, Do | For):
+        for loop in self._nodes(Do, For):
+            inside = {n.name.lower() for n in walk(loop.body) if isinstance(n, Label)}
+            for node in walk(loop.body):
+                if not isinstance(node, Jump) or node.kind != 'goto':
                     continue
-                inside = {n.name.lower() for n in walk(loop.body) if isinstance(n, Label)}
-                for node in walk(loop.body):
-                    if not isinstance(node, Jump) or node.kind != 'goto':
-                        continue
-                    if node.label.lower() not in inside:
-                        text = f'GoTo {node.label} leaves the loop of line {loop.at.line}: '
-                        text += 'use Exit Do or Exit For'
-                        yield Problem(node.at, 'goto-out-of-loop', text, warning=True)
+                if node.label.lower() not in inside:
+                    text = f'GoTo {node.label} leaves the loop of line {loop.at.line}: '
+                    text += 'use Exit Do or Exit For'
+                    yield Problem(node.at, 'goto-out-of-loop', text, warning=True)
 
     def _handlers(self) -> Iterator[Problem]:
         for function in self.functions.values():
@@ -484,10 +484,10 @@ class _Lint:
 
     def _booleans(self) -> set[str]:
         found = set()
+        for node in self._whole:
+            if isinstance(node, Declaration) and node.type == 'boolean':
+                found |= {variable.name.lower() for variable in node.variables}
         for file in self.program.files:
-            for node in walk([*file.declarations, *(each.body for each in file.functions)]):
-                if isinstance(node, Declaration) and node.type == 'boolean':
-                    found |= {variable.name.lower() for variable in node.variables}
             for function in file.functions:
                 found |= {p.name.lower() for p in function.parameters if p.type == 'boolean'}
                 if function.result == 'boolean':
@@ -530,12 +530,9 @@ class _Lint:
     def _bounds(self) -> dict[str, tuple[int | float | None, ...]]:
         """The upper bounds of all arrays by name."""
         return {
-            variable.name.lower(): tuple(constant(each, CONSTANTS) for each in variable.bounds)
-            for file in self.program.files
-            for declaration in walk([file.declarations, file.functions])
-            if isinstance(declaration, Declaration)
-            for variable in declaration.variables
-            if variable.bounds
+            node.name.lower(): tuple(constant(each, CONSTANTS) for each in node.bounds)
+            for node in self._whole
+            if isinstance(node, VariableName) and node.bounds
         }
 
     def _nesting(self) -> Iterator[Problem]:
@@ -543,17 +540,15 @@ class _Lint:
             yield from _nested(function.body, 0, False)
 
     def _numbers(self) -> Iterator[Problem]:
-        for function in self.functions.values():
-            for node in walk(function.body):
-                if isinstance(node, Number) and node.text[:2] in ('&H', '&h'):
-                    if node.value > 0x7FFF_FFFF:
-                        text = f'{node.text}: whether this is below 0 is not documented'
-                        yield Problem(node.at, 'hex', text, warning=True)
-                elif isinstance(node, For):
-                    limit = constant(node.last, CONSTANTS)
-                    if isinstance(limit, int | float) and limit >= 32_767:
-                        text = f'For up to {limit}: its variable must be a Long'
-                        yield Problem(node.at, 'integer-range', text, warning=True)
+        for node in self._nodes(Number):
+            if node.text[:2] in ('&H', '&h') and node.value > 0x7FFF_FFFF:
+                text = f'{node.text}: whether this is below 0 is not documented'
+                yield Problem(node.at, 'hex', text, warning=True)
+        for node in self._nodes(For):
+            limit = constant(node.last, CONSTANTS)
+            if isinstance(limit, int | float) and limit >= 32_767:
+                text = f'For up to {limit}: its variable must be a Long'
+                yield Problem(node.at, 'integer-range', text, warning=True)
 
 
 def _nested(block: tuple[Statement, ...], depth: int, loop: bool) -> Iterator[Problem]:

@@ -20,7 +20,7 @@ from epson_driver.spel.commands import (
 from epson_driver.spel.errors import Position, Problem, SyntaxProblem
 from epson_driver.spel.expressions import Reader, is_point_literal
 from epson_driver.spel.functions import POINT_FLAGS
-from epson_driver.spel.lexer import NAME, NUMBER, STRING, Token
+from epson_driver.spel.lexer import NAME, STRING, Token
 from epson_driver.spel.preprocess import Line
 from epson_driver.spel.statements import Statements
 from epson_driver.spel.syntax import (
@@ -173,8 +173,6 @@ class Parser(Statements):
             self._file.declared.append(_declare(reader))
         elif word in ('global', 'static') or word in TYPES:
             self._file.declarations.append(declaration(reader, 'module'))
-        elif found[0].kind == NUMBER or word == 'fend':
-            raise SyntaxProblem(found[0].position, f'{found[0].text} stands outside a function')
         else:
             text = f'{found[0].text} stands outside a function: only declarations may'
             raise SyntaxProblem(found[0].position, text)
@@ -295,9 +293,7 @@ class Parser(Statements):
         """Read an If of several lines, or of one."""
         condition = reader.expression()
         reader.need('then')
-        if not reader.at_end():
-            return self._one_line_if(reader, first, condition)
-        if self._queue:  # `If c Then; a; b` is one line as well
+        if not reader.at_end() or self._queue:  # `If c Then; a; b` is one line as well
             return self._one_line_if(reader, first, condition)
         branches = [(condition, self._block(('elseif', 'else', 'endif')))]
         otherwise: Block = ()
@@ -369,11 +365,7 @@ class Parser(Statements):
             if word == 'send':
                 closing.end()
                 return Select(subject, tuple(cases), default, first.position)
-            if word == 'default':
-                self._rest_as_statement(closing)
-                default = self._block(ends)
-                continue
-            if closing.takes('else'):
+            if word == 'default' or closing.takes('else'):
                 self._rest_as_statement(closing)
                 default = self._block(ends)
                 continue
@@ -450,19 +442,7 @@ def _assignment(reader: Reader, word: str) -> Assign | None:
     after = reader.look(1)
     if word in COMMANDS and COMMANDS[word].form.startswith('@') and after.text != '=':
         return None
-    if after.text == '=':
-        pass
-    elif after.text == '(':
-        depth, ahead = 0, 1
-        while reader.look(ahead).kind != 'end of the line':
-            text = reader.look(ahead).text
-            depth += (text == '(') - (text == ')')
-            ahead += 1
-            if depth == 0:
-                break
-        if depth or reader.look(ahead).text != '=':
-            return None
-    else:
+    if reader.look(reader.past_brackets(1) if after.text == '(' else 1).text != '=':
         return None
     target = reader.target()
     at = reader.need('=').position

@@ -125,6 +125,17 @@ def _first(name: str) -> int:
     return int(name[0] != 'j')
 
 
+def _least_motion(task: Task, of: Point, near: Point | None = None, number: int = 1) -> Point:
+    """Return LJM: the point in the posture of the least motion (p508), in its local."""
+    here = near or task.value('here', ())
+    assert isinstance(here, Point)  # noqa: S101 - Here is one
+    found = task.value('ljm', (of, here, number))
+    assert isinstance(found, Point)  # noqa: S101 - LJM is one
+    for flag in found.flags:
+        of = of.flagged(flag)
+    return of
+
+
 def distance(task: Task, first: Point, second: Point) -> float:
     """Return Dist, mm."""
     a, b = task.world.placed((first, second))
@@ -195,6 +206,7 @@ POINT_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'pnumber': lambda _task, number: number,
     'plabel$': label_of,
     'dist': distance,
+    'ljm': _least_motion,
     'arch': _arch,
     'plocal': lambda _task, of: local_of(of),
     'local': _local,

@@ -11,7 +11,6 @@ from epson_driver.spel import file_access
 from epson_driver.spel.actions import (
     fill,
     input_terminal,
-    print_line,
     print_terminal,
     seconds,
     within,
@@ -19,6 +18,7 @@ from epson_driver.spel.actions import (
 from epson_driver.spel.errors import ErrorNumber, SpelError, bad
 from epson_driver.spel.file_access import is_file
 from epson_driver.spel.host import NetSettings
+from epson_driver.spel.library import text_of
 from epson_driver.spel.task import Port, Reference, Task
 from epson_driver.spel.values import TYPES, Array, Point, Value, nearest, store
 
@@ -234,7 +234,7 @@ def print_to(
     task: Task, number: int | None, items: tuple[tuple[Value | Point, str], ...], line: bool
 ) -> None:
     """Print [#n,] a, b[,]."""
-    text = print_line(items)
+    text = ' '.join(text_of(value, kind) for value, kind in items)
     if number is None or number in _DISPLAYS:
         task.owe('print')
         print_terminal(task, text + ('\n' if line else ' '))

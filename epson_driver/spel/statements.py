@@ -99,6 +99,8 @@ class Statements:
                     raise reader.wrong('a value')
                 arguments.append(None)
             else:
+                if kind == '#':
+                    reader.need('#')
                 arguments.append(reader.argument().value)
         return Command(first.text, tuple(arguments), first.position, tuple(words))
 
@@ -119,7 +121,7 @@ class Statements:
 
     def call_arguments(self, reader: Reader, name: Token) -> Call:
         """Read the arguments of a function called as a statement, in brackets or without."""
-        if reader.sees('(') and _brackets_hold_all(reader):
+        if reader.sees('(') and reader.look(reader.past_brackets()).kind == END:
             return Call(name.text, reader.arguments(), name.position)
         arguments: list[Argument] = []
         while not reader.at_end():
@@ -312,13 +314,6 @@ class Statements:
             return Command(first.text, (None,), first.position)
         reader.need('#')
         return Command(first.text, (reader.expression(),), first.position)
-
-    def read_wait_net(self, reader: Reader, first: Token) -> Command:
-        """Read WaitNet #n[, s]."""
-        reader.need('#')
-        port = reader.expression()
-        time = reader.expression() if reader.takes(',') else None
-        return Command(first.text, (port, time), first.position)
 
     # The robot
 
@@ -531,14 +526,3 @@ def _is_pair(reader: Reader) -> bool:
             return True
         ahead += 1
     return False
-
-
-def _brackets_hold_all(reader: Reader) -> bool:
-    """Return whether the bracket that comes next is closed by the last token."""
-    depth, ahead = 0, 0
-    while (token := reader.look(ahead)).kind != END:
-        depth += (token.text == '(') - (token.text == ')')
-        ahead += 1
-        if depth == 0:
-            return reader.look(ahead).kind == END
-    return True

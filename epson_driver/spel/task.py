@@ -574,15 +574,15 @@ class Task:
         self,
         name: str,
         points: tuple[Point, ...],
-        cp: bool,
-        till: Callable[[], bool] | None,
-        find: Callable[[], bool] | None,
-        sense: Callable[[], bool] | None,
         words: tuple[str, ...],
         numbers: dict[str, float],
         beside: int | None,
+        **modifiers: Any,
     ) -> None:
-        """Begin a motion and wait for its end, with the instructions of !…! at `beside`."""
+        """Begin a motion and wait for its end, with the instructions of !…! at `beside`.
+
+        `modifiers`: cp, till, find and sense of MotionRequest.
+        """
         self.may(name)
         for word in {'ecp', 'sync'}.intersection(words):
             text = f'{COMMANDS[name].name} … {word.upper()} is not simulated'
@@ -593,7 +593,7 @@ class Task:
             numbers |= zip(('depart', 'approach'), self.world.arches[int(arch)], strict=True)
         elif arch != GATE:
             raise SpelError(ErrorNumber.ARGUMENT, f'C{arch:g}: must be C0 to C{GATE}')
-        request = MotionRequest(name, placed, cp, till, find, sense, words, numbers)
+        request = MotionRequest(name, placed, words=words, numbers=numbers, **modifiers)
         completion = self.world.host.move(request)
         if beside is None:
             self.wait_for(completion)

@@ -134,7 +134,7 @@ class Point:
             f' {axis}:{value:9.3f}' for axis, value in zip('XYZUVW', self.values, strict=True)
         )
         local = next((flag for flag in self.flags if flag.isdigit()), '0')
-        flags = [flag.upper() for flag in self.flags if not (flag.isdigit() or flag == 'ljm')]
+        flags = [flag.upper() for flag in self.flags if not flag.isdigit()]
         return ''.join(shown) + ''.join(f' /{flag}' for flag in (*flags, local))
 
 

@@ -332,7 +332,7 @@ def test_run_takes_what_the_robot_manager_keeps_and_has_all_boards(tmp_path: Pat
     done = run_with_input('', '--fast', '--robot', 't3_401s', '--setup', setup, tmp_path)
     assert (done.returncode, done.stdout.split()) == (0, ['1', '50']), done
     done = run_with_input('', '--fast', '--robot', 't3_401s', tmp_path)
-    assert 'Tool 1 is not defined: TLSet 1, or run --setup' in done.stdout + done.stderr
+    assert 'Tool: 1 is not defined: TLSet 1, or run --setup' in done.stdout + done.stderr
     done = run_with_input('', '--fast', '--setup', 'a\nb', tmp_path)
     assert done.returncode == 2
     assert 'must be one line of statements' in done.stderr

@@ -5,8 +5,8 @@
 from epson_driver.robots import RobotModel
 from epson_driver.robots.model import SCARA, SIX_AXIS
 
-RS_SERIES, N_SERIES = 6, 7
-_JOINT_ROBOT, _SCARA, _SIX_AXIS = 1, 3, 5
+SIX_AXES, RS_SERIES, N_SERIES = 5, 6, 7
+_JOINT_ROBOT, _SCARA = 1, 3
 
 
 def robot_type(model: RobotModel) -> int:
@@ -15,5 +15,5 @@ def robot_type(model: RobotModel) -> int:
     if model.kind == SCARA:
         return RS_SERIES if origins[1, 2] < 0.0 else _SCARA  # the arms hang below each other
     if model.kind == SIX_AXIS:
-        return N_SERIES if origins[2, 0] < 0.0 else _SIX_AXIS  # the upper arm points back at zero
+        return N_SERIES if origins[2, 0] < 0.0 else SIX_AXES  # the upper arm points back at zero
     return _JOINT_ROBOT

@@ -49,10 +49,18 @@ def points_of(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
 
 
 def _go(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    point = request.points[-1]
-    if 'ljm' in request.numbers:
-        point = point.flagged(NEAREST)
+    (point,) = _least_motion(robot, request)
     return [_at(robot.points.joints(point, robot.here))]
+
+
+def _least_motion(robot: RobotContext, request: MotionRequest) -> list[SpelPoint]:
+    """Return the points as LJM converts them, each from the one before (p479)."""
+    near, found = robot.motion.start, list(request.points)
+    if (number := request.numbers.get('ljm')) is not None:
+        for index, point in enumerate(found):
+            found[index] = robot.points.least_motion(point, near, round(number))
+            near = robot.points.joints(found[index], near)
+    return found
 
 
 def _jump(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
@@ -219,7 +227,7 @@ def _relative_move(robot: RobotContext, request: MotionRequest) -> Sequence[Poin
 
 def _jump3(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     """Straight to the first point, across to the second, straight to the third (p476)."""
-    depart, approach, target = request.points
+    depart, approach, target = _least_motion(robot, request)
     found = [_line(robot, request, depart, robot.motion.start)]
     if request.name == 'jump3':
         found.append(_at(robot.points.joints(approach, found[-1].target)))
@@ -326,16 +334,12 @@ class _Straight:
             return self(start, low_power)
         except (SpelError, ValueError) as error:
             _log.warning('Move goes on from joint to joint: %s', error)
-            slow = LOW_POWER
             limits = self._robot.controller.model.limits
-            return go(limits, start, self._samples[-1], slow, slow)
+            return go(limits, start, self._samples[-1], LOW_POWER, LOW_POWER)
 
 
 def _limits(robot: RobotContext, low_power: bool) -> JointLimits:
-    limits = robot.controller.model.limits
-    if not low_power:
-        return limits
-    share = LOW_POWER
+    limits, share = robot.controller.model.limits, LOW_POWER if low_power else 1.0
     return replace(
         limits,
         velocity=limits.velocity * share,

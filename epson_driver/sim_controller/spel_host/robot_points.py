@@ -19,7 +19,7 @@ from epson_driver.robots.model import SCARA
 from epson_driver.robots.opw import KinematicsError
 from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.sim_controller.programs.points import angles_rejection, clipped
-from epson_driver.sim_controller.remote.robot_type import N_SERIES, RS_SERIES, robot_type
+from epson_driver.sim_controller.remote.robot_type import N_SERIES, RS_SERIES, SIX_AXES, robot_type
 from epson_driver.spel import Point, SpelError
 from epson_driver.spel.errors import bad
 from epson_driver.spel.functions import POSTURES
@@ -48,9 +48,21 @@ _USUAL = ('j1f0', 'j2f0')
 """Flags that are not shown."""
 
 NEAREST = 'ljm'
-"""The flag of a point that LJM has made."""
+"""The flag of a place that any posture will do for, the nearest one."""
 
-LJM = 'LJM( )'
+_SIX = {1: ('=', '=', '', 'J4'), 2: ('=', '=', '=', ''), 3: ('=', '=', '', 'J5')}
+LEAST_MOTION: dict[int, dict[int, tuple[str, str, str, str]]] = {
+    SIX_AXES: {**_SIX, 4: ('=', '=', '', 'J6')},
+    RS_SERIES: {1: ('', '', '', ''), 2: ('', '', '', '')},
+    N_SERIES: {
+        1: ('', 'a', '', 'J1 J5'), 2: ('', 'a', '', 'J1 J4'),
+        3: _SIX[1], 4: _SIX[2],
+        5: ('!', 'a', '', 'J5'), 6: ('!', 'a', '', 'J4'),
+        7: ('', 'b', '', 'J1 J5'), 8: ('', 'b', '', 'J1 J4'),
+    },
+}  # fmt: skip
+"""What LJM does (p508): hand, elbow and wrist as at the reference (=), not so (!), as it is said,
+or whatever is nearest, and which joints move the least."""
 
 ASSUMED_PULSES = 10_000.0
 """Per degree or mm, where a model does not say: no program could count its pulses otherwise."""
@@ -83,7 +95,7 @@ class RobotPoints:
     def use(self, tool: int) -> None:
         """Lead another tool from now on (Tool n). Raises SpelError."""
         if tool and tool not in self.tools:
-            raise bad('Tool', f'Tool {tool} is not defined: TLSet {tool}, or run --setup')
+            raise bad('Tool', f'{tool} is not defined: TLSet {tool}, or run --setup')
         self._kinematics = Kinematics(self._model, _matrix(self.tools[tool]) if tool else None)
         self.tool = tool
 
@@ -100,7 +112,7 @@ class RobotPoints:
     def joints(self, point: Point, near: Array) -> Array:
         """Return the joint angles of a point within the limits, shape (n,), rad.
 
-        Of a place in space: in its posture, or the usual one (after LJM, whatever is nearest), and
+        Of a place in space: in its posture, or the usual one, and
         of what that leaves open the nearest to `near`. Raises SpelError: 4001 out of range, 4007
         out of reach.
         """
@@ -217,9 +229,42 @@ class RobotPoints:
         found = self._solutions(point, self._pose(point), usual)
         fitting = found if free else [each for each in found if self._fits(point, each)]
         if not len(fitting):
-            why = f': {LJM} takes another posture' if len(found) else ''
+            why = ': in another posture it is not' if len(found) else ''
             raise SpelError(UNREACHABLE, f'{point} is out of reach{why}')
         return np.asarray(min(fitting, key=lambda each: float(np.linalg.norm(each - near))))
+
+    def least_motion(self, point: Point, near: Array, number: int) -> Point:
+        """Return a place in the posture that LJM finds for it from joints, shape (n,), rad.
+
+        Raises SpelError.
+        """
+        rules = LEAST_MOTION.get(self._type)
+        if point.kind != 'xy' or rules is None:
+            return point
+        if number not in rules:
+            raise bad('LJM', f'{number} is not in 1..{len(rules)}')
+        *sides, order = rules[number]
+        first = [int(name[1]) - 1 for name in order.split()]
+        now = {flag for words in self._posture(near) for flag in words}
+
+        def suits(joints: Array) -> bool:
+            has = {flag for words in self._posture(joints) for flag in words}
+            signs = {'=': has & now, '!': has - now}
+            return all(
+                not sign or bool(signs.get(sign, {sign} & has).intersection(POSTURES[name]))
+                for name, sign in zip(_SIDES, sides, strict=True)
+            )
+
+        def motion(joints: Array) -> list[float]:
+            moves = np.abs(joints - near)
+            return [*moves[first].round(6).tolist(), float(np.linalg.norm(moves))]
+
+        found = [each for each in self._solutions(point, self._pose(point), near) if suits(each)]
+        if found:
+            best = min(found, key=motion)
+            for words in (*self._posture(best), *((flag,) for flag in self._left_open(best))):
+                point = point.flagged(words[0])
+        return point
 
     def _fits(self, point: Point, joints: Array) -> bool:
         """Return whether joints have the posture of a point, and a SCARA's the turns of U."""

@@ -21,7 +21,6 @@ from epson_driver.spel.errors import bad
 Arguments = Sequence[int | float | Point]
 Result = int | float | Point | str
 
-_TILL_HIT = 0x4000
 _MOST_ACCEL = 100
 _MM = 1000.0
 
@@ -64,41 +63,35 @@ def _one(predicate: status_words.Predicate) -> Callable[[RobotContext, Arguments
     return lambda robot, _: int(predicate(robot.controller))
 
 
-def _ctrl_info(robot: RobotContext, arguments: Arguments) -> int:
-    words = {
-        1: lambda: status_words.word(status_words.CTRL_INFO_1, robot.controller),
-        5: lambda: status_words.CONTROL_DEVICE,
-        6: lambda: 1,
-        7: lambda: status_words.word(status_words.CTRL_INFO_7, robot.controller),
-    }
-    return _chosen('CtrlInfo', words, arguments)
+def _word(bits: dict[int, status_words.Predicate], till: int = 0) -> Callable[[RobotContext], int]:
+    return lambda robot: (
+        status_words.word(bits, robot.controller) | (till if robot.motion.till_on else 0)
+    )
 
 
-def _robot_info(robot: RobotContext, arguments: Arguments) -> int:
-    def state() -> int:
-        bits = status_words.word(status_words.ROBOT_INFO_0, robot.controller)
-        return bits | (_TILL_HIT if robot.motion.till_on else 0)
-
-    return _chosen('RobotInfo', {0: state}, arguments)
-
-
-def _stat(robot: RobotContext, arguments: Arguments) -> int:
-    words = {
-        0: lambda: status_words.word(status_words.STAT_0, robot.controller),
-        1: lambda: (
-            status_words.word(status_words.STAT_1, robot.controller)
-            | (2 if robot.motion.till_on else 0)
-        ),
-    }
-    return _chosen('Stat', words, arguments)
+WORDS: dict[str, dict[int, Callable[[RobotContext], int]]] = {
+    'CtrlInfo': {
+        1: _word(status_words.CTRL_INFO_1),
+        5: lambda _: status_words.CONTROL_DEVICE,
+        6: lambda _: 1,
+        7: _word(status_words.CTRL_INFO_7),
+    },
+    'RobotInfo': {0: _word(status_words.ROBOT_INFO_0, till=0x4000)},
+    'Stat': {0: _word(status_words.STAT_0), 1: _word(status_words.STAT_1, till=2)},
+}
+"""Functions of a number, and what they return for which: bits of the controller's state."""
 
 
-def _chosen(name: str, table: dict[int, Callable[[], int]], arguments: Arguments) -> int:
-    number = arguments[0]
-    if isinstance(number, Point) or int(number) not in table:
-        known = ', '.join(map(str, table))
-        raise SpelError(ErrorNumber.ARGUMENT, f'{name}({number}) is not simulated, only {known}')
-    return table[int(number)]()
+def _state(name: str) -> Callable[[RobotContext, Arguments], int]:
+    def read(robot: RobotContext, arguments: Arguments) -> int:
+        (number,) = arguments
+        if number not in WORDS[name]:
+            known = ', '.join(map(str, WORDS[name]))
+            text = f'{name}({number}) is not simulated, only {known}'
+            raise SpelError(ErrorNumber.ARGUMENT, text)
+        return WORDS[name][number](robot)  # type: ignore[index]
+
+    return read
 
 
 def _setting(name: str, usual: float) -> Callable[[RobotContext, Arguments], float]:
@@ -168,6 +161,12 @@ def _target_ok(robot: RobotContext, arguments: Arguments) -> int:
     return -1
 
 
+def _least_motion(robot: RobotContext, arguments: Arguments) -> Point:
+    point, reference, number = arguments
+    near = robot.points.joints(_point(reference), robot.here)
+    return robot.points.least_motion(_point(point), near, int(number))  # type: ignore[arg-type]
+
+
 def _time(robot: RobotContext, arguments: Arguments) -> float:
     """Return how long Go takes from here, or 0 if it is impossible."""
     try:
@@ -222,9 +221,7 @@ def _at_home(robot: RobotContext, _: Arguments) -> int:
 
 
 VALUES: dict[str, Callable[[RobotContext, Arguments], Result]] = {
-    'ctrlinfo': _ctrl_info,
-    'robotinfo': _robot_info,
-    'stat': _stat,
+    **{name.lower(): _state(name) for name in WORDS},
     'syserr': lambda robot, _: int(robot.controller.error_number),
     'erroron': _truth(status_words.FLAGS['Error']),
     'estopon': _truth(status_words.FLAGS['EStop']),
@@ -269,5 +266,6 @@ VALUES: dict[str, Callable[[RobotContext, Arguments], Result]] = {
     'pagl': _point_angle,
     'targetok': _target_ok,
     'ptptime': _time,
+    'ljm': _least_motion,
 }
 """By name in lower case."""

@@ -199,6 +199,58 @@ def test_what_makes_no_arc_is_refused_before_the_arm_moves(caplog, arc, said):
     assert np.ptp(harness.positions, axis=0).max() < 1e-9
 
 
+def numbered(model, seed):
+    """Return the points of a model, a place that it reaches, and joints to come from."""
+    points, limits = RobotPoints(model), model.limits
+    random = np.random.default_rng(seed)
+    joints, near = random.uniform(limits.position_min * 0.9, limits.position_max * 0.9, (2, 6))
+    return points, points.place(joints), near
+
+
+@pytest.mark.parametrize('number', [1, 2, 3, 4])
+@pytest.mark.parametrize('seed', range(5))
+def test_ljm_of_six_axes_keeps_hand_and_elbow_and_moves_one_joint_the_least(number, seed):
+    """P508: the wrist is free, but for 2; 1, 3, 4: joints 4, 5, 6."""
+    model = load_robot_model('c4_a601s')
+    points, place, near = numbered(model, seed)
+    kept = {'r', 'l', 'a', 'b'} & {*points.place(near).flags}
+    found = points.least_motion(place, near, number)
+    assert kept <= {*found.flags}
+    assert number != 2 or ('f' in found.flags) == ('f' in points.place(near).flags)
+    joints = points.joints(found, near)
+    assert points.place(joints).values == pytest.approx(place.values, abs=1e-6)
+    if number != 2:
+        joint, arm = {1: 3, 3: 4, 4: 5}[number], Kinematics(model)
+        ways = arm.inverse(arm.forward(joints), near)
+        steps = [abs(way - near)[joint] for way in ways if kept <= {*points.place(way).flags}]
+        assert abs(joints - near)[joint] == pytest.approx(min(steps), abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ('number', 'hand', 'elbow'),
+    [(1, '', 'a'), (2, '', 'a'), (3, '=', '='), (4, '=', '='), (5, '!', 'a'), (6, '!', 'a'),
+     (7, '', 'b'), (8, '', 'b')],
+)  # fmt: skip
+@pytest.mark.parametrize('seed', range(3))
+def test_ljm_of_an_n_can_change_hand_and_elbow(number, hand, elbow, seed):
+    points, place, near = numbered(load_robot_model('n2_a450s'), seed)
+    here = points.place(near)
+    found = points.least_motion(place, near, number)
+    joints = points.joints(found, near)
+    assert points.place(joints).values == pytest.approx(place.values, abs=1e-6)
+    same = ('r' in found.flags) == ('r' in here.flags)
+    assert hand in ('', '=' if same else '!')
+    kept = 'a' if 'a' in here.flags else 'b'
+    assert (kept if elbow == '=' else elbow) in found.flags
+
+
+def test_ljm_leaves_a_point_of_other_scaras_as_it_is(caplog):
+    harness = scara(
+        caplog, '  P1 = XY(100, 150, -20, 0) /L\n  Go P1 LJM; Print Here; Print LJM(P1, Here, 1)'
+    )
+    assert all(' /L' in shown for shown in harness.printed[:2])
+
+
 FOLDING = load_robot_model('n2_a450s')
 
 

@@ -57,7 +57,7 @@ def refusal(caplog, body, **options):
         ('Accel 50, 0', 'Accel 0: must be 1 to 100 %'),
         ('SpeedS 2001', 'SpeedS 2001: must be 0.1 to 2000 mm/s'),
         ('AccelS 0', 'AccelS 0: must be 0.1 to 25000 mm/s²'),
-        ('Tool 1', 'Tool 1 is not defined: TLSet 1'),
+        ('Tool 1', 'Tool: 1 is not defined: TLSet 1'),
         ('Print Sw(9999)', 'DI port 9999 of 1 bits: there are 24 points'),
         (
             'Till Sw(9999) = On\nMotor On\nGo JA(1, 0, 0, 0, 0, 0) Till',
