@@ -3,6 +3,7 @@
 """`epson_driver spel export`: the program for a controller as a project that RC+ opens."""
 
 import argparse
+import re
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -26,6 +27,10 @@ def export(arguments: argparse.Namespace) -> int:
     folder: Path = arguments.folder
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f'{printable(folder)}: must be a new or an empty folder')
+    name = folder.resolve().name
+    if re.fullmatch(r'[A-Za-z0-9_-]{1,24}', name) is None:
+        said = "is the project's name: must be 1 to 24 letters, digits, - and _"
+        raise InputError(f'{printable(folder)}: {said}')
     version = CONTROLLERS[arguments.controller]
     files = read_project(share_folder('controller_program'))
     defines = robot_defines(files, load_robot_model(arguments.robot))
@@ -36,7 +41,6 @@ def export(arguments: argparse.Namespace) -> int:
     problems = check(files, version)
     if problems:  # a robot, or a name, that the program has not been tried with
         raise InputError(str(problems[0]))
-    name = folder.resolve().name
     folder.mkdir(parents=True, exist_ok=True)
     for each, content in exported(name, files, version, datetime.now(UTC)).items():
         (folder / each).write_bytes(content)

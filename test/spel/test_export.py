@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """`spel export`: a complete project for every robot and controller, as RC+ writes one."""
 
+from argparse import Namespace
 from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 
-from epson_driver.cli.spel_export import CONTROLLERS
+from epson_driver.cli.spel_export import CONTROLLERS, export
+from epson_driver.inputs import InputError
 from epson_driver.inputs.rc_files import header_fault, parsed
 from epson_driver.robots import load_robot_model, robot_models
 from epson_driver.share import share_folder
@@ -69,3 +71,25 @@ def test_the_error_labels_of_the_program_are_those_of_its_file() -> None:
 
 def test_two_exports_of_the_same_are_the_same() -> None:
     assert exported('a', FILES, 7, WHEN) == exported('a', FILES, 7, WHEN)
+
+
+def export_into(folder: Path) -> int:
+    return export(
+        Namespace(folder=folder, robot='c3_a601s', controller='rc620', address='10.0.0.2')
+    )
+
+
+def test_the_command_writes_a_project_into_a_new_folder_only(tmp_path: Path) -> None:
+    assert export_into(tmp_path / 'Cell_1') == 0
+    config = (tmp_path / 'Cell_1' / 'config.inc').read_text()
+    assert '#define OWN_ADDRESS "10.0.0.2"\n' in config
+    assert '#define IO_FIRST_OUTPUT_BYTE 0\n' in config  # p953: RC+ 6 assigns none
+    with pytest.raises(InputError, match='must be a new or an empty folder'):
+        export_into(tmp_path / 'Cell_1')
+
+
+@pytest.mark.parametrize('name', ['Zelle_ö', 'my "cell"', 'x' * 25])
+def test_a_name_that_no_project_can_have_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match='must be 1 to 24 letters'):
+        export_into(tmp_path / name)
+    assert list(tmp_path.iterdir()) == []
