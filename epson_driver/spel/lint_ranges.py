@@ -26,11 +26,20 @@ from epson_driver.spel.words import CONSTANTS
 
 _PORTS = (201, 216)
 _BACKGROUND = range(65, 81)
+_MOST = 32767
+"""Where the manual has no end: Accel above 100 depends on the robot (p68), bits on the boards."""
+
 RANGES: dict[str, tuple[tuple[float, float] | None, ...]] = {
     name: ranges
     for names, ranges in (
         ('speed', ((1, 100),) * 3),
         ('speedfactor', ((1, 100),)),
+        ('speeds', ((0.1, 2000),) * 3),
+        ('speedr', ((0.1, 1000),)),
+        ('accel', ((1, _MOST),) * 6),
+        ('accels', ((0.1, 25000),) * 6),
+        ('accelr', ((0.1, 5000),) * 2),
+        ('on off sw oport in inw', ((0, _MOST),)),
         ('tool pallet palletclr', ((0, 15),)),
         ('tlset tlclr local localclr', ((1, 15),)),
         ('box boxclr boxdef insidebox getrobotinsidebox', ((1, 15),)),
@@ -42,9 +51,9 @@ RANGES: dict[str, tuple[tuple[float, float] | None, ...]] = {
         ('memin', ((0, 127),)),
         ('memoutw', ((0, 63), (-32768, 65535))),
         ('meminw', ((0, 63),)),
-        ('out', (None, (0, 255))),
-        ('outw', (None, (-32768, 65535))),
-        ('opbcd', (None, (0, 99))),
+        ('out', ((0, _MOST), (0, 255))),
+        ('outw', ((0, _MOST), (-32768, 65535))),
+        ('opbcd', ((0, _MOST), (0, 99))),
         ('setnet opennet waitnet closenet chknet', (_PORTS,)),
         ('xqt', ((1, 32),)),
         ('c', ((0, 7),)),
