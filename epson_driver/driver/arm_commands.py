@@ -3,6 +3,7 @@
 """Commands for the arm: stop, enable, disable, reset the error."""
 
 import asyncio
+import contextlib
 from collections.abc import Awaitable, Callable
 
 from epson_driver.driver.driver import Driver
@@ -262,6 +263,9 @@ class ArmCommands:
                 )
             await self._act(Action.RESET)
         except CommandError as error:
+            asked = _now()
+            with contextlib.suppress(CommandError):  # it may have been pressed since the last one
+                await self._wait_for_status(lambda _: self._driver.robot.status_time > asked, '')
             status = self._driver.robot.status
             if status is not None and status.e_stopped == TriState.TRUE:
                 text = f'the E-stop is not reset ({error})'

@@ -175,9 +175,10 @@ def _stretch(found: JointPath, slopes: Array, motion: SpeedProfile, *, slow: boo
         factor = float(excess[row, joint]) ** (1.0 / order)
         if factor > (MAX_STRETCH if slow else 1.0):
             unit = limits.units[joint] + per
+            a = 'an' if quantity[0] in 'aeiou' else 'a'
             raise PathError(
                 f'near a singularity, or too fast, {found.where(int(index[row]))}: '
-                f'{limits.names[joint]} would need a {quantity} of '
+                f'{limits.names[joint]} would need {a} {quantity} of '
                 f'{abs(float(values[row, joint])):.4g} {unit}, the limit is '
                 f'{allowed[joint]:.4g} {unit}'
             )

@@ -321,5 +321,5 @@ async def test_reset_error_while_the_estop_is_pressed_is_refused():
     async with cell(enabled=False) as (harness, controller):
         controller.apply(Event.ESTOP_PRESS)
         text = await rejection(harness.commands.reset_error())
-        assert 'Reset' in text
+        assert text.startswith('the E-stop is not reset (remote port')
         assert 'error 20' in text

@@ -340,7 +340,7 @@ class Stopper:
         try:
             await self._motors.act(Action.MOTORS_OFF, timeout)
         except MotorsError as error:
-            text = f'{self.stands} after STOP, and the motors stay on: {error}'
+            text = f'{self.stands} after STOP, and the motors were not switched off: {error}'
             if text != self._said:
                 _log.error(text)
             self._said = text
