@@ -4,7 +4,7 @@
 
 import inspect
 from collections.abc import Callable
-from functools import wraps
+from functools import cache, wraps
 from os import PathLike
 from types import NoneType, UnionType
 from typing import Any, ParamSpec, TypeVar, get_args, get_origin
@@ -31,15 +31,18 @@ def checked_arguments(method: Callable[P, T]) -> Callable[P, T]:
     Flags, functions, paths and objects of ours are held against their annotations; numbers, names
     and shapes the method itself checks by ValueErrors. Numbers of numpy become Python's.
     """
-    parameters = inspect.signature(method).parameters
-    rules = {name: _rule(each.annotation) for name, each in parameters.items()}
+    call: Any = method
+    code = call.__code__
+    names = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
 
-    call: Callable[..., Any] = method
+    @cache
+    def rules() -> dict[str, Rule | None]:
+        return {name: _rule(each) for name, each in call.__annotations__.items()}
 
     def check(args: tuple[Any, ...], kwargs: dict[str, Any]) -> tuple[list[Any], dict[str, Any]]:
         values, named = [plain(each) for each in args], {k: plain(v) for k, v in kwargs.items()}
-        for name, value in [*zip(parameters, values, strict=False), *named.items()]:
-            if (rule := rules.get(name)) is not None:
+        for name, value in [*zip(names, values, strict=False), *named.items()]:
+            if (rule := rules().get(name)) is not None:
                 rule.checked(value, name)
         return values, named
 
