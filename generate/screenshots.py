@@ -193,7 +193,7 @@ def _repeated_after_an_estop(trace: Path) -> None:
 def exercise() -> None:
     """Take what a good program does in all cases of the exercise, as a terminal shows it."""
     programs = ROOT / 'test' / 'exercise' / 'programs'
-    _terminal(['exercise', '--', 'python3', 'good.py'], 'What it did', cwd=programs)
+    _terminal(['exercise', '--', 'python3', 'good.py'], 'what it did', cwd=programs)
 
 
 def doctor() -> None:
