@@ -127,6 +127,9 @@ n*: {' '.join(WITHOUT_EFFECT)}
 """
 """Those that are handed to the host."""
 
+MOVING = frozenset({'home', 'jtran', 'ptran'})
+"""Those of them that move the arm, to no point."""
+
 SHOWN = {
     **dict.fromkeys(('speed', 'speeds'), (1, 2, 3)),
     **dict.fromkeys(('accel', 'accels'), (1, 2, 3, 4, 5, 6)),

@@ -50,6 +50,7 @@ from epson_driver.spel.syntax import (
     Trap,
     Wait,
     Xqt,
+    inner_blocks,
     walk,
 )
 from epson_driver.spel.values import INT, NUMBERS, POINT, STRING, TYPES, Value
@@ -715,14 +716,3 @@ def _form_kind(form: str, number: int) -> str:
         return 'n'
     kinds = [kind for kind in form.split(',') if not kind.startswith('w(')]
     return kinds[min(number, len(kinds) - 1)][0]
-
-
-def inner_blocks(statement: Statement) -> list[Block]:
-    """Return the blocks within a statement."""
-    if isinstance(statement, If):
-        return [*(body for _, body in statement.branches), statement.otherwise]
-    if isinstance(statement, Select):
-        return [*(body for _, body in statement.cases), statement.default]
-    if isinstance(statement, Do | For):
-        return [statement.body]
-    return []

@@ -26,7 +26,7 @@ from epson_driver.spel.commands import (
 from epson_driver.spel.errors import Position, Problem
 from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.lint_ranges import literals
-from epson_driver.spel.lint_use import inner, leaves, shared, unreachable, unused
+from epson_driver.spel.lint_use import leaves, shared, unreachable, unused
 from epson_driver.spel.project import build_with, reserved_names
 from epson_driver.spel.project_data import INCLUDE, PROGRAM, PROJECT, encoded, listed_files
 from epson_driver.spel.scope import ONE_WHEN_ON, constant
@@ -56,6 +56,7 @@ from epson_driver.spel.syntax import (
     Trap,
     Wait,
     Xqt,
+    inner_blocks,
     walk,
 )
 from epson_driver.spel.syntax import Variable as VariableName
@@ -440,7 +441,7 @@ class _Lint:
             if handler and before is not None and not leaves(before):
                 text = 'the error handler is reached without an error: put Exit Function above it'
                 yield Problem(statement.at, 'handler', text, warning=True)
-            for each in inner(statement):
+            for each in inner_blocks(statement):
                 yield from self._fallen_into(each, handlers)
             before = statement
 
@@ -561,7 +562,7 @@ def _nested(block: tuple[Statement, ...], depth: int, loop: bool) -> Iterator[Pr
         if within > DEEPEST_FOR and isinstance(statement, For):
             text = f'more than {DEEPEST_FOR} For in each other'
             yield Problem(statement.at, 'for-depth', text)
-        for each in inner(statement):
+        for each in inner_blocks(statement):
             yield from _nested(each, within, loop or isinstance(statement, Do | For))
 
 

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 
 from epson_driver.spel.code import Program
+from epson_driver.spel.commands import MOVING
 from epson_driver.spel.errors import Position, Problem
 from epson_driver.spel.scope import constant
 from epson_driver.spel.syntax import (
@@ -16,7 +17,6 @@ from epson_driver.spel.syntax import (
     EResume,
     Exit,
     Expression,
-    For,
     Function,
     If,
     Jump,
@@ -27,23 +27,14 @@ from epson_driver.spel.syntax import (
     Statement,
     Stub,
     TaskCommand,
+    inner_blocks,
     walk,
 )
 from epson_driver.spel.words import CONSTANTS
 
 _MOVED = 'the robot is moved by'
-_MOVING = frozenset({'home', 'jtran', 'ptran'})
 _WINDOWS = frozenset({'gshow', 'gshowdialog', 'gset', 'gget'})
 """Where there are windows, their events call functions that no program names."""
-
-
-def inner(statement: Statement) -> list[tuple[Statement, ...]]:
-    """Return the blocks within a statement."""
-    if isinstance(statement, If):
-        return [*(body for _, body in statement.branches), statement.otherwise]
-    if isinstance(statement, Select):
-        return [*(body for _, body in statement.cases), statement.default]
-    return [statement.body] if isinstance(statement, Do | For) else []
 
 
 def leaves(statement: Statement) -> bool:
@@ -55,7 +46,7 @@ def leaves(statement: Statement) -> bool:
         ends = any(_truth(test.condition) is not (not test.until) for test in tests)
         return not ends and not any(_leaves_loop(each) for each in walk(statement.body))
     if isinstance(statement, If | Select):
-        blocks = inner(statement)
+        blocks = inner_blocks(statement)
         return all(block and leaves(block[-1]) for block in blocks)
     if isinstance(statement, TaskCommand):
         return (
@@ -86,7 +77,7 @@ def _dead(block: tuple[Statement, ...]) -> Iterator[Problem]:
         if before is not None and plain and leaves(before):
             text = f'it is never reached: line {before.at.line} goes elsewhere'
             yield Problem(statement.at, 'unreachable', text, warning=True)
-        for each in inner(statement):
+        for each in inner_blocks(statement):
             yield from _dead(each)
         before = statement
 
@@ -164,9 +155,7 @@ def _owned(function: Function) -> Iterator[tuple[str, Position]]:
         'off': lambda number: f'output {number:g} is switched by',
     }
     for node in walk(function.body):
-        if isinstance(node, Motion) or (
-            isinstance(node, Command) and node.name.lower() in _MOVING
-        ):
+        if isinstance(node, Motion) or (isinstance(node, Command) and node.name.lower() in MOVING):
             yield _MOVED, node.at
         elif isinstance(node, Command) and node.name.lower() in of:
             first = node.arguments[0]

@@ -459,6 +459,15 @@ class File:
     declared: list[Declare] = field(default_factory=list)
 
 
+def inner_blocks(statement: Statement) -> list[Block]:
+    """Return the blocks within a statement."""
+    if isinstance(statement, If):
+        return [*(body for _, body in statement.branches), statement.otherwise]
+    if isinstance(statement, Select):
+        return [*(body for _, body in statement.cases), statement.default]
+    return [statement.body] if isinstance(statement, Do | For) else []
+
+
 def walk(node: Any) -> Iterator[Any]:
     """Yield a node of the syntax with all that is in it."""
     todo = [node]

@@ -25,12 +25,10 @@ from epson_driver.spel import (
     Terminal,
     Value,
 )
+from epson_driver.spel.commands import MOVING
 
 LOOK_S = 0.010
 """How often it is looked at whether a statement without an event of its own is over, s."""
-
-_MOVING = ('home', 'jtran', 'ptran')
-"""Statements without points that move the arm."""
 
 _IO = {
     Memory.INPUT: IoType.DIGITAL_INPUT,
@@ -95,7 +93,7 @@ class SpelHost:
         self, name: str, arguments: Sequence[Value | Point | None], words: tuple[str, ...]
     ) -> Completion | None:
         """Execute a statement that sets up the robot. Raises SpelError."""
-        if name in _MOVING:
+        if name in MOVING:
             given = zip(('joint', 'step'), arguments, strict=False)
             numbers = {key: float(value) for key, value in given if isinstance(value, int | float)}
             return self.move(MotionRequest(name, (), numbers=numbers))
