@@ -26,6 +26,7 @@ RULE = 'project-file'
 
 _HANDS, _ELBOWS, _WRISTS = {2: 'l', 1: 'r'}, {2: 'b'}, {2: 'f'}
 _J_FLAGS = ('J1', 'J2', 'J4', 'J6')
+_J_ANGLES = ('J1', 'J4')
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,9 +231,8 @@ def points_of(points: Mapping[int, Point], labels: Mapping[str, int], when: date
                             ('nWrist', _WRISTS),
                         )
                     ),
-                    *((f'n{joint}Flag', _turn(point, joint)) for joint in _J_FLAGS),
-                    ('rJ1Angle', '0'),
-                    ('rJ4Angle', '0'),
+                    *((f'n{joint}Flag', _told(point, f'{joint}f')) for joint in _J_FLAGS),
+                    *((f'r{joint}Angle', _told(point, f'{joint}a')) for joint in _J_ANGLES),
                     ('bSimVisible', 'True'),
                 ],
             )
@@ -240,9 +240,8 @@ def points_of(points: Mapping[int, Point], labels: Mapping[str, int], when: date
     return sealed(body, when)
 
 
-def _turn(point: Point, joint: str) -> str:
-    key = f'{joint.lower()}f'
-    return next((each[len(key) :] for each in point.flags if each.startswith(key)), '0')
+def _told(point: Point, mark: str) -> str:
+    return next((each[3:] for each in point.flags if each.startswith(mark.lower())), '0')
 
 
 def _flags(block: Block) -> Iterator[str]:
@@ -252,6 +251,9 @@ def _flags(block: Block) -> Iterator[str]:
     for joint in _J_FLAGS:
         if value := int(block.number(f'n{joint}Flag')):
             yield f'{joint.lower()}f{value}'
+    for joint in _J_ANGLES:
+        if angle := block.number(f'r{joint}Angle'):
+            yield f'{joint.lower()}a{angle:.3f}'
     if local := int(block.number('nLocal')):
         yield str(local)
 
