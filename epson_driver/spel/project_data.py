@@ -81,13 +81,11 @@ def read_project(path: Path) -> dict[str, str]:
     if not programs or not there.keys() >= set(programs):
         endings = (INCLUDE, POINTS, PROJECT, *([PROGRAM] if path.is_dir() else []))
         names = [name for name in there if name.endswith(endings)] + [ERRORS, IO_LABELS]
-    files = {
-        there[name.lower()].name: decoded(read_file(there[name.lower()], LARGEST_FILE))
-        for name in names
-        if name.lower() in there and there[name.lower()].is_file()
-    }
+    found = (there[name.lower()] for name in names if name.lower() in there)
+    contents = {each.name: read_file(each, LARGEST_FILE) for each in found if each.is_file()}
     if not path.is_dir():
-        files[path.name] = decoded(read_file(path, LARGEST_FILE))
+        contents[path.name] = read_file(path, LARGEST_FILE)
+    files = _decoded_together(contents)
     if not any(name.lower().endswith(PROGRAM) for name in files):
         raise InputError(f'{printable(path)}: has no .prg file')
     return files
@@ -108,12 +106,31 @@ def listed_files(project: Block) -> Iterator[str]:
     yield from (ERRORS, IO_LABELS)
 
 
-def decoded(content: bytes) -> str:
-    """Return a text: UTF-8, or one of the code pages of RC+'s languages, by what it contains."""
-    try:
-        text = content.decode('utf-8-sig')
-    except UnicodeDecodeError:
-        text = content.decode(_code_page(content))
+def decoded(content: bytes, page: str = '') -> str:
+    """Return a text: UTF-8, or one of the code pages of RC+'s languages, by what it contains.
+
+    `page` goes before these if the text can be in it.
+    """
+    for name in ('utf-8-sig', page or _code_page(content)):
+        with suppress(UnicodeDecodeError):
+            return _with_line_feeds(content.decode(name))
+    return _with_line_feeds(content.decode(_code_page(content)))
+
+
+def _decoded_together(contents: Mapping[str, bytes]) -> dict[str, str]:
+    """Return the texts of a project: one PC has written them, so that labels fit programs.
+
+    The .sprj is apart: its fonts may be named in the code page of another one.
+    """
+    apart = [name for name in contents if name.lower().endswith(PROJECT)]
+    page = _code_page(b'\n'.join(each for name, each in contents.items() if name not in apart))
+    return {
+        name: decoded(each, '' if name in apart or page == 'latin-1' else page)
+        for name, each in contents.items()
+    }
+
+
+def _with_line_feeds(text: str) -> str:
     return text.replace('\r\n', '\n').replace('\r', '\n')
 
 

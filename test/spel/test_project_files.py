@@ -156,6 +156,17 @@ def test_the_code_page_is_found_by_content(text: str, encoding: str) -> None:
     assert decoded(text.encode(encoding)) == text
 
 
+def test_a_label_is_the_same_in_all_files_of_a_project(tmp_path: Path) -> None:
+    """Two characters are no text to find a code page by; the programs beside them are."""
+    program = "Function main\n  Go 開啟 ' 機器人開始運動等待訊號，本程式實作讀寫設備方式\nFend\n"
+    (tmp_path / 'main.prg').write_bytes(program.encode('big5'))
+    (tmp_path / 'robot1.pts').write_bytes('Point1 {\nsLabel="開啟"\n}\n'.encode('big5'))
+    assert decoded('開啟'.encode('big5')) != '開啟'
+    files = read_project(tmp_path)
+    assert files['main.prg'] == program
+    assert '"開啟"' in files['robot1.pts']
+
+
 def test_check_tells_of_a_header_that_rc_plus_refuses() -> None:
     found = [each for each in check(project('')) if each.rule == 'project-file']
     assert {each.position.file for each in found} == {'robot1.pts', 'IOLabels.dat'}
