@@ -438,7 +438,8 @@ class _Lint:
         before: Statement | None = None
         for statement in block:
             handler = isinstance(statement, Label) and statement.name.lower() in handlers
-            if handler and before is not None and not leaves(before):
+            begins = isinstance(before, OnErr) and before.label is not None  # OnErr GoTo it
+            if handler and before is not None and not begins and not leaves(before):
                 text = 'the error handler is reached without an error: put Exit Function above it'
                 yield Problem(statement.at, 'handler', text, warning=True)
             for each in inner_blocks(statement):

@@ -244,6 +244,9 @@ QUIET = {
     'a port of two programs that a person starts one at a time': (
         main('  OpenNet #201 As Server') + 'Function main1\n  OpenNet #201 As Server\nFend\n'
     ),
+    'a handler that begins where it is set': main(
+        '  OnErr GoTo again\nagain:\n  Print 1\n  OpenNet #201 As Client\n  WaitNet #201'
+    ),
     'a loop that moves': main('  Do While Sw(1) = Off\n    JTran 3, -.5\n  Loop'),
     'a name behind an #ifdef': 'Integer m\n#ifdef X\n#define Y m\n#endif\n' + main('  Print 1'),
     'Error with a handler that goes on': main(
