@@ -251,7 +251,7 @@ def _jump_tlz(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
 def _pass(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     """Near the points, not over them: a motion begins while the one before decelerates."""
     near, found = robot.motion.start, []
-    for point in request.points:
+    for point in _least_motion(robot, request):
         near = robot.points.joints(point, near)
         found.append(replace(_at(near), cp=True))
     return found

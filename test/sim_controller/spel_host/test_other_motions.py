@@ -91,6 +91,7 @@ def test_a_step_in_a_local_is_along_its_axes(caplog):
         ('Go P1 /J6F1 :U(CU(P1) + 30)', '/R /A /NF /J6F1 /J4F0 /0'),
         ('Go LJM(P1 /F)', '/R /A /NF /J6F0 /J4F0 /0'),
         ('Go P1 /F LJM', '/R /A /NF /J6F0 /J4F0 /0'),
+        ('Pass P1 /F, P1 /F LJM', '/R /A /NF /J6F0 /J4F0 /0'),
         ('Go P1 /F; BGo XY(0, 0, 5, 0, 0, 0)', '/R /A /F /J6F0 /J4F0 /0'),
     ],
 )
