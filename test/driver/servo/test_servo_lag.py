@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from support.driver_harness import Harness, pose, simulated
 from support.event_loop import now
-from support.streams import PERIOD, positions, window
+from support.streams import PERIOD, positions, velocities, window
 
 from benchmark.policy_lag import behind
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
@@ -116,6 +116,36 @@ async def test_the_lag_behind_a_stream_is_as_documented(controller, stream, wave
         bar = BARS[controller][list(STREAMS).index(stream)][WAVES.index(wave)]
         assert lag <= bar + 1e-9
         assert harness.gate is None
+
+
+JOG_PERIOD_S = 0.025
+"""Of the panel, while a button is held."""
+
+BRAKING_S, RELEASE_S = 0.23, 0.15
+"""What a jog of 1.6 rad/s takes to brake within servo.scale, and what a release may add."""
+
+
+@pytest.mark.invariant(3)
+@pytest.mark.parametrize('released', [True, False], ids=['released', 'silent'])
+async def test_a_jog_that_ends_leaves_the_arm_at_rest(released):
+    async with (
+        simulated(profile='rc620', smooth=True) as (_, ports),
+        Harness(ports, **options('rc620')) as harness,
+    ):
+        await harness.ready()
+        await harness.commands.enable()
+        for _ in range(48):
+            harness.driver.servo.take(velocities(pose(1.6)))
+            await asyncio.sleep(JOG_PERIOD_S)
+        ended, before = now(), len(harness.events.samples)
+        if released:
+            harness.driver.servo.take(velocities(pose(0.0)))
+        await asyncio.sleep(2.0)
+        samples = [sample for _, sample in harness.events.samples]
+        there = samples[-1].positions[0]
+        moved = [each.measured for each in samples if abs(each.positions[0] - there) > 1e-4]
+        assert abs(samples[before].positions[0] - samples[before - 20].positions[0]) > 0.1
+        assert moved[-1] - ended < BRAKING_S + RELEASE_S
 
 
 PERIOD_S = 0.01
