@@ -164,6 +164,7 @@ class AtController:
         """Let nothing pass on a port for a while."""
         number = self._number_of(port)
         self._world.network.stall(number)
+        self._world.users.held_up = self._now() + seconds
         self._world.loop.call_later(seconds, self._world.network.release, number)
 
     async def network_reset(self, port: str) -> None:

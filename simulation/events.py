@@ -16,7 +16,7 @@ import numpy as np
 Rng = np.random.Generator
 Parameters = dict[str, Any]
 
-MIN_EVENTS, MAX_EVENTS = 6, 30
+MIN_EVENTS, MAX_EVENTS = 6, 50
 JOINTS = 6
 
 PUBLISHERS = 4
@@ -198,6 +198,7 @@ KINDS: dict[str, tuple[float, Callable[[Rng], Parameters]]] = {
     'scale': (2.0, _scale),
     'stop': (2.0, _no_parameters),
     'enable': (4.0, _no_parameters),
+    'mend': (4.0, _no_parameters),
     'disable': (1.0, _no_parameters),
     'reset_error': (1.0, _no_parameters),
     'stream': (4.0, _stream),

@@ -7,7 +7,7 @@ was commanded to go. The numbers are those of docs/invariants.md.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -75,6 +75,8 @@ class Wishes:
     may be true, as something closed it while it was being enabled."""
     goals: set[int] = field(default_factory=set)
     """Goals that were handed in since the last stop, and have not ended."""
+    given_up: dict[int, float] = field(default_factory=dict)
+    """Since when nobody wants a goal any more that has not ended, s."""
     closed_meanwhile: bool = False
     """Whether something has closed the gate since somebody last began to open it."""
     person: bool = False
@@ -88,6 +90,13 @@ class Wishes:
         self.goals.add(number)
         self.asked = now
 
+    def give_up(self, goals: Iterable[int], now: float) -> None:
+        """Nobody wants these goals any more."""
+        for number in list(goals):
+            if number in self.goals:
+                self.goals.discard(number)
+                self.given_up[number] = now
+
     def any(self, now: float) -> bool:
         """Return whether somebody wants the arm to move."""
         followed = (each.free and now - each.wanted < HELD_S for each in self.topics.values())
@@ -95,7 +104,7 @@ class Wishes:
 
     def nothing(self, now: float) -> None:
         """Nobody wants motion any more: it was stopped."""
-        self.goals.clear()
+        self.give_up(self.goals, now)
         self.person = False
         for topic in self.topics.values():
             topic.free = False

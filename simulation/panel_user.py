@@ -336,7 +336,7 @@ class PanelUser:
             now = self._world.loop.time()
             silent = now - max(self._alive_sent, self._hung_until - ALIVE_WITHIN_S)
             if silent > ALIVE_WITHIN_S + NOTICED_S:
-                self._world.wishes.goals.difference_update(self.robot.goals)
+                self._world.wishes.give_up(self.robot.goals, now)
 
     def _pause(self, process: str, seconds: float) -> None:
         loop = self._world.loop

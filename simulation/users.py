@@ -35,11 +35,24 @@ SETTLED_RAD = 1e-3
 """An arm that is so near to a goal that has succeeded does not move any more, rad. One that is
 farther away, within the tolerance, may have the last of its points yet to do."""
 
+PERSON_S = 0.3
+"""A person needs so long to see what helps, s: STATUS has told it to the driver by then."""
+
+LATEST_S = 1.0
+"""So long after it was stopped or canceled a goal may still succeed, s: it was there already."""
+
 SOONER_S = 0.05
 """How much sooner than planned a goal may succeed, s: the state tells the time but so well."""
 
 IMPOSSIBLE = {'no number': np.nan, 'degrees': 57.3, 'huge': 1e308}
 """What a wrong program sends as velocities, rad/s."""
+
+
+class Hand(Protocol):
+    """A person at the controller."""
+
+    def mend(self) -> None:
+        """Do what helps, whatever is wrong there."""
 
 
 class Surroundings(Protocol):
@@ -50,6 +63,7 @@ class Surroundings(Protocol):
     wishes: Wishes
     arm: Arm
     outputs: Outputs
+    at_controller: Hand
     process: NodeProcess | RobotProcess
     start: Array
     limits: JointLimits
@@ -74,6 +88,8 @@ class Users:
         self.goals: dict[int, float] = {}
         """Those that have not ended, and how soon each may have succeeded, loop time, s."""
         self.publishers: dict[int, asyncio.Task[None]] = {}
+        self.held_up = 0.0
+        """When driver or network last were held up, s."""
         self.requests: set[asyncio.Task[None]] = set()
         self._count = 0
 
@@ -153,8 +169,12 @@ class Users:
             self._world.break_(BrokenError(f'5: goal {number} ended twice: {outcome.text}'))
             return
         wishes.goals.discard(number)
+        given_up = wishes.given_up.pop(number, now)
         if outcome.end is not End.SUCCEEDED:
             return
+        if now - max(given_up, self.held_up) > LATEST_S:
+            text = f'5: goal {number} succeeded {now - given_up:.1f} s after nobody wanted it'
+            self._world.break_(BrokenError(text))
         away = SETTLED_RAD if target is None else float(np.abs(arm.at - target).max())
         if away > TOLERANCE_RAD + READ_RAD:
             self._world.break_(BrokenError(f'5: goal {number} succeeded {away:.4f} rad away'))
@@ -172,7 +192,7 @@ class Users:
     def cancel_goal(self, number: int) -> None:
         """Cancel a goal: nobody wants it any more."""
         if self._world.process.cancel(number):
-            self.wishes.goals.discard(number)
+            self.wishes.give_up([number], self.loop.time())
 
     async def scale(self, factor: float) -> None:
         """Set the speed scaling."""
@@ -193,6 +213,12 @@ class Users:
 
     async def enable(self) -> None:
         """Call ~/enable."""
+        self.request('enable')
+
+    async def mend(self) -> None:
+        """Do at the controller what helps, and enable."""
+        await asyncio.sleep(PERSON_S)
+        self._world.at_controller.mend()
         self.request('enable')
 
     async def disable(self) -> None:

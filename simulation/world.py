@@ -301,6 +301,7 @@ class World:
         if watched and seconds > watched + BRAKING_S and self.loop.time() - self.arm.moved < 0.1:
             self.break_(BrokenError(f'3: the arm moves while the driver hangs for {seconds:g} s'))
         self.loop.go_on(name)
+        self.users.held_up = self.loop.time()
 
     async def driver_dies(self, seconds: float) -> None:
         """Kill the driver's process, and start it again after a while."""
