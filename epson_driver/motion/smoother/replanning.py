@@ -275,6 +275,7 @@ class Replanning:
             self._failures,
             waypoints.refine,
             waypoints.tolerance,
+            waypoints.catch_up,
         )
         return PendingRequest(request, route, more, 0.0 if pause else share)
 
