@@ -246,14 +246,18 @@ class RemoteLink(Link):
             await asyncio.wait((connection.ended, talk), return_when=asyncio.FIRST_COMPLETED)
             why = connection.ended.result() if connection.ended.done() else talk.result()
         finally:
-            moving, established = self.moving, self.connected
-            self._motion, self._aborted, self.joints_withheld = None, None, False
-            unanswered, self._asked = [*self._asked, *self._executes], []
-            self._executes.clear()
-            for question in unanswered:
-                question.answered(ConnectionError('the connection ended before it was answered'))
             talk.cancel()
-            await asyncio.gather(talk, return_exceptions=True)
+            try:
+                await asyncio.gather(talk, return_exceptions=True)
+            finally:  # last: what was asked until now would wait for ever, and block what follows
+                moving, established = self.moving, self.connected
+                self._motion, self._aborted, self.joints_withheld = None, None, False
+                unanswered, self._asked = [*self._asked, *self._executes], []
+                self._executes.clear()
+                for question in unanswered:
+                    question.answered(
+                        ConnectionError('the connection ended before it was answered')
+                    )
         if not established and why == 'closed by the controller':
             why += f' at the login: {ONE_CLIENT}'
         return f'{why}; {GOES_ON}' if moving else why

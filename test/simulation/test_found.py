@@ -1,0 +1,19 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What seeds have found, with the fewest events."""
+
+import pytest
+
+from simulation.events import Event
+from simulation.world import World
+
+
+def world_of(profile):
+    worlds = (World(str(seed)) for seed in range(1000))
+    return next(each for each in worlds if each.profile_name == profile and not each.in_python)
+
+
+@pytest.mark.invariant(9)
+def test_an_output_that_is_read_while_the_link_ends_does_not_silence_the_next_link():
+    reset = Event(1.0, 'network_reset', {'port': 'motion'})
+    world_of('remote').play([reset, Event(0.0, 'read_output', {'index': 0})])
