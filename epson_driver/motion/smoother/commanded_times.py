@@ -184,8 +184,7 @@ def _speeds_at_knots(mean: Array, steps: Array, timed: npt.NDArray[np.bool_]) ->
     """
     speeds = np.full(len(steps) + 1, UNBOUND_SPEED)
     # at a knot, as a parabola through it and its neighbours would have it
-    both = np.where(timed[:-1] & timed[1:], steps[:-1] + steps[1:], 1.0)
-    inner = (mean[:-1] * steps[1:] + mean[1:] * steps[:-1]) / both
+    inner = (mean[:-1] * steps[1:] + mean[1:] * steps[:-1]) / (steps[:-1] + steps[1:])
     slower = np.minimum(mean[:-1], mean[1:])
     inner = np.minimum(inner, KNOT_RATIO * slower)
     speeds[1:-1] = np.where(timed[:-1] & timed[1:], inner, slower)
