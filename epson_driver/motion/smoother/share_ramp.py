@@ -51,7 +51,7 @@ def shortest(
     It goes from the start of that to its end, of which at least `spare` s are left then, at the
     pace of before.
     """
-    steps = _Steps(path, timing, limits, max(ratio, 1.0))
+    steps = _Steps(path, timing, limits)
     left = timing.duration - steps.begin - spare
     end, duration = 0, MIN_RAMP_S
     while duration <= MAX_RAMP_S:
@@ -78,11 +78,9 @@ class _Steps:
     then. What joints do is known just before and just after each of the times, shape (2, m, n).
     """
 
-    def __init__(
-        self, path: Path, timing: TimeParametrisation, limits: JointLimits, fastest: float
-    ) -> None:
+    def __init__(self, path: Path, timing: TimeParametrisation, limits: JointLimits) -> None:
         breaks = timing.times[1:]
-        until = breaks[0] + 2.0 * MAX_RAMP_S * fastest
+        until = breaks[0] + 2.0 * MAX_RAMP_S
         breaks = breaks[breaks <= until]
         kept = [float(breaks[0])]
         for time in breaks[1:].tolist():
