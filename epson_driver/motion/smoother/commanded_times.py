@@ -68,13 +68,12 @@ def within_horizon(
             late = _lateness(request, path, guess)
             excess = GUESS_EXCESS_SHARE * float(np.max(limits.acceleration / limits.jerk))
             late -= excess / 2.0
-            late[-1] -= excess  # the end rather too late than too early
             if request.whole and not cut and len(late) > 1:
                 # to brake takes time: half of that is won before, the other half lost at the end;
                 # all of it is won where there is little before
                 clock = request.clock[: len(path.knots.u)][-len(late) :]
                 near = clock > clock[-1] - LEAD_IN_STOPPING_TIMES * stopping_time(limits)
-                lost = max(late[-1] - late[-2], 0.0)
+                lost = max(late[-1] - excess / 2.0 - late[-2], 0.0)
                 late[near] += lost if near.all() else lost / 2.0
                 late[-1] = late[-2]
             factor, won = _catch_up(request, path, limits, late)
