@@ -11,7 +11,6 @@ import numpy as np
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.passages import passed
 from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, Smoother, plan
-from epson_driver.motion.smoother.request import CATCH_UP_RATIO
 from epson_driver.motion.trajectory import Trajectory
 
 MAX_STEP_S = 0.004
@@ -30,13 +29,12 @@ def smoothed(
     *,
     refine: bool = True,
     path_tolerance: float = 0.0,
-    catch_up: float = CATCH_UP_RATIO,
 ) -> Trajectory:
     """Return the smooth motion through a trajectory's points, one point every `period` s.
 
     It begins and ends at rest, at the first and the last point. Its joints are in the order of
     the limits. The smoother is given points as long as less than `look_ahead` s are known to it.
-    TIME_OPTIMAL takes the positions only. The others: as in `Smoother`. Raises
+    TIME_OPTIMAL takes the positions only. refine, path_tolerance: as in `Smoother`. Raises
     ValueError that names point, joint, value and limit for a trajectory that cannot be smoothed,
     or if its motion would break a limit; RuntimeError if the planner raises.
     """
@@ -54,7 +52,6 @@ def smoothed(
         planner=planner,
         refine=refine,
         path_tolerance=path_tolerance,
-        catch_up=catch_up,
     )
     steps = ceil(period / MAX_STEP_S - 1e-9)
     motion = smoother.motion

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a request's clock asks for: the speeds that keep it, late or early as it is."""
+"""What a request's clock asks for: the speeds that keep it, and how lost time is made up for."""
 
 import numpy as np
 import numpy.typing as npt
@@ -17,40 +17,31 @@ from epson_driver.motion.smoother.time_parametrisation import TimeParametrisatio
 UNBOUND_SPEED = 1e6
 """Where no time is commanded: a speed that no limit of a joint allows."""
 
+CATCH_UP_RATIO, MAX_CATCH_UP_RATIO, CATCH_UP_BISECTIONS = 1.25, 6.0, 4
+"""How much faster than commanded the motion may be to make up for lost time; at most, where it
+would reach the trajectory's end too late so; and how closely that ratio is looked for."""
+
+LATE_END_SHARE = 0.02
+"""What is too late, of the time that is left for the way there."""
+
 GUESS_EXCESS_SHARE = 0.4
-"""About how much longer than a plan the guess for it takes, in A/J: half of it at the start."""
+"""About how much longer than a plan the guess for it takes, in A/J."""
 
-CATCH_UP_PER_S, LEAST_RATIO = 5.0, 0.6
-"""How much faster than commanded the motion is for each second that it is late, relative, or how
-much slower where it is early; and the least, of the commanded speed."""
-
-EARLY_S = 0.04
-"""A plan that passes a knot so long before its time is made again, slower, s."""
-
-KNOT_RATIO = 1.5
-"""So many times as fast as on the slower of its segments a knot may be passed."""
-
-LEAD_IN_STOPPING_TIMES = 2.0
-"""How long before its end a trajectory gets a little ahead of its times."""
+FULL_CATCH_UP_DELAY_S, MAX_DELAY_RATIO = 0.05, 2.4
+"""A delay (s) from which on this is used in full; up to so many times of it, in proportion, where
+the delay is longer: what is late by more than a little has stood or crawled."""
 
 HORIZON_SHARE = 0.8
-"""The path is cut where the speed profile, which is faster than most plans, is after this share of
+"""The path is cut where the speed profile, which is faster than any plan, is after this share of
 the horizon."""
 
 
 def within_horizon(
-    request: Request,
-    path: Path,
-    limits: JointLimits,
-    effort: Effort,
-    early: TimeParametrisation | None = None,
+    request: Request, path: Path, limits: JointLimits, effort: Effort
 ) -> tuple[Path, Problem, SpeedBounds]:
-    """Return the path as far as it is looked at now, and the problem on it.
-
-    early: what was found for the problem that was returned before, where that is too early.
-    """
+    """Return the path as far as it is looked at now, and the problem on it."""
     effort.spend(OUTSET_US)
-    problem = problem_of(request, path, limits, 1.0, effort)
+    problem = problem_of(request, path, limits, CATCH_UP_RATIO, effort)
     bounds = SpeedBounds(problem)
     profile = bounds.profile(problem.start[0], problem.start[1])
     cut = False
@@ -59,78 +50,75 @@ def within_horizon(
         count = max(int(path.knots.u.searchsorted(reach)) + 1, len(request.kept.u), 2)
         cut = count < len(path.knots.u)
         path = Path(path.knots[:count])
-    if cut:
+    if request.timed.any():
+        if cut:
+            problem = problem_of(request, path, limits, CATCH_UP_RATIO, effort)
+            bounds = SpeedBounds(problem)
+        guess = filtered.filtered(problem, bounds)
+        factor = _catch_up(request, path, limits, guess)
+        if request.whole and not cut and _late_end(request, path, limits, guess):
+            factor = np.full_like(factor, _higher_ratio(request, path, limits, effort))
+        problem = problem_of(request, path, limits, factor, effort)
+        bounds = SpeedBounds(problem)
+    elif cut:
         problem = problem_of(request, path, limits, 1.0, effort)
         bounds = SpeedBounds(problem)
-    if problem.commanded is not None:
-        guess = filtered.filtered(problem, bounds)
-        if guess is not None:
-            late = _lateness(request, path, guess)
-            excess = GUESS_EXCESS_SHARE * float(np.max(limits.acceleration / limits.jerk))
-            late -= excess / 2.0
-            if request.whole and not cut and len(late) > 1:
-                # to brake takes time: half of that is won before, the other half lost at the end;
-                # all of it is won where there is little before
-                clock = request.clock[: len(path.knots.u)][-len(late) :]
-                near = clock > clock[-1] - LEAD_IN_STOPPING_TIMES * stopping_time(limits)
-                lost = max(late[-1] - excess / 2.0 - late[-2], 0.0)
-                late[near] += lost if near.all() else lost / 2.0
-                late[-1] = late[-2]
-            factor, won = _catch_up(request, path, limits, late)
-            if early is not None:
-                late = np.minimum(_lateness(request, path, early) + won, late)
-                factor, _ = _catch_up(request, path, limits, late)
-            problem = problem_of(request, path, limits, factor, effort)
-            bounds = SpeedBounds(problem)
     return path, problem, bounds
 
 
-def too_early(request: Request, path: Path, timing: TimeParametrisation) -> bool:
-    """Return whether a plan passes a knot too long before its time."""
-    if not request.timed.any():
-        return False
-    return bool(_lateness(request, path, timing).min() < -EARLY_S)
+def _late_end(
+    request: Request, path: Path, limits: JointLimits, guess: TimeParametrisation | None
+) -> bool:
+    """Return whether a plan like a guess reaches the end of the path too late."""
+    if guess is None:
+        return True
+    now, end = np.interp([request.state[0], path.end], path.knots.u, request.clock)
+    left = float(end - now)
+    faster = GUESS_EXCESS_SHARE * float(np.max(limits.acceleration / limits.jerk))
+    return request.lag + guess.duration - faster - left > LATE_END_SHARE * left
 
 
-def _lateness(request: Request, path: Path, timing: TimeParametrisation) -> Array:
-    """Return how late a timing is at each knot ahead, s, shape (m,)."""
-    knots, clock = path.knots.u, request.clock[: len(path.knots.u)]
-    now = float(np.interp(request.state[0], knots, clock))
-    first = int(knots.searchsorted(request.state[0], side='right'))
-    reached = np.interp(knots[first:], np.maximum.accumulate(timing.positions), timing.times)
-    late: Array = request.lag + reached - (clock[first:] - now)
-    return late
+def _higher_ratio(request: Request, path: Path, limits: JointLimits, effort: Effort) -> float:
+    """Return the factor on the commanded speed that is needed to be in time at the end."""
+    low, high = CATCH_UP_RATIO, MAX_CATCH_UP_RATIO
+    for _ in range(CATCH_UP_BISECTIONS):
+        effort.spend(OUTSET_US / 2.0)
+        ratio = float(np.sqrt(low * high))
+        problem = problem_of(request, path, limits, ratio, effort)
+        guess = filtered.filtered(problem, SpeedBounds(problem))
+        if _late_end(request, path, limits, guess):
+            low = ratio
+        else:
+            high = ratio
+    return high
 
 
 def _catch_up(
-    request: Request, path: Path, limits: JointLimits, late: Array
-) -> tuple[Array, Array]:
-    """Return the factor on the commanded speed at each knot that keeps to the clock.
-
-    And the time that is won with it until each knot ahead, s. late: how late these would be
-    reached without.
-    """
-    knots, clock = path.knots.u, request.clock[: len(path.knots.u)]
+    request: Request, path: Path, limits: JointLimits, guess: TimeParametrisation | None
+) -> Array:
+    """Return the factor on the commanded speed at each knot that makes up for lost time."""
+    knots = path.knots.u
+    clock = request.clock[: len(knots)]
     now = float(np.interp(request.state[0], knots, clock))
-    first = len(knots) - len(late)
+    late = np.full(len(knots), max(request.lag, 0.0))
+    if guess is not None:
+        # faster where the guess, which is faster all the way, is not in time
+        ahead = knots > request.state[0]
+        arrival = np.interp(knots[ahead], guess.positions, guess.times)
+        # on the way there is only the half of it that comes from the start
+        arrival -= GUESS_EXCESS_SHARE / 2.0 * float(np.max(limits.acceleration / limits.jerk))
+        lost = request.lag + arrival - (clock[ahead] - now)
+        late[ahead] = np.maximum(lost, 0.0)
+        late[~ahead] = np.maximum(late[~ahead], late[ahead][:1])
+    if request.lag < 0.0:
+        # too early: slower until that is given back
+        early = clock - now <= -request.lag / (CATCH_UP_RATIO - 1.0)
+        late[early & (late == 0.0)] = request.lag
+    spare = float(request.clock[-1]) - now
     # with less known than a stop takes, the time that was lost would be lost again in a stop
-    spare = (float(request.clock[-1]) - now) / stopping_time(limits)
-    share = 1.0 if request.whole else float(np.clip(2.0 * (spare - 1.0), 0.0, 1.0))
-    most = 1.0 + share * (request.catch_up - 1.0)
-    factor, won = np.ones(len(knots)), np.zeros(len(late))
-    steps = np.diff(clock[first:], prepend=now)
-    gain = 0.0
-    for index, (lost, step) in enumerate(zip(late.tolist(), steps.tolist(), strict=True)):
-        left = lost - gain
-        ratio = 1.0 + CATCH_UP_PER_S * left
-        if left < step:  # no more than the time that is left to win, or to lose
-            exact = step / (step - left)
-            ratio = min(ratio, exact) if left > 0.0 else max(ratio, exact)
-        ratio = min(max(ratio, LEAST_RATIO), most)
-        gain += step * (1.0 - 1.0 / ratio)
-        factor[first + index], won[index] = ratio, gain
-    factor[:first] = factor[first]
-    return factor, won
+    share = np.clip((spare / stopping_time(limits) - 1.0) / 0.5, 0.0, 1.0)
+    share = np.clip(late / FULL_CATCH_UP_DELAY_S, -1.0, MAX_DELAY_RATIO * share)
+    return 1.0 + share * (CATCH_UP_RATIO - 1.0)
 
 
 def stopping_time(limits: JointLimits) -> float:
@@ -171,7 +159,7 @@ def _commanded(request: Request, path: Path, factor: Array | float) -> tuple[Arr
     # with u̇² linear in both halves, each takes its way by the mean of the speeds at its ends
     middle = mean - (begin + end) / 2.0 + np.hypot(mean, (begin - end) / 2.0)
     squares, places = np.empty(2 * len(u) - 1), np.empty(2 * len(u) - 1)
-    squares[::2], squares[1::2] = speeds**2, middle**2
+    squares[::2], squares[1::2] = speeds**2, np.maximum(middle**2, (begin**2 + end**2) / 2.0)
     places[::2], places[1::2] = u, (u[:-1] + u[1:]) / 2.0
     return places, squares
 
@@ -184,9 +172,7 @@ def _speeds_at_knots(mean: Array, steps: Array, timed: npt.NDArray[np.bool_]) ->
     speeds = np.full(len(steps) + 1, UNBOUND_SPEED)
     # at a knot, as a parabola through it and its neighbours would have it
     inner = (mean[:-1] * steps[1:] + mean[1:] * steps[:-1]) / (steps[:-1] + steps[1:])
-    slower = np.minimum(mean[:-1], mean[1:])
-    inner = np.minimum(inner, KNOT_RATIO * slower)
-    speeds[1:-1] = np.where(timed[:-1] & timed[1:], inner, slower)
+    speeds[1:-1] = np.where(timed[:-1] & timed[1:], inner, np.minimum(mean[:-1], mean[1:]))
     speeds[0] = max(2.0 * mean[0] - speeds[1], mean[0]) if timed[0] else UNBOUND_SPEED
     speeds[-1] = max(2.0 * mean[-1] - speeds[-2], mean[-1]) if timed[-1] else UNBOUND_SPEED
     return speeds

@@ -39,14 +39,8 @@ MIN_NODES, MAX_NODES = 8, 180
 VELOCITY_RESERVE_SHARE, ACCELERATION_RESERVE_SHARE, JERK_RESERVE_SHARE = 5e-4, 1e-2, 4e-2
 """Of the limits: the spline keeps them at its samples, the timing must keep them everywhere."""
 
-SLOWING_RATIO = 0.7
-"""Of the speeds of a gentle stop: where a start is too fast, less than this is not asked for."""
-
 START_INTERVALS = 10
 """Intervals without (jerk: with half) this reserve at the start."""
-
-MAX_KNOTS = 4
-"""So many of the path's knots between two nodes have rows of their own."""
 
 FINER_RATIO, COARSE_RATIO = 1.03, 1.3
 """A limit exceeded by more than this shows that the nodes are too far apart there: after the first
@@ -308,7 +302,7 @@ def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Pro
     weights = (h[:, None] * _WEIGHTS).ravel()
     # jerk jumps at the knots of the path: both sides of those that are not nodes
     knots = problem.path.knots.u
-    knots = _few(np.setdiff1d(knots[(knots > nodes[0]) & (knots < nodes[-1])], nodes), nodes)
+    knots = np.setdiff1d(knots[(knots > nodes[0]) & (knots < nodes[-1])], nodes)
     us = np.concatenate((us, knots - _BESIDE, knots + _BESIDE))
     weights = np.append(weights, np.zeros(2 * len(knots)))
     interval = np.clip(nodes.searchsorted(us, side='right') - 1, 0, len(h) - 1)
@@ -337,17 +331,8 @@ def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Pro
         1 + len(limits.names),
         back,
         weights,
-        problem.speed_bounds(us - back, counted, SLOWING_RATIO),
+        problem.wanted(us - back, counted),
     )
-
-
-def _few(knots: Array, nodes: Array) -> Array:
-    """Return at most MAX_KNOTS of those between two nodes: the verification sees all."""
-    after = nodes.searchsorted(knots)
-    counts = np.bincount(after, minlength=len(nodes))
-    rank = np.arange(len(knots)) - (np.cumsum(counts) - counts)[after]
-    few: Array = knots[rank % -(-counts // MAX_KNOTS)[after] == 0]
-    return few
 
 
 def _excess(result: LimitUsage) -> Excess:

@@ -275,7 +275,6 @@ class Replanning:
             self._failures,
             waypoints.refine,
             waypoints.tolerance,
-            waypoints.catch_up,
         )
         return PendingRequest(request, route, more, 0.0 if pause else share)
 

@@ -11,9 +11,6 @@ from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother.path import Knots
 from epson_driver.motion.smoother.time_parametrisation import State, TimeParametrisation
 
-CATCH_UP_RATIO = 1.6
-"""How many times as fast as commanded a motion is at most, unless its owner says otherwise."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Request:
@@ -34,7 +31,6 @@ class Request:
     from there.
     refine: whether the path between waypoints may be what takes the least time. tolerance: how far
     beside the points it may pass then, rad (or m) in every joint; the last is met exactly.
-    catch_up: how many times as fast as commanded the motion may be, to make up for lost time.
     """
 
     start: float | None
@@ -54,7 +50,6 @@ class Request:
     failures: int = 0
     refine: bool = False
     tolerance: float = 0.0
-    catch_up: float = CATCH_UP_RATIO
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,7 @@ from epson_driver.motion.smoother.execution import Execution, Observer
 from epson_driver.motion.smoother.output_guard import Motion, OutputGuard, Violation
 from epson_driver.motion.smoother.planner import plan
 from epson_driver.motion.smoother.replanning import Planner, Replanning
-from epson_driver.motion.smoother.request import CATCH_UP_RATIO, Plan, Request
+from epson_driver.motion.smoother.request import Plan, Request
 from epson_driver.motion.smoother.waypoints import Mode, Waypoints
 
 MAX_PATH_TOLERANCE = 0.5
@@ -36,14 +36,13 @@ class Smoother:
     defect of this package. In TIME_OPTIMAL mode the path between waypoints that are far apart is
     what takes the least time, unless `refine` is False: then it is the spline that it is in
     TIME_PRESERVING mode. It may pass `path_tolerance` rad (or m) beside each waypoint, in every
-    joint, but for the first and the last; in both modes, where no point has a duration. A motion
-    that is late is about `catch_up` times as fast as commanded at most; with 1 it stays late.
+    joint, but for the first and the last; in both modes, where no point has a duration.
     `violation` says what the last one was. A planner that raises has found
     no plan: the plan so far, which ends at rest, goes on, an error is logged, `planner_errors`
     counts it, and `planner_error` is the last one. `observer` is told of every change of what is
     executed.
-    Raises ValueError for a start that is not n finite numbers within the limits, a tolerance
-    outside 0 … MAX_PATH_TOLERANCE, or a `catch_up` below 1.
+    Raises ValueError for a start that is not n finite numbers within the limits, or a tolerance
+    outside 0 … MAX_PATH_TOLERANCE.
     """
 
     def __init__(
@@ -57,16 +56,13 @@ class Smoother:
         observer: Observer | None = None,
         refine: bool = True,
         path_tolerance: float = 0.0,
-        catch_up: float = CATCH_UP_RATIO,
     ) -> None:
         if not 0.0 <= path_tolerance <= MAX_PATH_TOLERANCE:  # NaN too
             raise ValueError(
                 f'path_tolerance = {path_tolerance} rad: must be 0 … {MAX_PATH_TOLERANCE}'
             )
-        if not 1.0 <= catch_up < math.inf:  # NaN too
-            raise ValueError(f'catch_up = {catch_up}: must be 1 or more')
         refine = refine and (mode is Mode.TIME_OPTIMAL or path_tolerance > 0.0)
-        self._waypoints = Waypoints(limits, position, mode, refine, path_tolerance, catch_up)
+        self._waypoints = Waypoints(limits, position, mode, refine, path_tolerance)
         self._execution = Execution(self._waypoints, observer)
         self._replanning = Replanning(self._waypoints, self._execution, planner, latency)
         self._guard = OutputGuard(self.motion)
