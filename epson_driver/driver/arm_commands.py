@@ -257,7 +257,8 @@ class ArmCommands:
             self._driver.fault('disabled by the reset, which stops the program')
         try:
             status = self._driver.robot.status
-            if status is not None and status.in_motion == TriState.TRUE:  # it still brakes
+            moves = status is not None and status.in_motion == TriState.TRUE
+            if moves and self._driver.gate.reason is not None:  # it still brakes
                 await self._wait_for_status(
                     lambda status: status.in_motion != TriState.TRUE, 'the arm still moves'
                 )

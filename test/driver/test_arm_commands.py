@@ -93,6 +93,7 @@ async def test_a_reset_waits_for_an_arm_that_brakes():
         await until(lambda: harness.driver.robot.status.in_motion == 1)
         controller.apply(Event.ESTOP_PRESS)
         controller.apply(Event.ESTOP_RELEASE)
+        await until(lambda: harness.gate is not None)
         assert controller.in_motion
         await harness.commands.reset_error()
         assert controller.error_number == 0
