@@ -92,19 +92,25 @@ class RobotControl:
 
     @property
     def simulated(self) -> bool:
-        """Whether a simulated controller has said so, lately."""
-        return self.robot.state.fresh('simulation', self._clock()) and (
-            self.robot.state.simulation is not None
-        )
+        """Whether the simulated controller of these parameters has said so, lately."""
+        state = self.robot.state
+        known = self._pendant_at == self._address and state.simulation is not None
+        return known and state.fresh('simulation', self._clock())
+
+    @property
+    def _address(self) -> tuple[str, int] | None:
+        """Where the driver's parameters say that the remote port is."""
+        parameters = self.robot.parameters
+        if not parameters:
+            return None
+        return str(parameters['robot_ip']), int(parameters['remote_port'])
 
     def look(self) -> None:
         """Take over what has become known of driver and controller. In the panel's own thread."""
         parameters = self.robot.parameters
-        at = None
-        if parameters:
-            at = (str(parameters['robot_ip']), int(parameters['remote_port']))
-            if parameters['robot_model'] != self._model_name:
-                self._load(str(parameters['robot_model']))
+        at = self._address
+        if parameters and parameters['robot_model'] != self._model_name:
+            self._load(str(parameters['robot_model']))
         if at != self._pendant_at:
             if self._pendant is not None:
                 self._pendant.end()

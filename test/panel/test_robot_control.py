@@ -188,13 +188,21 @@ def test_a_robot_that_nobody_says_is_simulated_is_moved_only_if_the_panel_may(
     careful = controlled(robot, pendants, allow_motion=False)
     with pytest.raises(NotArmedError, match='--allow-motion'):
         careful.arming.arm(1)
-    robot.state.simulation = Simulation({'estop': 'not active'})
+    careful.look()
+    said = robot.state.times.setdefault('simulation', NOW)
+    robot.state.simulation, robot.state.times['simulation'] = SIMULATED, said
+    usual = dict(robot.parameters)
+    robot.parameters |= {'remote_port': usual['remote_port'] + 1}  # of another controller
+    with pytest.raises(NotArmedError, match='--allow-motion'):
+        careful.arming.arm(1)
+    robot.parameters |= usual
     careful.arming.arm(1)
     robot.state.times['simulation'] -= MAX_AGES_S['simulation'] + 0.01
     careful.arming.watch()
     assert careful.arming.holder is None
 
 
+SIMULATED = Simulation({'estop': 'not active'})
 SHORT = Trajectory(('a', 'b'), np.array([0.0, 1.0]), np.zeros((2, 2)))
 
 
