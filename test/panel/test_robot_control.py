@@ -459,6 +459,10 @@ def test_demo_stays_with_a_panel_until_it_is_interrupted(tmp_path: Path) -> None
     try:
         while said.count('panel: http') < 2:  # before the run, and with what is exported
             line = run.stdout.readline()
+            if not line and 'this driver hung' in said:
+                pytest.skip(
+                    'the machine did not run the driver for 0.5 s: the demo says so and ends'
+                )
             assert line, said
             said += line
         assert 'the arm did what was planned' in said or 'too busy to judge' in said
