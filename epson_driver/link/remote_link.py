@@ -192,7 +192,7 @@ class RemoteLink(Link):
         raise ConnectionError(f'{message} is nothing for a remote port')
 
     def follow(self, dialect: Dialect) -> None:
-        """Nothing: it is text."""
+        """Do nothing, as text has no byte order."""
 
     async def ask(self, command: str) -> str:
         """Return the value of the answer to a command, without its `$`.

@@ -30,7 +30,7 @@ class Robot(Protocol):
         """Return those that the panel has sent, and that have not ended."""
 
     def log(self, text: str, level: int) -> None:
-        """Put a line of the panel's own among those of the driver."""
+        """Add a line of the panel to the log of the driver."""
 
     def trigger(self, name: str, say: Say) -> None:
         """Call one of the driver's services."""

@@ -383,7 +383,7 @@ class RosRobot:
         self._executor.create_task(lambda: client.call_async(request).add_done_callback(on_answer))
 
     def log(self, text: str, level: int) -> None:
-        """Put a line of the panel's own among those of the driver."""
+        """Add a line of the panel to the log of the driver."""
         self.state.add_event(Event(time.time(), level, text))
 
 

@@ -77,7 +77,7 @@ class ScaraSolver:
         return f'it leans by {np.degrees(lean):.3g} degrees, and the tool of a SCARA stays upright'
 
     def sides(self, joints: Array) -> tuple[float, ...]:
-        """Return joint 2."""
+        """Return the angle of joint 2, whose sign tells the hand, rad."""
         return (float(joints[1]),)
 
     def branches(self, pose: Array, near: Array) -> list[Array]:

@@ -152,7 +152,7 @@ class BareHost(Loopback):
         return Done()
 
     def stored_point(self, point: Point) -> Point:
-        """Return it as it is."""
+        """Return the point unchanged, as no robot gives it a posture."""
         return point
 
     # Tasks

@@ -119,7 +119,7 @@ class Io(ABC):
 
     @abstractmethod
     def follow(self, dialect: Dialect) -> None:
-        """Write as the state server does."""
+        """Write in the byte order and real width of the state server."""
 
     @abstractmethod
     async def read(self, addresses: Sequence[IoAddress]) -> list[IoAnswer]:
@@ -212,7 +212,7 @@ class IoDriver(Io):
                 await asyncio.gather(self._watch, return_exceptions=True)
 
     def follow(self, dialect: Dialect) -> None:
-        """Write as the state server does. The I/O port itself shows its byte order too late."""
+        """Write in the state server's byte order; the I/O port shows its own too late."""
         self.link.follow(dialect)
         self._dialect_known.set()
 

@@ -72,7 +72,7 @@ class MotomanIo:
         self._answer: asyncio.Future[Packet] | None = None
 
     def follow(self, dialect: Dialect) -> None:
-        """Write as the state server does."""
+        """Write in the byte order and real width of the state server."""
         self.link.follow(dialect)
 
     async def run(self, came: Callable[[], None], lost: Callable[[str], None]) -> None:

@@ -81,7 +81,7 @@ class Points(Protocol):
         """The link of simple messages, if it is by them."""
 
     def follow(self, dialect: Dialect) -> None:
-        """Write as the state server does."""
+        """Write in the byte order and real width of the state server."""
 
     async def run(self, came: Callable[[], None], lost: Callable[[str], None]) -> None:
         """Serve until cancelled, reporting when the controller can be asked and when not."""
@@ -132,7 +132,7 @@ class PolledIo(Io):
         return self._points.place
 
     def follow(self, dialect: Dialect) -> None:
-        """Write as the state server does."""
+        """Write in the byte order and real width of the state server."""
         self._points.follow(dialect)
 
     async def run(self) -> None:

@@ -64,7 +64,7 @@ class RemoteEthernetIo:
         self._turns = turns
 
     def follow(self, dialect: Dialect) -> None:
-        """Nothing: it is text."""
+        """Do nothing, as text has no byte order."""
 
     async def run(self, came: Callable[[], None], lost: Callable[[str], None]) -> None:
         """Nothing is kept open: every request shows whether the controller is there."""

@@ -269,5 +269,5 @@ class Smoother:
 
     @property
     def planner_error(self) -> Exception | None:
-        """What it raised last."""
+        """The last exception of the planner, or None."""
         return self._replanning.planner_error

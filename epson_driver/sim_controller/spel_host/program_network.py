@@ -173,7 +173,7 @@ class ProgramNetwork:
             found.orphaned = True
 
     def close_all(self) -> None:
-        """Close all of them."""
+        """Close all ports of the program."""
         for port in list(self._objects):
             self.close_net(port)
 

@@ -40,7 +40,7 @@ class Until:
 
     @property
     def share(self) -> float:
-        """Return 1 once it is over."""
+        """How much of the motion is done: 0, or 1 when it has ended."""
         return float(self.done)
 
 
