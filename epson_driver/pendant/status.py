@@ -16,6 +16,9 @@ _ESTOP = {
     EStop.PRESSED.value: 'pressed (release, then reset)',
     EStop.LATCHED.value: 'released, not reset (reset)',
 }
+_STATES = {'Paused': 'paused', 'Running': 'a task runs', 'Ready': 'ready'}
+"""Flags of GetStatus, the most telling first; whether the arm moves is in none of them."""
+
 SCARA_JOINTS = 4
 """EPSON's arms of four joints are SCARAs, whose third is prismatic."""
 
@@ -39,7 +42,7 @@ async def status(ask: Ask, who: str) -> str:
         'door': 'open' if 'Safeguard' in flags else 'closed',
         'mode': condition.get('mode') or _mode(flags),
         'tasks': _tasks(await _if_known(ask, 'Sim,tasks')),
-        'arm': _arm(flags),
+        'state': next((text for flag, text in _STATES.items() if flag in flags), 'not ready'),
         'joints': await _joints(ask),
         'error': await _error(ask, number),
         'faults': _faults(await _if_known(ask, 'Sim,fault,list')),
@@ -69,12 +72,6 @@ def _estop(flags: Sequence[str], condition: Mapping[str, str]) -> str:
 def _mode(flags: Sequence[str]) -> str | None:
     modes = {'Auto': 'AUTO', 'Teach': 'TEACH', 'Test': 'TEST'}
     return next((mode for flag, mode in modes.items() if flag in flags), None)
-
-
-def _arm(flags: Sequence[str]) -> str:
-    if 'Paused' in flags:
-        return 'paused'
-    return 'moves' if 'Running' in flags else 'stands'
 
 
 async def _joints(ask: Ask) -> str | None:

@@ -126,7 +126,7 @@ def test_status_of_a_controller_that_just_booted(done):
         'tasks:  motion server  Normal        runs',
         '        state server   NoEmgAbort    runs',
         '        I/O server     Normal        runs',
-        'arm:    stands',
+        'state:  ready',
         'joints: 0.000 0.000 0.000 0.000 0.000 0.000 degrees',
         'error:  none',
         'faults: none',
@@ -150,7 +150,7 @@ def test_door_mode_power_and_tasks(ask, done):
     assert 'power:  high\n' in done('status')
     assert done('power low') == 'power low, until it is said to be high'
     assert done('pause') == 'paused; continue goes on'
-    assert 'arm:    paused\n' in done('status')
+    assert 'state:  paused\n' in done('status')
     assert ask('reset') == (
         1,
         'refused: the tasks are paused: continue, or stop, first (error 20)\n',
@@ -395,6 +395,11 @@ def test_somebody_else_listens(said):
     assert 'is no answer to Login' in text
 
 
+def test_a_task_that_runs_is_not_told_as_an_arm_that_moves(said):
+    with Answers({'GetStatus': '#GetStatus,00100000010,0000'}) as real:
+        assert 'state:  a task runs\n' in said(real.port, 'status')[1]
+
+
 def test_status_of_an_older_firmware(said):
     """Ten flags, without Test, and no GetMotor: what is not known is left out."""
     with Answers({'GetStatus': '#GetStatus,0100100110,4031'}) as real:
@@ -405,7 +410,7 @@ def test_status_of_an_older_firmware(said):
         'E-stop: not active',
         'door:   open',
         'mode:   AUTO',
-        'arm:    paused',
+        'state:  paused',
         'error:  4031 (motion attempted with the motors off): motors on',
         'flags:  Auto Safeguard Paused Running',
     ]
@@ -431,7 +436,7 @@ def test_status_of_a_real_controller(said):
         'E-stop: not active',
         'door:   closed',
         'mode:   AUTO',
-        'arm:    stands',
+        'state:  ready',
         'joints: 1.500 degrees, 0.000 degrees, 0.000 mm, 90.000 degrees',
         'error:  none',
         'flags:  Auto Ready',
