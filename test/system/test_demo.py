@@ -56,7 +56,8 @@ ONE_OF_EACH_SERIES = {name.partition('_')[0]: name for name in robot_models()}.v
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ('name', 'controller'), zip(ONE_OF_EACH_SERIES, cycle(['spel', 'rc620']), strict=False)
+    ('name', 'controller'),
+    list(zip(ONE_OF_EACH_SERIES, cycle(['spel', 'rc620']), strict=False)),
 )
 def test_demo_of_every_series(name: str, controller: str, tmp_path: Path) -> None:
     picture = tmp_path / 'arm.png'

@@ -212,7 +212,7 @@ class IoDriver(Io):
                 await asyncio.gather(self._watch, return_exceptions=True)
 
     def follow(self, dialect: Dialect) -> None:
-        """Write in the state server's byte order; the I/O port shows its own too late."""
+        """Write in the state server's byte order: the I/O port shows its own only in a reply."""
         self.link.follow(dialect)
         self._dialect_known.set()
 
