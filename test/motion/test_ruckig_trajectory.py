@@ -55,6 +55,24 @@ def test_no_trajectory_is_none_or_a_runtime_error():
     assert ruckig_move.move((0.0, 0.0, 0.0), 1.0, 1.0, 0.0, 1.0) is None
 
 
+def test_a_move_whose_speed_is_reached_just_at_the_end_of_its_ramps_is_found():
+    """A line of 20 mm at 0.1 m/s with 1 m/s² and 10 m/s³ is one: Ruckig finds 9 of 10 of them."""
+    random, missed = np.random.default_rng(0), 0
+    for _ in range(300):
+        ramp, acceleration = random.choice([0.05, 0.1, 0.2]), random.choice([0.5, 1.0, 7.0, 50.0])
+        speed = acceleration * ramp
+        exact = np.array([2.0 * ramp * speed, speed, acceleration, acceleration / ramp])
+        rounded = exact * (1.0 + np.finfo(float).eps * random.integers(-3, 4, 4))
+        inp = InputParameter(1)
+        inp.target_position, inp.max_velocity, inp.max_acceleration, inp.max_jerk = (
+            [value] for value in rounded.tolist()
+        )
+        missed += ruckig_trajectory._calculated(inp) is None
+        assert solve(inp).duration == pytest.approx(4.0 * ramp, rel=1e-6)
+        assert inp.max_jerk == [rounded[3]]
+    assert missed, 'Ruckig has mended that: less is needed'
+
+
 @pytest.mark.invariant(2, 3)
 def test_inv2_where_ruckig_raises_for_all_joints_together_each_stops_by_itself(monkeypatch):
     together = fastest_stop(LIMITS, STATE)

@@ -25,6 +25,7 @@ class Pacer:
         self._cycle = math.inf
         self._sleeps_until = -math.inf
         self._wake = asyncio.Event()
+        self._error: BaseException | None = None
 
     @contextmanager
     def present(self) -> Iterator[Controller]:
@@ -40,12 +41,20 @@ class Pacer:
         """Step the controller when its next timer is due, and every cycle while the arm moves."""
         while True:
             await self._sleep(self._due())
+            if self._error is not None:
+                raise self._error
             self._catch_up()
             if self._now >= self._cycle:
                 self._cycle += CYCLE_PERIOD_S
                 if self._now >= self._cycle:
                     self._controller.timing.deadline_misses += 1
                     self._cycle = self._now + CYCLE_PERIOD_S
+
+    def see_end(self, task: 'asyncio.Task[None]') -> None:
+        """Have `run` raise what the task of a client has raised: that is a defect."""
+        if not task.cancelled() and (error := task.exception()) is not None:
+            self._error = error
+            self._wake.set()
 
     def _due(self) -> float:
         """Return when the controller must be stepped next, on the real clock."""

@@ -231,6 +231,7 @@ class PortServer:
 
     def _ended(self, task: asyncio.Task[None]) -> None:
         self._tasks.discard(task)
+        self._pacer.see_end(task)
         if self._rules.max_clients is None and self._sock is not None:
             self._spare.keep()
 

@@ -132,6 +132,7 @@ class ControllerServers:
         task = asyncio.get_running_loop().create_task(connect(session, port, self.pacer))
         self._clients.add(task)
         task.add_done_callback(self._clients.discard)
+        task.add_done_callback(self.pacer.see_end)
 
     def clients(self, port: str) -> int:
         """Return how many clients of a port are connected, or wait for a place."""

@@ -605,3 +605,17 @@ async def test_a_remote_port_that_is_silent_or_not_there():
             await execute(HOST, port, ['Reset'], 0.1)
     with pytest.raises(ConnectionError, match=rf'{HOST}:{port}: '):
         await execute(HOST, port, ['Reset'], 20)
+
+
+@pytest.mark.invariant(9)
+async def test_a_defect_in_what_serves_a_client_ends_the_controller(monkeypatch):
+    controller = new_controller(MODEL, PROFILE)
+    servers = ControllerServers(controller)
+    ports = await servers.open(HOST, FREE)
+    monkeypatch.setattr(controller.clients, 'connect', None)
+    ended = asyncio.create_task(servers.run_until(asyncio.Event()))
+    _, writer = await asyncio.open_connection(HOST, ports.motion)
+    with pytest.raises(TypeError, match='not callable'):
+        await ended
+    writer.close()
+    await servers.close()
