@@ -315,6 +315,8 @@ class Servo:
 
         The first word is for its kind.
         """
+        if why := self._stopper.delivery.no_streams:
+            return 'never', why
         if waited > self.settings.timeout:
             return 'old', f'this driver was held up for {waited:.3g} s after it came'
         if not self._goals.idle:
