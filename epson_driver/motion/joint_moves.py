@@ -1,14 +1,31 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Moves of different joints that overlap in time, as the parts of SPEL+'s `Jump` do."""
+"""Moves that overlap in time, as the parts of SPEL+'s `Jump` and `Jump3` do."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from epson_driver.motion.limits import Array
-from epson_driver.motion.point_to_point import LineMotion
+
+
+class Move(Protocol):
+    """A motion from rest to rest, as a function of the time since it began."""
+
+    origin: Array
+    end: Array
+    duration: float
+
+    @property
+    def braking(self) -> float:
+        """When the deceleration of a motion from rest to rest begins, s."""
+
+    def at(self, time: float) -> tuple[Array, Array, Array]:
+        """Return position, velocity, acceleration of each joint at `time` ≥ 0, shapes (n,)."""
+
+    def stop(self, time: float) -> 'Move':
+        """Return the fastest stop on its way from the state at `time`."""
 
 
 class Part(NamedTuple):
@@ -16,7 +33,7 @@ class Part(NamedTuple):
 
     begin: float
     origin: Array
-    move: LineMotion
+    move: Move
 
     @property
     def end(self) -> float:
@@ -27,7 +44,8 @@ class Part(NamedTuple):
 class JointMoves:
     """Moves in parts as a function of the time since the first began: as LineMotion is.
 
-    No joint may move in two parts at a time, so each part within the limits keeps them all.
+    Parts that overlap share each joint's limits between them: so their sum keeps them all, also
+    in a stop.
     """
 
     def __init__(self, origin: Array, parts: Sequence[Part]) -> None:
@@ -63,15 +81,3 @@ class JointMoves:
             if part.begin <= time
         )
         return JointMoves(self.origin, list(stops))
-
-
-def time_at(move: LineMotion, joint: int, distance: float) -> float:
-    """Return when a joint has gone a distance (rad, m), s: the whole move where it goes less."""
-    early, late = 0.0, move.duration
-    for _ in range(50):
-        middle = 0.5 * (early + late)
-        if abs(move.at(middle)[0][joint] - move.origin[joint]) < distance:
-            early = middle
-        else:
-            late = middle
-    return late

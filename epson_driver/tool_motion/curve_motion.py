@@ -15,6 +15,9 @@ from epson_driver.tool_motion.speed_profile import share_of_limits
 
 MIN_SAMPLES = 5
 
+HALVINGS = 50
+"""To all digits."""
+
 
 @dataclass(frozen=True, slots=True)
 class CurveSpeed:
@@ -66,6 +69,16 @@ class Curve:
         bends = 2.0 * self._bends[index] + self._bends[index + 1]
         return np.asarray(mean - self._step * bends / 6.0)
 
+    def nearest(self, position: Array) -> float:
+        """Return the share at which it is nearest to a position, shape (n,)."""
+        middle = int(np.argmin(np.linalg.norm(self.samples - position, axis=1)))
+        low, high = (min(max((middle + side) * self._step, 0.0), 1.0) for side in (-1, 1))
+        for _ in range(HALVINGS):
+            share = (low + high) / 2.0
+            at, slope, _ = self.at(share)
+            low, high = (share, high) if slope @ (position - at) > 0.0 else (low, share)
+        return (low + high) / 2.0
+
     @property
     def most(self) -> tuple[Array, Array, Array]:
         """Bounds of the first three derivatives' sizes, shapes (n,)."""
@@ -90,6 +103,14 @@ class CurveMotion:
         self.end = curve.at(float(timing.end[0]))[0]
         self.duration = timing.duration
 
+    def when(self, share: float) -> float:
+        """Return when a share of the curve is done, s."""
+        early, late = 0.0, self.duration
+        for _ in range(HALVINGS):
+            time = (early + late) / 2.0
+            early, late = (time, late) if self._timing.at(time)[0][0] < share else (early, time)
+        return late
+
     @property
     def braking(self) -> float:
         """When the deceleration of a motion from rest to rest begins, s."""
@@ -111,20 +132,40 @@ def go_along(limits: JointLimits, curve: Curve, speed: CurveSpeed) -> CurveMotio
 
     Raises ValueError for a curve that leaves the position limits.
     """
-    lowest = np.min(curve.samples, axis=0)
-    highest = np.max(curve.samples, axis=0)
-    outside = (lowest < limits.position_min) | (highest > limits.position_max)
-    if np.any(outside):
-        name = limits.names[int(np.argmax(outside))]
-        raise ValueError(f'{name}: the way leaves its range')
-    v, a, j = speed.velocity, speed.acceleration, speed.jerk
-    slower = float(share_of_limits(limits, curve.most, v, a, j))
+    check_range(limits, curve.samples)
+    v, a, j = kept(limits, curve, speed)
     along = JointLimits(
         ('share',),
         np.array([-1.0]),
         np.array([2.0]),
-        np.array([v * slower]),
-        np.array([a * slower**2]),
-        np.array([j * slower**3]),
+        np.array([v]),
+        np.array([a]),
+        np.array([j]),
     )
     return CurveMotion(curve, go(along, np.zeros(1), np.ones(1)))
+
+
+def kept(limits: JointLimits, curve: Curve, speed: CurveSpeed) -> tuple[float, float, float]:
+    """Return `speed`, its acceleration and jerk, as much slower as the joints' limits need."""
+    v, a, j = speed.velocity, speed.acceleration, speed.jerk
+    slower = float(share_of_limits(limits, curve.most, v, a, j))
+    return v * slower, a * slower**2, j * slower**3
+
+
+def joint_use(curve: Curve, v: float, a: float, j: float) -> tuple[Array, Array, Array]:
+    """Return bounds of the joints' velocity, acceleration and jerk at speeds along a curve."""
+    first, second, third = curve.most
+    return (
+        first * v,
+        second * v**2 + first * a,
+        third * v**3 + 3.0 * second * v * a + first * j,
+    )
+
+
+def check_range(limits: JointLimits, positions: Array) -> None:
+    """Raise ValueError for positions, shape (k, n), out of a joint's range, with its name."""
+    lowest, highest = np.min(positions, axis=0), np.max(positions, axis=0)
+    outside = (lowest < limits.position_min) | (highest > limits.position_max)
+    if np.any(outside):
+        name = limits.names[int(np.argmax(outside))]
+        raise ValueError(f'{name}: the way leaves its range')

@@ -190,6 +190,11 @@ class PointToPoint:
         return self._due() - self._now
 
     @property
+    def elapsed(self) -> float:
+        """How long the motion under way has taken until now, s, or 0."""
+        return self._now - self._segments[0].begin if self._segments else 0.0
+
+    @property
     def destination(self) -> Array:
         """Where the arm rests when it has done all that it knows of, shape (n,), rad."""
         if self._queue:

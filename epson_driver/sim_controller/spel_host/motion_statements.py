@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motion statements for the arm: from point to point, along lines and arcs."""
 
-import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -10,12 +9,17 @@ from itertools import pairwise
 
 import numpy as np
 
-from epson_driver.motion import Array, JointLimits, LineMotion, go
-from epson_driver.motion.joint_moves import JointMoves, Part, time_at
+from epson_driver.motion import Array
 from epson_driver.robots.model import SCARA
 from epson_driver.sim_controller.arm.executor import Point
-from epson_driver.sim_controller.arm.low_power import LOW_POWER, low_power_caps
 from epson_driver.sim_controller.remote.robot_type import N_SERIES, robot_type
+from epson_driver.sim_controller.spel_host.legs import (
+    SHORTEST_PATH,
+    JointLeg,
+    StraightLeg,
+    over,
+    rest_at,
+)
 from epson_driver.sim_controller.spel_host.robot_points import NEAREST, UNREACHABLE
 from epson_driver.sim_controller.spel_host.robot_values import RobotContext
 from epson_driver.spel import ErrorNumber, MotionRequest, SpelError
@@ -23,24 +27,9 @@ from epson_driver.spel import Point as SpelPoint
 from epson_driver.spel.errors import bad
 from epson_driver.spel.frames import combined, within
 from epson_driver.spel.words import CONSTANTS
-from epson_driver.tool_motion.curve_motion import Curve, CurveMotion, CurveSpeed, go_along
-from epson_driver.tool_motion.pose_path import PosePath
-
-_log = logging.getLogger(__name__)
 
 _MM = 1000.0
 ARC_SHORT, ARC_LONG = CONSTANTS['arc_short'], CONSTANTS['arc_long']
-SHORTEST_PATH = 1e-6
-"""m; a path that is shorter is none: only the orientation changes."""
-
-JERK_PER_ACCELERATION = 10.0
-"""1/s: a ramp of 0.1 s."""
-
-LOW_POWER_MM_S, LOW_POWER_MM_S2 = 50.0, 200.0
-"""What SpeedS and AccelS are at low power at most: their defaults."""
-
-TURN_DEGREES_S, TURN_DEGREES_S2 = 50.0, 500.0
-"""SpeedR and AccelR until they are set: a guess."""
 
 
 def points_of(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
@@ -50,7 +39,7 @@ def points_of(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
 
 def _go(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     (point,) = _least_motion(robot, request)
-    return [_at(robot.points.joints(point, robot.here))]
+    return [rest_at(robot.points.joints(point, robot.here))]
 
 
 def _least_motion(robot: RobotContext, request: MotionRequest) -> list[SpelPoint]:
@@ -81,68 +70,18 @@ def _jump(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
             raise SpelError(number, f'Jump: {text}')
     up, across = start.copy(), target.copy()
     up[2] = across[2] = lim_z
-    depart, approach = (request.numbers.get(each, 0.0) / _MM for each in ('depart', 'approach'))
-    if not 0.0 < depart <= lim_z - start[2] or not 0.0 < approach <= lim_z - target[2]:
-        return [_at(up), _at(across), _at(target)]
-    if request.sense is not None:  # it is looked at above the target
-        return [replace(_at(across), path=_Arch(robot, across, depart, 0.0)), _at(target)]
-    return [replace(_at(target), path=_Arch(robot, target, depart, approach, lim_z))]
-
-
-class _Arch:
-    """Up to a height (rad, m, of joint 3), across and down to a target, no joint twice at a time.
-
-    The way across begins once joint 3 has risen by `depart`, and is over where it is `approach`
-    above the target, m. At low power, and after a pause, they come one after the other.
-    """
-
-    def __init__(
-        self,
-        robot: RobotContext,
-        target: Array,
-        depart: float,
-        approach: float,
-        top: float | None = None,
-    ) -> None:
-        self._robot = robot
-        self._target = target
-        self._top = float(target[2]) if top is None else top
-        self._start = robot.motion.start
-        self._distances = depart, approach
-        self._share = robot.controller.spel.speed, robot.controller.spel.accel
-
-    def __call__(self, start: Array, low_power: bool) -> JointMoves:
-        limits = self._robot.controller.model.limits
-        speed, accel = self._share
-        depart, approach = self._distances
-        up, across = start.copy(), self._target.copy()
-        up[2] = across[2] = self._top
-        if np.allclose(up, across, rtol=0.0, atol=SHORTEST_PATH):
-            up = across = start
-        moves = []
-        for begin, end in pairwise((start, up, across, self._target)):
-            fast, hard = speed, accel
-            if low_power:
-                caps = low_power_caps(self._robot.controller.model.reach)
-                fast, hard = min(speed, caps.speed(limits, end - begin)), min(accel, caps.fraction)
-            moves.append(go(limits, begin, end, fast, hard))
-        rise, way, fall = moves
-        arched = not low_power and np.array_equal(start, self._start)
-        begins = time_at(rise, 2, depart) if arched else rise.duration
-        falls = begins + way.duration
-        if arched:
-            falls -= time_at(fall, 2, self._top - float(self._target[2]) - approach)
-        falls = max(falls, rise.duration)
-        times = (0.0, begins, falls)
-        parts = [Part(at, move.origin, move) for at, move in zip(times, moves, strict=True)]
-        return JointMoves(start, parts)
+    stops = start, up, across, target
+    legs = [JointLeg(robot, begin, end) for begin, end in pairwise(stops)]
+    return over(robot, request, legs, (lim_z - start[2], lim_z - target[2]))
 
 
 def _move(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    return [_line(robot, request, request.points[-1], robot.motion.start)]
+    return [_line(robot, request, request.points[-1], robot.motion.start).point]
 
 
-def _line(robot: RobotContext, request: MotionRequest, point: SpelPoint, start: Array) -> Point:
+def _line(
+    robot: RobotContext, request: MotionRequest, point: SpelPoint, start: Array
+) -> StraightLeg | JointLeg:
     """Return a line to a point, or an arc where the statement has a point between."""
     name = request.name.capitalize()
     via = _passed(robot, request, start) if request.name in ('arc', 'arc3') else None
@@ -151,14 +90,14 @@ def _line(robot: RobotContext, request: MotionRequest, point: SpelPoint, start: 
     if turns and 'rot' not in request.words:
         raise bad(name, f'only the orientation changes to {point}: {name} … ROT')
     if max(path.length, path.angle) < SHORTEST_PATH:
-        return _at(start)
+        return JointLeg(robot, start, start)
     turning = 'rot' in request.words and path.angle > SHORTEST_PATH  # SpeedS has no effect (p105)
-    straight = _Straight(robot, point, samples, path, _turning if turning else _straight)
+    leg = StraightLeg(robot, point, samples, path, turning=turning)
     try:
-        straight(start, False)
+        leg.motion(start, low_power=False)
     except ValueError as error:
         raise SpelError(UNREACHABLE, f'{name}: {error}') from error
-    return replace(_at(samples[-1]), path=straight.from_rest)
+    return leg
 
 
 def _passed(robot: RobotContext, request: MotionRequest, start: Array) -> SpelPoint:
@@ -228,12 +167,14 @@ def _relative_move(robot: RobotContext, request: MotionRequest) -> Sequence[Poin
 def _jump3(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     """Straight to the first point, across to the second, straight to the third (p476)."""
     depart, approach, target = _least_motion(robot, request)
-    found = [_line(robot, request, depart, robot.motion.start)]
+    rise = _line(robot, request, depart, robot.motion.start)
+    span: StraightLeg | JointLeg
     if request.name == 'jump3':
-        found.append(_at(robot.points.joints(approach, found[-1].target)))
+        span = JointLeg(robot, rise.end, robot.points.joints(approach, rise.end))
     else:
-        found.append(_line(robot, request, approach, found[-1].target))
-    return [*found, _line(robot, request, target, found[-1].target)]
+        span = _line(robot, request, approach, rise.end)
+    fall = _line(robot, request, target, span.end)
+    return over(robot, request, (rise, span, fall), (rise.length, fall.length))
 
 
 def _jump_tlz(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
@@ -253,7 +194,7 @@ def _pass(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     near, found = robot.motion.start, []
     for point in _least_motion(robot, request):
         near = robot.points.joints(point, near)
-        found.append(replace(_at(near), cp=True))
+        found.append(replace(rest_at(near), cp=True))
     return found
 
 
@@ -265,7 +206,7 @@ def _one_joint(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     angles = robot.motion.start.copy()
     angles[joint] += request.numbers['step'] / unit[joint]
     shown = SpelPoint('angles', tuple((angles * model.shown_per_unit).tolist()))
-    return [_at(robot.points.joints(shown, robot.motion.start))]
+    return [rest_at(robot.points.joints(shown, robot.motion.start))]
 
 
 def _home(robot: RobotContext, _request: MotionRequest) -> Sequence[Point]:
@@ -298,83 +239,3 @@ MOVES: dict[str, Callable[[RobotContext, MotionRequest], Sequence[Point]]] = {
     'ptran': _one_joint,
 }
 """Statements that move this arm."""
-
-
-class _Straight:
-    """A line of Tool 0 to a point, from where the arm was, or is after a pause.
-
-    `speed`: what is asked for on a path, at low power or not.
-    """
-
-    def __init__(
-        self,
-        robot: RobotContext,
-        point: SpelPoint,
-        samples: Array,
-        path: PosePath,
-        speed: Callable[[RobotContext, PosePath, bool], CurveSpeed],
-    ) -> None:
-        self._robot = robot
-        self._point = point
-        self._samples = samples
-        self._path = path
-        self._speed = speed
-
-    def __call__(self, start: Array, low_power: bool) -> CurveMotion:
-        """Return the motion. Raises SpelError, ValueError."""
-        samples, path = self._samples, self._path
-        if not np.allclose(start, samples[0], rtol=0.0, atol=1e-9):
-            samples, path = self._robot.points.path_to(self._point, start)
-        speed = self._speed(self._robot, path, low_power)
-        return go_along(_limits(self._robot, low_power), Curve(samples), speed)
-
-    def from_rest(self, start: Array, low_power: bool) -> LineMotion | CurveMotion:
-        """Return the motion, slow and in joint space where no line is possible."""
-        try:
-            return self(start, low_power)
-        except (SpelError, ValueError) as error:
-            _log.warning('Move goes on from joint to joint: %s', error)
-            limits = self._robot.controller.model.limits
-            return go(limits, start, self._samples[-1], LOW_POWER, LOW_POWER)
-
-
-def _limits(robot: RobotContext, low_power: bool) -> JointLimits:
-    limits, share = robot.controller.model.limits, LOW_POWER if low_power else 1.0
-    return replace(
-        limits,
-        velocity=limits.velocity * share,
-        acceleration=limits.acceleration * share,
-        jerk=limits.jerk * share,
-    )
-
-
-def _straight(robot: RobotContext, path: PosePath, low_power: bool) -> CurveSpeed:
-    """Return the limits of SpeedS and AccelS."""
-    speed = robot.controller.spel.values('SpeedS')[0]
-    accel = robot.controller.spel.values('AccelS')[0]
-    if low_power:
-        speed, accel = min(speed, LOW_POWER_MM_S), min(accel, LOW_POWER_MM_S2)
-    length = max(path.length, SHORTEST_PATH) * _MM
-    return _shares(robot, speed / length, accel / length)
-
-
-def _turning(robot: RobotContext, path: PosePath, low_power: bool) -> CurveSpeed:
-    """Return the limits of SpeedR and AccelR."""
-    speed = (robot.controller.spel.values('SpeedR') or (TURN_DEGREES_S,))[0]
-    accel = (robot.controller.spel.values('AccelR') or (TURN_DEGREES_S2,))[0]
-    angle = math.degrees(max(path.angle, SHORTEST_PATH))
-    length = max(path.length, SHORTEST_PATH) * _MM
-    if low_power:
-        speed = min(speed, LOW_POWER_MM_S / length * angle)
-        accel = min(accel, LOW_POWER_MM_S2 / length * angle)
-    return _shares(robot, speed / angle, accel / angle)
-
-
-def _shares(robot: RobotContext, velocity: float, acceleration: float) -> CurveSpeed:
-    factor = robot.controller.spel.values('SpeedFactor')[0] / 100.0
-    acceleration *= factor
-    return CurveSpeed(velocity * factor, acceleration, acceleration * JERK_PER_ACCELERATION)
-
-
-def _at(joints: Array) -> Point:
-    return Point(0, joints, 0.0, 0.0)

@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from epson_driver.motion import Array
+from epson_driver.sim_controller.arm.arch import Arch
 from epson_driver.sim_controller.arm.executor import Point
 from epson_driver.sim_controller.arm.point_to_point import PointToPoint
 from epson_driver.sim_controller.clock import Clock, Timer
@@ -67,6 +68,7 @@ class RobotMotion:
         self.found: Array | None = None
         """Where the arm was when the condition of Find held, shape (n,), rad."""
         self._down: Point | None = None  # of Jump … Sense: what is done if it does not hold
+        self._arch: Arch | None = None  # round which it goes
         self._stops: list[Array] = []  # where the motion begins, and what it goes to
         self.cp = False
         """CP On: every motion may blend into the next one."""
@@ -94,6 +96,8 @@ class RobotMotion:
             raise SpelError(ErrorNumber.MOTION_ABORTED, f'{request.name}: {text}')
         self._motion = motion = Motion(request, self._share)
         self._stops = [self.start, *(point.target for point in points)]
+        path = points[0].path
+        self._arch = path if isinstance(path, Arch) else None
         *before, last = points
         self._points = deque([*before, replace(last, cp=self.cp or request.cp)])
         self._down = self._points.pop() if request.sense is not None and before else None
@@ -152,12 +156,8 @@ class RobotMotion:
         stops, position = self._stops, self._arm.position
         parts = [float(np.linalg.norm(b - a)) for a, b in pairwise(stops)]
         target = len(parts) - len(self._points) - (self._down is not None)
-        if self._motion is not None and self._motion.request.name == 'jump':
-            across = stops[-1] - stops[0]
-            across[2] = 0.0
-            whole = float(across @ across)
-            gone = float((position - stops[0]) @ across) / whole if whole else 1.0
-            return min(gone, 1.0) if gone > 0.0 else -1.0
+        if self._arch is not None:
+            return self._arch.across(self._arm.elapsed)
         if self._motion is not None and self._motion.request.name.startswith('jump'):
             if target != 2:
                 return -1.0 if target < 2 else 1.0

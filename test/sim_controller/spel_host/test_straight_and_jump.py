@@ -268,6 +268,116 @@ def test_inv2_a_jump_goes_round_the_corners_of_its_arch(caplog, more, power, ris
     assert heights.max() == pytest.approx(0.0, abs=0.01)
 
 
+JUMP3 = """
+Function main
+  Motor On{power}
+  Speed 20; Accel 20, 20; SpeedS 400; AccelS 2000
+  Go Here -Z(80)
+  P1 = Here
+  P2 = P1 +X(120)
+  Arch 1, 15, 25
+  Print "stands"
+  {statement} P1 +Z(60) -Y(10), P2 +Z(70), P2 {more}
+  Print Dist(Here, P2) < 0.01
+Fend
+"""
+
+
+def jumped_3(caplog, statement, more, power=HIGH):
+    """Run it; return the tool's places since the begin, mm from there, in P1's axes."""
+    source = JUMP3.format(power=power, statement=statement, more=more)
+    harness = six_axis(caplog, source)
+    harness.until(lambda: 'stands' in harness.printed)
+    begin = len(harness.positions) - 1
+    harness.until(lambda: len(harness.printed) > 1)
+    base = Kinematics(harness.controller.model).from_base(np.eye(4))[:3, :3]
+    places = tool_places(harness)[begin:]
+    return harness, (places - places[0]) @ base * 1000.0
+
+
+def beside(places, begin, end):
+    """Return how far places, mm, are from the line through two others."""
+    way = np.subtract(end, begin) / np.linalg.norm(np.subtract(end, begin))
+    away = places - begin
+    return np.linalg.norm(away - (away @ way)[:, None] * way, axis=1)
+
+
+@pytest.mark.invariant(2)
+@pytest.mark.parametrize('statement', ['Jump3', 'Jump3CP'])
+@pytest.mark.parametrize(
+    ('more', 'rise', 'fall'),
+    [('C1', 15.0, 25.0), ('C0', 30.0, 30.0), ('C7', 60.83, 70.0), ('', 60.83, 70.0),
+     ('C4', 60.83, 70.0)],
+)  # fmt: skip
+def test_inv2_jump3_goes_round_the_corners_of_its_arch(caplog, statement, more, rise, fall):
+    """P477: it leaves the one line, and is on the other, at the distances of the arch."""
+    harness, places = jumped_3(caplog, statement, more)
+    assert harness.printed[1] == '-1'
+    assert_limits_kept(harness)
+    arched = more in ('C1', 'C0')
+    up = beside(places, (0, 0, 0), (0, -10, 60)) < 0.01
+    down = beside(places, (120, 0, 0), (120, 0, 70)) < 0.01
+    heights = np.linalg.norm(places, axis=1), np.linalg.norm(places - (120, 0, 0), axis=1)
+    left, joined = int(np.argmin(up)), len(down) - int(np.argmin(down[::-1]))
+    assert heights[0][left] > rise - 0.1
+    assert heights[1][joined] > fall - 0.1
+    speeds = np.abs(np.diff(harness.positions[-len(places) :], axis=0)).max(axis=1)
+    assert (speeds[left - 5 : joined].min() > 1e-5) == arched
+
+
+@pytest.mark.parametrize('after', [0.1, 0.3, 0.5, 0.7])
+def test_jump3_goes_on_after_a_pause_up_round_a_corner_across_or_down(caplog, after):
+    source = JUMP3.format(power=HIGH, statement='Jump3', more='C1')
+    harness = six_axis(caplog, source)
+    harness.until(lambda: 'stands' in harness.printed)
+    harness.step(after)
+    harness.do('pause')
+    harness.step(1.0)
+    assert not np.any(harness.velocity)
+    harness.do('continue')
+    harness.until(lambda: len(harness.printed) > 1)
+    assert harness.printed[1] == '-1'
+    assert 'from joint to joint' not in caplog.text
+    assert_limits_kept(harness)
+
+
+def arch_of(caplog, name):
+    """Return a robot, and the motion of a Jump3 with an arch of 15 and 25 mm from BENT."""
+    controller = six_axis(caplog, 'Function main\nFend\n').controller
+    for setting, values in (('SpeedS', (800.0,)), ('AccelS', (8000.0, 8000.0))):
+        controller.change_setting(setting, values)
+    motion = RobotMotion(
+        controller.arm.executor, controller.clock, lambda: None, 0.01, lambda: None
+    )
+    robot = RobotContext(controller, motion, RobotPoints(controller.model))
+    here = robot.points.place(BENT)
+    there = changed(changed(here, '+', 'x', 150.0), '+', 'z', -60.0)
+    low = changed(there, '+', 'z', -70.0)
+    ends = changed(here, '+', 'z', -60.0), there, low
+    numbers = {'depart': 15.0, 'approach': 25.0}
+    (point,) = points_of(robot, MotionRequest(name, ends, numbers=numbers))
+    return robot, point.path(BENT, False)
+
+
+@pytest.mark.invariant(2)
+@pytest.mark.parametrize('name', ['jump3', 'jump3cp'])
+def test_inv2_an_arch_and_a_stop_on_it_keep_every_limit(caplog, name):
+    """At full speed, where two motions of the same joints overlap (p479)."""
+    robot, motion = arch_of(caplog, name)
+    limits = robot.controller.model.limits
+    stops = [motion.stop(time) for time in np.linspace(0.0, motion.duration, 60).tolist()]
+    for each in (motion, *stops):
+        states = [each.at(time) for time in np.linspace(0.0, each.duration, 300).tolist()]
+        positions, velocities, accelerations = (
+            np.array(part) for part in zip(*states, strict=True)
+        )
+        assert np.all((positions >= limits.position_min) & (positions <= limits.position_max))
+        assert np.max(np.abs(velocities) / limits.velocity) <= 1.0 + 1e-9
+        assert np.max(np.abs(accelerations) / limits.acceleration) <= 1.0 + 1e-9
+        assert np.abs(velocities[-1]).max() < 1e-9
+    assert motion.stop(0.4 * motion.duration).duration < 0.6 * motion.duration
+
+
 def test_a_jump_round_corners_goes_on_after_a_pause(caplog):
     source = ARCH.format(power=HIGH, more=' C1')
     harness = SpelProgramHarness(source, caplog, model=SCARA)
@@ -396,7 +506,7 @@ def test_where_no_straight_way_is_left_after_a_stop_the_arm_goes_slowly_by_its_j
     elsewhere = BENT + np.radians([160.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # the base is in the way
     slow = point.path(elsewhere, False)
     assert np.allclose(slow.end, point.target, atol=1e-9)
-    assert 'Move goes on from joint to joint: ' in caplog.text
+    assert 'goes on from joint to joint: ' in caplog.text
     limits = controller.model.limits
     share = LOW_POWER
     times = np.linspace(0.0, slow.duration, 200)

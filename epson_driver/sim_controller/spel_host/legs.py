@@ -1,0 +1,208 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Legs of motion statements, along lines of the tool or of the joints, and arches of them."""
+
+import logging
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from epson_driver.motion import Array, JointLimits, LineMotion, go
+from epson_driver.sim_controller.arm.arch import Arch, changed
+from epson_driver.sim_controller.arm.executor import Point
+from epson_driver.sim_controller.arm.low_power import LOW_POWER, low_power_caps
+from epson_driver.sim_controller.spel_host.robot_values import RobotContext
+from epson_driver.spel import MotionRequest, SpelError
+from epson_driver.spel import Point as SpelPoint
+from epson_driver.tool_motion.curve_motion import (
+    MIN_SAMPLES,
+    Curve,
+    CurveMotion,
+    CurveSpeed,
+    go_along,
+)
+from epson_driver.tool_motion.pose_path import PosePath
+
+_log = logging.getLogger(__name__)
+
+_MM = 1000.0
+SHORTEST_PATH = 1e-6
+"""m; a path that is shorter is none: only the orientation changes."""
+
+JERK_PER_ACCELERATION = 10.0
+"""1/s: a ramp of 0.1 s."""
+
+LOW_POWER_MM_S, LOW_POWER_MM_S2 = 50.0, 200.0
+"""What SpeedS and AccelS are at low power at most: their defaults."""
+
+TURN_DEGREES_S, TURN_DEGREES_S2 = 50.0, 500.0
+"""SpeedR and AccelR until they are set: a guess."""
+
+
+class JointLeg:
+    """Straight in joint space from one place, shape (n,), rad, to another, or nowhere."""
+
+    length = 0.0
+
+    def __init__(self, robot: RobotContext, begin: Array, end: Array) -> None:
+        self._robot = robot
+        self.begin, self.end = begin, end
+        self.curve = Curve(np.linspace(begin, end, MIN_SAMPLES))
+
+    @property
+    def point(self) -> Point:
+        """How the arm is told to go there, and rest."""
+        return rest_at(self.end)
+
+    @property
+    def limits(self) -> JointLimits:
+        """What Speed and Accel leave of the limits."""
+        spel = self._robot.controller.spel
+        return _shared(self._robot.controller.model.limits, spel.speed, spel.accel)
+
+    @property
+    def speed(self) -> CurveSpeed:
+        """As fast as these allow."""
+        way, most = np.abs(self.end - self.begin), self.limits
+        with np.errstate(divide='ignore'):
+            v, a, j = (
+                np.min(each / way) for each in (most.velocity, most.acceleration, most.jerk)
+            )
+        return CurveSpeed(float(v), float(a), float(j))
+
+    def from_rest(self, start: Array, low_power: bool) -> LineMotion:
+        """Return the motion from where the arm is."""
+        model, spel = self._robot.controller.model, self._robot.controller.spel
+        speed, accel = spel.speed, spel.accel
+        if low_power:
+            caps = low_power_caps(model.reach)
+            speed = min(speed, caps.speed(model.limits, self.end - start))
+            accel = min(accel, caps.fraction)
+        return go(model.limits, start, self.end, speed, accel)
+
+
+class StraightLeg:
+    """A line or an arc of the tool to a point, from where the arm was, or is after a pause.
+
+    `turning`: SpeedR and AccelR are what counts.
+    """
+
+    def __init__(
+        self,
+        robot: RobotContext,
+        target: SpelPoint,
+        samples: Array,
+        path: PosePath,
+        *,
+        turning: bool,
+    ) -> None:
+        self._robot = robot
+        self._target = target
+        self._path = path
+        self._speed = _turning if turning else _straight
+        self.curve = Curve(samples)
+        self.begin, self.end, self.length = samples[0], samples[-1], path.length
+
+    @property
+    def point(self) -> Point:
+        """How the arm is told to go there, and rest."""
+        return replace(rest_at(self.end), path=self.from_rest)
+
+    @property
+    def limits(self) -> JointLimits:
+        """Those of the arm."""
+        return self._robot.controller.model.limits
+
+    @property
+    def speed(self) -> CurveSpeed:
+        """What SpeedS and AccelS, or SpeedR and AccelR, ask for."""
+        return self._speed(self._robot, self._path, False)
+
+    def motion(self, start: Array, low_power: bool) -> CurveMotion:
+        """Return the motion. Raises SpelError, ValueError."""
+        curve, path = self.curve, self._path
+        if not np.allclose(start, self.begin, rtol=0.0, atol=1e-9):
+            samples, path = self._robot.points.path_to(self._target, start)
+            curve = Curve(samples)
+        speed = self._speed(self._robot, path, low_power)
+        return go_along(_limits(self._robot, low_power), curve, speed)
+
+    def from_rest(self, start: Array, low_power: bool) -> LineMotion | CurveMotion:
+        """Return the motion, slow and in joint space where no line is possible."""
+        try:
+            return self.motion(start, low_power)
+        except (SpelError, ValueError) as error:
+            _log.warning('Move goes on from joint to joint: %s', error)
+            limits = self._robot.controller.model.limits
+            return go(limits, start, self.end, LOW_POWER, LOW_POWER)
+
+
+def over(
+    robot: RobotContext,
+    request: MotionRequest,
+    legs: Sequence[JointLeg | StraightLeg],
+    heights: tuple[float, float],
+) -> Sequence[Point]:
+    """Return the way up, across and down, with a rest between, or round the corners of an arch.
+
+    heights: how far up and how far down, m. There is an arch if both are more than its own (p477).
+    """
+    arch = [request.numbers.get(each, math.inf) / _MM for each in ('depart', 'approach')]
+    gate = [leg.point for leg in legs]
+    there = np.allclose(legs[1].begin, legs[1].end, rtol=0.0, atol=SHORTEST_PATH)
+    if not (arch[0] < heights[0] and arch[1] < heights[1]) or there:
+        return gate
+    taken = legs[:2] if request.sense else legs  # it is looked at above the target
+    path = Arch(
+        robot.controller.model.limits, taken, arch[0] / heights[0], 1.0 - arch[1] / heights[1]
+    )
+    try:
+        path.check()
+    except ValueError as error:
+        _log.info('%s rests at its corners: %s', request.name.capitalize(), error)
+        return gate
+    return [replace(rest_at(taken[-1].end), path=path), *gate[len(taken) :]]
+
+
+def rest_at(joints: Array) -> Point:
+    """Return joints, shape (n,), rad, as a point that the arm is told to go to."""
+    return Point(0, joints, 0.0, 0.0)
+
+
+def _limits(robot: RobotContext, low_power: bool) -> JointLimits:
+    share = LOW_POWER if low_power else 1.0
+    return _shared(robot.controller.model.limits, share, share)
+
+
+def _shared(limits: JointLimits, speed: float, accel: float) -> JointLimits:
+    return changed(limits, lambda kind, most: most * (speed if kind == 'velocity' else accel))
+
+
+def _straight(robot: RobotContext, path: PosePath, low_power: bool) -> CurveSpeed:
+    """Return the limits of SpeedS and AccelS."""
+    speed = robot.controller.spel.values('SpeedS')[0]
+    accel = robot.controller.spel.values('AccelS')[0]
+    if low_power:
+        speed, accel = min(speed, LOW_POWER_MM_S), min(accel, LOW_POWER_MM_S2)
+    length = max(path.length, SHORTEST_PATH) * _MM
+    return _shares(robot, speed / length, accel / length)
+
+
+def _turning(robot: RobotContext, path: PosePath, low_power: bool) -> CurveSpeed:
+    """Return the limits of SpeedR and AccelR."""
+    speed = (robot.controller.spel.values('SpeedR') or (TURN_DEGREES_S,))[0]
+    accel = (robot.controller.spel.values('AccelR') or (TURN_DEGREES_S2,))[0]
+    angle = math.degrees(max(path.angle, SHORTEST_PATH))
+    length = max(path.length, SHORTEST_PATH) * _MM
+    if low_power:
+        speed = min(speed, LOW_POWER_MM_S / length * angle)
+        accel = min(accel, LOW_POWER_MM_S2 / length * angle)
+    return _shares(robot, speed / angle, accel / angle)
+
+
+def _shares(robot: RobotContext, velocity: float, acceleration: float) -> CurveSpeed:
+    factor = robot.controller.spel.values('SpeedFactor')[0] / 100.0
+    acceleration *= factor
+    return CurveSpeed(velocity * factor, acceleration, acceleration * JERK_PER_ACCELERATION)
