@@ -12,12 +12,14 @@ import numpy as np
 from epson_driver.driver import smoothing
 from epson_driver.driver.arm_commands import ArmCommands
 from epson_driver.driver.configuration import Configuration
+from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal import Goal, GoalSettings
 from epson_driver.driver.goal.goal_queue import GoalHandle
 from epson_driver.driver.smoothing import SmoothingProcess
 from epson_driver.motion import Array, Trajectory
 from epson_driver.motion.smoother import plan
+from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.assembly import SpelSource, new_controller, program_network
@@ -218,6 +220,17 @@ async def simulated(dialect=None, profile='rc620', model=None, *, smooth=False, 
         with contextlib.suppress(asyncio.CancelledError):
             await task
         await servers.close()
+
+
+def options_of(name):
+    """Return what a profile sets of a driver's configuration."""
+    profile = load_controller_profile(name)
+    usual = profile_defaults(profile)
+    return {
+        'delivery': delivery_rules(profile, 'streaming', usual['point_message']),
+        'usual_byte_order': profile.byte_order,
+        'motors': profile.program.motors,
+    }
 
 
 @contextlib.asynccontextmanager

@@ -14,9 +14,11 @@ Rules:
    point all that forbids it is looked at in the same turn of the loop in which it is sent.
 4. After that, and after each closing of the gate, a stream must be let go of first, whoever sends
    it (restart_interlock.py); so must one that was refused. Positions must begin near the arm.
-5. A stream that is silent for `timeout` brakes, unless the arm is about to rest at the setpoint.
-   One that was silent for RELEASE_S is over when the arm stands; so it is when a goal comes and
-   all is still.
+5. Velocities that are all zero, or silent for `timeout`, send STOP: a key was let go of, and what
+   a controller still has of the way it would go. The arm stands before it is followed again.
+   Positions that are silent for `timeout` brake, unless the arm is about to rest at the last one.
+   A stream that was silent for RELEASE_S is over when the arm stands; so it is when a goal comes
+   and all is still.
 6. Behind positions the arm catches up at `catch_up` times their own speed at most, whatever the
    limits would allow.
 7. The controller never knows more than MAX_LAG_S ahead of the arm: no point is sent before the arm
@@ -114,9 +116,10 @@ class _Session:
 
     sent, sent_velocity: of the last point; sequence: of the next. waiting: its reply is awaited,
     since `posted`; waited: the last one took its time. span: tracker's time since the last point.
-    time: of the last point. braked: the stream was silent, and the arm brakes. reference: where
-    positions lead from `heard` on. fastest: what their pace allows, shape (n,). behind: how far
-    the tracker is behind them, s; said_behind: the log has said that.
+    time: of the last point. braked: the stream was silent, and the arm brakes. let_go: STOP was
+    sent, as nobody asks for motion. reference: where positions lead from `heard` on. fastest: what
+    their pace allows, shape (n,). behind: how far the tracker is behind them, s; said_behind: the
+    log has said that.
     """
 
     setpoint: Setpoint
@@ -139,6 +142,7 @@ class _Session:
     time: float = 0.0
     waited: bool = False
     braked: bool = False
+    let_go: bool = False
     fastest: Array | None = None
     behind: float = 0.0
     said_behind: bool = False
@@ -223,7 +227,7 @@ class Servo:
         if session is None:
             return None
         now = _now()
-        if now - session.heard > self.settings.timeout and self._done(session, now):
+        if self._silent(session, now) and not session.let_go and self._done(session, now):
             self._end(session)
             return None
         return f'the arm follows a stream of setpoints on {session.source}'
@@ -271,8 +275,9 @@ class Servo:
 
     def withdraw(self) -> None:
         """Take a negative reply to something that the controller had acknowledged before."""
-        if self._session is not None:
-            self._break_off(self._session, 'the controller withdrew an acknowledgement')
+        session = self._session
+        if session is not None and not session.let_go:
+            self._break_off(session, 'the controller withdrew an acknowledgement')
 
     def on_joints(self, sample: JointSample, now: float) -> None:
         """Look at new joints."""
@@ -399,8 +404,9 @@ class Servo:
         if (why := self._contradiction(session, setpoint, came)) is not None:
             return self._refuse_invalid(setpoint.source, why, now)
         session.setpoint = setpoint
-        if setpoint.at_rest and session.tracker.at_rest:
-            return None  # a stick at rest: the stream is as good as silent
+        if setpoint.at_rest:  # as good as silent
+            self._let_go(session, now)
+            return None
         session.heard = came
         self._plot(session, setpoint, came)
         self.counts.late += session.braked
@@ -484,8 +490,14 @@ class Servo:
     def _cycle(self, session: _Session, now: float) -> None:
         """Let the tracker go on, and send where it is, if that may be."""
         gap, self._looked = now - self._looked, now
-        if (why := self._why_not_on()) is not None:
+        if (why := self._why_not_on(session)) is not None:
             self.stop(why)
+        elif session.let_go:
+            if self._stopper.over:
+                self._go_on_or_end(session, now)
+        elif session.setpoint.mode is Mode.VELOCITY and self._silent(session, now):
+            session.braked = True
+            self._let_go(session, now)
         elif session.waiting:
             session.posted += max(gap - MAX_COUNTED_GAP_S, 0.0)  # its reply may be there
             waited = now - max(session.posted, session.standstill.alive)
@@ -505,11 +517,14 @@ class Servo:
         if silent and session is self._session and self._done(session, now):
             self._end(session)
 
-    def _why_not_on(self) -> str | None:
+    def _silent(self, session: _Session, now: float) -> bool:
+        return now - session.heard > self.settings.timeout
+
+    def _why_not_on(self, session: _Session) -> str | None:
         """Return what forbids every further point, or None."""
         if self._gate.reason is not None:
             return self._gate.reason
-        if not self._stopper.over:
+        if not self._stopper.over and not session.let_go:
             return 'the arm is being stopped'
         if self._robot.paused:
             return 'the controller is paused'
@@ -544,7 +559,7 @@ class Servo:
         """Let the tracker go on for `dt` s, in steps of about a cycle."""
         tracker, setpoint = session.tracker, session.setpoint
         factor = self._goals.scaling.factor(now)
-        silent = now - session.heard > self.settings.timeout
+        silent = self._silent(session, now)
         count = max(round(dt / CYCLE_S), 1)
         step = dt / count
         if silent or factor == 0.0:
@@ -618,7 +633,7 @@ class Servo:
         """Send a point, unless something forbids it now."""
         if session is not self._session:
             return
-        if (why := self._why_not_on()) is not None:
+        if (why := self._why_not_on(session)) is not None:
             self.stop(why)
             return
         sequence = session.sequence
@@ -635,7 +650,7 @@ class Servo:
             self._break_off(session, f'setpoint {sequence} could not be sent: {error}')
 
     def _on_reply(self, session: _Session, sequence: int, packet: Packet, now: float) -> None:
-        if session is not self._session:
+        if session is not self._session or session.let_go:
             return  # STOP was sent since
         if (no := reply_rejection(packet)) is not None:
             text = f'the controller refused setpoint {sequence} ({no})'
@@ -645,6 +660,23 @@ class Servo:
         session.standstill.expect(now)
 
     # --- the end ----------------------------------------------------------------------------
+
+    def _let_go(self, session: _Session, now: float) -> None:
+        """Send STOP, unless all that was sent is done.
+
+        It is no stop that somebody asked for: the stream need not be silent before it goes on.
+        """
+        if not session.let_go and not self._done(session, now):
+            session.let_go = True
+            self._stopper.stop()
+
+    def _go_on_or_end(self, session: _Session, now: float) -> None:
+        """Begin anew where the arm stands, if motion was asked for since it was let go of."""
+        self._session = None
+        if session.setpoint.at_rest or self._silent(session, now):
+            _log.info('the stream on %s has ended, and the arm stands', session.source)
+        else:
+            self._try_to_begin(session.setpoint, now, session.heard)
 
     def _done(self, session: _Session, now: float) -> bool:
         """Return whether all that was sent is done, and the arm stands."""

@@ -9,16 +9,13 @@ import asyncio
 
 import numpy as np
 import pytest
-from support.driver_harness import Harness, pose, simulated
+from support.driver_harness import Harness, options_of, pose, simulated
 from support.event_loop import now
-from support.streams import PERIOD, positions, velocities, window
+from support.streams import PERIOD, positions, window
 
 from benchmark.policy_lag import behind
-from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.servo.stream import StreamLag
 from epson_driver.driver.state.robot_state import JointSample
-from epson_driver.node.parameters import profile_defaults
-from epson_driver.profiles import load_controller_profile
 
 DURATION = 7.0
 JITTER = 0.004
@@ -73,14 +70,6 @@ async def followed(harness, stream, wave):
     return times, np.array([sample.positions[0] for sample in samples])
 
 
-def options(name):
-    """Return what a profile sets of a driver's configuration."""
-    profile = load_controller_profile(name)
-    defaults = profile_defaults(profile)
-    rules = delivery_rules(profile, 'streaming', defaults['point_message'])
-    return {'delivery': rules, 'usual_byte_order': profile.byte_order}
-
-
 STREAMS = {
     'positions': only_positions,
     'positions with velocities': with_velocities,
@@ -106,7 +95,7 @@ async def test_the_lag_behind_a_stream_is_as_documented(controller, stream, wave
 
     async with (
         simulated(profile=name, smooth=smooth) as (_, ports),
-        Harness(ports, **options(name)) as harness,
+        Harness(ports, **options_of(name)) as harness,
     ):
         await harness.ready()
         await harness.commands.enable()
@@ -116,36 +105,6 @@ async def test_the_lag_behind_a_stream_is_as_documented(controller, stream, wave
         bar = BARS[controller][list(STREAMS).index(stream)][WAVES.index(wave)]
         assert lag <= bar + 1e-9
         assert harness.gate is None
-
-
-JOG_PERIOD_S = 0.025
-"""Of the panel, while a button is held."""
-
-BRAKING_S, RELEASE_S = 0.23, 0.15
-"""What a jog of 1.6 rad/s takes to brake within servo.scale, and what a release may add."""
-
-
-@pytest.mark.invariant(3)
-@pytest.mark.parametrize('released', [True, False], ids=['released', 'silent'])
-async def test_a_jog_that_ends_leaves_the_arm_at_rest(released):
-    async with (
-        simulated(profile='rc620', smooth=True) as (_, ports),
-        Harness(ports, **options('rc620')) as harness,
-    ):
-        await harness.ready()
-        await harness.commands.enable()
-        for _ in range(48):
-            harness.driver.servo.take(velocities(pose(1.6)))
-            await asyncio.sleep(JOG_PERIOD_S)
-        ended, before = now(), len(harness.events.samples)
-        if released:
-            harness.driver.servo.take(velocities(pose(0.0)))
-        await asyncio.sleep(2.0)
-        samples = [sample for _, sample in harness.events.samples]
-        there = samples[-1].positions[0]
-        moved = [each.measured for each in samples if abs(each.positions[0] - there) > 1e-4]
-        assert abs(samples[before].positions[0] - samples[before - 20].positions[0]) > 0.1
-        assert moved[-1] - ended < BRAKING_S + RELEASE_S
 
 
 PERIOD_S = 0.01

@@ -227,9 +227,9 @@ def test_a_position_that_creeps_is_not_held():
 class Oracle:
     """What may be followed, worked out from nothing but messages and stops.
 
-    Every message of a topic in the second before one that is followed must have asked for no
-    motion, and no stop may lie in that second. What was followed since the last stop may go on: a
-    window that ends lets the arm rest, and the next message of that stream begins again.
+    Every message of a topic in the second before one that begins a stream must have asked for no
+    motion, and no stop may lie in that second. What was followed itself may go on: a window that
+    ends and a key that is let go of let the arm rest, and the next message begins again.
     """
 
     def __init__(self, harness):
@@ -239,27 +239,29 @@ class Oracle:
         self._servo._begin = self._checked
         self.stopped = -np.inf
         self.begun = 0
-        self._followed = {}
+        self._followed = set()
 
     def send(self, setpoint):
         while self._heard and now() - self._heard[0][0] > RELEASE_S:
             self._heard.popleft()
         self._heard.append((now(), setpoint))
-        self._servo.take(setpoint)
+        if self._servo.take(setpoint) is None and self._servo.source == setpoint.source:
+            self._followed.add(setpoint)
 
     def send_invalid(self, source):
-        self._heard.append((now(), velocities(np.full(len(HOME), np.inf), source=source)))
+        invalid = velocities(np.full(len(HOME), np.inf), source=source)
+        self._heard.append((now(), invalid))
+        if self._servo.source == source:
+            self._followed.add(invalid)
         self._servo.refuse(source, 'for the test')
 
     def _checked(self, setpoint, sample, moment, came):
         assert moment - self.stopped >= RELEASE_S
         held = None
-        followed = self._followed.get(setpoint.source, -np.inf)
-        goes_on = followed > self.stopped
-        for heard, other in list(self._heard)[:-1]:
+        for heard, other in self._heard:
             if other.source != setpoint.source or moment - heard >= RELEASE_S - 1e-9:
                 continue
-            if goes_on and heard >= followed:
+            if other is setpoint or other in self._followed:
                 continue
             assert other.velocities is None or not other.velocities.any()
             assert other.window is None or not np.ptp(other.window.positions, axis=0).any()
@@ -267,7 +269,6 @@ class Oracle:
                 held = other.positions if held is None else held
                 np.testing.assert_array_equal(other.positions, held)
         self.begun += 1
-        self._followed[setpoint.source] = moment
         self._begin(setpoint, sample, moment, came)
 
 
