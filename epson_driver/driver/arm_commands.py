@@ -7,7 +7,14 @@ import contextlib
 from collections.abc import Awaitable, Callable
 
 from epson_driver.driver.driver import Driver
-from epson_driver.driver.inhibit import Cause, Inhibit, Remedy, status_inhibit
+from epson_driver.driver.inhibit import (
+    Cause,
+    Inhibit,
+    Remedy,
+    manual_inhibit,
+    refusal_inhibit,
+    status_inhibit,
+)
 from epson_driver.driver.stopping.arm_gate import Enabling, GateError
 from epson_driver.driver.stopping.motors import Action, MotorsError
 from epson_driver.simple_message import Status, TriState
@@ -149,7 +156,7 @@ class ArmCommands:
             if newest is None:
                 raise CommandError('the controller sends no STATUS')
             if (found := status_inhibit(newest, driver.robot.errors)) is not None:
-                raise CommandError(found.text)
+                raise _inhibited(found)
             if driver.gate.reason is not None:
                 driver.robot.enabled()
                 driver.stopper.enabled()
@@ -264,6 +271,8 @@ class ArmCommands:
                 )
             await self._act(Action.RESET)
         except CommandError as error:
+            if error.remedy is Remedy.RELEASE_ESTOP:
+                raise
             asked = _now()
             with contextlib.suppress(CommandError):  # it may have been pressed since the last one
                 await self._wait_for_status(lambda _: self._driver.robot.status_time > asked, '')
@@ -294,7 +303,17 @@ class ArmCommands:
         try:
             await self._driver.motors.act(action, ANSWER_TIMEOUT_S)
         except MotorsError as error:
-            raise CommandError(str(error)) from error
+            raise self._refused(action, error) from error
+
+    def _refused(self, action: Action, error: MotorsError) -> CommandError:
+        """Return why an action was refused: what the controller tells of itself, or the error."""
+        robot, found = self._driver.robot, None
+        if error.told is not None:
+            found = refusal_inhibit(*error.told, robot.errors)
+        found = found or manual_inhibit(robot.status or Status())
+        if found is None or (action is Action.RESET and found.remedy is Remedy.RESET):
+            return CommandError(str(error))
+        return _inhibited(found)
 
     async def _wait_for_status(self, good: Callable[[Status], bool], otherwise: str) -> Status:
         try:
@@ -307,8 +326,7 @@ class ArmCommands:
 
 
 def _inhibited(found: Inhibit) -> CommandError:
-    text = f'{found.text}: {found.advice}' if found.advice else found.text
-    return CommandError(text, found.remedy)
+    return CommandError(found.said, found.remedy)
 
 
 def _now() -> float:

@@ -230,6 +230,7 @@ class Driver:
             self._on_broken_off,
         )
         self.goal_queue.occupied = self.servo.occupation
+        self.goal_queue.closed = self._why_closed
         self._feedback_leads = False
         self._positions_since_feedback = 0
         self._joints_missing = ReceiveTimeout(max(STATUS_TIMEOUT_S, configuration.state_timeout))
@@ -365,6 +366,18 @@ class Driver:
         if self.gate.reason is None:
             return None
         return manual_inhibit(status) or not_enabled(self.gate.reason)
+
+    def _why_closed(self) -> Inhibit | None:
+        """Return what keeps the arm gate closed, None while it is open.
+
+        That is what is to be mended now, not what closed it, as that may be over.
+        """
+        if self.gate.reason is None:
+            return None
+        found = self.inhibit(self._now())
+        if found is None or found.cause is Cause.NOT_ENABLED:
+            return not_enabled(self.gate.reason)
+        return replace(found, text=f'the arm is not enabled: {found.text}')
 
     async def why_not_ready(self, patience: float) -> str | None:
         """Wait for fresh joints. Returns why there are none, or None.

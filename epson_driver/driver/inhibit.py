@@ -51,7 +51,7 @@ class Remedy(Enum):
     LOOK_AT_CONTROLLER = 'look at the controller'
     TURN_TO_AUTO = 'turn it to AUTO, then enable the arm'
     ENABLE = 'enable the arm'
-    CONTINUE = 'continue at the controller'
+    CONTINUE = 'continue at the controller, or start main'
     END_STREAM = 'end that, or stop the arm'
     ALLOW_END_VELOCITY = 'let the arm stop there'
 
@@ -77,11 +77,16 @@ class Inhibit:
     text: str
     advice: str = ''
 
+    @property
+    def said(self) -> str:
+        """The clause with the advice."""
+        return f'{self.text}: {self.advice}' if self.advice else self.text
+
 
 PAUSED = Inhibit(
     Cause.PAUSED,
     Remedy.CONTINUE,
-    'the controller is paused (it says that motion is not possible)',
+    'the controller is paused, or main does not run (it says that motion is not possible)',
 )
 
 
@@ -166,6 +171,13 @@ def flags_inhibit(flags: Collection[str], number: int, errors: ErrorTexts) -> In
         if flag in flags:
             return Inhibit(cause, remedy, text, advice if cause is Cause.ERROR else '')
     return None
+
+
+def refusal_inhibit(
+    flags: Collection[str], number: int, device: int | None, errors: ErrorTexts
+) -> Inhibit | None:
+    """Return why Remote Ethernet refuses a command, by what it tells of the condition, or None."""
+    return flags_inhibit(flags, number, errors) or device_inhibit(device)
 
 
 def device_inhibit(device: int | None) -> Inhibit | None:

@@ -350,7 +350,9 @@ def test_an_estop_ends_the_motion_and_only_enable_lets_the_arm_move_again():
             assert 'call reset()' in status.remedy
             with pytest.raises(RobotError, match=r'call reset\(\)'):
                 await robot.enable()
-            with pytest.raises(RobotError, match=r'^the E-stop is not reset .*; release it, '):
+            with pytest.raises(
+                RobotError, match=r'^the E-stop is pressed or not reset.*; release it, '
+            ):
                 await robot.reset()
             controller.apply(Event.ESTOP_RELEASE)
             assert 'until it is enabled' in await robot.reset()
@@ -369,7 +371,7 @@ def test_a_controller_that_is_paused_says_so_and_what_helps():
             controller.apply(Event.PAUSE)
             await until(lambda: robot.status.paused)
             assert robot.status.text.startswith('the controller is paused')
-            assert robot.status.remedy == 'continue at the controller'
+            assert robot.status.remedy == 'continue at the controller, or start main'
 
     run(scenario())
 

@@ -101,6 +101,10 @@ class GoalQueue:
         """Goals that were executed at another speed than planned."""
         self.occupied: Callable[[], str | None] = lambda: None
         """Returns why no goal may begin, as something else moves the arm; None: nothing does."""
+        self.closed: Callable[[], Inhibit | None] = lambda: (
+            None if gate.reason is None else not_enabled(gate.reason)
+        )
+        """Returns what keeps the arm gate closed; None: it is open."""
         self._limits = limits
         self._planned_speed = planned_speed
         self._robot = robot
@@ -363,8 +367,8 @@ class GoalQueue:
         return sample
 
     def _check_allowed(self) -> None:
-        if self._gate.reason is not None:
-            raise _inhibited(not_enabled(self._gate.reason))
+        if (found := self.closed()) is not None:
+            raise _inhibited(found)
         self._check_not_stopping()
         if (why := self.occupied()) is not None:
             raise GoalRejectedError(ErrorCode.INVALID_GOAL, why, Remedy.END_STREAM)
@@ -498,7 +502,7 @@ class GoalQueue:
 
 
 def _inhibited(found: Inhibit) -> GoalRejectedError:
-    return GoalRejectedError(ErrorCode.INVALID_GOAL, found.text, found.remedy)
+    return GoalRejectedError(ErrorCode.INVALID_GOAL, found.said, found.remedy)
 
 
 def _now() -> float:

@@ -21,6 +21,7 @@ from typing import Literal, Protocol
 from epson_driver.driver.delivery.reply_rejection import reply_rejection
 from epson_driver.link import Link
 from epson_driver.remote_ethernet.client import Ask, Login, RemoteError, logged_in
+from epson_driver.remote_ethernet.status_flags import ask_control_device, ask_flags
 from epson_driver.remote_ethernet.turns import RemoteTurns
 from epson_driver.simple_message import MotionCtrl, Packet
 from epson_driver.simple_message.motoman import Command
@@ -60,15 +61,21 @@ class Action(Enum):
     RESET = Commands('Reset', Command.RESET_ALARM, 'reset the error at the controller')
 
 
+Told = tuple[tuple[str, ...], int, int | None]
+"""Flags, error number and control device, as Remote Ethernet tells them."""
+
+
 class MotorsError(RuntimeError):
     """An action that failed: the reason, and what a person can do, as its text.
 
-    `unanswered`: the controller may have got the command, and may obey it yet.
+    `unanswered`: the controller may have got the command, and may obey it yet. `told`: what it
+    tells of its condition after a refusal, or None.
     """
 
-    def __init__(self, text: str, *, unanswered: bool = False) -> None:
+    def __init__(self, text: str, *, unanswered: bool = False, told: Told | None = None) -> None:
         super().__init__(text)
         self.unanswered = unanswered
+        self.told = told
 
 
 class Motors(Protocol):
@@ -116,16 +123,23 @@ class RemoteEthernetMotors:
 
     async def act(self, action: Action, timeout: float) -> None:
         """Log in and give the command. Raises MotorsError."""
-        commands = action.value
+        failed: Exception | None = None
+        told: Told | None = None
         try:
             async with self._turns.urgent(), self._login(timeout) as ask:
-                await self._give(ask, action, timeout)
+                try:
+                    await self._give(ask, action, timeout)
+                except RemoteError as error:
+                    failed = error
+                    told = (*await ask_flags(ask), await ask_control_device(ask))
         except (RemoteError, OSError, TimeoutError) as error:
-            why = str(error) or 'no answer'
+            failed = failed or error
+        if failed is not None:
             raise MotorsError(
-                f'remote port {self._place}: {why}: {commands.by_hand}',
-                unanswered=isinstance(error, TimeoutError),
-            ) from error
+                f'remote port {self._place}: {str(failed) or "no answer"}: {action.value.by_hand}',
+                unanswered=isinstance(failed, TimeoutError),
+                told=told,
+            ) from failed
 
     async def _give(self, ask: Ask, action: Action, _timeout: float) -> None:
         await ask(action.value.remote_ethernet)

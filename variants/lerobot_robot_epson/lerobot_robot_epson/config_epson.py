@@ -19,7 +19,7 @@ class EpsonArm:
     host: None for a simulated arm of its own, which begins at `start`, rad (m). controller, model:
     as epson_driver has them; ports: those of motion, state, io and remote that differ. speed,
     acceleration: shares of the joint limits, (0, 1]. timeout: so long after the last action the
-    arm brakes, s. trace_file: a new pcap file.
+    arm brakes, s; more than two periods of the actions. trace_file: a new pcap file.
     """
 
     host: str | None = None
@@ -29,7 +29,7 @@ class EpsonArm:
     start: list[float] | None = None
     speed: float = 0.06
     acceleration: float = 0.5
-    timeout: float = 0.15
+    timeout: float = 0.08
     trace_file: str | None = None
 
     def make_arm(self) -> Arm:
@@ -42,8 +42,7 @@ class EpsonArm:
         kind = {'controller': self.controller, 'model': self.model, 'settings': settings}
         if self.host is None:
             return Arm.simulated(**kind, start=self.start)
-        ports = {f'{name}_port': port for name, port in self.ports.items()}
-        return Arm(self.host, **kind, **ports)
+        return Arm(self.host, **kind, **{f'{key}_port': port for key, port in self.ports.items()})
 
 
 @RobotConfig.register_subclass('epson')

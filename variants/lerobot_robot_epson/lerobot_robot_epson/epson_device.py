@@ -9,10 +9,14 @@ import numpy as np
 import numpy.typing as npt
 from lerobot.utils.decorators import check_if_not_connected
 
+from epson_driver.motion.setpoint_tracker import servo_limits
 from lerobot_robot_epson.config_epson import EpsonArm
 
 LONGEST_STEP_S = 0.07
 """What time between two actions counts at most, s: one that comes late makes no jump."""
+
+BRAKE_S = 0.08
+"""A joint is never so fast that braking would take longer, s."""
 
 
 class EpsonDevice:
@@ -23,6 +27,8 @@ class EpsonDevice:
         self.config = config
         self.arm = config.make_arm()
         self.limits = self.arm.model.limits
+        stoppable = config.acceleration * servo_limits(self.limits, 1.0, BRAKE_S).velocity
+        self.fastest = np.minimum(config.speed * self.limits.velocity, stoppable)
         self._joints = [f'{name}.pos' for name in self.limits.names]
         self._open: ExitStack | None = None
 

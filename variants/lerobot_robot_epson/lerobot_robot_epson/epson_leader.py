@@ -54,9 +54,8 @@ class EpsonLeader(EpsonDevice, Teleoperator):
         """Move on, and return where the joints are. Raises RobotError."""
         if self.config.hand == 'keys':
             pressed = self._keyboard.get_action()
-            fastest = self.config.speed * self.limits.velocity
             turns = [(more in pressed) - (less in pressed) for more, less in KEYS]
-            self.arm.servo_velocity(turns[: len(fastest)] * fastest)
+            self.arm.servo_velocity(turns[: len(self.fastest)] * self.fastest)
         else:
             passed, self._asked = time.monotonic() - self._asked, time.monotonic()
             self._turn += 2.0 * math.pi * min(passed, LONGEST_STEP_S) / self.config.period

@@ -72,18 +72,14 @@ class EpsonRobot(EpsonDevice, Robot):
                 raise ValueError(f'{name} = {action.get(name)}: an action has all joints, finite')
         wanted = np.array([float(action[name]) for name in self._joints])
         now = time.perf_counter()
-        passed = now - self._heard
-        if passed > REST_S:
-            self._target, passed = self.arm.joints, BEGIN_S
-            self._velocity = np.zeros(len(wanted))
-        step = min(passed, LONGEST_STEP_S)
+        step = min(now - self._heard, LONGEST_STEP_S)
+        if now - self._heard > REST_S:
+            self._target, self._velocity, step = self.arm.joints, 0.0 * wanted, BEGIN_S
         way = np.clip(wanted, self.limits.position_min, self.limits.position_max) - self._target
-        fastest = self.config.speed * self.limits.velocity
         so_far = np.maximum(np.sign(way) * self._velocity, 0.0)
-        fastest = np.minimum(so_far + fastest * step / RISE_S, fastest)
+        fastest = np.minimum(so_far + self.fastest * step / RISE_S, self.fastest)
         way /= max(float(np.max(np.abs(way) / (fastest * step))), 1.0)
-        self._velocity = way / step
-        target = self._target + way
+        self._velocity, target = way / step, self._target + way
         self.arm.servo(target, np.zeros(len(target)))  # to rest there, not to be led beyond it
         self._target, self._heard = target, now
         return self._named(target)

@@ -1,0 +1,120 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""variants/lerobot_robot_epson in virtual time, with stand-ins for what it has of lerobot.
+
+So its times of rest do not depend on this machine; its own tests run the genuine lerobot.
+"""
+
+import asyncio
+import contextlib
+import importlib
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+from support.api_harness import robot_cell
+from support.event_loop import now
+
+from epson_driver import Settings
+
+VARIANT = Path(__file__).parents[2] / 'variants' / 'lerobot_robot_epson'
+RATE = 30.0
+MOVING = 0.01
+
+
+class Registered:
+    """A configuration class of lerobot."""
+
+    @classmethod
+    def register_subclass(cls, _name):
+        return lambda kind: kind
+
+
+class Device:
+    """A robot or a teleoperator of lerobot."""
+
+    def __init__(self, config):
+        pass
+
+
+STAND_INS = {
+    'lerobot': {},
+    'lerobot.cameras': {'CameraConfig': object, 'make_cameras_from_configs': lambda _: {}},
+    'lerobot.robots': {'RobotConfig': Registered, 'Robot': Device},
+    'lerobot.teleoperators': {'TeleoperatorConfig': Registered, 'Teleoperator': Device},
+    'lerobot.teleoperators.keyboard': {'KeyboardTeleop': Device, 'KeyboardTeleopConfig': object},
+    'lerobot.utils': {},
+    'lerobot.utils.decorators': {
+        'check_if_not_connected': lambda function: function,
+        'check_if_already_connected': lambda function: function,
+    },
+    'lerobot.lerobot_types': {'RobotAction': dict, 'RobotObservation': dict},
+}
+
+
+@pytest.fixture
+def variant(monkeypatch):
+    monkeypatch.syspath_prepend(str(VARIANT))
+    for name, values in STAND_INS.items():
+        module = ModuleType(name)
+        vars(module).update(values)
+        monkeypatch.setitem(sys.modules, name, module)
+    try:
+        robot = importlib.import_module('lerobot_robot_epson.epson_robot')
+        monkeypatch.setattr(robot, 'time', SimpleNamespace(perf_counter=now))
+        yield importlib.import_module('lerobot_robot_epson')
+    finally:
+        for name in [each for each in sys.modules if each.startswith('lerobot_robot_epson')]:
+            del sys.modules[name]
+
+
+def far(_step, count):
+    return np.full(count, 3.0)
+
+
+def to_and_fro(step, count):
+    return np.full(count, 3.0 if step // 10 % 2 else -3.0)
+
+
+def anything(step, count):
+    action = np.random.default_rng(step).uniform(-3.0, 3.0, count)
+    return np.where(np.arange(count) == step % 9, np.nan, action)
+
+
+@pytest.mark.invariant(2)
+@pytest.mark.parametrize(
+    ('model', 'policy', 'soon'),
+    [
+        ('c3_a601s', far, 0.3),
+        ('cx7_a901s', far, 0.3),
+        ('vt6_a901s', far, 0.3),
+        ('gx8_c652s', far, 0.3),
+        ('c3_a601s', anything, 0.3),
+        ('vt6_a901s', to_and_fro, 0.35),  # it has just turned back, and gathers speed
+    ],
+)
+async def test_hostile_actions_break_no_limit_and_the_arm_rests_soon(variant, model, policy, soon):
+    config = variant.EpsonRobotConfig(model=model)
+    settings = Settings(servo_scale=config.acceleration, servo_timeout=config.timeout)
+    async with robot_cell(model=model, smooth=True, settings=settings) as (arm, _):
+        robot, seen = variant.EpsonRobot(config), []
+        robot.arm = arm
+        arm.on_joints(lambda sample: seen.append((now(), sample)))
+        for count in (40, 47):
+            for step in range(count):
+                with contextlib.suppress(ValueError):
+                    action = policy(step, len(robot.limits.names)).tolist()
+                    robot.send_action(dict(zip(robot.action_features, action, strict=True)))
+                    last = now()
+                await asyncio.sleep(1.0 / RATE)
+            await asyncio.sleep(1.2)
+            moving = [at for at, each in seen if np.abs(each.velocities).max() > MOVING]
+            assert max(moving) - last < soon
+        limits = robot.limits
+        fastest = max(float((np.abs(each.velocities) / limits.velocity).max()) for _, each in seen)
+        assert 0.002 < fastest < 0.12
+        for _, each in seen:
+            assert (each.positions > limits.position_min - 1e-6).all()
+            assert (each.positions < limits.position_max + 1e-6).all()

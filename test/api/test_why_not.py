@@ -1,0 +1,112 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Why the arm does not move: each call names the cause that is there now, and what helps."""
+
+import asyncio
+from typing import NamedTuple
+
+import pytest
+from support.api_harness import robot_cell
+
+from epson_driver.aio import MotionError, RobotError
+from epson_driver.driver.stopping.motors import RemoteEthernetMotors
+from epson_driver.sim_controller.condition.states import Event
+
+PROFILES = (
+    'rc620',
+    'rc700a',
+    'remote',
+    'spel',
+    'motoman',
+    'abb',
+    'fanuc',
+    'generic',
+    'thesis',
+)
+NO_STREAMS = ('motoman', 'abb', 'remote')
+NO_REMOTE_ETHERNET = ('motoman',)
+
+
+class Row(NamedTuple):
+    """What happens, then what moves and `enable` say; `told`: STATUS shows it, too."""
+
+    events: tuple[Event, ...]
+    enable: str
+    move: str
+    told: bool = True
+
+
+ESTOP = r'the E-stop is pressed or not reset.*; release it, call reset\(\)'
+ROWS = {
+    'E-stop': Row((Event.ESTOP_PRESS,), ESTOP, rf'not enabled: {ESTOP}'),
+    'E-stop that is not reset': Row(
+        (Event.ESTOP_PRESS, Event.ESTOP_RELEASE), ESTOP, rf'not enabled: {ESTOP}'
+    ),
+    'door': Row(
+        (Event.DOOR_OPEN,),
+        r'the safeguard door is open; close it, .*then call enable\(\)',
+        r'not enabled.*(motors are off|door is open).*; .*call enable\(\)',
+        told=False,
+    ),
+    'key': Row(
+        (Event.MODE_MANUAL,),
+        r'(the mode is TEACH|key switch is at MANUAL); turn it to AUTO, then call enable\(\)',
+        r'not enabled: .*(TEACH|MANUAL); turn it to AUTO, then call enable\(\)',
+    ),
+    'error': Row(
+        (Event.ERROR,),
+        r'the controller is in error .*; call reset\(\), then enable\(\)',
+        r'not enabled.*; call (reset\(\), then )?enable\(\)',
+        told=False,
+    ),
+}
+
+
+@pytest.mark.invariant(4)
+@pytest.mark.parametrize('profile', PROFILES)
+@pytest.mark.parametrize('row', ROWS.values(), ids=ROWS)
+async def test_each_call_says_what_keeps_the_arm_still(profile: str, row: Row) -> None:
+    async with robot_cell(profile=profile) as (robot, controller):
+        here = robot.joints
+        for event in row.events:
+            controller.apply(event)
+        await asyncio.sleep(1.5)  # it brakes, and a STATUS comes
+        near = here + 0.05
+        for move in (lambda: robot.move_joints(near), lambda: robot.move_waypoints([near, here])):
+            with pytest.raises(MotionError, match=row.move):
+                await move()
+        if profile not in NO_STREAMS:
+            with pytest.raises(MotionError, match=row.move):
+                robot.servo(near)
+        if row.told or profile not in NO_REMOTE_ETHERNET:
+            with pytest.raises(RobotError, match=row.enable):
+                await robot.enable()
+        else:  # what refused it tells nothing
+            with pytest.raises(RobotError, match='switch the motors on at the controller'):
+                await robot.enable()
+
+
+@pytest.mark.parametrize('event', [Event.PAUSE, Event.STOP])
+@pytest.mark.parametrize('profile', ['rc620', 'rc700a', 'generic', 'fanuc', 'abb'])
+async def test_what_is_paused_or_does_not_run_is_not_called_an_error(profile, event):
+    async with robot_cell(profile=profile) as (robot, controller):
+        controller.apply(event)
+        await asyncio.sleep(0.5)
+        said = r'paused, or main does not run .*; continue at the controller, or start main'
+        with pytest.raises(MotionError, match=said):
+            await robot.move_joints(robot.joints + 0.05)
+
+
+async def test_a_refusal_that_is_not_explained_stays_as_it_came(monkeypatch):
+    """The controller's flags may be fine again by then, or unknown to it."""
+    asked = []
+
+    async def refuses(_self, ask, _action, _timeout):
+        asked.append(await ask('GetStatus'))
+        await ask('Nothing')
+
+    async with robot_cell(enabled=False) as (robot, _):
+        monkeypatch.setattr(RemoteEthernetMotors, '_give', refuses)
+        with pytest.raises(RobotError, match=r'Nothing: .*switch the motors on at the controller'):
+            await robot.enable()
+    assert asked
