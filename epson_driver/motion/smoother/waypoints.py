@@ -77,6 +77,8 @@ class Waypoints:
         start = self.checked(start, None, 'the start')
         self.origin = self.last = Waypoint(0, start, start)
         self.ahead: deque[Waypoint] = deque()
+        self._before = start
+        """Where the way to the last point begins, shape (n,)."""
         self._beside_since: float | None = None
         """When the first of the points that were merged into the origin since the rest came, s."""
         self._rests_since = 0.0
@@ -98,7 +100,10 @@ class Waypoints:
         ways = np.abs(position - self.last.anchor)
         joint = int(np.argmax(ways))
         slow = duration is not None and duration >= MIN_DWELL_S
-        if ways[joint] < (MERGE_TOLERANCE / 2.0 if slow else MERGE_TOLERANCE):
+        near = ways[joint] < (MERGE_TOLERANCE / 2.0 if slow else MERGE_TOLERANCE)
+        if near and self._turns_back(position):
+            self._add(position, duration or None, now)
+        elif near or np.abs(position - self.last.position).max() <= MIN_MOVE:
             self._merge(position, duration or 0.0, now, in_motion)
         elif duration == 0.0:
             raise ValueError(
@@ -189,6 +194,13 @@ class Waypoints:
         inside: Array = np.clip(position, limits.position_min, limits.position_max)
         return inside
 
+    def _turns_back(self, position: Array) -> bool:
+        """Return whether the last point, merged with it, would be nearly at the one before."""
+        if self.last is self.origin or self.last.tiny:
+            return False
+        spacing, left = np.abs(np.array([self.last.anchor, position]) - self._before).max(axis=1)
+        return bool(left < spacing / 2.0)
+
     def _merge(self, position: Array, duration: float, now: float, in_motion: bool) -> None:
         """Take a point that is (nearly) where the last one is: it may command a rest."""
         last = self.last
@@ -215,6 +227,7 @@ class Waypoints:
             time = float(np.max(np.abs(position - last.position) / self.limits.velocity))
         else:
             time = duration
+        self._before = last.position
         clock = last.clock + (last.rest or 0.0) + time
         anchor = last.anchor if tiny else position
         timed = duration is not None

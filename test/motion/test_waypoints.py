@@ -1,0 +1,32 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Points that are merged, dwelt at, or gone back over: no two of the path are at one place."""
+
+import numpy as np
+import pytest
+from support.smoother_harness import LIMITS
+
+from epson_driver.motion.smoother.waypoints import MERGE_TOLERANCE, MIN_MOVE, Mode, Waypoints
+
+STEP = MERGE_TOLERANCE / 5.0
+
+
+@pytest.mark.parametrize('mode', Mode)
+@pytest.mark.parametrize('seed', range(8))
+def test_no_two_points_of_the_path_are_at_one_place(mode, seed):
+    random = np.random.default_rng(seed)
+    waypoints = Waypoints(LIMITS, np.zeros(2), mode)
+    begin, place = waypoints.origin, 0
+    for _ in range(2000):
+        place += int(random.choice([-9, -4, -3, -2, -1, 0, 1, 2, 3, 4, 9]))
+        last = STEP * np.array([place, -place])
+        duration = random.choice([None, 0.02, 0.2, 0.5])
+        waypoints.append(last, duration, 0.0, in_motion=True)
+        if random.random() < 0.05:
+            waypoints.finish()
+        way = np.array([each.position for each in (begin, *waypoints.ahead)])
+        assert (np.abs(np.diff(way, axis=0)).max(axis=1) > MIN_MOVE).all()
+        assert np.abs(waypoints.last.position - last).max() == 0.0
+        if len(waypoints.ahead) > 20:
+            begin = waypoints.ahead[10]
+            waypoints.passed(begin)
