@@ -3,6 +3,7 @@
 """Every statement and every function of the tables, executed."""
 
 import math
+import re
 
 import pytest
 from support.spel_harness import ScriptedHost, printed, run, value
@@ -462,6 +463,39 @@ def test_every_statement_has_a_test_and_one_place_that_executes_it() -> None:
             assert hasattr(Parser, rule.form.replace('@', 'read_')), rule
     assert all(is_a('statement', name) for name in COMMANDS)
     assert not COMMANDS.keys() & KEYWORDS
+
+
+SOURCES = {
+    **{f'{name}(': f'Print {each}' for name, (each, _) in VALUES.items()},
+    **{name: body for name, (body, _) in STATEMENTS_AT_WORK.items()},
+    **SETTINGS,
+}
+A_NUMBER = re.compile(r'(?<![\w.$&"])\d+(?:\.\d+)?(?![\w.])')
+IT_DEPENDS = re.compile(r'^(Box|Local|Redim|Read|Seek) |Pallet\(|Ctr\(|CTReset 0|#0|Asc\(Tab\$\(0')
+"""On other numbers, or on what was done before: only a run can tell."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', SOURCES)
+def test_check_refuses_each_number_that_a_run_refuses(name: str) -> None:
+    """Every number of every statement and function, below and above what it can be."""
+    body = SOURCES[name]
+    source = body if 'Function' in body else f'Function main\n{body}\nFend'
+    for found in A_NUMBER.finditer(source):
+        before = source[: found.start()]
+        for number in ('-1', '0', '40000'):
+            changed = before + number + source[found.end() :]
+            line = changed.splitlines()[before.count('\n')].strip()
+            if before.count('"') % 2 or IT_DEPENDS.search(line):
+                continue
+            said = [each for each in check({'main.prg': changed}) if not each.warning]
+            if said:
+                continue
+            host = ScriptedHost()
+            host.typed = ['5, 2.5']
+            run(changed, host=host)
+            refused = [each.text for each in host.failures if each.number == 9993]
+            assert not refused, line
 
 
 OTHER_WORDS = [
