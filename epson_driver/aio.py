@@ -179,9 +179,14 @@ class Robot(Motions, Streams):
         """Stop the arm, allow no more motions, and switch the motors off where that can be."""
         return await self._connection.command(ArmCommands.disable)
 
-    async def reset(self) -> str:
-        """Reset the controller's error, also after an E-stop. The arm stays disabled."""
-        return await self._connection.command(ArmCommands.reset_error)
+    @checked_arguments
+    async def reset(self, *, enable: bool = False) -> str:
+        """Reset the controller's error, also after an E-stop.
+
+        enable: `enable` the arm after it, which otherwise stays disabled.
+        """
+        said = await self._connection.command(ArmCommands.reset_error)
+        return await self.enable() if enable else said
 
     async def stop(self) -> str:
         """Stop the arm and abort its motion, and return a sentence when it stands."""

@@ -356,9 +356,11 @@ def test_an_estop_ends_the_motion_and_only_enable_lets_the_arm_move_again():
                 await robot.reset()
             controller.apply(Event.ESTOP_RELEASE)
             assert 'until it is enabled' in await robot.reset()
+            with pytest.raises(aio.ArgumentError, match='enable'):
+                await robot.reset(enable='yes')
             assert pressed == [True, False]
             assert 'not enabled' in str(await motion_error(robot.move_joints(HOME)))
-            await robot.enable()
+            assert await robot.reset(enable=True) == 'the arm is enabled'
             await robot.move_joints(HOME)
 
     run(scenario())
