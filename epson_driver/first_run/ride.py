@@ -74,15 +74,23 @@ class Ride:
 
     @property
     def begin(self) -> float | None:
-        """When the arm was first seen to have moved, or None."""
-        away = np.flatnonzero(np.abs(self.positions - self.positions[0]).max(axis=1) > MOVED)
-        return float(self.times[away[0]]) if away.size else None
+        """When the arm had moved, between two joint states by interpolation, or None."""
+        away = np.abs(self.positions - self.positions[0]).max(axis=1)
+        moved = np.flatnonzero(away > MOVED)
+        if not moved.size:
+            return None
+        pair = slice(moved[0] - 1, moved[0] + 1)
+        return float(np.interp(MOVED, away[pair], self.times[pair]))
 
     @property
     def end(self) -> float:
-        """When the arm was last seen away from where it came to rest."""
-        away = np.flatnonzero(np.abs(self.positions - self.positions[-1]).max(axis=1) > MOVED)
-        return float(self.times[away[-1]]) if away.size else float(self.times[0])
+        """When the arm was last away from where it came to rest, by interpolation too."""
+        away = np.abs(self.positions - self.positions[-1]).max(axis=1)
+        moved = np.flatnonzero(away > MOVED)
+        if not moved.size:
+            return float(self.times[0])
+        pair = slice(moved[-1], moved[-1] + 2)
+        return float(np.interp(-MOVED, -away[pair], self.times[pair]))
 
     @property
     def moved(self) -> Array:
