@@ -20,7 +20,7 @@ from epson_driver.sim_controller.condition.states import (
 from epson_driver.sim_controller.faults.faults import ANSWER_TIME_S, FaultError, parse
 from simulation.network import HOST, Network
 from simulation.oracles import Arm, Wishes
-from simulation.users import Users
+from simulation.users import PERSON_S, Users
 from simulation.virtual_loop import VirtualLoop
 
 CLOSING = ('ESTOP_PRESS', 'MOTORS_OFF', 'DOOR_OPEN', 'MODE_MANUAL')
@@ -35,7 +35,7 @@ UNSURE_S = 1.0
 STOP_S = 0.5
 """How long a STOP may take besides the network, s: the arm brakes."""
 
-PERSON_S = 20.0
+MOVES_S = 20.0
 """How long an arm may move that a person at the controller had go on, s."""
 
 
@@ -65,6 +65,7 @@ class AtController:
         self._world = world
         self._now: Callable[[], float] = world.loop.time
         self._unsure_until = 0.0
+        self._closing = -PERSON_S
         self.links = ('remote',) if world.statements else ('motion', 'state')
         """Ports that the driver needs: without one the arm must be enabled again."""
 
@@ -99,7 +100,11 @@ class AtController:
     # --- a person ----------------------------------------------------------------------------
 
     async def pendant(self, event: str) -> None:
-        """Let a person do something."""
+        """Let a person do something, who needs a while to take back what closes the gate."""
+        if event in CLOSING:
+            self._closing = self._now()
+        elif (left := self._closing + PERSON_S - self._now()) > 0.0:
+            await asyncio.sleep(left)
         self._apply(event)
 
     def _apply(self, event: str) -> None:
@@ -118,7 +123,7 @@ class AtController:
             wishes.open, wishes.closed_meanwhile = None, True
         if event == 'CONTINUE':
             wishes.person = True
-            world.loop.call_later(PERSON_S, setattr, wishes, 'person', False)
+            world.loop.call_later(MOVES_S, setattr, wishes, 'person', False)
 
     def mend(self) -> None:
         """Do what helps, whatever is wrong there."""

@@ -233,6 +233,46 @@ KINDS: dict[str, tuple[float, Callable[[Rng], Parameters]]] = {
 """Kind of event → how often it is drawn, and from what its parameters are."""
 
 
+Plan = tuple[tuple[float, str, Parameters], ...]
+"""Events: at most how long after the one before each comes, s, its kind, and what is not drawn."""
+
+SITUATION_SHARE = 0.5
+"""In how many worlds events come in such an order, too."""
+
+SITUATIONS: tuple[Plan, ...] = (
+    ((0.3, 'goal', {'step': 1.0}), (0.3, 'goal', {'step': 1.0}), (0.1, 'cancel', {})),
+    ((0.3, 'enable', {}), (0.05, 'disable', {}), (0.5, 'goal', {})),
+    *(
+        (
+            (0.5, 'pendant', {'event': closes}),
+            (1.0, 'pendant', {'event': opens}),
+            (1.0, 'pendant', {'event': 'MOTORS_ON'}),
+            (1.0, again, {}),
+            (1.0, 'goal', {'step': 1.0}),
+        )
+        for closes, opens in (
+            ('MOTORS_OFF', 'MOTORS_ON'),
+            ('ESTOP_PRESS', 'ESTOP_RELEASE'),
+            ('DOOR_OPEN', 'DOOR_CLOSE'),
+        )
+        for again in ('reset_error', 'goal')
+    ),
+    *(
+        ((1.5, 'stream', {}), (0.7, stops, {}), (0.7, 'mend', {}), (1.5, 'goal', {}))
+        for stops in ('stop', 'disable')
+    ),
+    ((1.5, 'driver_hangs', {'seconds': 2.0}), (0.3, 'one_setpoint', {}), (0.3, 'goal', {})),
+    ((1.5, 'wrong_setpoint', {}), *((0.03, 'wrong_setpoint', {}),) * 5),
+    (
+        (0.3, 'goal', {}),
+        (0.3, 'fault', {'text': 'late_reply seconds=0.7 count=1'}),
+        (0.5, 'goal', {}),
+        (0.5, 'goal', {}),
+    ),
+)
+"""Orders in which things were wrong once, or could be; they are mixed with what is drawn."""
+
+
 CALM_KINDS = frozenset(
     (
         'goal',
@@ -256,9 +296,23 @@ def events_of(seed: str) -> list[Event]:
     rng = np.random.default_rng([first, 0])
     kinds = CALM_KINDS if rng.random() < CALM_SHARE else KINDS.keys()
     events = [draw(rng, kinds) for _ in range(int(rng.integers(MIN_EVENTS, MAX_EVENTS + 1)))]
+    if kinds is not CALM_KINDS:
+        _put_situations(events, np.random.default_rng([first, 3]))
     for other in others:
         events = varied(events, np.random.default_rng([first, other, 1]))
     return events
+
+
+def _put_situations(events: list[Event], rng: Rng) -> None:
+    if rng.random() >= SITUATION_SHARE:
+        return
+    for _ in range(int(rng.integers(1, 5))):
+        plan = SITUATIONS[int(rng.integers(len(SITUATIONS)))]
+        at = int(rng.integers(len(events) + 1))
+        events[at:at] = [
+            Event(round(float(rng.uniform(0.0, most)), 4), kind, KINDS[kind][1](rng) | given)
+            for most, kind, given in ((1.0, 'mend', {}), *plan)
+        ]
 
 
 def draw(rng: Rng, kinds: Collection[str]) -> Event:

@@ -167,7 +167,7 @@ class Arm:
         self._step(seconds)
         now, wishes, moves = self._now(), self._wishes, False
         commanded, before = self._controller.arm.commanded, self._commanded
-        if not np.array_equal(commanded, before):
+        if (commanded != before).any():  # nor is what is no number equal to anything
             self._commanded = commanded.copy()
             way = np.abs(commanded - before)
             if not (way <= self._fastest * seconds + 1e-9).all():  # nor if it is no number

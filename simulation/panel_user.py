@@ -267,8 +267,13 @@ class PanelUser:
 
     def _send_alive(self) -> None:
         self._alive_sent = self._world.loop.time()
-        number = self._window.number
-        self._deliver(lambda: self.control.arming.alive(number))
+        window, sent = self._window, self._alive_sent
+
+        def alive() -> None:
+            window.late(sent, self._world.loop.time())
+            self.control.arming.alive(window.number)
+
+        self._deliver(alive)
 
     def _arm_if(self, arms: bool) -> None:
         if arms:

@@ -92,6 +92,12 @@ class Users:
         """When driver or network last were held up, s."""
         self.requests: set[asyncio.Task[None]] = set()
         self._count = 0
+        self._enabling = 0
+        """How many requests to enable are under way."""
+        self._enables = self._disabled = 0
+        """How many requests to enable there have been, and how many to disable had success."""
+        self._looked = (False, 0)
+        """Whether the gate was closed when it was looked at last, and `_enables` then."""
 
     @property
     def gate(self) -> bool | None:
@@ -243,6 +249,32 @@ class Users:
 
     async def asked(self, name: str) -> str:
         """Ask the driver for something, as a service does; return its answer."""
+        process = self._world.process
+        self.look_at_gate()
+        self._enabling += name == 'enable'
+        self._enables += name == 'enable'
+        enables, disabled = self._enables, self._disabled
+        try:
+            said = await self._answer(name)
+        finally:
+            self._enabling -= name == 'enable'
+        self.look_at_gate()
+        self._disabled += name == 'disable' and said.startswith('ok')
+        last = self._enables == enables and process is self._world.process
+        if self._disabled > disabled and last and self.gate:
+            text = '4: the arm is enabled after ~/disable was answered, and nobody has enabled it'
+            self._world.break_(BrokenError(text))
+        return said
+
+    def look_at_gate(self) -> None:
+        """Judge that nothing has enabled the arm but a request for that."""
+        closed, enables = self._looked
+        if closed and self.gate and not self._enabling and self._enables == enables:
+            text = '4: the arm is enabled, and nobody has asked for that'
+            self._world.break_(BrokenError(text))
+        self._looked = self.gate is False, self._enables - (self._enabling > 0)
+
+    async def _answer(self, name: str) -> str:
         wishes, process = self.wishes, self._world.process
         began = wishes.open
         if name == 'enable':

@@ -11,6 +11,7 @@ import heapq
 from collections import deque
 from collections.abc import Callable
 from contextvars import Context
+from itertools import count
 from typing import Any
 
 from simulation.network import PROCESS, Listener, Network, Socket
@@ -22,6 +23,10 @@ TURN_S = 1e-6
 """What a turn of the loop takes, s: a timer that rounding left over is not due for ever."""
 
 
+RESOLUTION_S = 1e-9
+"""A timer that is due so soon is due."""
+
+
 class NothingLeftError(RuntimeError):
     """Nothing can happen any more, but somebody waits."""
 
@@ -30,7 +35,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
     """Runs callbacks in virtual time, over a network in memory."""
 
     _ready: 'deque[asyncio.Handle]'
-    _scheduled: list[asyncio.TimerHandle]
+    _scheduled: list[tuple[float, int, asyncio.TimerHandle]]  # type: ignore[assignment]
 
     def __init__(self, network: Network, thread_s: float = 0.0) -> None:
         super().__init__()
@@ -43,53 +48,52 @@ class VirtualLoop(asyncio.BaseEventLoop):
         self._held: list[asyncio.Handle] = []
         self._buried: list[asyncio.Handle] = []
         """What dead processes would have called: what it refers to lives until the end."""
-        self._selector = self
+        self._numbers = count()
 
     def time(self) -> float:
         """Return the virtual time, s."""
         return self.now
 
-    # --- what BaseEventLoop asks of a selector -----------------------------------------------
-
-    def select(self, timeout: float | None) -> list[Any]:
-        """Let the time pass until the next timer."""
-        if timeout is None:
-            raise NothingLeftError('nothing is left to happen, but somebody waits')
-        self.now += timeout
-        return []
-
-    def _process_events(self, event_list: list[Any]) -> None:
-        """There are none: the network calls."""
-
     def _write_to_self(self) -> None:
         """No other thread calls."""
 
     def _run_once(self) -> None:
+        """Call what is ready; if nothing is, let the time pass until the next timer."""
         self.now += TURN_S
-        if self.hanging or self.dead:
-            self._hold()
-        super()._run_once()  # type: ignore[misc]
+        ready, scheduled = self._ready, self._scheduled
+        while scheduled and scheduled[0][2].cancelled():
+            heapq.heappop(scheduled)
+        if not ready and not self._stopping:  # type: ignore[attr-defined]
+            if not scheduled:
+                raise NothingLeftError('nothing is left to happen, but somebody waits')
+            self.now = max(self.now, scheduled[0][0])
+        while scheduled and scheduled[0][0] < self.now + RESOLUTION_S:
+            ready.append(heapq.heappop(scheduled)[2])
+        turn = list(ready)
+        ready.clear()
+        for handle in turn:
+            if not handle.cancelled():
+                handle._run()  # noqa: SLF001 - as asyncio's loops do
 
     # --- processes -----------------------------------------------------------------------------
 
     def hang(self, process: str) -> None:
-        """Call nothing of a process until it goes on."""
+        """Call nothing of a process from the next turn on until it goes on."""
         self.hanging.add(process)
+        self._take_away()
 
     def go_on(self, process: str) -> None:
         """Call what is overdue of a process, in its order."""
         self.hanging.discard(process)
         held, self._held = self._held, []
         for handle in held:
-            if isinstance(handle, asyncio.TimerHandle):
-                heapq.heappush(self._scheduled, handle)
-            else:
-                self._ready.append(handle)
+            self._add(handle)
 
     def kill(self, process: str) -> None:
         """Never call anything of a process again; its connections are closed by the system."""
         self.hanging.discard(process)
         self.dead.add(process)
+        self._take_away()
         self.network.process_died(process)
 
     def bury(self) -> None:
@@ -97,9 +101,9 @@ class VirtualLoop(asyncio.BaseEventLoop):
         self.set_exception_handler(lambda *_: None)
         self.network.listeners.clear()
         self.dead.clear()
+        self.hanging.clear()
         self._held += self._buried
         self.go_on('')
-        self.hanging.clear()
         while left := asyncio.all_tasks(self):
             for task in left:
                 task.cancel()
@@ -107,30 +111,29 @@ class VirtualLoop(asyncio.BaseEventLoop):
             self.run_until_complete(ending)
         self.close()
 
-    def _hold(self) -> None:
-        """Take away what hanging and dead processes would call in this turn."""
-        scheduled = self._scheduled
-        self._ready = deque(handle for handle in self._ready if self._stays(handle))
-        due = [] if not self._ready else [self.now]  # else when the next timer is
-        kept = []
-        while scheduled and not (due and scheduled[0].when() > due[0] + TURN_S):
-            timer = heapq.heappop(scheduled)
-            if self._stays(timer):
-                kept.append(timer)
-                if not due and not timer.cancelled():
-                    due.append(max(timer.when(), self.now))
-        for timer in kept:
-            heapq.heappush(scheduled, timer)
+    def _take_away(self) -> None:
+        """Take away what hanging and dead processes would call."""
+        handles = [*self._ready, *(entry[2] for entry in sorted(self._scheduled))]
+        self._ready.clear()
+        self._scheduled.clear()
+        held, self._held = self._held, []
+        for handle in (*held, *handles):
+            self._add(handle)
 
-    def _stays(self, handle: asyncio.Handle) -> bool:
-        process = process_of(handle)
-        if process in self.hanging:
-            self._held.append(handle)
-        elif process in self.dead:
-            self._buried.append(handle)
+    def _add(self, handle: asyncio.Handle) -> None:
+        """Take a callback, for its process."""
+        if self.hanging or self.dead:
+            process = process_of(handle)
+            if process in self.hanging:
+                self._held.append(handle)
+                return
+            if process in self.dead:
+                self._buried.append(handle)
+                return
+        if isinstance(handle, asyncio.TimerHandle):
+            heapq.heappush(self._scheduled, (handle.when(), next(self._numbers), handle))
         else:
-            return True
-        return False
+            self._ready.append(handle)
 
     # --- what asyncio asks of a loop -----------------------------------------------------------
 
@@ -170,10 +173,17 @@ class VirtualLoop(asyncio.BaseEventLoop):
     def call_soon(  # type: ignore[override]
         self, callback: Callable[..., Any], *args: Any, context: Context | None = None
     ) -> asyncio.Handle:
-        """Call in the next turn; nothing of a process that is dead."""
-        handle = super().call_soon(callback, *args, context=context)
-        if self.dead and process_of(handle) in self.dead:
-            self._buried.append(self._ready.pop())
+        """Call in the next turn."""
+        handle = asyncio.Handle(callback, args, self, context)
+        self._add(handle)
+        return handle
+
+    def call_at(  # type: ignore[override]
+        self, when: float, callback: Callable[..., Any], *args: Any, context: Context | None = None
+    ) -> asyncio.TimerHandle:
+        """Call at a time, s; of several at the same time first what was asked for first."""
+        handle = asyncio.TimerHandle(when, callback, args, self, context)
+        self._add(handle)
         return handle
 
     def call_soon_threadsafe(  # type: ignore[override]

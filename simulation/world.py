@@ -4,6 +4,7 @@
 
 import asyncio
 import contextlib
+import gc
 import logging
 from collections.abc import Awaitable, Callable, Iterator
 from functools import cache
@@ -101,7 +102,7 @@ class World:
             self.rng.random() < 0.3 and program.joins_goals and program.interface == 'streaming'
         )
         self.in_python = bool(self.rng.random() < PROGRAM_SHARE and program.smoothing == 'none')
-        self.network = Network(lambda: self.delay * float(self.rng.uniform(0.5, 1.5)))
+        self.network = Network(lambda: self.delay * (0.5 + self.rng.random()))
         self.loop = VirtualLoop(self.network, float(self.rng.choice(PLANNING_S)))
         self.wishes = Wishes()
         self.events = 0
@@ -122,6 +123,7 @@ class World:
     def play(self, happenings: list[Happening]) -> None:
         """Let everything happen. Raises BrokenError for what did not hold."""
         self.loop.set_exception_handler(self._on_exception)
+        gc.disable()  # what is lost goes at the same moment in every process
         logging.getLogger('epson_driver').addHandler(handler := _Errors(self.break_))
         try:
             with (
@@ -134,6 +136,7 @@ class World:
         finally:
             self._over = True
             self.loop.bury()
+            gc.enable()
             logging.getLogger('epson_driver').removeHandler(handler)
         if self.broken is not None:
             raise self.broken
@@ -246,7 +249,8 @@ class World:
         return ended[0]
 
     def _look_at_gate(self) -> None:
-        """Judge that the arm is still enabled, if it was and nothing was wrong."""
+        """Judge that the arm is enabled only if asked for, and still if nothing is wrong."""
+        self.users.look_at_gate()
         if self._calm and self.wishes.open and self.process.gate is False:
             self.break_(BrokenError('5: the arm is disabled, and nothing was wrong'))
 
@@ -293,12 +297,18 @@ class World:
         )
 
     async def driver_hangs(self, seconds: float) -> None:
-        """Let the driver's process stand still, as SIGSTOP does."""
-        watched, name = self.profile.server.client_timeout, self.process.name
-        self.loop.hang(name)
+        """Let the driver's process stand still, as SIGSTOP does, while other things happen."""
+        self.loop.hang(self.process.name)
         self.at_controller.hung(seconds)
+        self.users.begin(self._go_on(self.process.name, seconds), 'a driver that hangs')
+
+    async def _go_on(self, name: str, seconds: float) -> None:
+        watched = self.profile.server.client_timeout
         await asyncio.sleep(seconds)
-        if watched and seconds > watched + BRAKING_S and self.loop.time() - self.arm.moved < 0.1:
+        if name not in self.loop.hanging:
+            return
+        moves = self.loop.time() - self.arm.moved < 0.1
+        if watched and seconds > watched + BRAKING_S and moves and not self.wishes.person:
             self.break_(BrokenError(f'3: the arm moves while the driver hangs for {seconds:g} s'))
         self.loop.go_on(name)
         self.users.held_up = self.loop.time()
@@ -312,6 +322,8 @@ class World:
         """End the driver's process, or the program's robot, in good order, for a while."""
         self.wishes.closed(self.loop.time())
         await self.process.leave(lost=lost)
+        if self.in_python:
+            gc.collect()
         await self._gone(seconds)
 
     async def _gone(self, seconds: float) -> None:

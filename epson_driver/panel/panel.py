@@ -121,6 +121,7 @@ class Panel:
         """Do what a window asks for, or say there and in the log why not."""
         asked = message_of(message)
         word = asked['do']
+        late = 'at' in asked and window.late(number(asked, 'at', 0.0, 1e15), time.monotonic())
         with self._lock:
             views = dict(self._views)
         if word == 'alive':
@@ -136,9 +137,7 @@ class Panel:
             if about is None:
                 window.say('Not done: this robot is gone')
                 return
-            if word in ('jog', 'step') and window.late(
-                number(asked, 'at', 0.0, 1e15), time.monotonic()
-            ):
+            if word in ('jog', 'step') and late:
                 return
             self._attempt(window, about.control, asked)
             if word == 'jog':

@@ -9,6 +9,7 @@ spherical wrist.
 
 from functools import cached_property
 from itertools import product
+from math import ceil, floor
 from typing import Protocol
 
 import numpy as np
@@ -114,7 +115,7 @@ class Kinematics:
         found: list[Array] = []
         for branch in self._solver.branches(pose, near):
             for joints in self._turns(branch):
-                if not any(np.all(np.abs(joints - other) < SAME_SOLUTION_RAD) for other in found):
+                if not any(np.abs(joints - other).max() < SAME_SOLUTION_RAD for other in found):
                     found.append(joints)
         found.sort(key=lambda joints: float(np.linalg.norm(joints - near)))
         return np.array(found).reshape(-1, len(near))
@@ -159,17 +160,16 @@ class Kinematics:
         limits = self.model.limits
         choices = []
         kinds = self.model.joint_types
-        for value, low, high, kind in zip(
-            branch, limits.position_min, limits.position_max, kinds, strict=True
-        ):
-            if kind != REVOLUTE:
-                inside = low - LIMIT_TOLERANCE_RAD <= value <= high + LIMIT_TOLERANCE_RAD
-                choices.append(np.clip([value][: int(inside)], low, high))
-                continue
-            first = np.ceil((low - LIMIT_TOLERANCE_RAD - value) / FULL_TURN)
-            last = np.floor((high + LIMIT_TOLERANCE_RAD - value) / FULL_TURN)
-            values = value + FULL_TURN * np.arange(first, last + 1.0)
-            choices.append(np.clip(values, low, high))
+        lows, highs = limits.position_min.tolist(), limits.position_max.tolist()
+        for value, low, high, kind in zip(branch.tolist(), lows, highs, kinds, strict=True):
+            first = last = 0
+            if kind == REVOLUTE:
+                first = ceil((low - LIMIT_TOLERANCE_RAD - value) / FULL_TURN)
+                last = floor((high + LIMIT_TOLERANCE_RAD - value) / FULL_TURN)
+            elif not low - LIMIT_TOLERANCE_RAD <= value <= high + LIMIT_TOLERANCE_RAD:
+                return []
+            values = (value + FULL_TURN * turn for turn in range(first, last + 1))
+            choices.append([min(max(each, low), high) for each in values])
         return [np.array(each) for each in product(*choices)]
 
     def _checked(self, joints: Array) -> Array:

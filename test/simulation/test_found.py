@@ -17,3 +17,16 @@ def world_of(profile):
 def test_an_output_that_is_read_while_the_link_ends_does_not_silence_the_next_link():
     reset = Event(1.0, 'network_reset', {'port': 'motion'})
     world_of('remote').play([reset, Event(0.0, 'read_output', {'index': 0})])
+
+
+@pytest.mark.invariant(4)
+def test_the_first_thing_that_a_line_has_held_up_in_a_page_is_late_too():
+    hand = {'axis': 'X', 'frame': 'world', 'share': 0.25, 'arms': True, 'seconds': 0.8}
+    World('1100000018').play(
+        [
+            Event(0.01, 'panel_line_stalls', {'seconds': 1.7}),
+            Event(0.28, 'panel_jog', hand),
+            Event(0.27, 'panel_page_freezes', {'seconds': 3.0}),
+            Event(2.5, 'stop', {}),
+        ]
+    )

@@ -498,6 +498,8 @@ class Servo:
         elif session.setpoint.mode is Mode.VELOCITY and self._silent(session, now):
             session.braked = True
             self._let_go(session, now)
+        elif min(gap, now - session.heard) > RELEASE_S and not session.tracker.at_rest:
+            self.stop(f'this driver was held up for {gap:.3g} s')  # the arm may stand since long
         elif session.waiting:
             session.posted += max(gap - MAX_COUNTED_GAP_S, 0.0)  # its reply may be there
             waited = now - max(session.posted, session.standstill.alive)

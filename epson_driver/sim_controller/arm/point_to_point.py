@@ -209,7 +209,9 @@ class PointToPoint:
         # The last digit of a position on a line that ends at a limit may lie beyond it.
         low, high = self.limits.position_min, self.limits.position_max
         position, _, _ = self._state()
-        nearest: Array = np.clip(position, low, high)
+        nearest: Array = np.minimum(
+            np.maximum(position, low), high
+        )  # np.clip takes four times as long
         return nearest
 
     @property

@@ -16,7 +16,7 @@ from support.driver_harness import (
     cell,
     pose,
 )
-from support.event_loop import now, run, stand_still, until
+from support.event_loop import hanging, now, run, stand_still, until
 from support.examples import one_in
 from support.streams import JOG, PERIOD, SERVO, going_on, positions, send, velocities
 
@@ -228,6 +228,20 @@ def test_a_loop_that_was_held_up_does_not_make_the_arm_jump():
             fastest = max(np.abs(s.velocities).max() for _, s in harness.events.samples)
             assert fastest < 0.3 * LIMITS.velocity[0]
             assert harness.gate is None
+
+    run(check())
+
+
+@pytest.mark.invariant(4)
+def test_inv4_a_loop_that_was_held_up_for_long_does_not_have_an_arm_that_stands_brake():
+    async def check():
+        async with cell(smooth=True) as (harness, controller):
+            await send(harness, ramp(0.6), 0.3)
+            with hanging():
+                await asyncio.sleep(2.0 * RELEASE_S)
+                stood = controller.commanded.copy()
+            await asyncio.sleep(1.5)
+            assert np.abs(controller.commanded - stood).max() < 1e-4
 
     run(check())
 
