@@ -35,7 +35,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
     """Runs callbacks in virtual time, over a network in memory."""
 
     _ready: 'deque[asyncio.Handle]'
-    _scheduled: list[tuple[float, int, asyncio.TimerHandle]]  # type: ignore[assignment]
+    _scheduled: list[tuple[float, int, asyncio.TimerHandle]]
 
     def __init__(self, network: Network, thread_s: float = 0.0) -> None:
         super().__init__()
