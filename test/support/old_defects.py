@@ -116,7 +116,7 @@ def a_setpoint_that_waited_begins_a_stream(put: Patch) -> None:
 
 
 def a_stream_is_followed_with_a_closed_gate(put: Patch) -> None:
-    put(Servo, '_why_not_on', lambda self: None)
+    put(Servo, '_why_not_on', lambda self, session: None)
     put(Servo, 'stop', lambda self, why: False)
 
 
