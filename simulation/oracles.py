@@ -112,8 +112,12 @@ class Wishes:
 
     def closed(self, now: float) -> None:
         """Something has closed the gate that every user can know of."""
+        shut = [] if self.open is not False else [t for t in self.topics.values() if not t.free]
+        since = [topic.closed for topic in shut]  # what is shut already need not be let go of anew
         self.open, self.closed_meanwhile = False, True
         self.nothing(now)
+        for topic, closed in zip(shut, since, strict=True):
+            topic.closed = closed
 
     def setpoint(self, source: str, now: float, *, moves: bool) -> None:
         """Take note of a setpoint, which may begin a stream as one must after a stop."""
