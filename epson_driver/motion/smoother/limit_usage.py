@@ -286,8 +286,8 @@ def _use(path: Path, spans: _Spans, limits: JointLimits, confined: npt.NDArray[n
     powers, half = _powers(spans)
     taylor = path.taylor(spans.segment, spans.offset).transpose(0, 2, 1)  # (m, n, 6)
     t = spans.duration
-    by_s = (powers.reshape(-1, 3 * DEGREE) @ _DERIVATIVES).reshape(len(t), DEGREE, -1)
-    coefficients = taylor[:, :, 1:] @ by_s  # (m, n, 15 + 14 + 13)
+    # one small product for each span: of a large one BLAS would make threads
+    coefficients = taylor[:, :, 1:] @ (powers @ _DERIVATIVES)  # (m, n, 15 + 14 + 13)
     np.abs(coefficients, out=coefficients)
     most_by_s = np.maximum.reduceat(coefficients, _PARTS[:-1], axis=2)  # (m, n, 3)
     at_ends = np.maximum(coefficients[:, :, _PARTS[:-1]], coefficients[:, :, _PARTS[1:] - 1])

@@ -12,7 +12,10 @@ a faster timing on it.
 Parameters and units are those of `refinement_rows`.
 """
 
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 
 from epson_driver.motion.limits import Array
 from epson_driver.motion.smoother import optimal
@@ -44,6 +47,9 @@ DAMPING = 1e-3
 
 MAX_CHANGE = 0.3
 """The most that a parameter may change in one step, in its unit."""
+
+MAX_PRODUCT = 200_000
+"""Of multiplications in one product of matrices."""
 
 _KINDS = 4
 """Rows of each joint at each sample: velocity, acceleration, and jerk to both sides."""
@@ -250,13 +256,17 @@ class _Search:
         sides = self._sides[:, self._free] * self._side_scale[:, :, None]  # (n, r, f)
         both = stiffness[main:].reshape(2, *self._side_scale.shape).sum(axis=0)
         one, other = push[main:].reshape(2, *self._side_scale.shape)
-        pp = pp + (sides * both[:, :, None]).transpose(0, 2, 1) @ sides + DAMPING * np.eye(free)
+        pp = (
+            pp
+            + _product((sides * both[:, :, None]).transpose(0, 2, 1), sides)
+            + DAMPING * np.eye(free)
+        )
         p = p + ((one - other)[:, None] @ sides)[:, 0]
         # a joint's parameters depend on the coefficients only, and not on the other joints'
         right = np.concatenate([cp.transpose(0, 2, 1), p[:, :, None]], axis=2)
         try:
             solved = np.linalg.solve(pp, right)
-            reduced = cp @ solved
+            reduced = _product(cp, solved)
             by = np.zeros(size)
             by[2:-2] = np.linalg.solve(
                 cc[2:-2, 2:-2] - reduced[..., :-1].sum(axis=0),
@@ -301,3 +311,10 @@ def _longest(values: Array, changes: Array) -> float:
     """Return the longest step ≤ 1 that leaves a hundredth of each positive value."""
     fastest = float((changes / values).min())
     return 1.0 if fastest >= 0.0 else min(1.0, -0.99 / fastest)
+
+
+def _product(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return a @ b, in parts of which BLAS makes no threads in a user's process."""
+    columns = max(MAX_PRODUCT // (a.shape[-2] * a.shape[-1]), 1)
+    parts = [a @ b[..., begin : begin + columns] for begin in range(0, b.shape[-1], columns)]
+    return np.concatenate(parts, axis=-1)

@@ -1,0 +1,42 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Planning in a user's process leaves the threads of BLAS alone."""
+
+import subprocess
+import sys
+
+OWN_THREADS = """
+import time
+import numpy as np
+from benchmark.limit_sets import limit_set
+from benchmark.trajectories import benchmark_set
+from epson_driver.motion.smoother import Mode, Smoother
+for trajectory in benchmark_set():
+    if trajectory.name not in ('sparse_corners', 'moveit_100_percent'):
+        continue
+    for tolerance in (0.0, 0.005):
+        limits, mode = limit_set('full'), Mode.TIME_OPTIMAL
+        start = trajectory.positions[0]
+        smoother = Smoother(limits, start, mode, path_tolerance=tolerance)
+        for point in trajectory.positions[1:]:
+            smoother.append(point)
+        smoother.finish()
+        began, of_this = time.process_time(), time.thread_time()
+        smoother.step(0.0)
+        used = time.thread_time() - of_this
+        print((time.process_time() - began) / used)
+"""
+
+
+def test_planning_takes_no_other_threads_of_a_users_process() -> None:
+    """Those of BLAS would wait for more in a loop."""
+    run = subprocess.run(
+        [sys.executable, '-c', OWN_THREADS],
+        env={'PATH': '', 'PYTHONPATH': ':'.join(sys.path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    shares = [float(line) for line in run.stdout.split()]
+    assert len(shares) == 4
+    assert max(shares) < 1.1
