@@ -42,14 +42,14 @@ class FamilyMember:
 Make = Callable[[np.random.Generator], FamilyMember]
 
 
-def _inside(rng: np.random.Generator, limits: JointLimits, share: float = 0.8) -> Array:
+def inside(rng: np.random.Generator, limits: JointLimits, share: float = 0.8) -> Array:
     """Return a random pose in the middle `share` of the range."""
     middle = (limits.position_max + limits.position_min) / 2.0
     half = (limits.position_max - limits.position_min) / 2.0
     return middle + rng.uniform(-share, share, len(half)) * half
 
 
-def _splined(poses: Array, count: int) -> Array:
+def splined(poses: Array, count: int) -> Array:
     """Return points of a uniform cubic B-spline with these control points, shape (count, n)."""
     padded = np.concatenate([poses[:1]] * 2 + [poses] + [poses[-1:]] * 2)
     s = np.linspace(0.0, len(padded) - 3 - 1e-9, count)
@@ -67,14 +67,14 @@ def _splined(poses: Array, count: int) -> Array:
 
 def _b_spline(rng: np.random.Generator) -> FamilyMember:
     limits = limit_set('full')
-    poses = np.array([_inside(rng, limits) for _ in range(6)])
-    return FamilyMember(_splined(poses, int(rng.integers(20, 120))), limits)
+    poses = np.array([inside(rng, limits) for _ in range(6)])
+    return FamilyMember(splined(poses, int(rng.integers(20, 120))), limits)
 
 
 def _dense(rng: np.random.Generator) -> FamilyMember:
     limits = limit_set('full')
-    poses = np.array([_inside(rng, limits, 0.6) for _ in range(24)])
-    return FamilyMember(_splined(poses, 5000), limits)
+    poses = np.array([inside(rng, limits, 0.6) for _ in range(24)])
+    return FamilyMember(splined(poses, 5000), limits)
 
 
 def _zigzag(rng: np.random.Generator) -> FamilyMember:
@@ -94,7 +94,7 @@ def _single_joint(rng: np.random.Generator) -> FamilyMember:
     """One joint to and fro, by ways of any size."""
     limits = limit_set('full')
     joint = int(rng.integers(6))
-    positions = np.tile(_inside(rng, limits, 0.3), (int(rng.integers(12, 40)), 1))
+    positions = np.tile(inside(rng, limits, 0.3), (int(rng.integers(12, 40)), 1))
     reach = rng.choice([0.02, 0.1, 0.4])
     ways = rng.uniform(-reach, reach, len(positions)).cumsum()
     low, high = limits.position_min[joint] + 0.1, limits.position_max[joint] - 0.1
@@ -105,7 +105,7 @@ def _single_joint(rng: np.random.Generator) -> FamilyMember:
 def _near_limits(rng: np.random.Generator) -> FamilyMember:
     """Points within 0.1 rad of a border of the range, in some joints."""
     limits = limit_set('full')
-    positions = np.array([_inside(rng, limits) for _ in range(int(rng.integers(8, 20)))])
+    positions = np.array([inside(rng, limits) for _ in range(int(rng.integers(8, 20)))])
     near = rng.random(positions.shape) < 0.3
     distance = rng.uniform(1e-3, MAX_BORDER_DISTANCE_RAD, positions.shape)
     border = np.where(
@@ -117,8 +117,8 @@ def _near_limits(rng: np.random.Generator) -> FamilyMember:
 def _on_border(rng: np.random.Generator) -> FamilyMember:
     """A random way that is clipped at the border of the range, as programs do it."""
     limits = limit_set('full')
-    poses = np.array([_inside(rng, limits, 1.4) for _ in range(7)])
-    positions = _splined(poses, int(rng.integers(15, 60)))
+    poses = np.array([inside(rng, limits, 1.4) for _ in range(7)])
+    positions = splined(poses, int(rng.integers(15, 60)))
     return FamilyMember(np.clip(positions, limits.position_min, limits.position_max), limits)
 
 
@@ -134,7 +134,7 @@ def _poses_on_border(rng: np.random.Generator) -> FamilyMember:
 def _mixed_sizes(rng: np.random.Generator) -> FamilyMember:
     """Tiny steps among huge ones."""
     limits = limit_set('full')
-    points = [_inside(rng, limits, 0.6)]
+    points = [inside(rng, limits, 0.6)]
     for _ in range(int(rng.integers(12, 40))):
         unit = rng.normal(size=6)
         size = 10.0 ** rng.uniform(-3.0, 0.0)
@@ -166,7 +166,7 @@ def _tiny_steps(rng: np.random.Generator) -> FamilyMember:
     direction = rng.normal(size=6)
     steps = rng.uniform(3e-4, 2e-3, 200)[:, None] * direction / np.abs(direction).max()
     steps += rng.uniform(-3e-5, 3e-5, steps.shape)
-    return FamilyMember(_inside(rng, limits, 0.3) + np.cumsum(steps, axis=0), limits)
+    return FamilyMember(inside(rng, limits, 0.3) + np.cumsum(steps, axis=0), limits)
 
 
 def _wrist_flip(rng: np.random.Generator) -> FamilyMember:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from support.smoother_harness import ARM
 
-from benchmark.family_members import FamilyMember, members
+from benchmark.family_members import FamilyMember, inside, members, splined
 from benchmark.limit_sets import limit_set
 from epson_driver.motion import JointLimits
 from epson_driver.motion.smoother import Mode, Smoother, planner
@@ -142,6 +142,14 @@ def test_a_short_move_keeps_the_time_that_the_limits_leave(
     durations = pace * fastest * ways / ways.sum()
     taken, _ = move(ARM, positions, durations)
     assert taken / durations.sum() <= 1.2
+
+
+def test_between_10_000_points_every_plan_is_found() -> None:
+    """They are 0.2 ms apart: what a plan costs does not grow with them beyond all effort."""
+    rng, limits = np.random.default_rng(2), limit_set('full')
+    poses = np.array([inside(rng, limits, 0.6) for _ in range(8)])
+    _, asked = move(limits, splined(poses, 10_000), None, 1.0)
+    assert all(plan is not None for _, plan in asked)
 
 
 def test_behind_a_long_slow_way_as_much_is_looked_at_as_anywhere() -> None:

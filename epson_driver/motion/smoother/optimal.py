@@ -42,6 +42,9 @@ VELOCITY_RESERVE_SHARE, ACCELERATION_RESERVE_SHARE, JERK_RESERVE_SHARE = 5e-4, 1
 START_INTERVALS = 10
 """Intervals without (jerk: with half) this reserve at the start."""
 
+MAX_KNOTS = 4
+"""So many of the path's knots between two nodes have rows of their own."""
+
 FINER_RATIO, COARSE_RATIO = 1.03, 1.3
 """A limit exceeded by more than this shows that the nodes are too far apart there: after the first
 round there are more of them. From the second on it says nothing of what would be allowed."""
@@ -302,7 +305,7 @@ def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Pro
     weights = (h[:, None] * _WEIGHTS).ravel()
     # jerk jumps at the knots of the path: both sides of those that are not nodes
     knots = problem.path.knots.u
-    knots = np.setdiff1d(knots[(knots > nodes[0]) & (knots < nodes[-1])], nodes)
+    knots = _few(np.setdiff1d(knots[(knots > nodes[0]) & (knots < nodes[-1])], nodes), nodes)
     us = np.concatenate((us, knots - _BESIDE, knots + _BESIDE))
     weights = np.append(weights, np.zeros(2 * len(knots)))
     interval = np.clip(nodes.searchsorted(us, side='right') - 1, 0, len(h) - 1)
@@ -333,6 +336,15 @@ def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Pro
         weights,
         problem.wanted(us - back, counted),
     )
+
+
+def _few(knots: Array, nodes: Array) -> Array:
+    """Return at most MAX_KNOTS of those between two nodes: the verification sees all."""
+    after = nodes.searchsorted(knots)
+    counts = np.bincount(after, minlength=len(nodes))
+    rank = np.arange(len(knots)) - (np.cumsum(counts) - counts)[after]
+    few: Array = knots[rank % -(-counts // MAX_KNOTS)[after] == 0]
+    return few
 
 
 def _excess(result: LimitUsage) -> Excess:

@@ -17,7 +17,10 @@ CURVATURE_SHARE = 0.7
 """Of the acceleration limit: what may be used in all, and what of it for q″u̇²."""
 
 MIN_SAMPLES = 160
-"""Per path; at least two per segment."""
+"""Per path; at least two per segment …"""
+
+MANY_KNOTS = 400
+"""… unless there are so many that each is enough."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,6 +86,8 @@ def _samples(problem: Problem) -> Array:
     first = problem.path.segment(problem.start[0])
     knots = np.concatenate(([problem.start[0]], knots[first + 1 :]))
     each = max(2, -(-MIN_SAMPLES // (len(knots) - 1)))
+    if len(knots) > MANY_KNOTS:
+        each = 1
     inside = np.arange(each) / each
     us = knots[:-1, None] + np.diff(knots)[:, None] * inside
     return np.concatenate((us.ravel(), knots[-1:]))
