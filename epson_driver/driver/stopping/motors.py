@@ -235,12 +235,15 @@ class SerializedMotors:
         try:
             await asyncio.shield(task)
         except asyncio.CancelledError:
+            caller = asyncio.current_task()
+            if task.cancelled() and caller is not None and not caller.cancelling():
+                raise MotorsError('the driver has ended meanwhile', unanswered=True) from None
             if task is not self._given:
                 task.cancel()
             raise
 
     async def close(self) -> None:
-        """Cancel the commands that are on their way or wait."""
+        """Cancel the commands that are on their way or wait, each of which fails."""
         tasks = list(self._tasks)
         for task in tasks:
             task.cancel()

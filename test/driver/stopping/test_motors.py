@@ -16,6 +16,7 @@ from epson_driver.driver.stopping.motors import (
     Action,
     MotomanMotors,
     MotorsByHand,
+    MotorsError,
     RemoteEthernetMotors,
     RestartingMotors,
     SerializedMotors,
@@ -243,10 +244,15 @@ async def test_inv4_a_command_that_nobody_waits_for_any_more_is_given_only_if_it
 async def test_inv4_closing_gives_up_commands_on_their_way_and_those_that_wait():
     slow = Slow()
     motors = SerializedMotors(slow)
-    for action in (Action.MOTORS_OFF, Action.MOTORS_ON):
-        asyncio.create_task(motors.act(action, 1.0)).add_done_callback(lambda _: None)
+    both = [
+        asyncio.create_task(motors.act(action, 1.0))
+        for action in (Action.MOTORS_OFF, Action.MOTORS_ON)
+    ]
     await asyncio.sleep(0.1)
     await motors.close()
     assert slow.begun == [Action.MOTORS_OFF]
     assert slow.ended == ['cancelled']
     assert not motors.busy
+    for error in await asyncio.gather(*both, return_exceptions=True):
+        assert isinstance(error, MotorsError), 'nobody has cancelled who waits'
+        assert 'the driver has ended' in str(error)
