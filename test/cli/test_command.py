@@ -173,7 +173,7 @@ NUMBERS = (DIGITS, TOO_LONG, 'nan', '-inf', '-1e300', '', 'x', '1_0', '٣', '0x1
 
 FILES = (
     '',
-    '/tmp',
+    '.',
     '/dev/zero',
     '/nowhere/x.yaml',
     '[/red]x.yaml',
@@ -209,7 +209,7 @@ TABLE = (
     ('smooth', NUMBERS, PLAN, '--rate={}'),
     ('smooth', (*NUMBERS, '1e-300', '0'), PLAN, '--look-ahead={}'),
     ('smooth', NUMBERS, PLAN, '--path-tolerance={}'),
-    ('smooth', ('x.foo', '/tmp', '', '\udc80'), PLAN, '--picture={}'),
+    ('smooth', ('x.foo', '.', '', '\udc80'), PLAN, '--picture={}'),
     ('robots', FILES[1:], '{}'),  # without a name it lists all
     ('spel', FILES, 'check', '{}'),
     ('spel', FILES, 'test', '{}'),
@@ -223,7 +223,7 @@ TABLE = (
     ('demo', FILES, '--trajectory={}'),
     ('demo', (*NUMBERS, '0'), '--seed={}'),
     ('demo', (*NUMBERS, '0'), '--seeds={}'),
-    ('demo', ('x.foo', '/tmp', ''), '--picture={}'),
+    ('demo', ('x.foo', '.', ''), '--picture={}'),
 )
 
 BAD_FILE = {'demo': 1}
