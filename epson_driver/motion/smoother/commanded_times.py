@@ -170,9 +170,11 @@ def _speeds_at_knots(mean: Array, steps: Array, timed: npt.NDArray[np.bool_]) ->
     mean, steps, timed: of the segments, shape (k - 1,); mean: u̇, UNBOUND_SPEED unless timed.
     """
     speeds = np.full(len(steps) + 1, UNBOUND_SPEED)
+    speeds[1:-1] = np.minimum(mean[:-1], mean[1:])
     # at a knot, as a parabola through it and its neighbours would have it
-    inner = (mean[:-1] * steps[1:] + mean[1:] * steps[:-1]) / (steps[:-1] + steps[1:])
-    speeds[1:-1] = np.where(timed[:-1] & timed[1:], inner, np.minimum(mean[:-1], mean[1:]))
+    both = np.flatnonzero(timed[:-1] & timed[1:])
+    before, after = steps[both], steps[both + 1]
+    speeds[both + 1] = (mean[both] * after + mean[both + 1] * before) / (before + after)
     speeds[0] = max(2.0 * mean[0] - speeds[1], mean[0]) if timed[0] else UNBOUND_SPEED
     speeds[-1] = max(2.0 * mean[-1] - speeds[-2], mean[-1]) if timed[-1] else UNBOUND_SPEED
     return speeds
