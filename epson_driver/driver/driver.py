@@ -368,16 +368,14 @@ class Driver:
         return manual_inhibit(status) or not_enabled(self.gate.reason)
 
     def _why_closed(self) -> Inhibit | None:
-        """Return what keeps the arm gate closed, None while it is open.
-
-        That is what is to be mended now, not what closed it, as that may be over.
-        """
+        """Return what closed the arm gate and is to be mended now, None while it is open."""
         if self.gate.reason is None:
             return None
-        found = self.inhibit(self._now())
+        closed, found = not_enabled(self.gate.reason), self.inhibit(self._now())
         if found is None or found.cause is Cause.NOT_ENABLED:
-            return not_enabled(self.gate.reason)
-        return replace(found, text=f'the arm is not enabled: {found.text}')
+            return closed
+        more = '' if found.text in closed.text else f': {found.text}'
+        return replace(found, text=closed.text + more)
 
     async def why_not_ready(self, patience: float) -> str | None:
         """Wait for fresh joints. Returns why there are none, or None.

@@ -38,9 +38,9 @@ class Row(NamedTuple):
 
 ESTOP = r'the E-stop is pressed or not reset.*; release it, call reset\(\)'
 ROWS = {
-    'E-stop': Row((Event.ESTOP_PRESS,), ESTOP, rf'not enabled: {ESTOP}'),
+    'E-stop': Row((Event.ESTOP_PRESS,), ESTOP, rf'not enabled.*{ESTOP}'),
     'E-stop that is not reset': Row(
-        (Event.ESTOP_PRESS, Event.ESTOP_RELEASE), ESTOP, rf'not enabled: {ESTOP}'
+        (Event.ESTOP_PRESS, Event.ESTOP_RELEASE), ESTOP, rf'not enabled.*{ESTOP}'
     ),
     'door': Row(
         (Event.DOOR_OPEN,),
@@ -51,7 +51,7 @@ ROWS = {
     'key': Row(
         (Event.MODE_MANUAL,),
         r'(the mode is TEACH|key switch is at MANUAL); turn it to AUTO, then call enable\(\)',
-        r'not enabled: .*(TEACH|MANUAL); turn it to AUTO, then call enable\(\)',
+        r'not enabled.*(TEACH|MANUAL)\)?; turn it to AUTO, then call enable\(\)',
     ),
     'error': Row(
         (Event.ERROR,),
