@@ -183,10 +183,10 @@ class Robot(Motions, Streams):
     async def reset(self, *, enable: bool = False) -> str:
         """Reset the controller's error, also after an E-stop.
 
-        enable: `enable` the arm after it, which otherwise stays disabled.
+        enable: `enable` the arm after it, unless it is disabled meanwhile; else it stays disabled.
         """
-        said = await self._connection.command(ArmCommands.reset_error)
-        return await self.enable() if enable else said
+        command = ArmCommands.recover if enable else ArmCommands.reset_error
+        return await self._connection.command(command)
 
     async def stop(self) -> str:
         """Stop the arm and abort its motion, and return a sentence when it stands."""

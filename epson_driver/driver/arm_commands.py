@@ -52,6 +52,8 @@ class ArmCommands:
         self._all_taken = all_taken
         self._one_enables = asyncio.Lock()
         self._disabling = 0
+        self._disabled = 0
+        """How often `disable` was called."""
 
     async def stop(self) -> str:
         """Stop the arm, abort a running goal, and return a sentence when the arm stands.
@@ -193,6 +195,7 @@ class ArmCommands:
         driver = self._driver
         driver.disable(DISABLED)
         self._disabling += 1
+        self._disabled += 1
         try:
             said = await self._bring_to_rest()
             await self._all_taken()
@@ -286,6 +289,18 @@ class ArmCommands:
             'the controller took the reset, but no STATUS shows that error and E-stop are gone',
         )
         return 'the controller was reset; the arm stays still until it is enabled'
+
+    async def recover(self) -> str:
+        """Reset the controller's error, then enable the arm, unless it was disabled meanwhile.
+
+        Raises as both.
+        """
+        before = self._disabled
+        await self.reset_error()
+        if self._disabled != before:
+            text = 'the controller was reset; the arm was disabled meanwhile, and stays so'
+            raise CommandError(text, Remedy.ENABLE)
+        return await self.enable()
 
     def _check_nothing_to_mend(self, status: Status) -> None:
         """Raise CommandError for a condition that must be mended before the arm can be enabled."""

@@ -760,3 +760,17 @@ def test_whatever_is_wrong_with_a_motion_is_a_robot_error():
                 assert isinstance(caught.value, ValueError)
 
     run(scenario())
+
+
+@pytest.mark.invariant(4)
+async def test_a_disable_during_a_recovery_keeps_the_arm_disabled():
+    async with robot_cell() as (robot, controller):
+        controller.apply(Event.ESTOP_PRESS)
+        await until(lambda: robot.status.e_stopped)
+        controller.apply(Event.ESTOP_RELEASE)
+        recovery = asyncio.create_task(robot.reset(enable=True))
+        await asyncio.sleep(0)
+        await robot.disable()
+        with pytest.raises(RobotError, match='disabled meanwhile, and stays so; call enable'):
+            await recovery
+        assert not robot.status.enabled
