@@ -77,11 +77,16 @@ async def execute(
 
 @asynccontextmanager
 async def connected(host: str, port: int, timeout: float) -> AsyncIterator[Ask]:
-    """Be connected without a login, as `$Sim` needs none. Raises as `logged_in`."""
+    """Be connected without a login, which `$Sim` does not need. As `logged_in` otherwise."""
+
+    async def greet(ask: Ask) -> None:
+        with suppress(RemoteError):  # as of a real controller: it answers
+            await ask('Sim,joints')
+
     async with asyncio.timeout(timeout):
-        reader, writer = await _connected(host, port)
+        ask, writer = await _answering(host, port, greet, MAX_LOGINS)
         try:
-            yield partial(_ask_at, f'{host}:{port}', reader, writer)
+            yield ask
         finally:
             writer.close()
 
@@ -100,27 +105,39 @@ async def logged_in(
     than `timeout`, HungUpError if the controller hangs up, and ConnectionError if it cannot be
     reached or answers something else.
     """
+
+    async def login(ask: Ask) -> None:
+        await ask(f'Login,{password}')
+
     async with asyncio.timeout(timeout):
-        for left in reversed(range(max_logins)):
-            writer: asyncio.StreamWriter | None = None
-            try:
-                try:
-                    async with asyncio.timeout(LOGIN_TIMEOUT_S):
-                        reader, writer = await _connected(host, port)
-                        ask = partial(_ask_at, f'{host}:{port}', reader, writer)
-                        await ask(f'Login,{password}')
-                except (HungUpError, TimeoutError):
-                    if not left:
-                        raise
-                    await asyncio.sleep(LOGIN_RETRY_PERIOD_S)
-                    continue
-                yield ask
-                with suppress(HungUpError, RemoteError):
-                    await ask('Logout')
-                return
-            finally:
-                if writer is not None:
-                    writer.close()
+        ask, writer = await _answering(host, port, login, max_logins)
+        try:
+            yield ask
+            with suppress(HungUpError, RemoteError):
+                await ask('Logout')
+        finally:
+            writer.close()
+
+
+async def _answering(
+    host: str, port: int, greet: Callable[[Ask], Awaitable[None]], tries: int
+) -> tuple[Ask, asyncio.StreamWriter]:
+    """Return a connection on which a greeting, which moves nothing, was answered."""
+    while True:
+        tries -= 1
+        writer: asyncio.StreamWriter | None = None
+        try:
+            async with asyncio.timeout(LOGIN_TIMEOUT_S):
+                reader, writer = await _connected(host, port)
+                ask = partial(_ask_at, f'{host}:{port}', reader, writer)
+                await greet(ask)
+            return ask, writer
+        except BaseException as error:
+            if writer is not None:
+                writer.close()
+            if not tries or not isinstance(error, HungUpError | TimeoutError):
+                raise
+        await asyncio.sleep(LOGIN_RETRY_PERIOD_S)
 
 
 class HungUpError(ConnectionError):

@@ -80,15 +80,15 @@ class ClientConnection(Session):
     def claim(self) -> tuple[bool, bool, bool, float]:
         """Return the eviction priority of a remote client, lowest first.
 
-        A client that has just come has the highest, then one of this machine, then one that is
-        logged in, then the one that was heard last. No command is ever under way: each is answered
-        when it has come.
+        A client that has just come has the highest, then one of this machine, then one that was
+        obeyed, as after its login, then the one that was heard last. No command is ever under way:
+        each is answered when it has come.
         """
         session = self.session
         if not isinstance(session, RemoteSession):
             raise TypeError(f'a client of the {self.port} port keeps its place')
         new = self._controller.clock.now < self._begun + GRACE_S
-        return new, self.local, session.logged_in, session.heard
+        return new, self.local, session.obeyed, session.heard
 
     def receive(self, data: bytes) -> None:
         """Take bytes from the client. Raises FrameError as the session does.
@@ -230,7 +230,7 @@ class ClientConnections:
         """Close the connection of the remote client with the least claim to it, if any."""
         connection = min(self._remote, key=lambda connection: connection.claim, default=None)
         if connection is not None:
-            known = 'is logged in' if connection.claim[2] else 'is not logged in'
+            known = 'was obeyed' if connection.claim[2] else 'was not obeyed yet'
             _log.warning('a remote client makes room, which %s: %s', known, why)
             connection.hang_up()
 

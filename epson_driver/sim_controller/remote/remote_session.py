@@ -46,6 +46,7 @@ class RemoteSession:
         self._line = bytearray()
         self._after_cr = False
         self._open = True
+        self._obeyed = False
         self._heard = self._clock.now
         self._timer: Timer | None = None
         self._watch()
@@ -54,6 +55,11 @@ class RemoteSession:
     def logged_in(self) -> bool:
         """Whether the client has logged in, and not out again."""
         return self._dialogue.logged_in
+
+    @property
+    def obeyed(self) -> bool:
+        """Whether a command of the client was obeyed: a login, or one for the simulation."""
+        return self._obeyed
 
     @property
     def heard(self) -> float:
@@ -94,6 +100,7 @@ class RemoteSession:
             self._end(str(error))
             return
         if reply is not None:
+            self._obeyed |= reply.startswith('#')
             self._reply(reply)
 
     def _reply(self, reply: str) -> None:

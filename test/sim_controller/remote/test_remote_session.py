@@ -193,13 +193,17 @@ def test_invariant_7_the_one_too_many_gets_in_and_the_one_idle_longest_makes_roo
     assert gone(others) == []
 
 
-def test_who_is_logged_in_stays_while_somebody_is_not(harness, idle):
-    assert idle[0].says('Login') == '#Login,0'
+@pytest.mark.parametrize('command', ['Login', 'Sim,identity'])
+def test_who_was_obeyed_stays_while_somebody_was_not(harness, idle, command):
+    """The pendant of a simulated controller does not log in."""
+    assert idle[0].says(command).startswith('#')
     assert idle[3].says('Login') == '#Login,0'
+    for client in idle[4:]:
+        assert client.says('Nothing').startswith('!')
     more = [Client(harness) for _ in range(MAX_REMOTE_CLIENTS)]
     assert not idle[0].gone
     assert not idle[3].gone
-    assert idle[0].says('GetStatus').startswith('#')
+    assert idle[0].says(command).startswith('#')
     assert sum(not client.gone for client in [*idle, *more]) == MAX_REMOTE_CLIENTS
 
 
