@@ -171,7 +171,7 @@ class Arm:
         self._step(seconds)
         now, wishes, moves = self._now(), self._wishes, False
         commanded, before = self._controller.arm.commanded, self._commanded
-        if (commanded != before).any():  # nor is what is no number equal to anything
+        if commanded.tobytes() != before.tobytes():  # sooner done than an array's !=
             self._commanded = commanded.copy()
             way = np.abs(commanded - before)
             if not (way <= self._fastest * seconds + 1e-9).all():  # nor if it is no number

@@ -366,8 +366,8 @@ class Users:
             setpoint, moves = Setpoint('~/servo', swing, None), True
         else:
             times = np.arange(0.0, 0.105, 0.01)
-            ways = np.array([begin + speed * np.sin(time + each) for each in times])
-            speeds = np.array([speed * np.cos(time + each) for each in times])
+            ways = begin + np.multiply.outer(np.sin(time + times), speed)
+            speeds = np.multiply.outer(np.cos(time + times), speed)
             setpoint = Setpoint('~/servo', ways[-1], speeds[-1], Window(times, ways, speeds))
             moves = bool(np.any(speed))
         self._want_setpoint(setpoint, moves=moves)

@@ -2,15 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """An event loop without sockets, threads or real time: all that happens is decided by its order.
 
-Time jumps to the next timer when nothing is left to do. Everything that a process starts carries
-its name in its context, so that a process can hang, or die, between two callbacks.
+Timers go off one by one, in the order (time, number), and time jumps to the next when nothing is
+left to do. All that follows at once from one of them happens before the next one: through how many
+callbacks a Python passes on what has happened changes nothing that can be seen. Everything that a
+process starts carries its name in its context, so that a process can hang, or die, between two
+callbacks.
 """
 
 import asyncio
 import heapq
 from collections import deque
 from collections.abc import Callable
-from contextvars import Context
+from contextvars import Context, copy_context
 from itertools import count
 from typing import Any
 
@@ -19,23 +22,55 @@ from simulation.network import PROCESS, Listener, Network, Socket
 START_S = 1000.0
 """The loop's time in the beginning, s: 0 must not happen to mean 'never'."""
 
-TURN_S = 1e-6
-"""What a turn of the loop takes, s: a timer that rounding left over is not due for ever."""
+SOON_S = 1e-6
+"""How far ahead a timer is at least, s: one that rounding left over is not due for ever."""
 
-
-RESOLUTION_S = 1e-9
-"""A timer that is due so soon is due."""
+MAX_CALLS = 1_000_000
+"""More callbacks than this at one time are a task that spins."""
 
 
 class NothingLeftError(RuntimeError):
-    """Nothing can happen any more, but somebody waits."""
+    """Nothing can happen any more, but somebody waits; or one thing happens for ever."""
+
+
+class Call:
+    """A callback that is to come. It has what asyncio asks of handles, and no more."""
+
+    __slots__ = ('_when', 'args', 'callback', 'context', 'gone')
+
+    def __init__(
+        self, callback: Callable[..., Any], args: tuple[Any, ...], context: Context | None
+    ) -> None:
+        self.callback, self.args = callback, args
+        self.context = copy_context() if context is None else context
+        self.gone = False
+        self._when: float | None = None
+
+    def at(self, when: float) -> 'Call':
+        """Have it come at a time, s."""
+        self._when = when
+        return self
+
+    def when(self) -> float | None:
+        """Return when it comes, loop time, s; None: at once."""
+        return self._when
+
+    def cancel(self) -> None:
+        """Let it not come."""
+        self.gone = True
+
+    def cancelled(self) -> bool:
+        """Return whether it will not come."""
+        return self.gone
 
 
 class VirtualLoop(asyncio.BaseEventLoop):
     """Runs callbacks in virtual time, over a network in memory."""
 
-    _ready: 'deque[asyncio.Handle]'
-    _scheduled: list[tuple[float, int, asyncio.TimerHandle]]
+    _ready: deque[Call]
+    _scheduled: list[tuple[float, int, Call]]
+
+    get_debug = bool  # False, and asked for at every turn of a task
 
     def __init__(self, network: Network, thread_s: float = 0.0) -> None:
         super().__init__()
@@ -45,8 +80,8 @@ class VirtualLoop(asyncio.BaseEventLoop):
         self.network = network
         self.hanging: set[str] = set()
         self.dead: set[str] = set()
-        self._held: list[asyncio.Handle] = []
-        self._buried: list[asyncio.Handle] = []
+        self._held: list[Call] = []
+        self._buried: list[Call] = []
         """What dead processes would have called: what it refers to lives until the end."""
         self._numbers = count()
 
@@ -58,22 +93,28 @@ class VirtualLoop(asyncio.BaseEventLoop):
         """No other thread calls."""
 
     def _run_once(self) -> None:
-        """Call what is ready; if nothing is, let the time pass until the next timer."""
-        self.now += TURN_S
-        ready, scheduled = self._ready, self._scheduled
-        while scheduled and scheduled[0][2].cancelled():
-            heapq.heappop(scheduled)
-        if not ready and not self._stopping:  # type: ignore[attr-defined]
+        """Let one timer after the other go off, and what follows from it, until the loop stops."""
+        ready, scheduled, calls = self._ready, self._scheduled, 0
+        while True:
+            while ready:
+                call = ready.popleft()
+                calls += 1
+                if not call.gone:
+                    try:
+                        call.context.run(call.callback, *call.args)
+                    except Exception as error:  # noqa: BLE001 - handled as asyncio does
+                        name = f'Exception in callback {call.callback}'
+                        self.call_exception_handler({'message': name, 'exception': error})
+                    if calls > MAX_CALLS:
+                        raise NothingLeftError(f'{call.callback} comes for ever')
+            if self._stopping:  # type: ignore[attr-defined]
+                return
             if not scheduled:
                 raise NothingLeftError('nothing is left to happen, but somebody waits')
-            self.now = max(self.now, scheduled[0][0])
-        while scheduled and scheduled[0][0] < self.now + RESOLUTION_S:
-            ready.append(heapq.heappop(scheduled)[2])
-        turn = list(ready)
-        ready.clear()
-        for handle in turn:
-            if not handle.cancelled():
-                handle._run()  # noqa: SLF001 - as asyncio's loops do
+            when, _, call = heapq.heappop(scheduled)
+            if not call.gone:
+                self.now, calls = max(self.now, when), 0
+                ready.append(call)
 
     # --- processes -----------------------------------------------------------------------------
 
@@ -86,8 +127,8 @@ class VirtualLoop(asyncio.BaseEventLoop):
         """Call what is overdue of a process, in its order."""
         self.hanging.discard(process)
         held, self._held = self._held, []
-        for handle in held:
-            self._add(handle)
+        for call in held:
+            self._add(call)
 
     def kill(self, process: str) -> None:
         """Never call anything of a process again; its connections are closed by the system."""
@@ -113,27 +154,28 @@ class VirtualLoop(asyncio.BaseEventLoop):
 
     def _take_away(self) -> None:
         """Take away what hanging and dead processes would call."""
-        handles = [*self._ready, *(entry[2] for entry in sorted(self._scheduled))]
+        calls = [*self._ready, *(entry[2] for entry in sorted(self._scheduled))]
         self._ready.clear()
         self._scheduled.clear()
         held, self._held = self._held, []
-        for handle in (*held, *handles):
-            self._add(handle)
+        for call in (*held, *calls):
+            self._add(call)
 
-    def _add(self, handle: asyncio.Handle) -> None:
+    def _add(self, call: Call) -> None:
         """Take a callback, for its process."""
         if self.hanging or self.dead:
-            process = process_of(handle)
+            process = call.context.get(PROCESS, '')
             if process in self.hanging:
-                self._held.append(handle)
+                self._held.append(call)
                 return
             if process in self.dead:
-                self._buried.append(handle)
+                self._buried.append(call)
                 return
-        if isinstance(handle, asyncio.TimerHandle):
-            heapq.heappush(self._scheduled, (handle.when(), next(self._numbers), handle))
+        when = call.when()
+        if when is None:
+            self._ready.append(call)
         else:
-            self._ready.append(handle)
+            heapq.heappush(self._scheduled, (when, next(self._numbers), call))
 
     # --- what asyncio asks of a loop -----------------------------------------------------------
 
@@ -172,31 +214,31 @@ class VirtualLoop(asyncio.BaseEventLoop):
 
     def call_soon(  # type: ignore[override]
         self, callback: Callable[..., Any], *args: Any, context: Context | None = None
-    ) -> asyncio.Handle:
-        """Call in the next turn."""
-        handle = asyncio.Handle(callback, args, self, context)
-        self._add(handle)
-        return handle
+    ) -> Call:
+        """Call now, after all that was asked for before."""
+        call = Call(callback, args, context)
+        self._add(call)
+        return call
+
+    call_soon_threadsafe = call_soon  # type: ignore[assignment]  # there is one thread
 
     def call_at(  # type: ignore[override]
         self, when: float, callback: Callable[..., Any], *args: Any, context: Context | None = None
-    ) -> asyncio.TimerHandle:
+    ) -> Call:
         """Call at a time, s; of several at the same time first what was asked for first."""
-        handle = asyncio.TimerHandle(when, callback, args, self, context)
-        self._add(handle)
-        return handle
+        call = Call(callback, args, context).at(max(when, self.now + SOON_S))
+        self._add(call)
+        return call
 
-    def call_soon_threadsafe(  # type: ignore[override]
-        self, callback: Callable[..., Any], *args: Any, context: Context | None = None
-    ) -> asyncio.Handle:
-        """There is one thread."""
-        return self.call_soon(callback, *args, context=context)
+    def call_later(  # type: ignore[override]
+        self,
+        delay: float,
+        callback: Callable[..., Any],
+        *args: Any,
+        context: Context | None = None,
+    ) -> Call:
+        """Call after a time, s."""
+        return self.call_at(self.now + delay, callback, *args, context=context)
 
     async def shutdown_default_executor(self, *_: Any) -> None:
         """There is none."""
-
-
-def process_of(handle: asyncio.Handle) -> str:
-    """Return the name of the process that a callback belongs to."""
-    context: Context | None = handle._context  # type: ignore[attr-defined]  # noqa: SLF001
-    return '' if context is None else context.get(PROCESS, '')

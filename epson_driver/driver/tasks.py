@@ -53,10 +53,10 @@ async def run_task_group(
 
     tasks = {asyncio.create_task(run(name, part)): name for name, part in parts.items()}
     try:
-        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_EXCEPTION)
-        for task in done:
-            if (error := task.exception()) is not None:
-                report_error(f'{tasks[task]} failed', error)
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_EXCEPTION)
+        for task, name in tasks.items():
+            if task.done() and (error := task.exception()) is not None:
+                report_error(f'{name} failed', error)
                 await stop()
                 raise error
     finally:

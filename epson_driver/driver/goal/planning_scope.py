@@ -11,8 +11,9 @@ import logging
 import threading
 from collections.abc import Callable
 from contextvars import copy_context
+from itertools import count
 from typing import Any, TypeVar
-from weakref import WeakSet
+from weakref import WeakValueDictionary
 
 T = TypeVar('T')
 
@@ -69,7 +70,8 @@ class PlanningScopes:
     """All goals of a driver that are being planned. Everything runs in the driver's loop."""
 
     def __init__(self) -> None:
-        self._plans: WeakSet[PlanningScope] = WeakSet()
+        self._plans: WeakValueDictionary[int, PlanningScope] = WeakValueDictionary()
+        self._numbers = count()
 
     def begin(self, plan: PlanningScope | None = None) -> PlanningScope:
         """Return a new plan, or the one given: from now on it is ended with the others.
@@ -77,12 +79,12 @@ class PlanningScopes:
         As long as somebody has it; there is no need to take it away.
         """
         plan = PlanningScope() if plan is None else plan
-        self._plans.add(plan)
+        self._plans[next(self._numbers)] = plan
         return plan
 
     def end(self, why: str) -> None:
-        """Let none of them begin any more."""
-        for plan in list(self._plans):
+        """Let none of them begin any more, in the order in which they came."""
+        for plan in list(self._plans.values()):
             plan.end(why)
 
 

@@ -184,7 +184,7 @@ class IoDriver(Io):
         if byte_order is not None:
             self._dialect_known.set()
         self._last_id = 0
-        self._asked: set[asyncio.Future[Packet]] = set()
+        self._asked: dict[asyncio.Future[Packet], None] = {}
         self._subscribed: dict[Key, int] = {}
         self._values: dict[Key, IoValues] = {}
         self._published = -math.inf
@@ -269,7 +269,7 @@ class IoDriver(Io):
             waiting = self.link.post(message, on_reply)
         except ConnectionError as error:
             raise IoUnavailableError(f'the I/O request could not be sent: {error}') from error
-        self._asked.add(answer)
+        self._asked[answer] = None
         try:
             async with asyncio.timeout(self.timeout):
                 packet = await answer
@@ -280,7 +280,7 @@ class IoDriver(Io):
         except ConnectionError as error:
             raise IoUnavailableError(f'{error}{unsure}') from error
         finally:
-            self._asked.discard(answer)
+            del self._asked[answer]
         if packet.reply_code is not ReplyCode.SUCCESS:
             raise IoUnavailableError(REFUSED)
         reply = packet.message

@@ -220,7 +220,7 @@ class SerializedMotors:
         self._way = way
         self._lock = asyncio.Lock()
         self._given: asyncio.Task[None] | None = None
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks: dict[asyncio.Task[None], None] = {}
 
     @property
     def busy(self) -> bool:
@@ -230,7 +230,7 @@ class SerializedMotors:
     async def act(self, action: Action, timeout: float) -> None:
         """Do it when all before it is done, within `timeout` s from then. Raises MotorsError."""
         task = asyncio.create_task(self._act(action, timeout))
-        self._tasks.add(task)
+        self._tasks[task] = None
         task.add_done_callback(self._done)
         try:
             await asyncio.shield(task)
@@ -250,7 +250,7 @@ class SerializedMotors:
         await asyncio.gather(*tasks, return_exceptions=True)
 
     def _done(self, task: asyncio.Task[None]) -> None:
-        self._tasks.discard(task)
+        self._tasks.pop(task, None)
         if not task.cancelled() and (error := task.exception()) is not None:
             _log.debug('%s', error)  # and raised, to who still waits for it
 

@@ -6,6 +6,7 @@ import asyncio
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import copy_context
 
 from epson_driver.sim_controller.core import CYCLE_PERIOD_S, Controller
 
@@ -23,9 +24,12 @@ class Pacer:
         self._clock = clock or asyncio.get_running_loop().time
         self._now = self._clock()
         self._cycle = math.inf
-        self._sleeps_until = -math.inf
-        self._wake = asyncio.Event()
         self._error: BaseException | None = None
+        self._failed: asyncio.Future[None] | None = None
+        """While it runs: what fails when it does."""
+        self._timer: asyncio.TimerHandle | None = None
+        self._context = copy_context()
+        self._sleeps_until = -math.inf
 
     @contextmanager
     def present(self) -> Iterator[Controller]:
@@ -34,27 +38,48 @@ class Pacer:
         try:
             yield self._controller
         finally:
-            if self._due() < self._sleeps_until:
-                self._wake.set()
+            if (due := self._due()) < self._sleeps_until:
+                self._sleep(due)
 
     async def run(self) -> None:
-        """Step the controller when its next timer is due, and every cycle while the arm moves."""
-        while True:
-            await self._sleep(self._due())
-            if self._error is not None:
-                raise self._error
-            self._catch_up()
-            if self._now >= self._cycle:
-                self._cycle += CYCLE_PERIOD_S
-                if self._now >= self._cycle:
-                    self._controller.timing.deadline_misses += 1
-                    self._cycle = self._now + CYCLE_PERIOD_S
+        """Step the controller when its next timer is due, and every cycle while the arm moves.
+
+        It ends only by an error, which it raises.
+        """
+        self._failed = asyncio.get_running_loop().create_future()
+        self._context = copy_context()
+        if self._error is not None:
+            raise self._error
+        self._sleep(self._due())
+        try:
+            await self._failed
+        finally:
+            self._sleep(math.inf)
+            self._failed, self._sleeps_until = None, -math.inf
 
     def see_end(self, task: 'asyncio.Task[None]') -> None:
         """Have `run` raise what the task of a client has raised: that is a defect."""
         if not task.cancelled() and (error := task.exception()) is not None:
-            self._error = error
-            self._wake.set()
+            self._fail(error)
+
+    def _fail(self, error: BaseException) -> None:
+        self._error = error
+        if self._failed is not None and not self._failed.done():
+            self._failed.set_exception(error)
+
+    def _step(self) -> None:
+        """Step the controller. Called by the loop: a task would cost three calls for each step."""
+        try:
+            self._catch_up()
+        except Exception as error:  # noqa: BLE001 - raised by `run`
+            self._fail(error)
+            return
+        if self._now >= self._cycle:
+            self._cycle += CYCLE_PERIOD_S
+            if self._now >= self._cycle:
+                self._controller.timing.deadline_misses += 1
+                self._cycle = self._now + CYCLE_PERIOD_S
+        self._sleep(self._due())
 
     def _due(self) -> float:
         """Return when the controller must be stepped next, on the real clock."""
@@ -68,17 +93,15 @@ class Pacer:
             return self._cycle
         return min(self._cycle, self._now + due - controller.clock.now)
 
-    async def _sleep(self, until: float) -> None:
+    def _sleep(self, until: float) -> None:
+        """Have the next step at that time, on the real clock."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
         self._sleeps_until = until
-        timer = None
         if until < math.inf:
-            loop = asyncio.get_running_loop()
-            timer = loop.call_later(max(until - self._clock(), 0.0), self._wake.set)
-        await self._wake.wait()
-        self._wake.clear()
-        self._sleeps_until = -math.inf
-        if timer is not None:
-            timer.cancel()
+            loop, left = asyncio.get_running_loop(), max(until - self._clock(), 0.0)
+            self._timer = loop.call_later(left, self._step, context=self._context)
 
     def _catch_up(self) -> None:
         now = self._clock()

@@ -262,8 +262,9 @@ class SpelProgram:
     @property
     def runs(self) -> bool:
         """Whether tasks run besides those in the background."""
-        kinds = {task.type for task in self._alive()}
-        return self._starting or bool(kinds - {TaskType.BACKGROUND})
+        return self._starting or any(
+            task.type is not TaskType.BACKGROUND for task in self._alive()
+        )
 
     @property
     def ready(self) -> bool:
