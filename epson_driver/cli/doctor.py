@@ -17,6 +17,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 from rich.padding import Padding
+from rich.table import Table
 
 from epson_driver.cli.arguments import FREE_PORT, argument, host
 from epson_driver.doctor.controller_checks import MIN_LISTENING_S, Question, check_controller
@@ -140,17 +141,27 @@ def _finish(
         arguments.save.write_text(as_text(findings, head), encoding='utf-8')
         console.print(f'text: {arguments.save}', markup=False)
     style = 'bold red' if findings.exit_code else 'bold yellow' if findings.doubt else 'bold green'
-    console.print(f'[{style}]{escape(printable(findings.verdict))}[/]', soft_wrap=True)
+    said = f'[{style}]{escape(printable(findings.verdict))}[/]'
+    console.print(said, soft_wrap=not console.is_terminal)
     return findings.exit_code
 
 
 def tell(console: Console, finding: Finding) -> None:
-    """Show a finding: one line, and one with the advice."""
-    style = COLOURS[finding.level]
+    """Show a finding in a line, and the advice in another, broken between words on a terminal."""
     about, found = escape(printable(finding.about)), escape(printable(finding.found))
-    console.print(f'[{style}]{finding.level.value:8}[/][bold]{about}[/]: {found}', soft_wrap=True)
+    level = f'[{COLOURS[finding.level]}]{finding.level.value:8}[/]'
+    rows = [(level, f'[bold]{about}[/]: {found}')]
     if finding.remedy:
-        console.print(f'        → {escape(finding.remedy)}', soft_wrap=True)
+        rows.append((' ' * 8, f'→ {escape(finding.remedy)}'))
+    if not console.is_terminal:
+        for row in rows:
+            console.print(*row, sep='', soft_wrap=True)
+        return
+    grid = Table.grid()
+    grid.add_column(min_width=8)
+    for row in rows:
+        grid.add_row(*row)
+    console.print(grid)
 
 
 def _check_graph(process: subprocess.Popen[str], model: RobotModel, findings: Findings) -> None:

@@ -17,7 +17,7 @@ from rich.markup import escape
 from epson_driver.cli.arguments import FREE_PORT, argument, host
 from epson_driver.cli.doctor import tell
 from epson_driver.doctor.controller_checks import Question
-from epson_driver.doctor.findings import Findings
+from epson_driver.doctor.findings import Finding, Findings, Level
 from epson_driver.first_run.book import Book, load
 from epson_driver.first_run.run import go_through
 from epson_driver.first_run.steps import FirstRun
@@ -35,7 +35,7 @@ def main() -> int:
     arguments = parser.parse_args()
     path = arguments.file or Path(f'first_run_{arguments.address}.html'.replace(':', '_'))
     console = Console(highlight=False)
-    findings = Findings(lambda finding: tell(console, finding))
+    findings = Findings(lambda finding: _tell(console, finding))
     try:
         question = _question(arguments)
         about = {
@@ -56,15 +56,21 @@ def main() -> int:
         console.print(f'\nended; what was done is kept: {escape(printable(path))}')
         return INTERRUPTED
     for habit in book.habits:
-        console.print(f'[bold]habit[/]  {escape(printable(habit))}', soft_wrap=True)
+        said = f'[bold]habit[/]  {escape(printable(habit))}'
+        console.print(said, soft_wrap=not console.is_terminal)
     console.print(f'page, and a robot for sim_controller --profile-from: {printable(path)}')
     left = [name for name, each in book.entries.items() if each.state == 'failed']
     return int(bool(left) or not ended)
 
 
+def _tell(console: Console, finding: Finding) -> None:
+    if finding.level is not Level.SKIPPED:  # it comes in a step of its own
+        tell(console, finding)
+
+
 def _say(console: Console, text: str) -> None:
     style = 'bold yellow' if 'THE ARM MOVES' in text else 'bold'
-    console.print(f'[{style}]{escape(text)}[/]', soft_wrap=True)
+    console.print(f'[{style}]{escape(text)}[/]', soft_wrap=not console.is_terminal)
 
 
 class _Keyboard:

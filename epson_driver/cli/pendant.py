@@ -56,8 +56,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='epson_driver pendant',
         description='What a person does at the controller.',
-        usage='%(prog)s [-h] [--host HOST] [--port PORT] [--password PASSWORD] '
-        '[--timeout S] WORD …',
+        usage='%(prog)s [-h] [--host HOST] [--port PORT]\n'
+        '                            [--password PASSWORD] [--timeout S] WORD …',
         epilog='\n'.join(['words:', *(f'  {said:26}{text}' for said, text in TEXTS.items())]),
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,

@@ -142,8 +142,7 @@ async def _pendant(run: FirstRun) -> Found:
     except ValueError:
         shown = np.empty(0)
     if len(shown) != run.joints:
-        found.habits.append(f'the pendant was not compared: {run.joints} numbers are needed')
-        return found
+        raise NotMovedError(f'the pendant was not compared: {run.joints} numbers are needed')
     async with conversation(run.question.host, run.question.state_port) as state:
         await state.heard_within(latest_joints, 5.0)
         joints = latest_joints(state.heard)

@@ -103,9 +103,8 @@ def _tri(name: str, value: Tri, yes: tuple[str, str], no: tuple[str, str]) -> La
 def advice(state: RobotState, now: float) -> Advice:
     """Return what is in the way of motion, the first that has to be dealt with."""
     if not state.fresh('diagnostics', now):
-        return Advice(
-            'the driver does not report', 'start it, or look whether it still runs', UNKNOWN
-        )
+        remedy = 'STOP may not reach it: use the E-stop. Start it, or look whether it still runs'
+        return Advice('the driver does not report', remedy, UNKNOWN)
     found = state.inhibit
     condition = _condition(state, now)
     if found is None or found.cause in CALM:

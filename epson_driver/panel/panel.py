@@ -202,10 +202,13 @@ class Panel:
     def _show(self, windows: list[Window], new: set[int], now: float, texts: bool) -> None:
         all_of_it: dict[str, str] = {}
         if texts or new:
-            alarms = [view.control.stop_alarm for view in self._views.values()]
+            views = list(self._views.values())
+            alarms = [
+                (f'{each.label}: ' * (len(views) > 1), each.control.stop_alarm) for each in views
+            ]
             all_of_it = {
-                'robots': text_of([view.summary(now) for view in self._views.values()]),
-                'alarms': text_of([each for each in alarms if each]),
+                'robots': text_of([each.summary(now) for each in views]),
+                'alarms': text_of([name + alarm for name, alarm in alarms if alarm]),
                 'pendant': PENDANT_PART,
             }
         all_of_it['beat'] = text_of(self._beat)

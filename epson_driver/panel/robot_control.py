@@ -195,15 +195,16 @@ class RobotControl:
             else:
                 self._raise_alarm(text, 'STOP failed')
 
-        if not self.robot.state.fresh('diagnostics', now):
-            self._stop_asked = None
-            self._raise_alarm('the driver is silent')
+        why = '' if self.robot.state.fresh('diagnostics', now) else 'the driver is silent'
         try:
             self.robot.trigger('stop', answered)
         except RequestError as error:
-            self._stop_asked = None
-            self._raise_alarm(str(error))
+            why = str(error)
             raise
+        finally:
+            if why:
+                self._stop_asked = None
+                self._raise_alarm(why)
 
     def _raise_alarm(self, why: str, what: str = 'STOP was not delivered') -> None:
         self.stop_alarm = f'{what}: {why}. Press the E-stop.'

@@ -197,7 +197,7 @@ FORMS: dict[str, Form] = {
 ALONE = {
     'status': 'the state of the controller',
     'fault kinds': 'list the kinds of faults and their parameters',
-    'completion': 'print a line for bash\'s completion: eval "$(epson_driver pendant completion)"',
+    'completion': 'for bash: eval "$(epson_driver pendant completion)"',
 }
 """Words that are not a remote command each."""
 

@@ -20,6 +20,8 @@ from support.panel_client import PanelProcess
 from support.panel_page import Page
 from support.ros_peer import stamp
 
+from epson_driver.processes.processes import free_ros_domain
+
 pytestmark = pytest.mark.slow  # seconds, in a browser without a graphics card
 
 SIZES = [(1024, 768), (1600, 1000), (390, 844)]
@@ -208,6 +210,22 @@ def test_a_stop_that_is_not_delivered_is_said_large_and_red(
             assert page.page.locator('#stop').bounding_box() == before
             page.page.locator(place, has_text='STOP').wait_for(state='hidden')
             page.lamp('Link', 'good')
+
+
+@pytest.mark.invariant(3)
+def test_a_stop_that_no_robot_is_there_for_is_said(tmp_path: Path) -> None:
+    panel = PanelProcess(tmp_path, free_ros_domain())
+    try:
+        with chromium('--disable-3d-apis') as browser:
+            page = Page(browser, panel.address, link='')
+            page.wait_for_text('advice', 'no driver is found')
+            assert page.button('Arm').is_disabled()
+            page.page.keyboard.press('Escape')
+            page.wait_for_text(
+                'alarm', 'STOP was not delivered: no driver is found. Press the E-stop.'
+            )
+    finally:
+        panel.end()
 
 
 @pytest.mark.invariant(6)

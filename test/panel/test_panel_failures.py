@@ -19,13 +19,14 @@ from epson_driver.panel.web_server import WebServer
 from epson_driver.processes import processes
 
 ROBOT = '/nobody'
+OTHER = '/other'
 
 
 class Running:
-    """A panel in a thread of this process, for a driver that is not there."""
+    """A panel in a thread of this process, for two drivers that are not there."""
 
     def __init__(self) -> None:
-        self.panel = Panel('127.0.0.1', 0, None, [], [ROBOT], {}, allow_motion=True)
+        self.panel = Panel('127.0.0.1', 0, None, [], [ROBOT, OTHER], {}, allow_motion=True)
         self.code: int | None = None
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
@@ -99,6 +100,11 @@ def test_a_stop_that_nobody_can_carry_out_is_said_and_no_failure(running: Runnin
     with running.window() as client:
         client.click('STOP')
         client.wait_for_notification('nobody serves /nobody/stop')
+        alarms = [
+            f'{name}: STOP was not delivered: nobody serves /{name}/stop. Press the E-stop.'
+            for name in ('nobody', 'other')
+        ]
+        client.wait(lambda: client.parts['alarms'] == alarms, 'each by its name')
         client.click('Arm')
         client.wait_for_notification('the driver does not report')
         running.window().close()

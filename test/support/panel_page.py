@@ -31,7 +31,8 @@ class Page:
         self.page.on('console', self._on_console)
         self.page.goto(address)
         try:
-            self.lamp('Link', link)
+            if link:
+                self.lamp('Link', link)
         except Exception as error:
             shown = self.page.locator('body').inner_text()
             error.add_note(f'asked for {self.requests}, complained {self.errors}, shows {shown!r}')

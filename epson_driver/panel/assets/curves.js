@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The curves of the last seconds, with uPlot (`lib` of bundle.js): legend, values and units.
 
-export const COLOURS = ['#1971c2', '#e8590c', '#2f9e44', '#9c36b5', '#e03131', '#0c8599', '#f08c00', '#7a8591'];
+export const COLOURS = ['#1971c2', '#e8590c', '#2f9e44', '#ae4fcb', '#e03131', '#0c8599', '#c77700', '#7a8591'];
 const SPAN_S = 20, LEAST = 0.1;
 const QUANTITIES = [['Position', ''], ['Velocity', '/s'], ['Plan − measured', '']];
 

@@ -16,6 +16,9 @@ const $ = (id) => document.getElementById(id);
 const element = (tag, text = '', className = '') => Object.assign(document.createElement(tag), { textContent: text, className });
 const say = (id, text) => { if ($(id).textContent !== text) $(id).textContent = text; };
 
+const NOBODY = { colour: 'unknown', reason: 'no driver is found', remedy: 'start one, in the ROS domain of the panel (ROS_DOMAIN_ID)' };
+
+let unheard = false; // a STOP that no robot was there for
 let socket = null, chosen = '', heard = -Infinity, stopAt = null, controls = {}, arm = null, way = 0;
 
 /** Send a request, and return when, s. */
@@ -47,6 +50,10 @@ const parts = {
     const name = now ? now.label : 'No robot found';
     say('name', name);
     say('view-name', now ? name : '');
+    say('now', now ? `${SIGNS[now.colour]} ${now.reason}` : '');
+    $('now').dataset.colour = now ? now.colour : '';
+    if (!now) parts.advice(NOBODY);
+    else if (unheard) parts.alarms([]);
     document.title = now ? `${SIGNS[now.colour]} ${name}: ${now.reason} · epson_driver panel` : 'epson_driver panel';
     $('stop-one').hidden = robots.length < 2;
     $('stop').firstElementChild.textContent = robots.length < 2 ? 'STOP' : 'STOP ALL';
@@ -64,6 +71,7 @@ const parts = {
   },
   stopped(at) { if (at === stopAt) stopAt = null; },
   alarms(alarms) {
+    unheard = false;
     $('alarm').hidden = !alarms.length;
     say('alarm', alarms.join(' '));
   },
@@ -143,7 +151,7 @@ const parts = {
       $('speed').value = Math.round(100 * found.speed);
       say('percent', `${$('speed').value} %`);
     }
-    const offered = found.trajectories.length ? found.trajectories : ['none'];
+    const offered = found.trajectories.length ? found.trajectories : ['no trajectory'];
     if (offered.join('\n') !== [...$('trajectory').options].map((each) => each.value).join('\n')) {
       $('trajectory').replaceChildren(...offered.map((each) => new Option(each)));
     }
@@ -243,6 +251,8 @@ function choose(robot) {
   curves.setRows([]);
   for (const id of ['lamps', 'log', 'joints', 'tool', 'io']) $(id).replaceChildren();
   $('advice').replaceChildren();
+  $('arm').disabled = true;
+  say('armed-note', '');
   parts.arm(null);
   document.body.classList.remove('armed');
   allow();
@@ -296,6 +306,9 @@ setInterval(() => {
 const stop = (word) => {
   hand.end();
   stopAt = send({ do: word });
+  if (chosen) return;
+  parts.alarms(['STOP was not delivered: no driver is found. Press the E-stop.']);
+  unheard = true;
 };
 $('stop').addEventListener('click', () => stop('stop'));
 addEventListener('keydown', (event) => { if (event.key === 'Escape') stop('stop'); }, true);

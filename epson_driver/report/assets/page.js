@@ -120,8 +120,9 @@
   legend('plan', '#0f766e', true);
 
   const motionsOf = (run) => run.figures.motions.filter((each) => each.began_s !== null);
+  const total = (run, key) => motionsOf(run).reduce((sum, m) => sum + m[key], 0).toFixed(2);
   const cards = [
-    ['in motion', (run) => [motionsOf(run).reduce((sum, m) => sum + m.moved_s, 0).toFixed(2), compare ? 's' : `s, planned ${motionsOf(run).reduce((sum, m) => sum + m.planned_s, 0).toFixed(2)}`]],
+    [compare ? 'in motion' : `in motion, planned ${total(runs[0], 'planned_s')} s`, (run) => [total(run, 'moved_s'), 's']],
     ['dead time, longest', (run) => {
       const worst = Math.max(...motionsOf(run).map((m) => m.dead_time_s));
       return Number.isFinite(worst) ? [(worst * 1e3).toFixed(0), 'ms'] : ['–', ''];

@@ -9,6 +9,7 @@ and what comes through the remote port. The first parameter needs no name: `esto
 
 import re
 from collections.abc import Iterable
+from textwrap import wrap
 
 from epson_driver.sim_controller.faults.fault_kinds import (
     FAULTS,
@@ -19,6 +20,9 @@ from epson_driver.sim_controller.faults.fault_kinds import (
     Parameter,
     Value,
 )
+
+COLUMNS = 80
+"""Of a description."""
 
 _MAX_QUOTED_CHARACTERS = 40
 """Characters of a wrong text that an error repeats."""
@@ -73,8 +77,10 @@ def describe(names: Iterable[str] = FAULTS) -> str:
     lines = []
     for name in names:
         kind = FAULTS[name]
-        lines += [name, f'    {kind.text}']
-        lines += [f'    {key}: {text}' for key, text in parameter_texts(kind).items()]
+        said = [kind.text, *(f'{key}: {text}' for key, text in parameter_texts(kind).items())]
+        lines.append(name)
+        for each in said:
+            lines += wrap(each, COLUMNS, initial_indent=' ' * 4, subsequent_indent=' ' * 6)
     return '\n'.join(lines)
 
 

@@ -3,6 +3,7 @@
 """How far the arm is behind a stream: the figures of docs/servo.md, in virtual time.
 
 Streams of 50 Hz with 4 ms of jitter, 2 % lost. What ROS, networks and planning add is not in it.
+`pytest -rP -m '' -k held_key test/driver/servo/test_servo_lag.py` prints the figures of jogs.
 """
 
 import asyncio
@@ -11,11 +12,13 @@ import numpy as np
 import pytest
 from support.driver_harness import Harness, options_of, pose, simulated
 from support.event_loop import now
-from support.streams import PERIOD, positions, window
+from support.streams import PERIOD, positions, velocities, window
 
-from benchmark.policy_lag import behind
+from benchmark.policy_lag import SETTLED_S, behind
+from epson_driver.driver.servo.setpoint import ServoSettings
 from epson_driver.driver.servo.stream import StreamLag
 from epson_driver.driver.state.robot_state import JointSample
+from epson_driver.profiles import load_controller_profile
 
 DURATION = 7.0
 JITTER = 0.004
@@ -53,13 +56,13 @@ def windows(wave, t):
     return window(state, WINDOW)
 
 
-async def followed(harness, stream, wave):
+async def followed(harness, stream, wave, duration=DURATION):
     """Send a stream; return times, s, and ways of joint 1 as they were measured."""
     random = np.random.default_rng(0)
     begin = now()
     first = len(harness.events.samples)
     count = 0
-    while (t := now() - begin) < DURATION:
+    while (t := now() - begin) < duration:
         if random.random() >= LOST:
             harness.driver.servo.take(stream(wave, t))
         count += 1
@@ -104,6 +107,45 @@ async def test_the_lag_behind_a_stream_is_as_documented(controller, stream, wave
         record_property('figures', f'lag {lag * 1e3:.0f} ms, rms {rms * 1e3:.1f} mrad')
         bar = BARS[controller][list(STREAMS).index(stream)][WAVES.index(wave)]
         assert lag <= bar + 1e-9
+        assert harness.gate is None
+
+
+HELD_S = 1.0
+JOG_SPEED = 0.4
+JOG_BARS = {
+    ('rc620', True): 0.18,
+    ('rc620', False): 0.38,
+    ('generic', False): 0.33,
+    ('fanuc', False): 0.31,
+    ('spel', False): 0.36,
+    ('thesis', False): 0.75,
+}
+"""s; some more than was measured."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('controller', JOG_BARS, ids=lambda row: f'{row[0]} {"smooth" * row[1]}')
+async def test_the_lag_behind_a_held_key_is_as_documented(controller):
+    name, smooth = controller
+    async with (
+        simulated(profile=name, smooth=smooth) as (_, ports),
+        Harness(ports, **options_of(name)) as harness,
+    ):
+        period = load_controller_profile(name).program.setpoint_period
+        harness.driver.servo.settings = ServoSettings(period=period)
+        await harness.ready()
+        await harness.commands.enable()
+        await asyncio.sleep(0.5)
+        key = velocities(pose(JOG_SPEED))
+        times, ways = await followed(harness, lambda _wave, _t: key, None, HELD_S)
+        later = times + SETTLED_S  # what comes before is not judged
+
+        def wave(each):
+            return JOG_SPEED * np.clip(each - SETTLED_S, 0.0, HELD_S)
+
+        lag, rms = behind(later, ways - ways[0], wave)
+        print(f'lag {lag * 1e3:.0f} ms, rms {rms * 1e3:.0f} mrad')
+        assert lag <= JOG_BARS[controller]
         assert harness.gate is None
 
 
