@@ -9,7 +9,7 @@ from epson_driver.spel.commands import TaskType
 from epson_driver.spel.errors import ErrorNumber, SpelError, bad
 from epson_driver.spel.host import Memory
 from epson_driver.spel.library import format_string, parse_string, value_of
-from epson_driver.spel.pallets import checked_number, new_pallet
+from epson_driver.spel.pallets import new_pallet
 from epson_driver.spel.project_data import LAST_POINT
 from epson_driver.spel.task import (
     Counter,
@@ -33,16 +33,11 @@ from epson_driver.spel.values import (
 )
 
 _MOST_COUNTERS = 16
-_LONGEST = 1e7
-"""The longest time that can be waited for, s."""
-
 _MOST_ELEMENTS = {False: (2_000, 200), True: (100_000, 10_000)}
 
 
-def seconds(task: Task, name: str, time: float) -> float:
-    """Return a time as the controller waits it: whole ticks, rounded up. Raises SpelError."""
-    if not 0.0 <= time <= _LONGEST:
-        raise bad(name, f'{shown(time)} s is not a time')
+def seconds(task: Task, time: float) -> float:
+    """Return a time as the controller waits it: whole ticks, rounded up."""
     tick = task.world.timing.granularity
     return math.ceil(time / tick - 1e-9) * tick if tick else time
 
@@ -59,12 +54,12 @@ def within(name: str, number: int, least: int, most: int) -> int:
 
 def wait(task: Task, time: float) -> None:
     """Wait s."""
-    task.wait(seconds(task, 'Wait', time))
+    task.wait(seconds(task, time))
 
 
 def wait_condition(task: Task, test: Test, time: float | None) -> None:
     """Wait condition[, s]: TW says whether the time ran out, TMOut makes that an error."""
-    limit = task.default_timeout if time is None else seconds(task, 'Wait', time)
+    limit = task.default_timeout if time is None else seconds(task, time)
 
     def after(timed_out: bool) -> None:
         if timed_out and time is None:
@@ -75,27 +70,26 @@ def wait_condition(task: Task, test: Test, time: float | None) -> None:
 
 def set_default_timeout(task: Task, time: float) -> None:
     """TMOut s, where 0 is never."""
-    task.default_timeout = seconds(task, 'TMOut', time) or None
+    task.default_timeout = seconds(task, time) or None
 
 
 def wait_signal(task: Task, number: int, time: float | None = None) -> None:
     """WaitSig n[, s]: for the next Signal."""
-    within('WaitSig', nearest(number), 0, 63)
-    signals = task.world.signals
+    number, signals = nearest(number), task.world.signals
     before = signals.get(number, 0)
-    limit = None if time is None else seconds(task, 'WaitSig', time)
+    limit = None if time is None else seconds(task, time)
     task.wait_or_time_out(limit, lambda: signals.get(number, 0) != before)
 
 
 def signal(task: Task, number: int) -> None:
     """Signal n: let those that wait go on."""
-    within('Signal', nearest(number), 0, 63)
-    task.world.signals[number] = task.world.signals.get(number, 0) + 1
+    number, signals = nearest(number), task.world.signals
+    signals[number] = signals.get(number, 0) + 1
 
 
 def sync_lock(task: Task, number: int, time: float | None = None) -> None:
     """SyncLock n[, s]."""
-    number = within('SyncLock', nearest(number), 0, 63)
+    number = nearest(number)
     locks = task.world.locks
     if locks.get(number) == task.number:
         raise SpelError(ErrorNumber.SYNC, f'SyncLock {number}: this task has locked it already')
@@ -104,13 +98,13 @@ def sync_lock(task: Task, number: int, time: float | None = None) -> None:
         if not timed_out:
             locks[number] = task.number
 
-    limit = None if time is None else seconds(task, 'SyncLock', time)
+    limit = None if time is None else seconds(task, time)
     task.wait_or_time_out(limit, lambda: number not in locks, after)
 
 
 def sync_unlock(task: Task, number: int) -> None:
     """SyncUnlock n: by the task that has locked it."""
-    number = within('SyncUnlock', nearest(number), 0, 63)
+    number = nearest(number)
     if task.world.locks.get(number) != task.number:
         raise SpelError(ErrorNumber.SYNC, f'SyncUnlock {number}: this task has not locked it')
     del task.world.locks[number]
@@ -118,7 +112,7 @@ def sync_unlock(task: Task, number: int) -> None:
 
 def reset_timer(task: Task, number: int) -> None:
     """TmReset n."""
-    task.world.timers[within('TmReset', nearest(number), 0, 63)] = task.world.time
+    task.world.timers[nearest(number)] = task.world.time
 
 
 def reset_elapsed_time(task: Task) -> None:
@@ -277,7 +271,7 @@ def _bits(name: str, memory: Memory, width: int, value: int | None) -> Callable[
         def after(_timed_out: bool) -> None:
             host.write_bits(memory, number, width, 1 - bit)
 
-        duration = seconds(task, name, time)
+        duration = seconds(task, time)
         if parallel == 0:  # the next statement does not wait (p567, p572)
             task.world.later.append((task.world.time + duration, lambda: after(True)))
         else:
@@ -285,19 +279,17 @@ def _bits(name: str, memory: Memory, width: int, value: int | None) -> Callable[
 
     def many(task: Task, index: float, given: float, words: tuple[str, ...] = ()) -> None:
         _may_write(task, name, memory, words)
-        wanted = within(name, nearest(given), -(1 << (width - 1)), (1 << width) - 1)
-        mask = (1 << width) - 1
-        task.world.host.write_bits(memory, nearest(index), width, wanted & mask)
+        wanted = nearest(given) & ((1 << width) - 1)
+        task.world.host.write_bits(memory, nearest(index), width, wanted)
 
     return many if value is None else one
 
 
 def _decimal_out(task: Task, port: float, given: float, words: tuple[str, ...] = ()) -> None:
     """OpBCD port, 0 to 99."""
-    number = within('OpBCD', nearest(given), 0, 99)
     _may_write(task, 'OpBCD', Memory.OUTPUT, words)
-    value = number // 10 << 4 | number % 10
-    task.world.host.write_bits(Memory.OUTPUT, nearest(port), 8, value)
+    tens, ones = divmod(nearest(given), 10)
+    task.world.host.write_bits(Memory.OUTPUT, nearest(port), 8, tens << 4 | ones)
 
 
 def reset_counter(task: Task, bit: float) -> None:
@@ -411,12 +403,12 @@ def define_pallet(
     world = task.world
     corners = tuple(world.host.stored_point(each) for each in given if isinstance(each, Point))
     columns, rows = (each for each in given if not isinstance(each, Point))
-    world.pallets[number] = new_pallet(number, corners, columns, rows, 'outside' in words)
+    world.pallets[number] = new_pallet(corners, columns, rows, 'outside' in words)
 
 
 def clear_pallet(task: Task, number: float) -> None:
     """PalletClr n."""
-    task.world.pallets.pop(checked_number(nearest(number)), None)
+    task.world.pallets.pop(nearest(number), None)
 
 
 STATEMENTS: dict[str, Callable[..., None]] = {

@@ -14,7 +14,6 @@ from epson_driver.spel.frames import Area
 from epson_driver.spel.task import Task
 from epson_driver.spel.values import Point, nearest
 
-LAST_AREA = 15
 _LIMITS = 6
 _KINDS = ('box', 'plane')
 
@@ -23,7 +22,7 @@ def _key(kind: str, number: float, robot: float | None = None) -> tuple[str, int
     """Return where an area is kept. Raises SpelError where there is no such number or robot."""
     if robot not in (None, 1):
         raise bad(kind.capitalize(), f'robot {robot:g}: there is only robot 1')
-    return kind, within(kind.capitalize(), nearest(number), 1, LAST_AREA)
+    return kind, nearest(number)
 
 
 def define_box(task: Task, number: float, *given: float, words: tuple[str, ...] = ()) -> None:
@@ -86,7 +85,7 @@ def _corner(task: Task, number: int, *given: int) -> Point:
     """Return Box(n[, robot], 1|2)."""
     *robot, which = given
     area = _found(task, 'box', number, *robot)
-    corner = area.low if within('Box', which, 1, 2) == 1 else area.high
+    corner = area.low if which == 1 else area.high
     return Point('xy', (*corner, 0.0, 0.0, 0.0), (str(area.frame),))
 
 

@@ -6,11 +6,9 @@ from collections.abc import Callable
 from datetime import datetime, timedelta
 from typing import Any
 
-from epson_driver.spel.actions import within
 from epson_driver.spel.commands import TaskType
 from epson_driver.spel.errors import ErrorNumber, SpelError, TaskError, bad
 from epson_driver.spel.host import Memory
-from epson_driver.spel.pallets import checked_number
 from epson_driver.spel.ports import check_net, lines_waiting, port_of
 from epson_driver.spel.task import Task, TaskState
 from epson_driver.spel.values import Point
@@ -18,7 +16,7 @@ from epson_driver.spel.values import Point
 
 def timer(task: Task, number: int) -> float:
     """Return Tmr: seconds since TmReset, or since the start, in milliseconds."""
-    begun = task.world.timers.get(within('Tmr', number, 0, 63), 0.0)
+    begun = task.world.timers.get(number, 0.0)
     return round(task.world.time - begun, 3)
 
 
@@ -29,7 +27,7 @@ def now(task: Task) -> datetime:
 
 def _time(task: Task, unit: int) -> int:
     clock = now(task)
-    return (clock.hour, clock.minute, clock.second)[within('Time', unit, 0, 2)]
+    return (clock.hour, clock.minute, clock.second)[unit]
 
 
 def point(task: Task, number: int) -> Point:
@@ -41,7 +39,7 @@ def point(task: Task, number: int) -> Point:
 
 
 def _place(task: Task, number: int, position: int, row: int | None = None) -> Point:
-    found = task.world.pallets.get(checked_number(number))
+    found = task.world.pallets.get(number)
     if found is None:
         raise SpelError(ErrorNumber.POINT_UNDEFINED, f'Pallet {number} is not defined')
     return found.place(number, position, row)
@@ -68,7 +66,7 @@ def _task_info(task: Task, which: int | str, index: int) -> int:
         int(found.state),
         -1 if found.timed_out else 0,
     )
-    return states[within('TaskInfo', index, 0, 4)]
+    return states[index]
 
 
 def _error(task: Task, which: int | str | None) -> TaskError | None:

@@ -11,7 +11,7 @@ import re
 from functools import singledispatchmethod
 
 from epson_driver.spel.code import WAITING, FunctionCode, Variable
-from epson_driver.spel.commands import COMMANDS, TASK_TYPE_WORDS
+from epson_driver.spel.commands import COMMANDS, TASK_TYPE_WORDS, CommandRule
 from epson_driver.spel.conditions import condition, is_condition
 from epson_driver.spel.errors import Position, Problem, SyntaxProblem
 from epson_driver.spel.expression_code import Expressions, check_depth
@@ -452,7 +452,9 @@ class Compiler:
         given = []
         for number, argument in enumerate(statement.arguments):
             kind = kinds[number] if kinds else _form_kind(rule.form, number)
-            given.append('None' if argument is None else self._argument(argument, kind))
+            given.append(
+                'None' if argument is None else self._argument(rule, number, argument, kind)
+            )
         values = ''.join(f'{code}, ' for code in given)
         if 'baseu' in statement.words:
             self._expressions.note_stub('Local … BaseU', statement.at)
@@ -462,7 +464,7 @@ class Compiler:
             words = f', words={statement.words!r}' if statement.words else ''
             self._suspend(f's_{rule.name.lower()}(v[0], {values.rstrip(", ")}{words})')
 
-    def _argument(self, argument: Expression, kind: str) -> str:
+    def _argument(self, rule: CommandRule, place: int, argument: Expression, kind: str) -> str:
         made = self._expressions
         if kind == 'v':
             return made.taker(argument)[0]
@@ -472,11 +474,13 @@ class Compiler:
             return made.string(argument)
         if kind == 'p':
             return made.point(argument)
-        if kind == 'q':
-            return made.which_point(argument)
         if kind == 'x':
             return made.text_or_number(argument)
-        return made.whole(argument) if kind == 'i' else made.number(argument).text
+        if kind == 'q':
+            code = made.which_point(argument)
+        else:
+            code = made.whole(argument) if kind == 'i' else made.number(argument).text
+        return made.ranged(rule.name, rule.name.lower(), place, argument, code)
 
     @_statement.register
     def _(self, statement: Print) -> None:
@@ -549,7 +553,9 @@ class Compiler:
     def _(self, statement: TaskCommand) -> None:
         task = repr(statement.function.lower()) if statement.function else 'None'
         if statement.task is not None:
-            task = self._expressions.whole(statement.task)
+            made, name = self._expressions, statement.name
+            code = made.whole(statement.task)
+            task = made.ranged(name, name.lower(), 0, statement.task, code)
         self._suspend(f's_{statement.name.lower()}(v[0], {task})')
 
     @_statement.register
@@ -560,11 +566,15 @@ class Compiler:
             if what is None or statement.time is not None:
                 text = 'Wait takes a time, or a condition with a time'
                 raise SyntaxProblem(statement.at, text, 'wait-condition')
-            self._suspend(f's_wait(v[0], {made.number(what).text})')
+            self._suspend(f's_wait(v[0], {self._time(what)})')
             return
         before, test = condition(what, made)
-        time = 'None' if statement.time is None else made.number(statement.time).text
+        time = 'None' if statement.time is None else self._time(statement.time)
         self._suspend(f'{before}s_waitcondition(v[0], lambda: {test}, {time})')
+
+    def _time(self, given: Expression) -> str:
+        made = self._expressions
+        return made.ranged('Wait', 'wait', 0, given, made.number(given).text)
 
     @_statement.register
     def _(self, statement: Store) -> None:
@@ -632,7 +642,8 @@ class Compiler:
                 before += more
                 modifiers += f', {name_of}=lambda: {test}'
         for kind, value in statement.numbers:
-            numbers += f'{kind!r}: {made.number(value).text}, '
+            code = made.ranged(kind.upper(), kind, 0, value, made.number(value).text)
+            numbers += f'{kind!r}: {code}, '
         beside = self._beside(statement) if statement.parallel else 'None'
         self._suspend(
             f'{before}v[0].move({name!r}, ({points}), {statement.words!r}, {{{numbers}}}, '
@@ -678,7 +689,9 @@ class Compiler:
 
     @_statement.register
     def _(self, statement: Share) -> None:
-        self._suspend(f'v[0].wait_share({self._expressions.number(statement.percent).text})')
+        made, given = self._expressions, statement.percent
+        code = made.ranged('D', 'd', 0, given, made.number(given).text)
+        self._suspend(f'v[0].wait_share({code})')
 
     @_statement.register
     def _(self, statement: Stub) -> None:

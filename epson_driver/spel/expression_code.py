@@ -15,6 +15,7 @@ from epson_driver.spel.errors import Position, Problem, SyntaxProblem
 from epson_driver.spel.expressions import is_point_literal
 from epson_driver.spel.functions import FUNCTIONS, STUB_RESULTS, FunctionRule, counts
 from epson_driver.spel.library import REAL_DIGITS
+from epson_driver.spel.ranges import key_of, limits, outside
 from epson_driver.spel.scope import Scope, against_true, constant
 from epson_driver.spel.syntax import (
     Apply,
@@ -99,6 +100,15 @@ class Expressions:
     def whole(self, expression: Expression) -> str:
         """Return the code of a whole number, made of a real as on assignment."""
         return _rounded(self.number(expression))
+
+    def ranged(self, name: str, key: str, place: int, given: Expression, code: str) -> str:
+        """Return the code of a number that must be in its range, if it is not known to be."""
+        if limits(key, place) is None or code.startswith("'"):  # a task's function
+            return code
+        fixed = constant(given, self.scope.constants)
+        if isinstance(fixed, int | float) and not outside(key, place, fixed):
+            return code
+        return f'RANGED({name!r}, {key!r}, {place}, {code})'
 
     def string(self, expression: Expression) -> str:
         """Return the code of a string."""
@@ -462,10 +472,12 @@ class Expressions:
             raise SyntaxProblem(at, text, 'arguments')
         kinds = rule.arguments.split(',')
         codes: list[Code] = []
-        for argument, wanted in zip(arguments, kinds, strict=False):
-            codes.append(self._argument(argument, wanted[0]))
-        given = ', '.join(code.text for code in codes)
         key = rule.name.lower()
+        for place, (argument, wanted) in enumerate(zip(arguments, kinds, strict=False)):
+            code = self._argument(argument, wanted[0])
+            text = self.ranged(rule.name, key_of(key), place, argument.value, code.text)
+            codes.append(code._replace(text=text))
+        given = ', '.join(code.text for code in codes)
         name = key.replace('$', '_s')
         kind = codes[0].kind if rule.result == '=' else rule.result
         if rule.name == 'Str$' and codes[0].kind == SINGLE:

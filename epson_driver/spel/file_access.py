@@ -9,10 +9,11 @@ from pathlib import PurePosixPath
 from typing import Any
 
 from epson_driver.spel.errors import bad
+from epson_driver.spel.ranges import FILES
 from epson_driver.spel.task import OpenFile, Task
 from epson_driver.spel.values import nearest
 
-FIRST_FILE, LAST_FILE = 30, 63
+FIRST_FILE, LAST_FILE = FILES
 LINE_END = b'\r\n'
 _END_OF_FILE = 26
 
@@ -53,8 +54,6 @@ def _open(way: str) -> Callable[[Task, str, int], None]:
     mode = _MODES[way]
 
     def run(task: Task, name: str, number: int) -> None:
-        if not is_file(number):
-            raise bad(way, f'{number} is not in {FIRST_FILE}..{LAST_FILE}')
         if number in task.world.open_files:
             raise bad(way, f'file {number} is open already')
         content = task.world.files.read(name)

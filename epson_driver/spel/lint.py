@@ -32,7 +32,9 @@ from epson_driver.spel.project_data import INCLUDE, PROGRAM, PROJECT, encoded, l
 from epson_driver.spel.scope import ONE_WHEN_ON, constant
 from epson_driver.spel.syntax import (
     Apply,
+    Assign,
     Binary,
+    Block,
     Call,
     Command,
     Declaration,
@@ -40,6 +42,7 @@ from epson_driver.spel.syntax import (
     Expression,
     For,
     Function,
+    If,
     Input,
     Jump,
     Label,
@@ -134,6 +137,16 @@ def check(files: Mapping[str, str], version: int = 8) -> list[Problem]:
         problems.extend(rule())
     wanted = (each for each in set(problems) if not _switched_off(each, files))
     return sorted(wanted, key=lambda each: (each.position, each.rule, each.text))
+
+
+def _asks_for_error(handler: Block) -> bool:
+    """Return whether an If of a handler depends on Err, which is 0 without an error."""
+    kept = {'err'}
+    for node in walk(handler):
+        if isinstance(node, Assign) and getattr(node.value, 'name', '').lower() == 'err':
+            kept.add(node.target.name.lower())
+    tests = [test for node in walk(handler) if isinstance(node, If) for test, _ in node.branches]
+    return any(getattr(each, 'name', '').lower() in kept for each in walk(tests))
 
 
 def _switched_off(problem: Problem, files: Mapping[str, str]) -> bool:
@@ -436,10 +449,11 @@ class _Lint:
 
     def _fallen_into(self, block: tuple[Statement, ...], handlers: set[str]) -> Iterator[Problem]:
         before: Statement | None = None
-        for statement in block:
+        for place, statement in enumerate(block):
             handler = isinstance(statement, Label) and statement.name.lower() in handlers
             begins = isinstance(before, OnErr) and before.label is not None  # OnErr GoTo it
-            if handler and before is not None and not begins and not leaves(before):
+            meant = begins or _asks_for_error(block[place:])
+            if handler and before is not None and not meant and not leaves(before):
                 text = 'the error handler is reached without an error: put Exit Function above it'
                 yield Problem(statement.at, 'handler', text, warning=True)
             for each in inner_blocks(statement):

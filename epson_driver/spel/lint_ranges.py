@@ -3,11 +3,11 @@
 """Rules of the linter about what is written as a number: ranges, divisors, indices, cases."""
 
 from collections.abc import Iterator
-from math import inf
 
 from epson_driver.spel.code import Program
 from epson_driver.spel.errors import Position, Problem
 from epson_driver.spel.expressions import is_point_literal
+from epson_driver.spel.ranges import FILES, PORTS, key_of, outside
 from epson_driver.spel.scope import constant
 from epson_driver.spel.syntax import (
     Apply,
@@ -23,6 +23,8 @@ from epson_driver.spel.syntax import (
     Print,
     Redim,
     Select,
+    Share,
+    TaskCommand,
     Transfer,
     Wait,
     Xqt,
@@ -30,76 +32,7 @@ from epson_driver.spel.syntax import (
 )
 from epson_driver.spel.words import CONSTANTS
 
-_PORTS = (201, 216)
-_FILES = (30, 63)
 _BACKGROUND = range(65, 81)
-_MOST = 32767
-"""Where the manual has no end: Accel above 100 depends on the robot (p68), bits on the boards."""
-
-RANGES: dict[str, tuple[tuple[float, float] | None, ...]] = {
-    name: ranges
-    for names, ranges in (
-        ('speed', ((1, 100),) * 3),
-        ('speedfactor', ((1, 100),)),
-        ('speeds', ((0.1, 2000),) * 3),
-        ('speedr', ((0.1, 1000),)),
-        ('accel', ((1, _MOST),) * 6),
-        ('accels', ((0.1, 25000),) * 6),
-        ('accelr', ((0.1, 5000),) * 2),
-        ('on off', ((0, _MOST), (0, inf))),
-        ('sw oport in inw inbcd setsw ctr ctreset', ((0, _MOST),)),
-        ('setin', ((0, _MOST), (0, 255))),
-        ('setinw', ((0, _MOST), (-32768, 65535))),
-        ('tool pallet palletclr', ((0, 15),)),
-        ('tlset tlclr local localclr', ((1, 15),)),
-        ('box boxclr boxdef insidebox getrobotinsidebox', ((1, 15),)),
-        ('plane planeclr planedef insideplane getrobotinsideplane', ((1, 15),)),
-        ('arch', ((0, 6),)),
-        ('columns rows', ((1, _MOST),)),
-        ('redim', ((0, inf),)),
-        ('arch(', ((0, 6), (1, 2))),
-        ('box(', ((1, 15), (1, 2))),
-        ('tmreset tmr signal syncunlock', ((0, 63),)),
-        ('waitsig synclock', ((0, 63), (0, inf))),
-        ('wait', ((0, inf),)),
-        ('memon memoff memsw', ((0, 1023),)),
-        ('memout', ((0, 127), (0, 255))),
-        ('memin', ((0, 127),)),
-        ('memoutw', ((0, 63), (-32768, 65535))),
-        ('meminw', ((0, 63),)),
-        ('out', ((0, _MOST), (0, 255))),
-        ('outw', ((0, _MOST), (-32768, 65535))),
-        ('opbcd', ((0, _MOST), (0, 99))),
-        ('setnet opennet closenet chknet lof', (_PORTS,)),
-        ('waitnet', (_PORTS, (0, inf))),
-        ('aopen bopen ropen uopen wopen', (None, _FILES)),
-        ('close flush eof', (_FILES,)),
-        ('seek', (_FILES, (0, inf))),
-        ('p plabel', ((0, 999),)),
-        ('hand elbow wrist', (None, (1, 2))),
-        ('j1flag j4flag', (None, (0, 1))),
-        ('j2flag j6flag', (None, (0, 127))),
-        ('plocal', (None, (0, 15))),
-        ('sqr', ((0, inf),)),
-        ('asin acos', ((-1, 1),)),
-        ('lshift rshift bset bclr btst', (None, (0, 31))),
-        ('lshift64 rshift64 bset64 bclr64 btst64', (None, (0, 63))),
-        ('chr$', ((1, 255),)),
-        ('space$ tab$', ((0, 255),)),
-        ('left$ right$ lset$ rset$', (None, (0, 255))),
-        ('mid$', (None, (1, inf), (0, 255))),
-        ('time', ((0, 2),)),
-        ('taskinfo', (None, (0, 4))),
-        ('xqt', ((1, 32),)),
-        ('c', ((0, 7),)),
-        ('d', ((0, 100),)),
-    )
-    for name in names.split()
-}
-"""What the arguments of statements and functions can be, by name in lower case.
-
-With a bracket behind it, it is the function alone.
-"""
 
 SIMULATED = {
     'arm': (0,),
@@ -115,17 +48,12 @@ def _number(expression: Expression | None) -> int | float | None:
     return None if expression is None else constant(expression, CONSTANTS)
 
 
-def _outside(name: str, place: int, given: Expression | None) -> Iterator[Problem]:
-    ranges = RANGES.get(name.lower(), ())
-    limits = ranges[place] if place < len(ranges) else None
+def _outside(name: str, place: int, given: Expression | None, key: str = '') -> Iterator[Problem]:
     value = _number(given)
     if given is None or value is None:
         return
-    if limits is not None and not limits[0] <= value <= limits[1]:
-        low, high = limits
-        rule = f'is not in {low:g}..{high:g}' if high < inf else f'is below {low:g}'
-        text = f'{name.removesuffix("(")}: {value:g} {rule}'
-        yield Problem(given.at, 'range', text)
+    if wrong := outside(key or name.lower(), place, value):
+        yield Problem(given.at, 'range', f'{name}: {wrong}')
     known = SIMULATED.get(name.lower())
     if known is not None and place == 0 and value not in known:
         text = f'{name} {value:g} is not simulated, only {", ".join(map(str, known))}'
@@ -156,6 +84,10 @@ def literals(program: Program, functions: list[Function]) -> Iterator[Problem]:
             elif isinstance(node, Motion):
                 for name, value in node.numbers:
                     yield from _outside(name.upper(), 0, value)
+            elif isinstance(node, TaskCommand):
+                yield from _outside(node.name, 0, node.task)
+            elif isinstance(node, Share):
+                yield from _outside('D', 0, node.percent)
             elif isinstance(node, Input | Print | Transfer):
                 yield from _device(node.port)
             elif isinstance(node, Apply):
@@ -163,9 +95,8 @@ def literals(program: Program, functions: list[Function]) -> Iterator[Problem]:
                 if name in bounds:
                     yield from _index(node, bounds[name])
                 else:
-                    called = f'{name}(' if f'{name}(' in RANGES else node.name
                     for place, argument in enumerate(node.arguments):
-                        yield from _outside(called, place, argument.value)
+                        yield from _outside(node.name, place, argument.value, key_of(name))
             elif isinstance(node, Binary) and node.operator in ('/', 'mod'):
                 if _number(node.right) == 0:
                     yield Problem(node.at, 'range', f'{node.operator.capitalize()} by 0')
@@ -176,7 +107,7 @@ def literals(program: Program, functions: list[Function]) -> Iterator[Problem]:
 def _device(port: Expression | None) -> Iterator[Problem]:
     """Yield a port that is neither of a display, serial, file, network nor database."""
     value = _number(port)
-    known = ((0, 24), (30, 63), _PORTS, (501, 508), (1001, 1008))
+    known = ((0, 24), FILES, PORTS, (501, 508), (1001, 1008))
     if value is not None and port is not None and not any(a <= value <= b for a, b in known):
         yield Problem(port.at, 'range', f'there is no port or file {value:g}')
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from epson_driver.spel.errors import ErrorNumber, SpelError, bad
 from epson_driver.spel.values import Point
 
-LAST_PALLET = 15
 _MOST_PLACES = 32_767
 
 
@@ -50,11 +49,8 @@ class Pallet:
         return Point('xy', (*moved, *first[3:]), self.corners[0].flags)
 
 
-def new_pallet(
-    number: int, given: tuple[Point, ...], columns: int, rows: int, out: bool
-) -> Pallet:
+def new_pallet(given: tuple[Point, ...], columns: int, rows: int, out: bool) -> Pallet:
     """Return a pallet between corners that are places in space. Raises SpelError."""
-    checked_number(number)
     for name, count in (('columns', columns), ('rows', rows)):
         if not 1 <= count <= _MOST_PLACES:
             raise bad('Pallet', f'{count} {name} are not in 1..{_MOST_PLACES}')
@@ -63,10 +59,3 @@ def new_pallet(
     if any(corner.kind != 'xy' or len(corner.values) < 3 for corner in given):
         raise bad('Pallet', 'the corners must be places in space')
     return Pallet(given, columns, rows, out)
-
-
-def checked_number(number: int) -> int:
-    """Return the number of a pallet. Raises SpelError."""
-    if not 0 <= number <= LAST_PALLET:
-        raise bad('Pallet', f'{number} is not in 0..{LAST_PALLET}')
-    return number

@@ -16,9 +16,6 @@ from epson_driver.spel.project_data import LAST_POINT, point_file, points_of
 from epson_driver.spel.task import Task
 from epson_driver.spel.values import Point, nearest
 
-LAST_LOCAL = 15
-LAST_ARCH = 6
-
 
 def set_coordinate(task: Task, number: int, axis: str, value: float) -> None:
     """CX(P1) = …, and its like."""
@@ -147,7 +144,6 @@ def distance(task: Task, first: Point, second: Point) -> float:
 def define_local(task: Task, number: int, *given: Point, words: tuple[str, ...] = ()) -> None:
     """Local n, origin[, on X, on Y[, X|Y]], or two pairs of points[, L|R] (p514)."""
     task.may('local')
-    within('Local', number, 1, LAST_LOCAL)
     points = [task.world.host.stored_point(each) for each in given]
     if 'pair' in words:
         if len(points) != 4:
@@ -163,20 +159,18 @@ def define_local(task: Task, number: int, *given: Point, words: tuple[str, ...] 
 
 def set_local(task: Task, number: int, local: float) -> None:
     """PLocal(P1) = n."""
-    chosen = str(within('PLocal', nearest(local), 0, LAST_LOCAL))
+    chosen = str(within('PLocal', nearest(local), 0, 15))
     task.world.points[number] = point(task, number).flagged(chosen)
 
 
 def set_arch(task: Task, number: float, depart: float, approach: float) -> None:
     """Arch n, depart, approach: mm."""
     task.may('arch')
-    within('Arch', nearest(number), 0, LAST_ARCH)
     task.world.arches[nearest(number)] = (float(depart), float(approach))
 
 
 def _arch(task: Task, number: int, which: int) -> float:
-    within('Arch', which, 1, 2)
-    return task.world.arches[within('Arch', number, 0, LAST_ARCH)][which - 1]
+    return task.world.arches[number][which - 1]
 
 
 def _local(task: Task, number: int) -> Point:

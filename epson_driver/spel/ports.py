@@ -19,11 +19,11 @@ from epson_driver.spel.errors import ErrorNumber, SpelError, bad
 from epson_driver.spel.file_access import is_file
 from epson_driver.spel.host import NetSettings
 from epson_driver.spel.library import text_of
+from epson_driver.spel.ranges import PORTS
 from epson_driver.spel.task import Port, Reference, Task
 from epson_driver.spel.values import TYPES, Array, Point, Value, nearest, store
 
 ONE_TASK = ': one task opens, uses and closes a port'
-FIRST_PORT, LAST_PORT = 201, 216
 _DISPLAYS = (0, 20, 21, 24)
 """Devices that show what is printed to them, as the run window does."""
 _MOST_BYTES = 1_023
@@ -33,7 +33,7 @@ _TERMINATORS = {'cr': '\r', 'lf': '\n', 'crlf': '\r\n'}
 
 def port_of(task: Task, name: str, number: float) -> Port:
     """Return a port, open or not. Raises SpelError."""
-    index = within(name, nearest(number), FIRST_PORT, LAST_PORT)
+    index = within(name, nearest(number), *PORTS)
     return task.world.ports.setdefault(index, Port())
 
 
@@ -101,7 +101,7 @@ def wait_net(task: Task, number: float, time: float | None = None) -> None:
     index = nearest(number)
     _opened(task, 'WaitNet', index)
     network = task.world.host.network
-    limit = None if time is None else seconds(task, 'WaitNet', time)
+    limit = None if time is None else seconds(task, time)
     task.wait_or_time_out(limit, lambda: network.connected(index))
 
 

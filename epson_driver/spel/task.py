@@ -270,14 +270,10 @@ class World:
             del self.locks[number]
 
     def task(self, which: int | str) -> 'Task | None':
-        """Return a running task by its number or its function's name. Raises SpelError."""
+        """Return a running task by its number or its function's name."""
         if isinstance(which, str):
             named = (each for each in self.tasks.values() if each.function.lower() == which)
             return next(named, None)
-        if not 1 <= which <= FIRST_TRAP + 10:
-            raise SpelError(
-                ErrorNumber.TASK_NUMBER, f'task {which} is not in 1..{FIRST_TRAP + 10}'
-            )
         return self.tasks.get(which)
 
     def placed(self, arguments: Sequence[Any], steps: bool = False) -> tuple[Any, ...]:

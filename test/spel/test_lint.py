@@ -247,6 +247,9 @@ QUIET = {
     'a handler that begins where it is set': main(
         '  OnErr GoTo again\nagain:\n  Print 1\n  OpenNet #201 As Client\n  WaitNet #201'
     ),
+    'a handler that does nothing without an error': main(
+        '  Integer n\n  OnErr GoTo bad\n  Print 1\nbad:\n  n = Err\n  If n > 0 Then EResume Next'
+    ),
     'a loop that moves': main('  Do While Sw(1) = Off\n    JTran 3, -.5\n  Loop'),
     'a name behind an #ifdef': 'Integer m\n#ifdef X\n#define Y m\n#endif\n' + main('  Print 1'),
     'Error with a handler that goes on': main(

@@ -1,40 +1,26 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Settings of SPEL+ statements: a table of ranges (SPEL+ language reference), and values.
+"""Settings of SPEL+ statements, and their values.
 
 Speed, SpeedFactor and Accel act on point-to-point motion; SpeedS, AccelS, SpeedR, AccelR and
 SpeedFactor on the straight lines of a SPEL+ program. The others are kept and can be printed: there
 is no motion here that they would act on.
 """
 
-from typing import NamedTuple
-
 from epson_driver.sim_controller.condition.states import Event
 
-
-class Setting(NamedTuple):
-    """A setting: the count and range of its numbers, and the manual's `default`."""
-
-    least: int
-    most: int
-    low: float
-    high: float
-    unit: str
-    default: tuple[float, ...] = ()
-
-
-SETTINGS: dict[str, Setting] = {
-    'Speed': Setting(1, 3, 1, 100, '%'),
-    'Accel': Setting(2, 6, 1, 100, '%'),
-    'SpeedFactor': Setting(1, 1, 1, 100, '%', (100,)),
-    'SpeedS': Setting(1, 3, 0.1, 2000, 'mm/s', (50,)),
-    'AccelS': Setting(1, 6, 0.1, 25000, 'mm/s²', (200,)),
-    'SpeedR': Setting(1, 1, 0.1, 1000, 'deg/s'),
-    'AccelR': Setting(1, 2, 0.1, 5000, 'deg/s²'),
-    'Weight': Setting(1, 2, 0, 100, 'kg', (1,)),
-    'Inertia': Setting(1, 2, 0, 1000, 'kgm², mm'),
+SETTINGS: dict[str, tuple[float, ...]] = {
+    'Speed': (),
+    'Accel': (),
+    'SpeedFactor': (100,),
+    'SpeedS': (50,),
+    'AccelS': (200,),
+    'SpeedR': (),
+    'AccelR': (),
+    'Weight': (1,),
+    'Inertia': (),
 }
-"""Speed and Accel are the driver program's own until something sets them."""
+"""The manual's values until something sets them; Speed and Accel are the driver program's own."""
 
 DEFAULTS_AFTER = (Event.MOTORS_ON, Event.RESET, Event.STOP, Event.BOOT)
 """After these events SPEL+ forgets what was set."""
@@ -54,7 +40,7 @@ class SpelSettings:
 
     def values(self, name: str) -> tuple[float, ...]:
         """Return the numbers of a statement, or none if it was not used and has no default."""
-        return self._set.get(name) or self._program.get(name) or SETTINGS[name].default
+        return self._set.get(name) or self._program.get(name) or SETTINGS[name]
 
     def change(self, name: str, numbers: tuple[float, ...]) -> None:
         """Set the numbers of a statement, which must be in its range."""

@@ -8,7 +8,7 @@ from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.sim_controller.condition.spel_settings import SETTINGS
 from epson_driver.sim_controller.condition.states import Event, Motors, RejectedError
 from epson_driver.sim_controller.core import Controller
-from epson_driver.sim_controller.spel_host.robot_values import RobotContext
+from epson_driver.sim_controller.spel_host.robot_values import MOST_ACCEL, RobotContext
 from epson_driver.spel import Completion, Point, SpelError, Value
 from epson_driver.spel import ErrorNumber as SpelNumber
 from epson_driver.spel.commands import WITHOUT_EFFECT
@@ -22,7 +22,6 @@ _IGNORED = {'fine', 'ptpboost', 'qp', 'inertia', *map(str.lower, WITHOUT_EFFECT)
 
 
 MM = 1000.0
-_LAST_TOOL = 15
 
 
 class Until:
@@ -67,12 +66,10 @@ def apply(
 
 
 def _set(controller: Controller, name: str, arguments: Arguments) -> None:
-    setting = SETTINGS[name]
     numbers = tuple(float(each) for each in arguments if isinstance(each, int | float))
-    for number in numbers:
-        if not setting.low <= number <= setting.high:
-            rule = f'must be {setting.low:g} to {setting.high:g} {setting.unit}'
-            raise SpelError(SpelNumber.ARGUMENT, f'{name} {number:g}: {rule}')
+    if name == 'Accel' and max(numbers) > MOST_ACCEL:
+        text = f'Accel {max(numbers):g}: this robot takes up to AccelMax, {MOST_ACCEL} %'
+        raise SpelError(SpelNumber.ARGUMENT, text)
     controller.change_setting(name, numbers)
 
 
@@ -157,21 +154,17 @@ def _only(name: str, number: int) -> Run:
     return run
 
 
-def _tool_number(name: str, argument: Value | Point | None, least: int) -> int:
-    if not isinstance(argument, int | float) or not least <= argument <= _LAST_TOOL:
-        text = f'{name} {argument} is not in {least}..{_LAST_TOOL}'
-        raise SpelError(SpelNumber.ARGUMENT, text)
-    return round(argument)
-
-
 def _tool(robot: RobotContext, arguments: Arguments, _words: Words) -> None:
-    robot.points.use(_tool_number('Tool', arguments[0], 0))
+    robot.points.use(round(arguments[0]))  # type: ignore[arg-type]
 
 
 def _define_tool(robot: RobotContext, arguments: Arguments, _words: Words) -> None:
-    number = _tool_number('TLSet', arguments[0], 1)
-    point = arguments[1] if len(arguments) > 1 else None
-    robot.points.define(number, point if isinstance(point, Point) else None)
+    number, *rest = arguments
+    point = rest[0] if rest else None
+    robot.points.define(
+        round(number),  # type: ignore[arg-type]
+        point if isinstance(point, Point) else None,
+    )
 
 
 SETTING_WORDS = {name.lower(): name for name in SETTINGS}

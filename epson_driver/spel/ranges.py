@@ -1,0 +1,114 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the numbers of statements and functions can be: the linter and the machine ask the same."""
+
+from math import inf
+
+from epson_driver.spel.errors import ErrorNumber, SpelError, bad
+
+PORTS = (201, 216)
+FILES = (30, 63)
+_TASKS = (1, 267)
+_LONGEST = 1e7
+"""The longest time that can be waited for, s."""
+_MOST = 32767
+"""Where the manual has no end: Accel above 100 depends on the robot (p68), bits on the boards."""
+
+RANGES: dict[str, tuple[tuple[float, float] | None, ...]] = {
+    name: ranges
+    for names, ranges in (
+        ('speed', ((1, 100),) * 3),
+        ('speedfactor', ((1, 100),)),
+        ('speeds', ((0.1, 2000),) * 3),
+        ('speedr', ((0.1, 1000),)),
+        ('accel', ((1, _MOST),) * 6),
+        ('accels', ((0.1, 25000),) * 6),
+        ('accelr', ((0.1, 5000),) * 2),
+        ('weight inertia', ((0, _MOST),) * 2),
+        ('on off', ((0, _MOST), (0, _LONGEST))),
+        ('sw oport in inw inbcd setsw ctr ctreset', ((0, _MOST),)),
+        ('setin', ((0, _MOST), (0, 255))),
+        ('setinw', ((0, _MOST), (-32768, 65535))),
+        ('tool pallet palletclr', ((0, 15),)),
+        ('tlset tlclr local localclr', ((1, 15),)),
+        ('box boxclr boxdef insidebox getrobotinsidebox', ((1, 15),)),
+        ('plane planeclr planedef insideplane getrobotinsideplane', ((1, 15),)),
+        ('arch', ((0, 6),)),
+        ('columns rows', ((1, _MOST),)),
+        ('redim', ((0, inf),)),
+        ('arch(', ((0, 6), (1, 2))),
+        ('box(', ((1, 15), (1, 2))),
+        ('tmreset tmr signal syncunlock', ((0, 63),)),
+        ('waitsig synclock', ((0, 63), (0, _LONGEST))),
+        ('wait tmout', ((0, _LONGEST),)),
+        ('memon memoff memsw', ((0, 1023),)),
+        ('memout', ((0, 127), (0, 255))),
+        ('memin', ((0, 127),)),
+        ('memoutw', ((0, 63), (-32768, 65535))),
+        ('meminw', ((0, 63),)),
+        ('out', ((0, _MOST), (0, 255))),
+        ('outw', ((0, _MOST), (-32768, 65535))),
+        ('opbcd', ((0, _MOST), (0, 99))),
+        ('setnet opennet closenet chknet lof', (PORTS,)),
+        ('waitnet', (PORTS, (0, _LONGEST))),
+        ('aopen bopen ropen uopen wopen', (None, FILES)),
+        ('close flush eof', (FILES,)),
+        ('seek', (FILES, (0, inf))),
+        ('p plabel', ((0, 999),)),
+        ('hand elbow wrist', (None, (1, 2))),
+        ('j1flag j4flag', (None, (0, 1))),
+        ('j2flag j6flag', (None, (0, 127))),
+        ('plocal', (None, (0, 15))),
+        ('sqr', ((0, inf),)),
+        ('asin acos', ((-1, 1),)),
+        ('lshift rshift bset bclr btst', (None, (0, 31))),
+        ('lshift64 rshift64 bset64 bclr64 btst64', (None, (0, 63))),
+        ('chr$', ((1, 255),)),
+        ('space$ tab$', ((0, 255),)),
+        ('left$ right$ lset$ rset$', (None, (0, 255))),
+        ('mid$', (None, (1, inf), (0, 255))),
+        ('time', ((0, 2),)),
+        ('taskinfo', (_TASKS, (0, 4))),
+        ('taskstate taskdone err erl era erf$ quit halt resume taskwait', (_TASKS,)),
+        ('xqt', ((1, 32),)),
+        ('c', ((0, 7),)),
+        ('d', ((0, 100),)),
+    )
+    for name in names.split()
+}
+"""What the arguments of statements and functions can be, by name in lower case.
+
+With a bracket behind it, it is the function alone.
+"""
+
+
+def key_of(name: str) -> str:
+    """Return where the ranges of a function are, if it is not a statement of that name."""
+    called = f'{name.lower()}('
+    return called if called in RANGES else name.lower()
+
+
+def limits(key: str, place: int) -> tuple[float, float] | None:
+    """Return the least and the highest value of an argument, counted from 0, if it has any."""
+    ranges = RANGES.get(key, ())
+    return ranges[place] if place < len(ranges) else None
+
+
+def outside(key: str, place: int, value: float) -> str:
+    """Return what is wrong with a number, or nothing."""
+    low, high = limits(key, place) or (-inf, inf)
+    if low <= value <= high:
+        return ''
+    return f'{value:.10g} ' + (
+        f'is not in {low:g}..{high:.10g}' if high < inf else f'is below {low:g}'
+    )
+
+
+def ranged(name: str, key: str, place: int, value: float) -> float:
+    """Return a number that is in its range. Raises SpelError."""
+    wrong = outside(key, place, value)
+    if not wrong:
+        return value
+    if limits(key, place) == _TASKS:
+        raise SpelError(ErrorNumber.TASK_NUMBER, f'{name}: {wrong}')
+    raise bad(name, wrong)
