@@ -69,13 +69,13 @@ class CommandRule:
 
 _FORMS = """
 @: If Select Do For Exit Return Call OnErr EResume Redim Xqt Wait Trap Print Input SetNet OpenNet
-@: CloseNet Here Local Box Plane Pallet
+@: CloseNet Here Local Box Plane Pallet Pass
 @jump: GoTo GoSub
 @task_command: Quit Halt Resume TaskWait StartMain
 @line_input: Line
 @transfer: Read ReadBin Write WriteBin
 @open: AOpen BOpen ROpen UOpen WOpen
-@motion: Go Move Arc Arc3 Jump Jump3 Jump3CP JumpTLZ Pass Pulse TGo TMove BGo BMove
+@motion: Go Move Arc Arc3 Jump Jump3 Jump3CP JumpTLZ Pulse TGo TMove BGo BMove
 @store: Till Sense Find
 -: Pause Cont ResetElapsedTime ClearPoints Where Joint
 n: TMOut Signal SyncUnlock TmReset MemOn MemOff PalletClr LocalClr CTReset Close Flush

@@ -456,8 +456,6 @@ class Compiler:
                 'None' if argument is None else self._argument(rule, number, argument, kind)
             )
         values = ''.join(f'{code}, ' for code in given)
-        if 'baseu' in statement.words:
-            self._expressions.note_stub('Local … BaseU', statement.at)
         if rule.robot:
             self._suspend(f'v[0].command({rule.name.lower()!r}, ({values}), {statement.words!r})')
         else:

@@ -14,6 +14,7 @@ from epson_driver.spel.values import Point
 _Turn = tuple[tuple[float, ...], ...]
 WORLD = Point('xy', (0.0,) * 6)
 _TURNED = {'rx': 'w', 'ry': 'v', 'rz': 'u'}
+_BASE_U = 'baseu'
 PLACES = 9
 """Decimals, mm or degrees, that a product of turns is rounded to."""
 
@@ -67,7 +68,7 @@ def combined(frame: Point, point: Point) -> Point:
         frame.values[row] + sum(turn[row][k] * point.values[k] for k in range(3))
         for row in range(3)
     ]
-    return replace(frame, values=_values(moved, _product(turn, _matrix(point))))
+    return replace(frame, values=_values(moved, _product(_tool_turn(frame), _matrix(point))))
 
 
 def within(frame: Point, point: Point) -> Point:
@@ -75,7 +76,8 @@ def within(frame: Point, point: Point) -> Point:
     back = tuple(zip(*_matrix(frame), strict=True))
     away = [point.values[k] - frame.values[k] for k in range(3)]
     moved = [sum(back[row][k] * away[k] for k in range(3)) for row in range(3)]
-    return replace(point, values=_values(moved, _product(back, _matrix(point))))
+    turned = _product(tuple(zip(*_tool_turn(frame), strict=True)), _matrix(point))
+    return replace(point, values=_values(moved, turned))
 
 
 def local_of(point: Point) -> int:
@@ -107,7 +109,8 @@ def turned_step(step: Point, locals_: Mapping[int, Point]) -> Point:
     flags = tuple(flag for flag in step.flags if not flag.isdigit())
     if not number or step.kind != 'xy':
         return replace(step, flags=flags)
-    turn = replace(WORLD, values=(0.0, 0.0, 0.0, *_frame(number, locals_).values[3:]))
+    frame = _frame(number, locals_)
+    turn = replace(frame, values=(0.0, 0.0, 0.0, *frame.values[3:]))
     return replace(combined(combined(turn, step), within(turn, WORLD)), flags=flags)
 
 
@@ -142,16 +145,23 @@ def frame_of(name: str, points: Sequence[Point], axis: str = 'x') -> Point:
     return Point('xy', _values(origin.values[:3], tuple(zip(x, y, z, strict=True))))
 
 
-def frame_between(pairs: Sequence[tuple[Point, Point]], share: float) -> Point:
+def frame_between(
+    pairs: Sequence[tuple[Point, Point]], share: float, base_u: bool = False
+) -> Point:
     """Return the frame in which two points of a local are two of the base (p514).
 
-    Where they are not as far apart, what is exact is a share of the way between them.
+    Where they are not as far apart, what is exact is a share of the way between them. `base_u`:
+    the U of its points is moved by as much as the base's two from the local's two (p515), which
+    is the frame's U and a seventh value.
     """
     (here, there), (here2, there2) = pairs
     turn = _heading(there, there2) - _heading(here, here2)
+    first, second = (base.values[3] - local.values[3] for local, base in pairs)
+    moved = first + share * math.remainder(second - first, 360.0)
     here, there = added(here, _step(here, here2, share)), added(there, _step(there, there2, share))
     turned = combined(Point('xy', (0.0, 0.0, 0.0, turn, 0.0, 0.0)), here)
-    return Point('xy', (*_away(turned, there), turn, 0.0, 0.0))
+    frame = (*_away(turned, there), turn, 0.0, 0.0)
+    return Point('xy', (*frame, moved - turn), (_BASE_U,)) if base_u else Point('xy', frame)
 
 
 def _step(first: Point, second: Point, share: float) -> Point:
@@ -174,6 +184,14 @@ def _cross(a: Sequence[float], b: Sequence[float]) -> tuple[float, ...]:
 def _unit(vector: Sequence[float]) -> tuple[float, ...]:
     length = math.hypot(*vector)
     return tuple(each / length for each in vector)
+
+
+def _tool_turn(frame: Point) -> _Turn:
+    """Return the turn of what points in a frame, which BaseU parts from that of its axes."""
+    if _BASE_U not in frame.flags:
+        return _matrix(frame)
+    u, v, w, *more = frame.values[3:]
+    return _matrix(replace(frame, values=(0.0, 0.0, 0.0, u + sum(more), v, w)))
 
 
 def _matrix(point: Point) -> _Turn:

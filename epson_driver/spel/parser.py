@@ -246,41 +246,40 @@ class Parser(Statements):
             if first.kind != NAME:
                 raise SyntaxProblem(first.position, 'a statement cannot begin so')
         reader = self._reader(found)
-        read.append(self._one(reader, first))
-        return read
+        return read + self._one(reader, first)
 
     def _is_label(self, found: list[Token]) -> bool:
         is_point = is_point_literal(found[0].text) or found[0].lower in self._points
         return len(found) > 1 and found[1].text == ':' and not is_point
 
-    def _one(self, reader: Reader, first: Token) -> Statement:
+    def _one(self, reader: Reader, first: Token) -> list[Statement]:
         word = first.lower
         assigned = _assignment(reader, word)
         if assigned is not None:
-            return assigned
+            return [assigned]
         if word in TYPES or word == 'global':
-            return declaration(reader, 'local')
+            return [declaration(reader, 'local')]
         rule = COMMANDS.get(word)
         if rule is None or (word in self._functions and not rule.form.startswith('@')):
             if word in self._functions:
                 reader.step()
-                return self._call_statement(reader, first)
+                return [self._call_statement(reader, first)]
             if not is_a('statement', word):
                 raise SyntaxProblem(first.position, *_unknown(first, reader))
             reader.step()
-            return self.read_stub(reader, first)
+            return [self.read_stub(reader, first)]
         reader.step()
         if reader.at_end() and word in SHOWN:
-            return _displayed(first)
+            return [_displayed(first)]
         if reader.at_end() and rule.robot and rule.needs_arguments:
-            return self.read_stub(reader, first)
+            return [self.read_stub(reader, first)]
         if rule.form.startswith('@'):
             method = getattr(self, rule.form.replace('@', 'read_'))
-            statement: Statement = method(reader, first)
+            read: Statement | list[Statement] = method(reader, first)
         else:
-            statement = self.read_form(reader, first, rule.form)
+            read = self.read_form(reader, first, rule.form)
         reader.end()
-        return statement
+        return read if isinstance(read, list) else [read]
 
     def _inline(self, tokens: list[Token]) -> list[Statement]:
         if tokens[0].lower in _ENDS:

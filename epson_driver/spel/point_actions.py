@@ -9,7 +9,7 @@ from typing import Any
 
 from epson_driver.spel.actions import print_terminal, within
 from epson_driver.spel.builtins import point
-from epson_driver.spel.errors import ErrorNumber, SpelError, bad
+from epson_driver.spel.errors import bad
 from epson_driver.spel.frames import changed, frame_between, frame_of, local_of
 from epson_driver.spel.functions import ANGLES, POSTURES, subject
 from epson_driver.spel.project_data import LAST_POINT, point_file, points_of
@@ -148,10 +148,9 @@ def define_local(task: Task, number: int, *given: Point, words: tuple[str, ...] 
     if 'pair' in words:
         if len(points) != 4:
             raise bad('Local', 'takes two pairs of points')
-        if 'baseu' in words:
-            raise SpelError(ErrorNumber.NOT_SIMULATED, 'Local … BaseU is not simulated')
         pairs = list(zip(points[::2], task.world.placed(points[1::2]), strict=True))
-        frame = frame_between(pairs, 0.0 if 'l' in words else 1.0 if 'r' in words else 0.5)
+        share = 0.0 if 'l' in words else 1.0 if 'r' in words else 0.5
+        frame = frame_between(pairs, share, 'baseu' in words)
     else:
         frame = frame_of('Local', task.world.placed(points), 'y' if 'y' in words else 'x')
     task.world.locals[number] = frame
@@ -177,7 +176,7 @@ def _local(task: Task, number: int) -> Point:
     found = task.world.locals.get(number)
     if found is None:
         raise bad('Local', f'{number} is not defined')
-    return found
+    return Point('xy', found.values[:6])
 
 
 POINT_STATEMENTS: dict[str, Callable[..., None]] = {

@@ -3,13 +3,15 @@
 """The statements of one line: for each form of commands.py how it is read."""
 
 import re
-from collections.abc import Container
+from collections.abc import Container, Iterator
+from dataclasses import replace
 
 from epson_driver.spel.commands import TASK_TYPE_WORDS
 from epson_driver.spel.errors import SyntaxProblem
 from epson_driver.spel.expressions import Reader
 from epson_driver.spel.functions import AXES
 from epson_driver.spel.lexer import END, NAME, Token
+from epson_driver.spel.project_data import LAST_POINT
 from epson_driver.spel.syntax import (
     Apply,
     Argument,
@@ -52,6 +54,7 @@ _PROTOCOLS = ('tcp', 'udp', 'udp_send', 'udp_recv')
 _CONDITIONS = ('till', 'find', 'sense')
 _NUMBERED = ('c', 'limz', 'ljm', 'performmode')
 _PLAIN = ('rot', 'ecp', 'sync')
+_SWITCHES = ('on', 'off', 'memon', 'memoff')
 _MODIFIERS = (*_CONDITIONS, *_NUMBERED, *_PLAIN, 'cp', '!')
 
 
@@ -403,11 +406,34 @@ class Statements:
         """Read a statement that moves the arm, with its modifiers in any order."""
         points: list[Expression] = []
         while not points or reader.takes(','):
-            if reader.sees('on', 'off'):  # Pass P1, On 2, P2
-                raise self._not_simulated(reader, first)
             if points and (reader.sees(*_MODIFIERS) or self._is_arch(reader.here)):
                 break
             points.append(reader.expression())
+        return self._modified(reader, first, points)
+
+    def read_pass(self, reader: Reader, first: Token) -> list[Statement]:
+        """Read Pass P1, P(2:5), On 2, P6: what is switched divides it into several (p604)."""
+        points: list[Expression] = []
+        read: list[Statement] = []
+        while not (points or read) or reader.takes(','):
+            if reader.sees(*_SWITCHES):
+                read.append(Motion(first.text, tuple(points), first.position))
+                read.append(self.read_form(reader, reader.step(), 'n'))
+                points = []
+            elif reader.sees('p') and reader.look(3).text == ':':
+                points += _point_range(reader)
+            else:
+                points.append(reader.expression())
+        last = self._modified(reader, first, points)
+        read.append(last)
+        found = (
+            replace(each, numbers=last.numbers) if isinstance(each, Motion) else each
+            for each in read
+        )
+        return [each for each in found if not isinstance(each, Motion) or each.points]
+
+    def _modified(self, reader: Reader, first: Token, points: list[Expression]) -> Motion:
+        """Read what follows the points of a motion."""
         cp = False
         conditions: dict[str, Expression | bool] = dict.fromkeys(_CONDITIONS, False)
         words: list[str] = []
@@ -526,3 +552,19 @@ def _is_pair(reader: Reader) -> bool:
             return True
         ahead += 1
     return False
+
+
+def _point_range(reader: Reader) -> Iterator[Expression]:
+    """Read P(1:5), or P(5:1): the points by two numbers."""
+    at = reader.step().position
+    reader.need('(')
+    first = reader.expression()
+    reader.need(':')
+    last = reader.expression()
+    reader.need(')')
+    ends = [each.value if isinstance(each, Number) else -1 for each in (first, last)]
+    if not all(each in range(LAST_POINT + 1) for each in ends):
+        raise SyntaxProblem(at, f'P( : ) takes the numbers of two points, 0 to {LAST_POINT}')
+    low, high = map(int, ends)
+    step = 1 if low <= high else -1
+    return (Name(f'P{each}', at) for each in range(low, high + step, step))

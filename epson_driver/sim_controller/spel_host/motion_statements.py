@@ -34,7 +34,10 @@ ARC_SHORT, ARC_LONG = CONSTANTS['arc_short'], CONSTANTS['arc_long']
 
 def points_of(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
     """Return where the arm goes for a statement, one after the other. Raises SpelError."""
-    return MOVES[request.name](robot, request)
+    first, *others = MOVES[request.name](robot, request)
+    if robot.motion.passes and request.name != 'pass' and first.path is None:  # from rest (p604)
+        first = replace(first, path=JointLeg(robot, robot.motion.start, first.target).from_rest)
+    return [first, *others]
 
 
 def _go(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:

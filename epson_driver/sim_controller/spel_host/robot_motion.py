@@ -72,6 +72,8 @@ class RobotMotion:
         self._stops: list[Array] = []  # where the motion begins, and what it goes to
         self.cp = False
         """CP On: every motion may blend into the next one."""
+        self.passes = False
+        """Whether the last motion was Pass: it blends into another Pass, and into no other."""
         self.lim_z = 0.0
         """LimZ: how high joint 3 goes for Jump, m."""
 
@@ -98,8 +100,9 @@ class RobotMotion:
         self._stops = [self.start, *(point.target for point in points)]
         path = points[0].path
         self._arch = path if isinstance(path, Arch) else None
+        self.passes = request.name == 'pass'
         *before, last = points
-        self._points = deque([*before, replace(last, cp=self.cp or request.cp)])
+        self._points = deque([*before, replace(last, cp=self.cp or request.cp or self.passes)])
         self._down = self._points.pop() if request.sense is not None and before else None
         self.till_on = self.sensed = False
         if request.find is not None:

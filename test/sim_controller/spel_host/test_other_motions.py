@@ -315,11 +315,32 @@ def test_jump3_goes_straight_up_across_and_straight_down(caplog):
     assert harness.printed[:2] == ['-1', '-1']
 
 
-def test_pass_goes_near_its_points_without_a_rest(caplog):
-    harness = ran(caplog, '  Speed 30; Accel 30, 30; P1 = Here\n  Pass P1 +X(20), P1 +Y(20), P1')
-    moving = np.any(np.abs(np.diff(harness.positions, axis=0)) > 1e-9, axis=1)
-    first, last = np.flatnonzero(moving)[[0, -1]]
-    assert np.all(moving[first:last])
+NEAR_THREE = (
+    'Pass P1 +X(20), P1 +Y(20), P1',
+    'Pass P1 +X(20); Pass P1 +Y(20); Pass P1',
+    'P3 = P1; P2 = P1 +Y(20); P4 = P1 +X(20)\n  Pass P4, On 1, P(2:3)',
+)
+
+
+@pytest.mark.parametrize('motions', NEAR_THREE)
+def test_pass_goes_near_its_points_without_a_rest(caplog, motions):
+    harness = ran(caplog, f'  Speed 30; Accel 30, 30; P1 = Here\n  {motions}')
+    steps = np.linalg.norm(np.diff(harness.positions, axis=0), axis=1)
+    fast = np.flatnonzero(steps > 0.05 * steps.max())
+    assert np.all(np.diff(fast) == 1)
+
+
+def test_another_motion_begins_where_pass_rests(caplog):
+    """P604: no Fine positioning, but a stop; other statements come before it is there."""
+    joints = ', '.join(f'PAgl(P2, {joint})' for joint in range(1, 7))
+    harness = ran(
+        caplog,
+        f'  Speed 30; Accel 30, 30; P1 = Here; P2 = P1 +X(20)\n  Print {joints}\n  Pass P2\n'
+        '  Print Dist(RealPos, P2) > 0.1\n  Go P1 +Y(20)',
+    )
+    assert harness.printed[1] == '-1'
+    there = np.radians([float(each) for each in harness.printed[0].split()])
+    assert np.abs(harness.positions - there).max(axis=1).min() < 1e-5
 
 
 def test_one_joint_by_degrees_and_by_pulses(caplog):
