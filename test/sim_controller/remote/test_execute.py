@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """$Execute: what it takes, what it answers and when, and whose the arm is meanwhile."""
 
+import re
+
 import numpy as np
 import pytest
 from support.controller_harness import (
@@ -133,10 +135,14 @@ def test_points_stay_and_can_be_changed(execute):
 
 
 def test_settings_statements_and_functions_agree(execute):
-    for name, setting in SETTINGS.items():
-        numbers = ','.join([f'{setting.high:g}'] * setting.least)
-        assert execute(f'{name} {numbers}') == '#Execute,0', name
-        assert execute(f'{name} ' + ','.join(['-1'] * setting.least)) == '!Execute,99', name
+    highest = (
+        *('Speed 100', 'Accel 100, 100', 'SpeedFactor 100', 'SpeedS 2000', 'AccelS 25000'),
+        *('SpeedR 1000', 'AccelR 5000', 'Weight 100', 'Inertia 1000'),
+    )
+    assert {each.split()[0] for each in highest} == SETTINGS.keys()
+    for each in highest:
+        assert execute(each) == '#Execute,0', each
+        assert execute(re.sub('[0-9]+', '-1', each)) == '!Execute,99', each
     assert execute('Print Speed, Accel(1), SpeedS') == '#Execute,"100 100 2000"'
 
 
