@@ -31,11 +31,10 @@ from epson_driver.api.motions import Motions
 from epson_driver.api.points import Points
 from epson_driver.api.poses import Waypoint
 from epson_driver.api.recording import Recording
-from epson_driver.api.settings import Ports, Settings, make_setup
+from epson_driver.api.settings import Settings
 from epson_driver.api.simulation import SimulatedController, Simulation
 from epson_driver.api.status import ControllerError, RobotStatus, Sample
 from epson_driver.api.streams import Streams
-from epson_driver.driver.arm_commands import ArmCommands
 from epson_driver.taught_points.epson_point import EpsonPoint
 from epson_driver.taught_points.posture import Posture
 
@@ -86,6 +85,8 @@ class Robot(Motions, Streams):
         settings: Settings | None = None,
         enable: bool = False,
     ) -> None:
+        from epson_driver.api.setup import Ports, make_setup
+
         ports = Ports(motion=motion_port, state=state_port, io=io_port, remote=remote_port)
         more = Settings() if settings is None else settings
         super().__init__(make_setup(host, controller, model, ports, more))
@@ -173,11 +174,11 @@ class Robot(Motions, Streams):
 
     async def enable(self) -> str:
         """Switch the motors on where that can be done from here, and allow motions."""
-        return await self._connection.command(ArmCommands.enable)
+        return await self._connection.command(lambda commands: commands.enable())
 
     async def disable(self) -> str:
         """Stop the arm, allow no more motions, and switch the motors off where that can be."""
-        return await self._connection.command(ArmCommands.disable)
+        return await self._connection.command(lambda commands: commands.disable())
 
     @checked_arguments
     async def reset(self, *, enable: bool = False) -> str:
@@ -185,12 +186,13 @@ class Robot(Motions, Streams):
 
         enable: `enable` the arm after it, unless it is disabled meanwhile; else it stays disabled.
         """
-        command = ArmCommands.recover if enable else ArmCommands.reset_error
-        return await self._connection.command(command)
+        return await self._connection.command(
+            lambda commands: commands.recover() if enable else commands.reset_error()
+        )
 
     async def stop(self) -> str:
         """Stop the arm and abort its motion, and return a sentence when it stands."""
-        return await self._connection.command(ArmCommands.stop)
+        return await self._connection.command(lambda commands: commands.stop())
 
     async def wait_for_input(
         self, index: int, value: int = 1, *, kind: str = 'DI', timeout: float | None = None

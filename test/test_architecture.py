@@ -40,7 +40,7 @@ ROOMS = {
     'simple_message trace',
     'api': 'driver error_texts inputs link motion numpy processes profiles remote_ethernet '
     'robots simple_message taught_points tool_motion trace trajectory_file',
-    'aio': 'api driver taught_points',
+    'aio': 'api taught_points',
     'robot': 'aio api taught_points',
     'node': 'ROS driver error_texts inputs link log_lines motion numpy processes profiles robots '
     'simple_message taught_points tool_motion trace',
@@ -89,8 +89,9 @@ INSIDE = {
     },
     'driver': {
         'tasks': '',
-        'inhibit': '',
-        'outcome': 'inhibit',
+        'remedy': '',
+        'inhibit': 'remedy',
+        'outcome': 'remedy',
         'state': '',
         'io': 'tasks',
         'smoothing': '',
@@ -98,11 +99,11 @@ INSIDE = {
         'delivery': 'outcome state',
         'stopping': 'delivery state tasks',
         'configuration': 'delivery smoothing state stopping',
-        'goal': 'delivery inhibit outcome smoothing state stopping tasks',
+        'goal': 'delivery inhibit outcome remedy smoothing state stopping tasks',
         'servo': 'delivery goal outcome state stopping',
-        'driver': 'configuration delivery goal inhibit io outcome servo smoothing state stopping '
-        'tasks',
-        'arm_commands': 'driver inhibit stopping',
+        'driver': 'configuration delivery goal inhibit io outcome remedy servo smoothing state '
+        'stopping tasks',
+        'arm_commands': 'driver inhibit remedy stopping',
     },
 }
 """The same for rooms that have rooms of their own; only each other are named."""
@@ -289,8 +290,8 @@ def loaded(code: str) -> list[str]:
     [
         ('simple_message', []),
         ('motion', ['numpy', 'ruckig']),
-        ('robots', ['numpy', 'ruckig', 'yaml']),
-        ('profiles', ['yaml']),
+        ('robots', ['numpy', 'ruckig']),
+        ('profiles', []),
     ],
 )
 def test_the_ground_really_loads_without_ros(package: str, libraries: list[str]) -> None:
@@ -312,9 +313,14 @@ def test_the_package_loads_nothing_until_it_is_asked_for() -> None:
     assert loaded(code) == ['False', f'{PACKAGE}.robot', 'False']
 
 
-def test_the_python_api_leaves_out_what_its_own_process_does_not_need() -> None:
+def test_the_python_api_loads_the_driver_with_the_first_robot() -> None:
+    rooms = ('driver.driver', 'link', 'motion.smoother', 'profiles', 'simple_message', 'trace')
+    late = {'rclpy', 'rich', 'yaml', *(f'{PACKAGE}.{room}' for room in rooms)}
     code = (
-        f'import sys, {PACKAGE}.robot\n'
-        f'print(*{{"rclpy", "rich", "{PACKAGE}.motion.smoother"}} & set(sys.modules))'
+        'import sys\n'
+        f'from {PACKAGE} import Robot\n'
+        f'print(*{late} & set(sys.modules))\n'
+        'Robot()\n'
+        f'print("{PACKAGE}.driver.driver" in sys.modules)'
     )
-    assert loaded(code) == []
+    assert loaded(code) == ['True']

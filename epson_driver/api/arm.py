@@ -4,19 +4,17 @@
 
 import asyncio
 from collections.abc import Callable
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from epson_driver.api import moves
 from epson_driver.api.arguments import checked_arguments
-from epson_driver.api.connection import Connection
 from epson_driver.api.errors import PathError, checked_timeout
 from epson_driver.api.ownership import Unique
 from epson_driver.api.payload import checked_load
 from epson_driver.api.poses import BASE, Frames, Pose, Tool, checked_tool
-from epson_driver.api.settings import Setup
 from epson_driver.api.status import RobotStatus, Sample
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel
@@ -25,13 +23,18 @@ from epson_driver.taught_points.epson_point import EpsonPoint
 from epson_driver.taught_points.posture import Posture, posture
 from epson_driver.tool_motion.tool_pose import quaternion_pose
 
+if TYPE_CHECKING:  # the driver is loaded with the first Robot
+    from epson_driver.api.setup import Setup
+
 T = TypeVar('T')
 
 
 class Arm(Unique):
     """An arm as it is measured, and what belongs to it. Robot has all of it."""
 
-    def __init__(self, setup: Setup) -> None:
+    def __init__(self, setup: 'Setup') -> None:
+        from epson_driver.api.connection import Connection
+
         self._setup = setup
         self._connection = Connection(setup)
         self._kinematics = Kinematics(setup.model)

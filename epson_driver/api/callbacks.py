@@ -5,7 +5,8 @@
 from collections.abc import Callable
 from typing import Generic, ParamSpec
 
-from epson_driver.api.status import ControllerError, Sample, controller_error
+from epson_driver.api.driver_status import controller_error
+from epson_driver.api.status import ControllerError, Sample
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.error_texts import ErrorTexts
 from epson_driver.simple_message import Status, TriState

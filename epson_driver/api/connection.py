@@ -14,13 +14,14 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 from epson_driver.api.callbacks import Changes
+from epson_driver.api.driver_status import robot_status
 from epson_driver.api.errors import RobotError, not_begun, refusals
 from epson_driver.api.motion import HeldPath, Motion
 from epson_driver.api.moves import divided
 from epson_driver.api.ownership import Process, close_soon, let_go, take_over
-from epson_driver.api.settings import Setup
+from epson_driver.api.setup import Setup
 from epson_driver.api.simulation import SimulatedController
-from epson_driver.api.status import RobotStatus, Sample, robot_status
+from epson_driver.api.status import RobotStatus, Sample
 from epson_driver.driver.arm_commands import ArmCommands, CommandError
 from epson_driver.driver.delivery.statements import (
     FIXED_SPEED,

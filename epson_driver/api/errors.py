@@ -6,8 +6,8 @@ import contextlib
 from collections.abc import Iterator
 
 from epson_driver.driver.goal.planning_scope import PlanningEndedError
-from epson_driver.driver.inhibit import Remedy, with_remedy
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
+from epson_driver.driver.remedy import Remedy, with_remedy
 from epson_driver.inputs import number
 from epson_driver.tool_motion.joint_path import PathError as NoPathError
 from epson_driver.tool_motion.pose_path import BlendError

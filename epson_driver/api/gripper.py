@@ -3,12 +3,14 @@
 """The gripper of a robot, if its wiring is known."""
 
 from collections.abc import Awaitable, Callable
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from epson_driver.api.errors import RobotError
 from epson_driver.api.ownership import Unique
-from epson_driver.driver.io.gripper import Gripper as DrivenGripper
-from epson_driver.driver.io.gripper import GripperError, GripperState, GripperWiring
+from epson_driver.driver.io.gripper_wiring import GripperError, GripperState, GripperWiring
+
+if TYPE_CHECKING:  # the driver is loaded when a Robot is made
+    from epson_driver.driver.io.gripper import Gripper as DrivenGripper
 
 __all__ = ['Gripper', 'GripperState', 'GripperWiring']
 
@@ -21,7 +23,7 @@ class Gripper(Unique):
     Without that, each method raises RobotError that says so. The arm need not be enabled for it.
     """
 
-    def __init__(self, gripper: Callable[[], DrivenGripper | None]) -> None:
+    def __init__(self, gripper: Callable[[], 'DrivenGripper | None']) -> None:
         self._gripper = gripper
 
     async def open(self) -> GripperState:
@@ -43,7 +45,7 @@ class Gripper(Unique):
         """Return what its inputs show now. Raises RobotError if they are not known."""
         return await _answered(self._known().state())
 
-    def _known(self) -> DrivenGripper:
+    def _known(self) -> 'DrivenGripper':
         gripper = self._gripper()
         if gripper is None:
             raise RobotError('no gripper is known: Robot(..., settings=Settings(gripper=...))')

@@ -5,26 +5,19 @@
 import asyncio
 import contextlib
 from collections.abc import Awaitable, Callable
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from epson_driver.api.arguments import checked_arguments
 from epson_driver.api.errors import RobotError, checked_timeout
 from epson_driver.api.ownership import Unique
-from epson_driver.driver.io import io_driver
-from epson_driver.driver.io.gripper import LOOK_PERIOD_S
-from epson_driver.driver.io.io_driver import IoAnswer, IoUnavailableError
-from epson_driver.driver.io.io_results import NAMES
 from epson_driver.inputs import choice, count
-from epson_driver.simple_message import IoAddress, IoSetting, IoType
 
-TYPES: dict[str, IoType] = {name: io_type for io_type, name in NAMES.items()}
-"""DI, DO, AI, AO, GI, GO, flag; docs/io.md says what each is."""
+if TYPE_CHECKING:  # the driver is loaded with the first Robot
+    from epson_driver.driver.io import io_driver
+    from epson_driver.simple_message import IoType
 
-_BY_UPPER = {name.upper(): io_type for name, io_type in TYPES.items()}
+T = TypeVar('T')
 
-T = TypeVar('T', IoAddress, IoSetting)
-
-KIND = choice(*TYPES)
 INDEX = count(0, 2**31 - 1)
 VALUE = count(-(2**31), 2**31 - 1)
 
@@ -32,12 +25,14 @@ VALUE = count(-(2**31), 2**31 - 1)
 class Io(Unique):
     """Reads and writes single points. A controller without I/O is a RobotError that says so."""
 
-    def __init__(self, driver: Callable[[], io_driver.Io]) -> None:
+    def __init__(self, driver: Callable[[], 'io_driver.Io']) -> None:
         self._driver = driver
 
     @checked_arguments
     async def read(self, kind: str, index: int) -> int:
         """Return the value of a point, such as `read('DI', 3)`. Analogue: mV (docs/io.md)."""
+        from epson_driver.simple_message import IoAddress
+
         address = IoAddress(_type(kind), INDEX.checked(index, 'index'))
         return await _answered(self._driver().read, [address])
 
@@ -47,6 +42,8 @@ class Io(Unique):
 
         Raises TimeoutError after `timeout` s, otherwise as `read`.
         """
+        from epson_driver.driver.io.gripper import LOOK_PERIOD_S
+
         VALUE.checked(value, 'value')
         try:
             async with asyncio.timeout(checked_timeout(timeout)):
@@ -60,17 +57,26 @@ class Io(Unique):
     @checked_arguments
     async def write(self, kind: str, index: int, value: int) -> None:
         """Set an output, a group or a flag, such as `write('DO', 3, 1)`."""
+        from epson_driver.simple_message import IoSetting
+
         number = VALUE.checked(int(value) if isinstance(value, bool) else value, 'value')
         setting = IoSetting(_type(kind), INDEX.checked(index, 'index'), number)
         await _answered(self._driver().write, [setting])
 
 
-def _type(kind: str) -> IoType:
-    found = _BY_UPPER.get(kind.upper()) if isinstance(kind, str) else None
-    return TYPES[KIND.checked(kind, 'kind')] if found is None else found
+def _type(kind: str) -> 'IoType':
+    from epson_driver.driver.io.io_results import NAMES
+
+    known = {name.upper(): io_type for io_type, name in NAMES.items()}
+    found = known.get(kind.upper()) if isinstance(kind, str) else None
+    return known[choice(*NAMES.values()).checked(kind, 'kind').upper()] if found is None else found
 
 
-async def _answered(ask: Callable[[list[T]], Awaitable[list[IoAnswer]]], points: list[T]) -> int:
+async def _answered(
+    ask: Callable[[list[T]], Awaitable[list['io_driver.IoAnswer']]], points: list[T]
+) -> int:
+    from epson_driver.driver.io.io_driver import IoUnavailableError
+
     try:
         (answer,) = await ask(points)
     except IoUnavailableError as error:

@@ -6,16 +6,19 @@ import asyncio
 import contextlib
 import logging
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from epson_driver.api.errors import WORDS, MotionError, checked_timeout
 from epson_driver.api.ownership import Unique
-from epson_driver.driver.goal.goal import Goal
-from epson_driver.driver.goal.goal_execution import GoalExecution
-from epson_driver.driver.goal.goal_queue import GoalHandle, GoalQueue
-from epson_driver.driver.inhibit import with_remedy
 from epson_driver.driver.outcome import End, Outcome
-from epson_driver.driver.state.robot_state import JointSample
+from epson_driver.driver.remedy import with_remedy
 from epson_driver.motion import Array
+
+if TYPE_CHECKING:  # the driver is loaded with the first Robot
+    from epson_driver.driver.goal.goal import Goal
+    from epson_driver.driver.goal.goal_execution import GoalExecution
+    from epson_driver.driver.goal.goal_queue import GoalQueue
+    from epson_driver.driver.state.robot_state import JointSample
 
 _log = logging.getLogger(__name__)
 
@@ -30,7 +33,9 @@ HeldPath = tuple[Callable[[Array], float], float]
 class Motion(Unique):
     """A motion of the arm. It ends once: it succeeded, was canceled, or was aborted."""
 
-    def __init__(self, queue: GoalQueue, goal: Goal, path: HeldPath | None = None) -> None:
+    def __init__(self, queue: 'GoalQueue', goal: 'Goal', path: HeldPath | None = None) -> None:
+        from epson_driver.driver.goal.goal_queue import GoalHandle
+
         self._queue = queue
         self._planned = goal.trajectory.duration
         self._handle = GoalHandle(goal, self._on_end, self._see)
@@ -132,7 +137,7 @@ class Motion(Unique):
         assert self._outcome is not None  # noqa: S101 - for the type checker
         return self._outcome
 
-    def _see(self, _execution: GoalExecution, sample: JointSample) -> None:
+    def _see(self, _execution: 'GoalExecution', sample: 'JointSample') -> None:
         if self._path is not None:
             self._away = max(self._away, self._path[0](sample.positions))
 

@@ -16,7 +16,6 @@ from epson_driver.api.motion import Motion
 from epson_driver.api.poses import Pose, Waypoint, is_pose
 from epson_driver.api.recording import RATE, SPEED, Recording
 from epson_driver.driver.goal.planning_scope import PlanningScope
-from epson_driver.driver.smoothing import Smoothing, SmoothingError, SmoothingProcess
 from epson_driver.motion import Array
 from epson_driver.motion.point_to_point import LONGEST_SEGMENT_S, straight
 from epson_driver.tool_motion.pose_path import Run
@@ -83,6 +82,8 @@ class Motions(Arm):
         As fast as the shares of the joint limits allow; a controller that rests at each point does
         so here. Planning takes up to seconds, also with `wait=False`. Raises as `move_joints`.
         """
+        from epson_driver.driver.smoothing import Smoothing, SmoothingError, SmoothingProcess
+
         limits = self.model.limits
         moves.check_shares(speed, acceleration)
         waypoints = moves.targets('points', points, limits)
@@ -294,4 +295,4 @@ class Motions(Arm):
         For a rest at once, call `stop`. Raises ArgumentError, and RobotError where the controller
         cannot do it.
         """
-        self._connection.set_speed_scaling(moves.FACTOR.checked(factor, 'factor'))
+        self._connection.set_speed_scaling(moves.checked_factor(factor))

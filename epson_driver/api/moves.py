@@ -6,17 +6,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import ceil
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from epson_driver.api.poses import Frames, Pose, Target, Waypoint
-from epson_driver.driver.delivery.statements import Moves, PathSpeed
-from epson_driver.driver.goal.goal import check_limits, untimed
-from epson_driver.driver.goal.reference import MIN_FACTOR, ReferenceTrajectory
 from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.inputs import Rule, number
-from epson_driver.link.replies import Statement
 from epson_driver.motion import Array, JointLimits, Trajectory
 from epson_driver.motion.point_to_point import LONGEST_SEGMENT_S, check_fractions
 from epson_driver.robots.kinematics import Kinematics
@@ -33,6 +30,10 @@ from epson_driver.tool_motion.pose_path import (
 from epson_driver.tool_motion.statement_points import only_turns, passing, tool_frame
 from epson_driver.tool_motion.tool_pose import numbers
 from epson_driver.tool_motion.tool_trajectory import JERK_PER_ACCELERATION, ToolLimits
+
+if TYPE_CHECKING:  # the driver is loaded with the first Robot
+    from epson_driver.driver.delivery.statements import Moves
+    from epson_driver.link.replies import Statement
 
 LONGEST_MOTION_S = 86_400.0
 """Nobody waits for longer, and each half second is a point, s."""
@@ -66,6 +67,8 @@ def joint_rows(field: str, values: Pose, limits: JointLimits, *, rows: bool) -> 
 
 def checked(trajectory: Trajectory, limits: JointLimits, field: str) -> Trajectory:
     """Return a trajectory that keeps the limits. Raises ValueError in the driver's words."""
+    from epson_driver.driver.goal.goal import check_limits
+
     try:
         check_limits(trajectory, limits)
     except GoalRejectedError as rejection:
@@ -161,12 +164,14 @@ def tool_statement(
     start: Array,
     planned: Trajectory,
     limits: ToolLimits,
-    statements: Moves,
-) -> Statement:
+    statements: 'Moves',
+) -> 'Statement':
     """Return a planned line or arc from the joints `start` as a statement.
 
     tool: in the flange, shape (4, 4), m.
     """
+    from epson_driver.driver.delivery.statements import PathSpeed
+
     end, frame = planned.positions[-1], tool_frame(tool)
     speeds = PathSpeed(
         limits.speed, limits.acceleration, limits.turn_speed, limits.turn_acceleration
@@ -281,17 +286,23 @@ def _is_none(path: PosePath) -> bool:
 
 _BLEND = number(0.0, 100.0, 'm')
 
-_MOVING = number(MIN_FACTOR, 1.0)
 
-FACTOR = Rule(
-    lambda value: 0.0 if value == 0.0 and value is not False else _MOVING.read(value),
-    f'must be 0 (pause), or a number from {MIN_FACTOR:g} to 1 (as planned)',
-)
-"""What speed scaling may be."""
+def checked_factor(value: float) -> float:
+    """Return what speed scaling may be. Raises ValueError."""
+    from epson_driver.driver.goal.reference import MIN_FACTOR
+
+    moving = number(MIN_FACTOR, 1.0)
+    rule = Rule(
+        lambda value: 0.0 if value == 0.0 and value is not False else moving.read(value),
+        f'must be 0 (pause), or a number from {MIN_FACTOR:g} to 1 (as planned)',
+    )
+    return float(rule.checked(value, 'factor'))
 
 
 def targets(field: str, values: npt.ArrayLike, limits: JointLimits) -> Trajectory:
     """Return way points, shape (k, n), with times that do not count. Raises ValueError."""
+    from epson_driver.driver.goal.goal import untimed
+
     positions = limits.settled(joint_rows(field, values, limits, rows=True))
     times = np.arange(1.0, len(positions) + 1.0)
     trajectory = Trajectory(limits.names, times, positions)
@@ -315,6 +326,8 @@ def divided(trajectory: Trajectory, start: Array) -> Trajectory:
 
     The way is the same, as the driver interpolates it.
     """
+    from epson_driver.driver.goal.reference import ReferenceTrajectory
+
     times = trajectory.times.tolist()
     moments: list[float] = []
     for before, time in zip([0.0, *times], times, strict=False):

@@ -2,21 +2,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the arm carries, from ROS' terms to SPEL+'s."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import numpy.typing as npt
 
-from epson_driver.driver.delivery.statements import Load
 from epson_driver.robots import RobotModel
 from epson_driver.tool_motion.tool_pose import finite_numbers
+
+if TYPE_CHECKING:  # the driver is loaded with the first Robot
+    from epson_driver.driver.delivery.statements import Load
 
 
 def checked_load(
     model: RobotModel, mass: float, center: npt.ArrayLike, inertia: npt.ArrayLike
-) -> Load:
+) -> 'Load':
     """Return what Weight and Inertia say of a body, as `aio.Robot.set_payload` takes it.
 
     Raises ValueError that names the field, its value and the limit.
     """
+    from epson_driver.driver.delivery.statements import Load
+
     weight = model.checked_payload(mass, 'mass')
     place = finite_numbers('center', center)
     if place.shape != (3,):

@@ -6,16 +6,19 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from epson_driver.api.arguments import checked_arguments
 from epson_driver.api.errors import RobotError
 from epson_driver.api.ownership import Unique
-from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.inputs import number
 from epson_driver.motion import Array, JointLimits, Trajectory
 from epson_driver.trajectory_file import read_trajectory, write_trajectory
+
+if TYPE_CHECKING:  # the driver is loaded with the first Robot
+    from epson_driver.driver.state.robot_state import JointSample
 
 LONGEST_S = 3600.0
 """A recording ends by itself after so long, s: it is kept in memory."""
@@ -92,7 +95,7 @@ class Recording(Unique):
         found._rows = list(zip((read.times - read.times[0]).tolist(), read.positions, strict=True))
         return found
 
-    def begin(self, add: Callable[[Callable[[JointSample], None]], Callable[[], None]]) -> None:
+    def begin(self, add: Callable[[Callable[['JointSample'], None]], Callable[[], None]]) -> None:
         """Record what `add` has it called with, until the function that it returns is called."""
         self._stop = add(self._take)
 
@@ -136,7 +139,7 @@ class Recording(Unique):
         if not self._rows:
             raise RobotError('the recording is empty: no joints came while it was made')
 
-    def _take(self, sample: JointSample) -> None:
+    def _take(self, sample: 'JointSample') -> None:
         if not self._rows:
             self._begin = sample.measured
         time = sample.measured - self._begin

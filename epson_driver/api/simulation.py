@@ -6,14 +6,17 @@ import asyncio
 import contextlib
 import signal
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 from epson_driver.api.arguments import checked_arguments
 from epson_driver.api.errors import RobotError
 from epson_driver.api.ownership import Unique
-from epson_driver.api.settings import Ports
 from epson_driver.inputs import Rule, choice, count
 from epson_driver.processes.command import module_command
 from epson_driver.remote_ethernet.client import RemoteError, connected, logged_in
+
+if TYPE_CHECKING:  # the driver is loaded with the first Robot
+    from epson_driver.api.setup import Ports
 
 START_TIMEOUT_S = 60.0
 """How long it may take to listen, s: it loads numpy, and starts a planner."""
@@ -49,8 +52,10 @@ class SimulatedController:
         stdin = None if self._process is None else self._process.stdin
         return [] if stdin is None else [stdin.get_extra_info('pipe').fileno()]
 
-    async def start(self) -> Ports:
+    async def start(self) -> 'Ports':
         """Start it and return its ports when it listens. Raises RobotError with what it said."""
+        from epson_driver.api.setup import Ports
+
         words = [f'--{name}-port=0' for name in sorted(_WORDS)]
         process = self._process = await asyncio.create_subprocess_exec(
             *module_command('epson_driver.cli', 'sim_controller', '--until-stdin-ends'),

@@ -9,6 +9,7 @@ not let go.
 import asyncio
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -18,11 +19,12 @@ from epson_driver.api.arm import Arm
 from epson_driver.api.errors import PathError, RobotError, refusals
 from epson_driver.api.moves import joint_rows
 from epson_driver.api.poses import BASE_LINK, TOOL, Pose
-from epson_driver.driver.servo.servo import Servo
-from epson_driver.driver.servo.setpoint import POSSIBLE_SHARE, Setpoint
 from epson_driver.inputs import shown
 from epson_driver.motion import Array, JointLimits
 from epson_driver.tool_motion.tool_pose import finite_numbers
+
+if TYPE_CHECKING:  # the driver is loaded with the first Robot
+    from epson_driver.driver.servo.servo import Servo
 
 SOURCE = 'servo()'
 """The source of all setpoints of a Robot: which method they come by does not matter."""
@@ -56,7 +58,7 @@ class Streams(Arm):
             given = None
             if velocities is not None:
                 given = joint_rows('velocities', velocities, limits, rows=False)
-            self._take(servo, Setpoint(SOURCE, joints, given))
+            self._take(servo, joints, given)
 
     @checked_arguments
     def servo_velocity(self, velocities: npt.ArrayLike) -> None:
@@ -64,7 +66,7 @@ class Streams(Arm):
         with self._heard() as servo:
             given = joint_rows('velocities', velocities, self.model.limits, rows=False)
             _check_possible(given, self.model.limits)
-            self._take(servo, Setpoint(SOURCE, velocities=given))
+            self._take(servo, velocities=given)
 
     @checked_arguments
     def servo_pose(self, pose: Pose, *, frame: str | None = None) -> None:
@@ -88,7 +90,7 @@ class Streams(Arm):
                     f'pose: {limits.names[joint]} would have to jump from {near[joint]:.4g} to '
                     f'{found[0][joint]:.4g} {limits.units[joint]}'
                 )
-            self._take(servo, Setpoint(SOURCE, found[0]))
+            self._take(servo, found[0])
 
     @checked_arguments
     def servo_speed(self, velocity: npt.ArrayLike, *, frame: str = BASE_LINK) -> None:
@@ -120,7 +122,7 @@ class Streams(Arm):
                     'of a joint'
                 )
             share = np.abs(joints) / (servo.settings.share * self.model.limits.velocity)
-            self._take(servo, Setpoint(SOURCE, velocities=joints / max(share.max(), 1.0)))
+            self._take(servo, velocities=joints / max(share.max(), 1.0))
 
     async def servo_end(self) -> str:
         """Wait until no stream is followed and the arm stands, and say so."""
@@ -131,7 +133,7 @@ class Streams(Arm):
         return 'no stream is followed, and the arm stands'
 
     @contextmanager
-    def _heard(self) -> Iterator[Servo]:
+    def _heard(self) -> Iterator['Servo']:
         """Have the servo hear of a setpoint that is none, so that the stream is not let go of."""
         servo = self._connection.running.servo
         try:
@@ -140,10 +142,14 @@ class Streams(Arm):
             servo.refuse(SOURCE, str(error))
             raise
 
-    def _take(self, servo: Servo, setpoint: Setpoint) -> None:
-        """Raise RobotError unless it is followed."""
+    def _take(
+        self, servo: 'Servo', positions: Array | None = None, velocities: Array | None = None
+    ) -> None:
+        """Raise RobotError unless the setpoint is followed."""
+        from epson_driver.driver.servo.setpoint import Setpoint
+
         driver = self._connection.running
-        why = servo.take(setpoint)
+        why = servo.take(Setpoint(SOURCE, positions, velocities))
         if why is None:
             return
         if not servo.active:
@@ -151,13 +157,15 @@ class Streams(Arm):
                 driver.goal_queue.check_ready(asyncio.get_running_loop().time())
         raise RobotError(f'the setpoint is not followed: {why}')
 
-    def _commanded(self, servo: Servo) -> Array:
+    def _commanded(self, servo: 'Servo') -> Array:
         """Return where the joints are sent now, shape (n,), or are, without a stream."""
         commanded = servo.commanded
         return self._connection.sample().positions if commanded is None else commanded
 
 
 def _check_possible(velocities: Array, limits: JointLimits) -> None:
+    from epson_driver.driver.servo.setpoint import POSSIBLE_SHARE
+
     fastest = POSSIBLE_SHARE * limits.velocity
     wrong = np.flatnonzero(np.abs(velocities) > fastest)
     if wrong.size:

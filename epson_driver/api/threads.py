@@ -9,11 +9,13 @@ import threading
 import weakref
 from collections.abc import Callable, Coroutine
 from functools import partial
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from epson_driver.api.connection import Connection
 from epson_driver.api.errors import RobotError
 from epson_driver.api.ownership import Process, close_soon
+
+if TYPE_CHECKING:  # the driver is loaded with the first Robot
+    from epson_driver.api.connection import Connection
 
 MAX_WAITING_CALLBACKS = 1000
 """Callbacks that wait for their turn; more than that is a callback that does not return."""
@@ -167,7 +169,7 @@ class Session:
     session: once the Robot and all that it has made are lost, the arm is stopped and they end.
     """
 
-    def __init__(self, awaited: object, connection: Connection) -> None:
+    def __init__(self, awaited: object, connection: 'Connection') -> None:
         self._awaited = awaited  # it is lost together with the session
         self._connection = connection
         self._closing = threading.Lock()
@@ -225,7 +227,7 @@ class Session:
 
 
 def _leave(
-    thread: LoopThread, _awaited: object, connection: Connection, callbacks: CallbackThread
+    thread: LoopThread, _awaited: object, connection: 'Connection', callbacks: CallbackThread
 ) -> None:
     thread.leave(connection.close_lost)
     callbacks.leave()

@@ -21,7 +21,7 @@ from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 
 from epson_driver.cli.arguments import argument
-from epson_driver.driver.inhibit import Remedy, with_remedy
+from epson_driver.driver.remedy import Remedy, with_remedy
 from epson_driver.inputs import number, printable
 from epson_driver.node.remedies import WORDS
 from epson_driver.node.sampling import level, sampled, take, take_all

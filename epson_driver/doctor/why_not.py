@@ -5,7 +5,8 @@
 from collections.abc import Mapping, Sequence
 
 from epson_driver.doctor.findings import Findings
-from epson_driver.driver.inhibit import Cause, Inhibit, Remedy
+from epson_driver.driver.inhibit import Cause, Inhibit
+from epson_driver.driver.remedy import Remedy
 
 ARM = 'the arm'
 

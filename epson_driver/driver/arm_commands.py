@@ -10,11 +10,12 @@ from epson_driver.driver.driver import Driver
 from epson_driver.driver.inhibit import (
     Cause,
     Inhibit,
-    Remedy,
     manual_inhibit,
     refusal_inhibit,
+    seen_inhibit,
     status_inhibit,
 )
+from epson_driver.driver.remedy import Remedy
 from epson_driver.driver.stopping.arm_gate import Enabling, GateError
 from epson_driver.driver.stopping.motors import Action, MotorsError
 from epson_driver.simple_message import Status, TriState
@@ -136,7 +137,8 @@ class ArmCommands:
             await self._wait_for_first_stop()
             if driver.stopper.delivery.keeps_points:  # with the motors, it would go on with them
                 await self._clear_motion()
-            restarts = driver.motors.restarts and driver.gate.reason is not None
+            closed = driver.gate.reason is not None
+            restarts = driver.motors.restarts and (closed or driver.robot.main_ended)
             if status.drives_powered == TriState.FALSE or (
                 restarts and status.motion_possible == TriState.FALSE
             ):
@@ -159,14 +161,17 @@ class ArmCommands:
                 raise CommandError('the controller sends no STATUS')
             if (found := status_inhibit(newest, driver.robot.errors)) is not None:
                 raise _inhibited(found)
-            if driver.gate.reason is not None:
+            if closed:
                 driver.robot.enabled()
                 driver.stopper.enabled()
                 try:
                     driver.gate.open(enabling)
                 except GateError as error:
                     raise CommandError(str(error)) from error
-            return 'the arm is enabled'
+            held = driver.held()
+            if held is None and not driver.stopper.delivery.resumes:
+                held = seen_inhibit(newest, driver.robot.errors)
+            return 'the arm is enabled' + ('' if held is None else f', but {held.text}')
 
     async def _wait_for_first_stop(self) -> None:
         """STOP goes out before anything else on a motion connection that needs it."""

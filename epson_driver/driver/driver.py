@@ -21,14 +21,15 @@ from epson_driver.driver.inhibit import (
     PAUSED,
     Cause,
     Inhibit,
-    Remedy,
     flags_inhibit,
+    main_ended,
     manual_inhibit,
     not_enabled,
     status_inhibit,
 )
 from epson_driver.driver.io.io_access import make_io
 from epson_driver.driver.outcome import Outcome
+from epson_driver.driver.remedy import Remedy
 from epson_driver.driver.servo.servo import Servo
 from epson_driver.driver.smoothing import SmoothingProcess
 from epson_driver.driver.state.joint_mapping import unmapped
@@ -231,6 +232,7 @@ class Driver:
         )
         self.goal_queue.occupied = self.servo.occupation
         self.goal_queue.closed = self._why_closed
+        self.goal_queue.held = self.held
         self._feedback_leads = False
         self._positions_since_feedback = 0
         self._joints_missing = ReceiveTimeout(max(STATUS_TIMEOUT_S, configuration.state_timeout))
@@ -323,7 +325,13 @@ class Driver:
         found = self.condition_inhibit(status)
         if found is None or found.cause is Cause.MOTORS_OFF:
             found = failed or self._gate_inhibit(status) or found
-        return found or (PAUSED if robot.paused else None)
+        return found or self.held()
+
+    def held(self) -> Inhibit | None:
+        """Return why a controller that the arm is enabled at denies motion, or None."""
+        if self.robot.main_ended:
+            return main_ended(self.robot.status or Status(), self.robot.errors)
+        return PAUSED if self.robot.paused else None
 
     def condition_inhibit(self, status: Status) -> Inhibit | None:
         """Return what in the controller's condition keeps the arm from moving, as it tells it."""

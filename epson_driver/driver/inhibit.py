@@ -6,10 +6,11 @@ The driver works it out in one place (`Driver.inhibit`). What is to be called or
 remedy, the node, the Python API, the panel and the doctor each say in words of their own.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass
 from enum import Enum, auto
 
+from epson_driver.driver.remedy import Remedy
 from epson_driver.error_texts import NO_ERROR, ErrorTexts
 from epson_driver.remote_ethernet.status_flags import CONTROL_DEVICES, REMOTE_ETHERNET
 from epson_driver.simple_message import Mode, Status, TriState
@@ -33,36 +34,6 @@ class Cause(Enum):
     MAIN_ENDED = auto()
     PAUSED = auto()
     NOT_POSSIBLE = auto()
-
-
-class Remedy(Enum):
-    """What a person or a program can do about it, in words that name no interface."""
-
-    NONE = ''
-    CONNECT = 'start the controller, or check its address and ports'
-    CHECK_STATE_SERVER = 'see whether the state server of the controller runs'
-    KEEP_AWAY = 'keep away, press the E-stop, and see why'
-    RELEASE_ESTOP = 'release it, reset, then enable the arm'
-    RESET = 'reset, then enable the arm'
-    BOOT = 'switch the controller off and on again, then enable the arm'
-    CLOSE_SAFEGUARD = 'close it, reset or continue at the controller, then enable the arm'
-    CHOOSE_CONTROL_DEVICE = 'choose Remote Ethernet as the control device in RC+'
-    START_MAIN = 'start main, or enable the arm'
-    LOOK_AT_CONTROLLER = 'look at the controller'
-    TURN_TO_AUTO = 'turn it to AUTO, then enable the arm'
-    ENABLE = 'enable the arm'
-    CONTINUE = 'continue at the controller, or start main'
-    END_STREAM = 'end that, or stop the arm'
-    ALLOW_END_VELOCITY = 'let the arm stop there'
-
-
-Words = Mapping[Remedy, str]
-"""What an interface calls a remedy; of those that are missing, the remedy's own words hold."""
-
-
-def with_remedy(text: str, remedy: Remedy, words: Words) -> str:
-    """Return a text followed by the remedy, in the words of an interface."""
-    return '; '.join(filter(None, (text, words.get(remedy, remedy.value))))
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +64,16 @@ PAUSED = Inhibit(
 MAIN_ENDED = Inhibit(Cause.MAIN_ENDED, Remedy.START_MAIN, 'main does not run')
 
 MANUAL = Inhibit(Cause.MANUAL_MODE, Remedy.TURN_TO_AUTO, 'the key switch is at MANUAL')
+
+
+def main_ended(status: Status, errors: ErrorTexts) -> Inhibit:
+    """Return that the controller's program has ended, as the error of a status says."""
+    text = f'the controller says that motion is not possible, {_error(status, errors)}'
+    return Inhibit(Cause.MAIN_ENDED, Remedy.START_MAIN, text)
+
+
+def _error(status: Status, errors: ErrorTexts) -> str:
+    return f'error {errors.phrase(status.error_code)}'
 
 
 def not_enabled(reason: str) -> Inhibit:

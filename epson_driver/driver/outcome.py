@@ -5,7 +5,7 @@
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
-from epson_driver.driver.inhibit import Remedy
+from epson_driver.driver.remedy import Remedy
 
 
 class ErrorCode(IntEnum):

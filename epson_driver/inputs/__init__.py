@@ -6,7 +6,11 @@ Input that breaks a rule is refused with one sentence that names its place, the 
 (InputError). No other exception is raised, whatever the bytes are.
 """
 
-from epson_driver.inputs.files import read_file
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from epson_driver.inputs.files import MEGABYTE, read_file
 from epson_driver.inputs.rules import (
     FRAME_NAME,
     HOST,
@@ -21,7 +25,6 @@ from epson_driver.inputs.rules import (
     printable,
     shown,
 )
-from epson_driver.inputs.yaml_file import read_yaml, yaml_line
 
 __all__ = [
     'FRAME_NAME',
@@ -40,3 +43,20 @@ __all__ = [
     'shown',
     'yaml_line',
 ]
+
+
+def read_yaml(path: Path, *, largest: int = MEGABYTE, several: bool = False) -> Any:
+    """Return the data of a YAML file, as `yaml_file.read_yaml` does.
+
+    PyYAML is loaded by the first file: many who import this package read none.
+    """
+    from epson_driver.inputs import yaml_file
+
+    return yaml_file.read_yaml(path, largest=largest, several=several)
+
+
+def yaml_line(path: Path, keys: Sequence[str]) -> int | None:
+    """Return the line of a key, as `yaml_file.yaml_line` does."""
+    from epson_driver.inputs import yaml_file
+
+    return yaml_file.yaml_line(path, keys)

@@ -18,7 +18,8 @@ from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 
-from epson_driver.driver.io.gripper import Gripper, GripperError, GripperState, GripperWiring
+from epson_driver.driver.io.gripper import Gripper
+from epson_driver.driver.io.gripper_wiring import GripperError, GripperState, GripperWiring
 from epson_driver.driver.io.io_driver import Io
 from epson_driver.inputs import InputError
 from epson_driver.node.loop_bridge import REQUEST_QOS, DriverEndedError, LoopBridge

@@ -3,8 +3,8 @@
 """Remedies in the names of the ROS interface."""
 
 from epson_driver.driver.arm_commands import CommandError
-from epson_driver.driver.inhibit import Remedy, with_remedy
 from epson_driver.driver.outcome import Outcome
+from epson_driver.driver.remedy import Remedy, with_remedy
 
 WORDS = {
     Remedy.CONNECT: 'start the controller, or check robot_ip and the ports',

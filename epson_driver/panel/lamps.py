@@ -5,7 +5,8 @@
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
-from epson_driver.driver.inhibit import Cause, Remedy, with_remedy
+from epson_driver.driver.inhibit import Cause
+from epson_driver.driver.remedy import Remedy, with_remedy
 from epson_driver.panel.robot_state import RobotState, Tri
 
 GOOD, WARN, BAD, OFF, UNKNOWN = COLOURS = ('good', 'warn', 'bad', 'off', 'unknown')

@@ -30,7 +30,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
-from epson_driver.driver.inhibit import Cause, Inhibit, Remedy
+from epson_driver.driver.inhibit import Cause, Inhibit
+from epson_driver.driver.remedy import Remedy
 from epson_driver.motion import Array, Trajectory
 from epson_driver.node.sampling import sampled as subscribed
 from epson_driver.node.sampling import take

@@ -9,7 +9,8 @@ import asyncio
 from collections.abc import Sequence
 from math import ceil
 
-from epson_driver.driver.inhibit import Remedy, flags_inhibit, with_remedy
+from epson_driver.driver.inhibit import flags_inhibit
+from epson_driver.driver.remedy import Remedy, with_remedy
 from epson_driver.error_texts import load_error_texts
 from epson_driver.pendant.commands import Request
 from epson_driver.pendant.status import status

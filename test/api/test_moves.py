@@ -139,4 +139,4 @@ def test_a_share_is_a_number(share):
 @pytest.mark.parametrize('factor', ['x', None, True, False, float('nan'), 0.001, 1.5])
 def test_a_factor_that_cannot_be_is_refused_with_what_can(factor):
     with pytest.raises(ValueError, match=r'^factor = .*: must be 0 \(pause\), or a number from'):
-        moves.FACTOR.checked(factor, 'factor')
+        moves.checked_factor(factor)

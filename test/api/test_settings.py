@@ -11,8 +11,8 @@ from support.longer_arm import arm_file
 
 from epson_driver import Robot, Settings
 from epson_driver.api.errors import WORDS
-from epson_driver.api.settings import Ports, make_setup
-from epson_driver.driver.inhibit import Remedy
+from epson_driver.api.setup import Ports, make_setup
+from epson_driver.driver.remedy import Remedy
 from epson_driver.node import parameters
 from epson_driver.node.driver_configuration import driver_configuration, goal_settings
 from epson_driver.profiles import load_controller_profile

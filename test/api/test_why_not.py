@@ -82,7 +82,7 @@ async def test_each_call_says_what_keeps_the_arm_still(profile: str, row: Row) -
             with pytest.raises(RobotError, match=row.enable):
                 await robot.enable()
         else:  # what refused it tells nothing
-            with pytest.raises(RobotError, match='switch the motors on at the controller'):
+            with pytest.raises(RobotError, match=r'START_SERVOS: FAILURE: .* a safeguard door is'):
                 await robot.enable()
 
 
@@ -95,6 +95,34 @@ async def test_what_is_paused_or_does_not_run_is_not_called_an_error(profile, ev
         said = r'paused, or main does not run .*; continue at the controller, or start main'
         with pytest.raises(MotionError, match=said):
             await robot.move_joints(robot.joints + 0.05)
+
+
+@pytest.mark.invariant(4)
+async def test_enable_starts_a_program_of_ours_that_was_stopped():
+    """Also where the arm is enabled: a Stop of all tasks does not disable it."""
+    async with robot_cell(profile='spel') as (robot, controller):
+        near = robot.joints + 0.05
+        controller.apply(Event.STOP)
+        await asyncio.sleep(0.5)
+        said = r'motion is not possible, error 2261 .*; start main, or call enable\(\)'
+        assert robot.status.enabled
+        with pytest.raises(MotionError, match=said):
+            await robot.move_joints(near)
+        with pytest.raises(MotionError, match=said):
+            robot.servo(near)
+        assert robot.status.remedy == 'start main, or call enable()'
+        await robot.enable()
+        assert robot.joints == pytest.approx(near - 0.05, abs=1e-3)
+        await robot.move_joints(near)
+
+
+async def test_enable_says_that_main_does_not_run():
+    async with robot_cell(profile='rc700a') as (robot, controller):
+        controller.apply(Event.STOP)
+        await asyncio.sleep(0.5)
+        assert 'but the controller is paused, or main does not run' in await robot.enable()
+        await robot.disable()
+        assert 'but the controller says that motion is not possible' in await robot.enable()
 
 
 async def test_a_refusal_that_is_not_explained_stays_as_it_came(monkeypatch):

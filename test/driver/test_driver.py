@@ -31,8 +31,8 @@ from support.driver_harness import (
 from support.event_loop import now, run, until
 
 from epson_driver.driver.goal.goal import GoalSettings
-from epson_driver.driver.inhibit import Remedy
 from epson_driver.driver.outcome import End, ErrorCode
+from epson_driver.driver.remedy import Remedy
 from epson_driver.node.node import ClientNode
 from epson_driver.node.ros_log import RosLogHandler
 from epson_driver.processes import processes

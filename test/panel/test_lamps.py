@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from epson_driver.driver.inhibit import Cause, Inhibit, Remedy
+from epson_driver.driver.inhibit import Cause, Inhibit
+from epson_driver.driver.remedy import Remedy
 from epson_driver.panel.lamps import BAD, CALM, GOOD, UNKNOWN, WARN, WORDS, advice, lamps
 from epson_driver.panel.robot_state import (
     MAX_AGES_S,

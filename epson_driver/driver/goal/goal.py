@@ -9,8 +9,8 @@ from itertools import islice
 
 import numpy as np
 
-from epson_driver.driver.inhibit import Remedy
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
+from epson_driver.driver.remedy import Remedy
 from epson_driver.motion import Array, JointLimits, Trajectory, problems
 from epson_driver.profiles.profile import StateProfile
 from epson_driver.simple_message import Message

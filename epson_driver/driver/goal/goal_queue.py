@@ -31,8 +31,9 @@ from epson_driver.driver.goal.splice import (
     numbered,
     spliced,
 )
-from epson_driver.driver.inhibit import PAUSED, Inhibit, Remedy, not_enabled
+from epson_driver.driver.inhibit import PAUSED, Inhibit, not_enabled
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
+from epson_driver.driver.remedy import Remedy
 from epson_driver.driver.smoothing import SmoothingError, SmoothingProcess
 from epson_driver.driver.state.robot_state import JointSample, RobotState
 from epson_driver.driver.stopping.arm_gate import ArmGate
@@ -105,6 +106,8 @@ class GoalQueue:
             None if gate.reason is None else not_enabled(gate.reason)
         )
         """Returns what keeps the arm gate closed; None: it is open."""
+        self.held: Callable[[], Inhibit | None] = lambda: PAUSED if robot.paused else None
+        """Returns why the controller denies motion while the gate is open; None: it does not."""
         self._limits = limits
         self._planned_speed = planned_speed
         self._robot = robot
@@ -360,8 +363,8 @@ class GoalQueue:
         self._check_allowed()
         if (why := self._robot.why_not_ready(now)) is not None:
             raise GoalRejectedError(ErrorCode.INVALID_GOAL, why)
-        if self._robot.paused and not self._stopper.delivery.resumes:
-            raise _inhibited(PAUSED)
+        if not self._stopper.delivery.resumes and (found := self.held()) is not None:
+            raise _inhibited(found)
         sample = self._robot.sample
         assert sample is not None  # noqa: S101 - for the type checker: why_not_ready says so
         return sample

@@ -29,18 +29,22 @@ class PauseDetector:
         """Whether the controller denies motion; the arm may still brake."""
         self.paused = False
         """Whether the controller denies motion and the arm stands."""
+        self.main_ended = False
+        """Whether it denies motion and tells an error that is over: its program has ended."""
         self._was_possible = False
 
     def see(self, status: Status) -> None:
         """Take the next status."""
         self._was_possible |= status.motion_possible == TriState.TRUE
-        self.interrupted = (
+        denied = (
             self._was_possible
             and status.motion_possible == TriState.FALSE
             and status.in_error != TriState.TRUE
-            and not status.error_code
         )
-        self.paused = self.interrupted and status.in_motion == TriState.FALSE
+        self.interrupted = denied and not status.error_code
+        stands = status.in_motion == TriState.FALSE
+        self.paused = self.interrupted and stands
+        self.main_ended = denied and stands and not self.interrupted
 
 
 MAX_ARRIVALS = 2048
@@ -208,6 +212,11 @@ class RobotState:
     def paused(self) -> bool:
         """The controller, without an error, denies motion that it allowed since enabling."""
         return self._pause.interrupted
+
+    @property
+    def main_ended(self) -> bool:
+        """The controller denies motion since enabling, and tells an error that is over."""
+        return self._pause.main_ended
 
     @property
     def in_motion(self) -> int:

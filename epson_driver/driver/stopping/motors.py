@@ -18,13 +18,13 @@ from enum import Enum
 from functools import partial
 from typing import Literal, Protocol
 
-from epson_driver.driver.delivery.reply_rejection import reply_rejection
+from epson_driver.driver.delivery.reply_rejection import RESULTS, reply_rejection
 from epson_driver.link import Link
 from epson_driver.remote_ethernet.client import Ask, Login, RemoteError, logged_in
 from epson_driver.remote_ethernet.status_flags import ask_control_device, ask_flags
 from epson_driver.remote_ethernet.turns import RemoteTurns
 from epson_driver.simple_message import MotionCtrl, Packet
-from epson_driver.simple_message.motoman import Command
+from epson_driver.simple_message.motoman import Command, Result
 
 _log = logging.getLogger(__name__)
 
@@ -60,6 +60,12 @@ class Action(Enum):
     )
     RESET = Commands('Reset', Command.RESET_ALARM, 'reset the error at the controller')
 
+
+MOTOMAN_LOOK = (
+    'the controller does not tell why; see whether a safeguard door is open, an E-stop is '
+    'pressed, or the pendant shows an alarm, or is not in REMOTE mode'
+)
+"""What to look at when the servos of a Motoman do not come on."""
 
 Told = tuple[tuple[str, ...], int, int | None]
 """Flags, error number and control device, as Remote Ethernet tells them."""
@@ -200,9 +206,9 @@ class MotomanMotors:
         except ConnectionError as error:
             why = str(error)
         if why is not None:
-            raise MotorsError(
-                f'{commands.motoman.name}: {why}: {commands.by_hand}', unanswered=unanswered
-            )
+            unexplained = why == RESULTS[Result.FAILURE] and action is Action.MOTORS_ON
+            todo = MOTOMAN_LOOK if unexplained else commands.by_hand
+            raise MotorsError(f'{commands.motoman.name}: {why}: {todo}', unanswered=unanswered)
 
 
 class SerializedMotors:

@@ -11,7 +11,8 @@ from support.driver_harness import Harness, simulated
 from support.event_loop import now, until
 from support.two_jaws import TwoJaws
 
-from epson_driver.driver.io.gripper import Gripper, GripperError, GripperState, GripperWiring
+from epson_driver.driver.io.gripper import Gripper
+from epson_driver.driver.io.gripper_wiring import GripperError, GripperState, GripperWiring
 from epson_driver.sim_controller.condition.states import Event
 
 WIRING = GripperWiring(

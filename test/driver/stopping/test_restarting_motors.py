@@ -136,7 +136,8 @@ async def test_enable_of_an_enabled_arm_does_not_restart_a_paused_program():
         await harness.until_moving()
         await do(ports, 'Pause')
         await until(lambda: status(harness, motion_possible=0))
-        assert await harness.commands.enable() == 'the arm is enabled'
+        said = await harness.commands.enable()
+        assert 'the arm is enabled, but the controller is paused' in said
         assert controller.condition.paused
         await do(ports, 'Continue')
         outcome = await goal.end()

@@ -1,0 +1,36 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What helps where the arm does not move, in words that each interface replaces by its own."""
+
+from collections.abc import Mapping
+from enum import Enum
+
+
+class Remedy(Enum):
+    """What a person or a program can do about it, in words that name no interface."""
+
+    NONE = ''
+    CONNECT = 'start the controller, or check its address and ports'
+    CHECK_STATE_SERVER = 'see whether the state server of the controller runs'
+    KEEP_AWAY = 'keep away, press the E-stop, and see why'
+    RELEASE_ESTOP = 'release it, reset, then enable the arm'
+    RESET = 'reset, then enable the arm'
+    BOOT = 'switch the controller off and on again, then enable the arm'
+    CLOSE_SAFEGUARD = 'close it, reset or continue at the controller, then enable the arm'
+    CHOOSE_CONTROL_DEVICE = 'choose Remote Ethernet as the control device in RC+'
+    START_MAIN = 'start main, or enable the arm'
+    LOOK_AT_CONTROLLER = 'look at the controller'
+    TURN_TO_AUTO = 'turn it to AUTO, then enable the arm'
+    ENABLE = 'enable the arm'
+    CONTINUE = 'continue at the controller, or start main'
+    END_STREAM = 'end that, or stop the arm'
+    ALLOW_END_VELOCITY = 'let the arm stop there'
+
+
+Words = Mapping[Remedy, str]
+"""What an interface calls a remedy; of those that are missing, the remedy's own words hold."""
+
+
+def with_remedy(text: str, remedy: Remedy, words: Words) -> str:
+    """Return a text followed by the remedy, in the words of an interface."""
+    return '; '.join(filter(None, (text, words.get(remedy, remedy.value))))
