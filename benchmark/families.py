@@ -195,7 +195,7 @@ def _run_member(member: FamilyMember, feasible: bool, planner: _Counting) -> Non
     figures, little = planner.figures, KNOWN_AHEAD * ramp_time(member.limits)
     ways = np.max(np.abs(np.diff(member.positions, axis=0)) / member.limits.velocity, axis=1)
     durations = np.maximum(COMMANDED_PACE * ways, MIN_DURATION_S)
-    fastest = _run(member, Mode.TIME_OPTIMAL, durations, np.inf, planner, refine=False)
+    fastest = _run(member, Mode.TIME_OPTIMAL, durations, np.inf, planner)
     reference = stop_and_go(member.positions, member.limits).duration
     figures.raise_to(time_ratio=fastest / reference)
     _run(member, Mode.TIME_OPTIMAL, durations, little, planner)
@@ -213,12 +213,10 @@ def _run(
     durations: Array,
     known: float,
     planner: _Counting,
-    *,
-    refine: bool = True,
 ) -> float:
     """Return how long one motion takes, s, and count what happens in it."""
     positions, limits, figures = member.positions, member.limits, planner.figures
-    smoother = Recorded(limits, positions[0], mode, planner=planner, refine=refine)
+    smoother = Recorded(limits, positions[0], mode, planner=planner)
     fed = 1
     rows = [smoother.motion]
     while fed < len(positions) or smoother.moving:

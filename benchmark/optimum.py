@@ -5,7 +5,7 @@
 `make optimum` stores the times in references.json; where ipopt finds none, what is stored stays.
 It is one problem in time (direct transcription): the jerk of each joint is constant in steps whose
 length is free in every way between two waypoints, the path is free within the smoother's own
-allowance for the bend. Of the smoother it has a motion to begin with and the bend of the spline.
+allowance for the bend. It begins with the smoother's motion on the spline, whose bend that is of.
 ipopt ends at a local optimum on a grid, so the fastest motion may take less.
 """
 
@@ -81,14 +81,13 @@ class Grid:
 
 def optimum(trajectory: BenchmarkTrajectory, limits: JointLimits) -> Optimum | None:
     """Return the fastest motion that ipopt finds, or None if there is none that keeps limits."""
-    found = run(STRATEGIES['time-optimal, all known'], trajectory, limits)
     spline = run(STRATEGIES[ON_SPLINE], trajectory, limits)
     waypoints = merged(trajectory.positions)
-    grid = _grid(waypoints, _times(waypoints, found))
+    grid = _grid(waypoints, _times(waypoints, spline))
     if len(grid.way) > MOST_NODES:
         return None
     bends = np.maximum(BEND_RATIO * _bends(waypoints, spline), MIN_BEND_RAD)
-    answer = _solved(grid, found, bends, limits)
+    answer = _solved(grid, spline, bends, limits)
     return answer if answer is not None and answer.holds() else None
 
 

@@ -12,7 +12,8 @@ import numpy as np
 from benchmark.limit_sets import ramp_time
 from benchmark.motion_record import Record
 from benchmark.trajectories import BenchmarkTrajectory
-from epson_driver.motion import Array, JointLimits
+from epson_driver.motion import Array, JointLimits, Trajectory
+from epson_driver.motion.smoothed import smoothed
 from epson_driver.motion.smoother import Mode, Smoother
 from epson_driver.motion.smoother.planner import plan
 from epson_driver.motion.smoother.request import Plan, Request
@@ -38,14 +39,10 @@ class DriverSmoother:
         start: Array,
         timed: bool,
         latency: float,
-        *,
-        refine: bool = True,
     ) -> None:
         mode = Mode.TIME_PRESERVING if timed else Mode.TIME_OPTIMAL
         self.plans = 0
-        self._smoother = Smoother(
-            limits, start, mode, latency=latency, planner=self._plan, refine=refine
-        )
+        self._smoother = Smoother(limits, start, mode, latency=latency, planner=self._plan)
         self.append = self._smoother.append
         self.finish = self._smoother.finish
         self.step = self._smoother.step
@@ -73,15 +70,15 @@ MODES = {True: 'time-preserving', False: 'time-optimal'}
 class Strategy:
     """How a smoother is used. `look_ahead` gives the time known ahead, s, or None for all.
 
-    `timed`: whether it keeps the commanded durations or is as fast as it can. `refine`: whether
-    its path may be another one than the spline through the points.
+    `timed`: whether it keeps the commanded durations or is as fast as it can. `whole`: whether all
+    points make one problem; else they go through the smoother, on the spline through them.
     """
 
     name: str
     timed: bool
     look_ahead: Callable[[JointLimits], float] | None = None
     latency: float = 0.0
-    refine: bool = True
+    whole: bool = False
 
     def suits(self, trajectory: BenchmarkTrajectory) -> bool:
         """Return whether the trajectory has what the strategy needs."""
@@ -94,7 +91,7 @@ def _ahead(text: str, timed: bool, time_ahead: Callable[[JointLimits], float]) -
 
 def _both(timed: bool) -> tuple[Strategy, ...]:
     return (
-        Strategy(f'{MODES[timed]}, all known', timed),
+        Strategy(f'{MODES[timed]}, all known', timed, whole=not timed),
         _ahead('2·A/J', timed, lambda limits: 2.0 * ramp_time(limits)),
         _ahead('3·A/J', timed, lambda limits: 3.0 * ramp_time(limits)),
         _ahead('0.25 s', timed, lambda limits: 0.25),
@@ -108,7 +105,7 @@ STRATEGIES = {
     strategy.name: strategy
     for strategy in (
         *_both(timed=False),
-        Strategy(ON_SPLINE, False, refine=False),
+        Strategy(ON_SPLINE, False),
         *_both(timed=True),
         Strategy(
             'time-preserving, 3·A/J + 40 ms known, 40 ms late',
@@ -138,8 +135,9 @@ def run(
     positions = trajectory.positions
     durations = trajectory.durations if strategy.timed else None
     ahead = None if strategy.look_ahead is None else strategy.look_ahead(limits)
-    settings = {} if strategy.refine else {'refine': False}
-    smoother = make(limits, positions[0], strategy.timed, strategy.latency, **settings)
+    if strategy.whole:
+        return _at_once(trajectory, limits)
+    smoother = make(limits, positions[0], strategy.timed, strategy.latency)
     n = len(positions)
     fed = 1
     started = time.perf_counter()
@@ -179,4 +177,21 @@ def run(
         acceleration,
         np.array(costs),
         np.array(planned, dtype=np.bool_),
+    )
+
+
+def _at_once(trajectory: BenchmarkTrajectory, limits: JointLimits) -> Record:
+    """Return the motion through all points as one problem."""
+    plan_read = Trajectory(
+        limits.names, np.arange(float(len(trajectory.positions))), trajectory.positions
+    )
+    motion = smoothed(plan_read, limits, Mode.TIME_OPTIMAL, period=SAMPLE_STEP_S)
+    none = np.zeros(0)
+    return Record(
+        SAMPLE_STEP_S,
+        motion.positions,
+        np.asarray(motion.velocities),
+        np.asarray(motion.accelerations),
+        none,
+        none.astype(np.bool_),
     )

@@ -37,7 +37,7 @@ WORDS = """Written by `make bench-motion`; all figures are in motion.json as wel
   nothing on the spline through the points can be faster. **optimum**: the fastest motion found
   within all limits, whatever its path between the points (benchmark/README.md). **on the spline**:
   both where it may not leave that path; where times are commanded, they are compared with the
-  optimum there. **sparse**: on average, points are 0.5 A/J or more apart.
+  optimum there.
 * **v, a, j**: the largest velocity, acceleration and jerk, as a multiple of the joint's limit.
   **waypoint**, **overrun**, **off lines**: the largest distance from a waypoint, past the last
   known point and from the straight lines between the points, rad."""

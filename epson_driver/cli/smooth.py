@@ -19,9 +19,9 @@ from rich.table import Table
 from epson_driver.cli.arguments import argument, picture
 from epson_driver.inputs import InputError, number
 from epson_driver.motion import JointLimits, Trajectory, smooth
+from epson_driver.motion.fastest import MAX_PATH_TOLERANCE
 from epson_driver.motion.smoothed import every
 from epson_driver.motion.smoother import (
-    MAX_PATH_TOLERANCE,
     MERGE_TOLERANCE,
     Mode,
     Plan,
@@ -74,22 +74,25 @@ def _run(arguments: argparse.Namespace) -> int:
     given = read_trajectory(file, timed=False)
     timed = bool(given.times.any())
     plan_read = _checked(file, given, limits, mode)
-    planner = _CountingPlanner(console)
+    planner = _CountingPlanner()
     parts = max(round(1.0 / arguments.rate / SAMPLE_PERIOD_S), 1)
     period = 1.0 / arguments.rate
+    began = time.perf_counter()
     try:
-        fine = smooth(
-            plan_read.positions,
-            limits,
-            plan_read.times if mode is Mode.TIME_PRESERVING else None,
-            look_ahead=arguments.look_ahead,
-            period=period / parts,
-            planner=planner,
-            refine=not arguments.keep_spline,
-            path_tolerance=arguments.path_tolerance,
-        )
+        with console.status('planning'):
+            fine = smooth(
+                plan_read.positions,
+                limits,
+                plan_read.times if mode is Mode.TIME_PRESERVING else None,
+                look_ahead=arguments.look_ahead,
+                period=period / parts,
+                planner=planner,
+                refine=not arguments.keep_spline,
+                path_tolerance=arguments.path_tolerance,
+            )
     except ValueError as error:
         raise _PlanError(f'{file}: {error}') from error
+    planned = f'all points at once, in {(time.perf_counter() - began) * 1e3:.0f} ms'
     output = arguments.output or Path(f'{file.stem}_smooth.yaml')
     picture = arguments.picture or Path(f'{file.stem}_smooth.png')
     written = every(fine, parts)
@@ -103,7 +106,7 @@ def _run(arguments: argparse.Namespace) -> int:
     ours = column(f'smoothed, {mode.value.replace("_", " ")}', fine, limits, plan_read, command)
     columns.append(ours)
     study = Study(plan_read, limits, timed, columns)
-    console.print(_table(study, planner, arguments.look_ahead))
+    console.print(_table(study, planner.summary or planned, arguments.look_ahead))
     if draws:
         draw(picture, study)
     shown = picture if draws else NO_PICTURE
@@ -112,23 +115,24 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 class _CountingPlanner:
-    """A planner that counts the plans and their time, and shows that it is busy."""
+    """A planner that counts the plans and their time."""
 
-    def __init__(self, console: Console) -> None:
-        self.plans = 0
-        self.longest = 0.0
-        self.total = 0.0
-        self._status = console.status('planning')
+    def __init__(self) -> None:
+        self._times: list[float] = []
 
     def __call__(self, request: Request, limits: JointLimits) -> Plan | None:
         began = time.perf_counter()
-        with self._status:
-            made = plan(request, limits)
-        took = time.perf_counter() - began
-        self.plans += 1
-        self.total += took
-        self.longest = max(self.longest, took)
+        made = plan(request, limits)
+        self._times.append(time.perf_counter() - began)
         return made
+
+    @property
+    def summary(self) -> str:
+        """The plans in words, if there were any."""
+        if not self._times:
+            return ''
+        total, longest = sum(self._times) * 1e3, max(self._times) * 1e3
+        return f'{len(self._times)} in {total:.0f} ms, the longest {longest:.0f} ms'
 
 
 def _checked(file: Path, trajectory: Trajectory, limits: JointLimits, mode: Mode) -> Trajectory:
@@ -147,7 +151,7 @@ def _checked(file: Path, trajectory: Trajectory, limits: JointLimits, mode: Mode
     return trajectory
 
 
-def _table(study: Study, planner: _CountingPlanner, look_ahead: float) -> Table:
+def _table(study: Study, planned: str, look_ahead: float) -> Table:
     ours, stop_and_go = study.columns[-1].figures, study.columns[0].figures
     error = study.columns[-1].waypoint_error
     units = ' or '.join(dict.fromkeys(study.limits.units))
@@ -155,9 +159,9 @@ def _table(study: Study, planner: _CountingPlanner, look_ahead: float) -> Table:
     duration = f'{ours.duration:.3f} s ({known})'
     commanded = 'the plan has no times'
     if study.timed:
-        planned = study.plan.duration - float(study.plan.times[0])
-        ratio = f', {ours.duration / planned:.3f} times' if planned > 0.0 else ''
-        commanded = f'{planned:.3f} s{ratio}'
+        asked = study.plan.duration - float(study.plan.times[0])
+        ratio = f', {ours.duration / asked:.3f} times' if asked > 0.0 else ''
+        commanded = f'{asked:.3f} s{ratio}'
     stops = f'{ours.stops}'
     if ours.commanded_stops:
         stops += f', and {ours.commanded_stops} that the plan asks for'
@@ -175,11 +179,7 @@ def _table(study: Study, planner: _CountingPlanner, look_ahead: float) -> Table:
             'worst waypoint error',
             f'{error:.1e} {units} (points closer than {MERGE_TOLERANCE:g} {units} count as one)',
         ),
-        (
-            'plans',
-            f'{planner.plans} in {planner.total * 1e3:.0f} ms, '
-            f'the longest {planner.longest * 1e3:.0f} ms',
-        ),
+        ('plans', planned),
     )
     table = Table(show_header=False, title='The smooth motion', title_justify='left')
     for row in rows:

@@ -80,20 +80,25 @@ class JointMotion:
 
     def keeps(self, limits: JointLimits) -> bool:
         """Return whether it keeps all limits at every instant: by its extrema."""
+        lowest, highest = self.extent
+        return bool(
+            max(self.uses(limits)) <= 1.0 + LIMIT_TOLERANCE_SHARE
+            and np.all(lowest >= limits.position_min - POSITION_TOLERANCE)
+            and np.all(highest <= limits.position_max + POSITION_TOLERANCE)
+        )
+
+    def uses(self, limits: JointLimits) -> tuple[float, float, float]:
+        """Return how much of the limits it uses: velocity, acceleration and jerk, as shares."""
         _, velocity, acceleration = self.states
         t, j = np.diff(self.times, axis=1), self.jerks
         p, v, a = self.states[:, :, :-1]
         with np.errstate(divide='ignore', invalid='ignore'):
             fastest = _between(-a / j, t)
         speeds = np.concatenate([velocity, _after(fastest, p, v, a, j)[1]], axis=1)
-        lowest, highest = self.extent
-        slack = 1.0 + LIMIT_TOLERANCE_SHARE
-        return bool(
-            np.all(np.abs(j).max(axis=1) <= slack * limits.jerk)
-            and np.all(np.abs(acceleration).max(axis=1) <= slack * limits.acceleration)
-            and np.all(np.abs(speeds).max(axis=1) <= slack * limits.velocity)
-            and np.all(lowest >= limits.position_min - POSITION_TOLERANCE)
-            and np.all(highest <= limits.position_max + POSITION_TOLERANCE)
+        return (
+            float(np.max(np.abs(speeds).max(axis=1) / limits.velocity)),
+            float(np.max(np.abs(acceleration).max(axis=1) / limits.acceleration)),
+            float(np.max(np.abs(j).max(axis=1) / limits.jerk)),
         )
 
     @property

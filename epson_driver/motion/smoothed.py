@@ -2,19 +2,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """A whole trajectory through the smoother at once."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import chain, pairwise
 from math import ceil
 
 import numpy as np
 
+from epson_driver.motion.fastest import MAX_PATH_TOLERANCE, fastest
+from epson_driver.motion.joint_motion import JointMotion
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.passages import passed
 from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, Smoother, plan
+from epson_driver.motion.smoother.waypoints import Waypoints
 from epson_driver.motion.trajectory import Trajectory
 
 MAX_STEP_S = 0.004
 """The smoother is stepped at least so often, s: it plans between two steps."""
+
+MIN_WAYS = 2
+
+ROUNDING_SHARE = 1e-9
+"""How much longer than a number of periods counts as that."""
 
 Planner = Callable[[Request, JointLimits], Plan | None]
 
@@ -34,7 +42,9 @@ def smoothed(
 
     It begins and ends at rest, at the first and the last point. Its joints are in the order of
     the limits. The smoother is given points as long as less than `look_ahead` s are known to it.
-    TIME_OPTIMAL takes the positions only. refine, path_tolerance: as in `Smoother`. Raises
+    TIME_OPTIMAL takes the positions only: with all of them known, the motion is the fastest one
+    that `fastest` finds, and may pass `path_tolerance` rad (or m) beside each but the ends, in
+    every joint. With `refine` False, or where it finds none, it is that on the spline. Raises
     ValueError that names point, joint, value and limit for a trajectory that cannot be smoothed,
     or if its motion would break a limit; RuntimeError if the planner raises.
     """
@@ -43,19 +53,20 @@ def smoothed(
     if not look_ahead > 0.0:
         raise ValueError(f'look_ahead = {look_ahead} s: must be positive')
     trajectory = trajectory.in_order(limits.names)
+    whole = mode is Mode.TIME_OPTIMAL and refine and look_ahead == np.inf
+    if path_tolerance != 0.0 and not (whole and 0.0 < path_tolerance <= MAX_PATH_TOLERANCE):
+        raise ValueError(
+            f'path_tolerance = {path_tolerance} rad: must be 0 … {MAX_PATH_TOLERANCE}, and 0 for '
+            'points with times, with a look-ahead, or on the spline'
+        )
+    if whole and (motion := _fastest(trajectory, limits, path_tolerance)) is not None:
+        return _sampled(motion, limits, period)
     positions, times = trajectory.positions, trajectory.times
     durations = np.diff(times, prepend=times[0]).tolist()
-    smoother = Smoother(
-        limits,
-        positions[0],
-        mode,
-        planner=planner,
-        refine=refine,
-        path_tolerance=path_tolerance,
-    )
-    steps = ceil(period / MAX_STEP_S - 1e-9)
-    motion = smoother.motion
-    samples = [motion]
+    smoother = Smoother(limits, positions[0], mode, planner=planner)
+    steps = ceil(period / MAX_STEP_S - ROUNDING_SHARE)
+    state = smoother.motion
+    samples = [state]
     fed = 0
     while fed < len(positions) or smoother.moving:
         for _ in range(steps):
@@ -64,21 +75,40 @@ def smoothed(
                 fed += 1
                 if fed == len(positions):
                     smoother.finish()
-            motion = smoother.step(period / steps)
+            state = smoother.step(period / steps)
             if smoother.violation is not None:
                 raise ValueError(f'the smooth motion breaks a limit: {smoother.violation}')
             if smoother.planner_error is not None:
                 raise RuntimeError('the planner failed') from smoother.planner_error
-        samples.append(motion)
-    position, velocity, acceleration = (np.array(column) for column in zip(*samples, strict=True))
+        samples.append(state)
     offset = 0.0 if mode is Mode.TIME_OPTIMAL else float(times[0])
-    return Trajectory(
-        limits.names,
-        np.asarray(offset + period * np.arange(len(samples))),
-        position,
-        velocity,
-        acceleration,
-    )
+    return _of_samples(limits, offset, period, samples)
+
+
+def _fastest(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> JointMotion | None:
+    """Return the fastest motion through a trajectory's points, as the smoother merges them."""
+    points = Waypoints(limits, trajectory.positions[0], Mode.TIME_OPTIMAL)
+    for position in trajectory.positions:
+        points.append(position, None, 0.0, in_motion=False)
+    points.finish()
+    if len(points.ahead) < MIN_WAYS:
+        return None  # of one way the smoother knows the optimum
+    waypoints = [points.origin.anchor, *(point.position for point in points.ahead)]
+    return fastest(np.array(waypoints), limits, tolerance)
+
+
+def _sampled(motion: JointMotion, limits: JointLimits, period: float) -> Trajectory:
+    count = ceil(motion.duration / period - ROUNDING_SHARE)
+    return _of_samples(limits, 0.0, period, [motion.at(i * period) for i in range(count + 1)])
+
+
+def _of_samples(
+    limits: JointLimits, begin: float, period: float, samples: Sequence[tuple[Array, ...]]
+) -> Trajectory:
+    """Return a trajectory of positions, velocities and accelerations, one every `period` s."""
+    columns = (np.array(column) for column in zip(*samples, strict=True))
+    times = np.asarray(begin + period * np.arange(len(samples)))
+    return Trajectory(limits.names, times, *columns)
 
 
 def every(trajectory: Trajectory, parts: int) -> Trajectory:
@@ -130,7 +160,7 @@ def thinned(
     They are `spacing` to twice that apart, s: of the trajectory's own points those that are far
     enough apart, when the motion passes them, and others where there are too few. Where a way
     would be farther than `deviation` (rad, m, any joint) from the motion they are nearer to each
-    other; the last two may be too. refine: as in `Smoother`. Raises as `smoothed`.
+    other; the last two may be too. refine: as in `smoothed`, which says what it raises.
     """
     if not (spacing > 0.0 and deviation > 0.0):
         raise ValueError(f'spacing = {spacing} s, deviation = {deviation}: must be positive')

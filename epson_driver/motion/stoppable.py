@@ -58,7 +58,6 @@ class StoppableMotion:
             trajectory.positions[0],
             mode,
             planner=lambda *_: next(again, None),
-            refine=False,
         )
         durations = np.diff(trajectory.times, prepend=trajectory.times[0])
         for point, duration in zip(trajectory.positions, durations.tolist(), strict=True):

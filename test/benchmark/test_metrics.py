@@ -12,13 +12,13 @@ from benchmark.limit_sets import FACTORS, MAX_VELOCITY_RAD_S, limit_set, ramp_ti
 from benchmark.metrics import Metrics, measure, stops
 from benchmark.motion_record import Record
 from benchmark.references import References, digest
-from benchmark.strategies import SAMPLE_STEP_S, STRATEGIES, Strategy, run
+from benchmark.strategies import ON_SPLINE, SAMPLE_STEP_S, STRATEGIES, Strategy, run
 from benchmark.trajectories import GENERATED, SHARED, BenchmarkTrajectory, benchmark_set
 from benchmark.waypoints import may_be_merged, passages
 from epson_driver.motion import Array, JointLimits, LineMotion, go
 
 LIMITS = limit_set('full')
-ALL_KNOWN = STRATEGIES['time-optimal, all known']
+ALL_KNOWN = STRATEGIES[ON_SPLINE]
 POINTS = np.array([[0.0, -0.5, 0.5, 0.0, -1.0, 0.0]] * 5)
 POINTS[:, 0] = [0.0, 0.3, 0.1, 0.6, 0.5]
 POINTS[:, 5] = [0.0, -0.2, 0.4, 0.8, 1.2]

@@ -10,12 +10,11 @@ from benchmark.families import FamilyFigures
 from benchmark.metrics import Metrics
 from benchmark.references import ReferenceTimes
 from benchmark.results_file import REPORT, Results, read, write
-from benchmark.strategies import ON_SPLINE
 from benchmark.tables import report, shortened, targets
 from benchmark.targets import TARGETS, outcomes
 
 GOOD = Metrics(
-    duration=1.05,
+    duration=1.005,
     velocity=1.0,
     acceleration=1.0,
     jerk=1.0,
@@ -31,7 +30,6 @@ GOOD = Metrics(
     cycle_p99=1e-3,
 )
 MISMATCH = 'v, a against positions / limit'
-SPLINE_TARGETS = ('mean of the sparse plans', 'every plan')
 NAMES = (
     'time-preserving, all known',
     'time-preserving, 0.5 s known',
@@ -46,25 +44,18 @@ def case(**changes: float) -> Case:
     made = Case('one', 'a test', 'full', 50, 2.0, 0.0, times)
     made.strategies = {
         'time-optimal, all known': replace(GOOD, **changes),
-        ON_SPLINE: replace(GOOD, duration=1.25 * changes.get('duration', GOOD.duration)),
         **dict.fromkeys(NAMES, timed),
     }
     return made
 
 
-def sparse_case() -> Case:
-    made = case()
-    made.points = 11
-    return made
-
-
 def missed(*cases: Case) -> list[str]:
-    return [outcome.metric for outcome in outcomes([*cases, sparse_case()]) if not outcome.met]
+    return [outcome.metric for outcome in outcomes(list(cases)) if not outcome.met]
 
 
 def test_what_is_good_meets_every_target() -> None:
     assert missed(case()) == []
-    assert all(outcome.goal_met for outcome in outcomes([case(), sparse_case()]))
+    assert all(outcome.goal_met for outcome in outcomes([case()]))
 
 
 def test_each_target_can_be_missed() -> None:
@@ -83,18 +74,9 @@ def test_each_target_can_be_missed() -> None:
     }
     for metric, changes in bad.items():
         assert metric in missed(case(), case(**changes)), metric
-    assert missed(case(duration=1.36)) == ['time / optimum, time-optimal']
-
-
-def test_the_better_path_is_judged_by_the_mean_of_the_sparse_plans_and_never_slower() -> None:
-    mean, worst = (f'time / that on the spline, time-optimal, {of}' for of in SPLINE_TARGETS)
-    slower = case()
-    slower.strategies[ON_SPLINE] = replace(GOOD, duration=1.04)
-    assert missed(slower) == [worst]  # points are near to each other there
-    hardly = sparse_case()
-    hardly.strategies[ON_SPLINE] = replace(GOOD, duration=1.051)
-    assert missed(case(), hardly) == []  # 0.8 and 0.999
-    assert missed(case(), *[hardly] * 7) == [mean]
+    optimum = 'time / optimum, time-optimal'
+    assert missed(*[case()] * 3, case(duration=1.11)) == [f'{optimum}, worst']
+    assert missed(*[case(duration=1.05)] * 3) == [f'{optimum}, mean']
 
 
 def test_a_target_is_judged_only_where_it_applies() -> None:

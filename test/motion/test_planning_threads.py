@@ -10,19 +10,19 @@ import time
 import numpy as np
 from benchmark.limit_sets import limit_set
 from benchmark.trajectories import benchmark_set
+from epson_driver.motion import smooth
 from epson_driver.motion.smoother import Mode, Smoother
 for trajectory in benchmark_set():
     if trajectory.name not in ('sparse_corners', 'moveit_100_percent'):
         continue
-    for tolerance in (0.0, 0.005):
-        limits, mode = limit_set('full'), Mode.TIME_OPTIMAL
-        start = trajectory.positions[0]
-        smoother = Smoother(limits, start, mode, path_tolerance=tolerance)
-        for point in trajectory.positions[1:]:
-            smoother.append(point)
-        smoother.finish()
+    limits, points = limit_set('full'), trajectory.positions
+    smoother = Smoother(limits, points[0], Mode.TIME_OPTIMAL)
+    for point in points[1:]:
+        smoother.append(point)
+    smoother.finish()
+    for planned in (lambda: smoother.step(0.0), lambda: smooth(points, limits)):
         began, of_this = time.process_time(), time.thread_time()
-        smoother.step(0.0)
+        planned()
         used = time.thread_time() - of_this
         print((time.process_time() - began) / used)
 """

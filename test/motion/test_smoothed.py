@@ -113,7 +113,7 @@ def test_a_motion_that_would_break_a_limit_is_refused() -> None:
         return plan(request, faster)
 
     with pytest.raises(ValueError, match=r'breaks a limit: .* is beyond the limit'):
-        smoothed(PLAN, LIMITS, Mode.TIME_OPTIMAL, planner=too_fast)
+        smoothed(PLAN, LIMITS, Mode.TIME_OPTIMAL, planner=too_fast, refine=False)
 
 
 def off_the_ways(motion, points):

@@ -5,11 +5,10 @@
 from epson_driver.motion.smoother.output_guard import Motion
 from epson_driver.motion.smoother.planner import plan
 from epson_driver.motion.smoother.request import PASSED_TYPES, Plan, Request
-from epson_driver.motion.smoother.smoother import MAX_PATH_TOLERANCE, Smoother
+from epson_driver.motion.smoother.smoother import Smoother
 from epson_driver.motion.smoother.waypoints import MERGE_TOLERANCE, Mode
 
 __all__ = [
-    'MAX_PATH_TOLERANCE',
     'MERGE_TOLERANCE',
     'PASSED_TYPES',
     'Mode',

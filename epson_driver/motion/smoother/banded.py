@@ -70,3 +70,23 @@ def solve_pentadiagonal(main: Array, second: Array, third: Array, right: Array) 
         y[i] = x
         x1, x2 = x, x1
     return np.array(y)
+
+
+def solve_block_tridiagonal(diagonal: Array, beyond: Array, right: Array) -> Array:
+    """Return x of a symmetric, positive definite system of b × b blocks, shape (m, b).
+
+    diagonal: shape (m, b, b); beyond: those right of them, shape (m - 1, b, b); right: (m, b).
+    Raises LinAlgError where a block that remains is singular.
+    """
+    size, count = right.shape[1], len(right)
+    known: list[Array] = []
+    block, force = diagonal[0], right[0]
+    for i in range(count - 1):
+        known.append(np.linalg.solve(block, np.column_stack([beyond[i], force])))
+        less = beyond[i].T @ known[i]
+        block, force = diagonal[i + 1] - less[:, :size], right[i + 1] - less[:, size]
+    x = np.empty_like(right)
+    x[-1] = np.linalg.solve(block, force)
+    for i in range(count - 2, -1, -1):
+        x[i] = known[i][:, size] - known[i][:, :size] @ x[i + 1]
+    return x

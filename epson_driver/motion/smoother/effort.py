@@ -10,17 +10,11 @@ from dataclasses import dataclass
 MAX_EFFORT_US = 46_000
 """The effort of a plan, but for what is done once and always: the path, and its speed bounds."""
 
-MAX_EFFORT_BESIDE_US = 90_000
-"""The same from rest, where the path may pass beside its points: there is more to choose."""
-
 NEWTON_STEP_US, ROW_US = 90, 0.032
 """A Newton step of `interior_point`, and each of its rows."""
 
 VERIFICATION_US, PIECE_US = 600, 2.5
 """The verification of a timing, and of each of its pieces."""
-
-REFINEMENT_STEP_US, REFINEMENT_ROW_US = 350, 0.28
-"""A step of `refinement`, and each of its rows."""
 
 OUTSET_US, ROUND_US = 2_500, 1_500
 """A path with its speed bounds; and what comes before and after the Newton steps."""

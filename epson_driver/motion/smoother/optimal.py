@@ -117,18 +117,6 @@ def propose(
     return None
 
 
-def spline_of(
-    problem: Problem, bounds: SpeedBounds, timing: TimeParametrisation, spacing: float
-) -> SpeedSpline | None:
-    """Return a spline, a little slower than a timing, with nodes that many s apart, or None."""
-    ramps = _ramps(problem, bounds, MAX_RAMP_TIME_S)
-    if ramps is None:
-        return None
-    times = np.linspace(0.0, timing.duration, max(2, round(2.0 * timing.duration / spacing)))
-    us, vs, _, _ = timing.sample(times)
-    return _spline(problem, us, vs, times, *ramps, spacing)
-
-
 def _ramps(problem: Problem, bounds: SpeedBounds, ramp_time: float) -> tuple[Ramp, Ramp] | None:
     """Return the ramps from the start (none if it moves) and to the end."""
     way = problem.end - problem.start[0]

@@ -14,9 +14,9 @@ import numpy as np
 
 from epson_driver.motion.limits import JointLimits
 from epson_driver.motion.point_to_point import go
-from epson_driver.motion.smoother import filtered, optimal, pause, refinement_policy, ruckig_move
+from epson_driver.motion.smoother import filtered, optimal, pause, ruckig_move
 from epson_driver.motion.smoother.commanded_times import problem_of, within_horizon
-from epson_driver.motion.smoother.effort import MAX_EFFORT_BESIDE_US, OUTSET_US, Effort
+from epson_driver.motion.smoother.effort import OUTSET_US, Effort
 from epson_driver.motion.smoother.path import Knots, Path, line, through
 from epson_driver.motion.smoother.problem import Problem
 from epson_driver.motion.smoother.request import Plan, Request
@@ -89,8 +89,6 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
             return Plan(request.start, way.knots, timing, 'straight')
     if at_rest and request.failures == 0:
         # no motion runs out of points meanwhile: what is simpler can wait for the next request
-        if request.tolerance > 0.0:
-            effort = Effort(MAX_EFFORT_BESIDE_US)
         before = effort.left
         found = _fresh(request, first, limits, effort, 1.0)
         if found is not None and not _crawls(request, found, limits):
@@ -160,22 +158,12 @@ def _fresh(
 ) -> Plan | None:
     """Return a plan as if there were none so far, by a share of the effort that is left."""
     fresh = effort.part(share)
-    onward, older = first, request.older
-    if refinement_policy.improves(request) and older is not None and len(older.u) > LEAST_OLDER:
-        # what was improved before is a better path to begin with than a new spline
-        onward = _path(request, older[:-1], limits)
-    path, problem, bounds = within_horizon(request, onward, limits, fresh)
-    near = refinement_policy.nearer(request, path, limits)
-    if near is not request:
-        path, problem, bounds = within_horizon(near, onward, limits, fresh)
+    path, problem, bounds = within_horizon(request, first, limits, fresh)
     timing = None
     if not _leaves_range(path, request.state[0], limits):
         timing = optimal.propose(problem, bounds)
     effort.back(fresh)
-    if timing is None:
-        return None
-    path, timing = refinement_policy.faster(request, problem, bounds, timing, effort)
-    return Plan(request.start, path.knots, timing, OPTIMAL)
+    return None if timing is None else Plan(request.start, path.knots, timing, OPTIMAL)
 
 
 def _branch(

@@ -29,8 +29,6 @@ class Request:
     reached: how many of the kept knots and points that plan goes to.
     failures: for how many requests in a row, just before, no plan was found; from rest, of those
     from there.
-    refine: whether the path between waypoints may be what takes the least time. tolerance: how far
-    beside the points it may pass then, rad (or m) in every joint; the last is met exactly.
     """
 
     start: float | None
@@ -48,8 +46,6 @@ class Request:
     whole: bool = False
     reached: int = 0
     failures: int = 0
-    refine: bool = False
-    tolerance: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

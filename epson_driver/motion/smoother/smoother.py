@@ -16,9 +16,6 @@ from epson_driver.motion.smoother.replanning import Planner, Replanning
 from epson_driver.motion.smoother.request import Plan, Request
 from epson_driver.motion.smoother.waypoints import Mode, Waypoints
 
-MAX_PATH_TOLERANCE = 0.5
-"""The most that a path may pass beside a waypoint, rad (or m) in every joint."""
-
 log = logging.getLogger(__name__)
 
 
@@ -33,16 +30,12 @@ class Smoother:
     Whatever happens to the stream, the arm comes to rest at the last point known, never beyond.
     Should what `step` is about to give out break a limit, the arm brakes from what it gave out
     last, all points are forgotten, an error is logged, and `violations` counts it: that is a
-    defect of this package. In TIME_OPTIMAL mode the path between waypoints that are far apart is
-    what takes the least time, unless `refine` is False: then it is the spline that it is in
-    TIME_PRESERVING mode. It may pass `path_tolerance` rad (or m) beside each waypoint, in every
-    joint, but for the first and the last; in both modes, where no point has a duration.
-    `violation` says what the last one was. A planner that raises has found
+    defect of this package. `violation` says what the last one was. A planner that raises has found
     no plan: the plan so far, which ends at rest, goes on, an error is logged, `planner_errors`
     counts it, and `planner_error` is the last one. `observer` is told of every change of what is
     executed.
-    Raises ValueError for a start that is not n finite numbers within the limits, or a tolerance
-    outside 0 … MAX_PATH_TOLERANCE.
+
+    Raises ValueError for a start that is not n finite numbers within the limits.
     """
 
     def __init__(
@@ -54,15 +47,8 @@ class Smoother:
         latency: float = 0.0,
         planner: Planner | None = plan,
         observer: Observer | None = None,
-        refine: bool = True,
-        path_tolerance: float = 0.0,
     ) -> None:
-        if not 0.0 <= path_tolerance <= MAX_PATH_TOLERANCE:  # NaN too
-            raise ValueError(
-                f'path_tolerance = {path_tolerance} rad: must be 0 … {MAX_PATH_TOLERANCE}'
-            )
-        refine = refine and (mode is Mode.TIME_OPTIMAL or path_tolerance > 0.0)
-        self._waypoints = Waypoints(limits, position, mode, refine, path_tolerance)
+        self._waypoints = Waypoints(limits, position, mode)
         self._execution = Execution(self._waypoints, observer)
         self._replanning = Replanning(self._waypoints, self._execution, planner, latency)
         self._guard = OutputGuard(self.motion)

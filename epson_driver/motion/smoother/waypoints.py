@@ -62,18 +62,9 @@ class Waypoints:
     that is not n finite numbers within the limits.
     """
 
-    def __init__(
-        self,
-        limits: JointLimits,
-        start: Array,
-        mode: Mode,
-        refine: bool = False,
-        tolerance: float = 0.0,
-    ) -> None:
+    def __init__(self, limits: JointLimits, start: Array, mode: Mode) -> None:
         self.limits = limits
         self.mode = mode
-        self.refine = refine
-        self.tolerance = tolerance
         start = self.checked(start, None, 'the start')
         self.origin = self.last = Waypoint(0, start, start)
         self.ahead: deque[Waypoint] = deque()

@@ -1,0 +1,121 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The fastest motion from rest to rest through waypoints that are all known.
+
+A spline through them and speeds along it that know nothing of the jerk are where `transcription`
+begins. What it finds is slowed down until it keeps each limit at every instant, and checked.
+"""
+
+from math import ceil
+
+import numpy as np
+
+from epson_driver.motion.joint_motion import JointMotion
+from epson_driver.motion.limits import Array, JointLimits
+from epson_driver.motion.smoother.path import Knots, Path, through
+from epson_driver.motion.smoother.problem import Problem as OnPath
+from epson_driver.motion.smoother.speed_bounds import SpeedBounds
+from epson_driver.motion.transcription import STEPS, Problem, Search
+
+MAX_SEARCH_STEPS = 100
+
+WAY_SHARE = 0.6
+"""Longest way between two knots, in A/J: a longer one between two waypoints has some in it."""
+
+BEND_RATIO, MIN_BEND = 1.5, 0.002
+"""How far from the straight way between two waypoints the motion may be, in any joint: so many
+times as far as the spline is, or so many rad (or m)."""
+
+NEIGHBOUR_SHARE = 0.25
+"""A waypoint is passed within this share of the way to its neighbours, whatever the tolerance: the
+motion must not leave the order of the points."""
+
+MAX_WAYS = 4000
+"""Of more, nothing is looked for: it would take minutes."""
+
+MAX_PATH_TOLERANCE = 0.5
+"""The most that a motion may pass beside a waypoint, rad (or m) in every joint."""
+
+_PLACES = np.linspace(0.0, 1.0, 17)
+
+
+def fastest(waypoints: Array, limits: JointLimits, tolerance: float = 0.0) -> JointMotion | None:
+    """Return the fastest motion that is found through waypoints, or None.
+
+    waypoints: shape (k, n), k ≥ 3, rad (or m), each apart from the one before. It passes them
+    exactly, or, but for the ends, within `tolerance` in every joint. All limits are kept at every
+    instant.
+    """
+    begin = np.zeros((1, waypoints.shape[1]))
+    path = through(
+        Knots(np.zeros(1), waypoints[:1], begin, begin), waypoints[1:], limits, False, True
+    )
+    profile = SpeedBounds(OnPath(path, (0.0, 0.0, 0.0), limits)).profile(0.0, 0.0)
+    times = np.interp(path.knots.u, profile.positions, profile.times)
+    longest = WAY_SHARE * float(np.max(limits.acceleration / limits.jerk))
+    parts = [ceil(way / longest) for way in np.maximum(np.diff(times), 2e-3).tolist()]
+    if sum(parts) > MAX_WAYS:
+        return None
+    way = np.repeat(np.arange(len(parts)), parts)
+    first = np.append(0, np.cumsum(parts))
+    moments = np.interp(np.arange(first[-1] + 1), first, times)
+    us = np.interp(moments, profile.times, profile.positions)
+    us[first] = path.knots.u
+    speeds = np.interp(moments, profile.times, profile.speeds)[:, None]
+    position, slope, bend, _ = path.sample(us)
+    velocity = np.clip(slope * speeds, -0.95 * limits.velocity, 0.95 * limits.velocity)
+    most = 0.9 * limits.acceleration
+    acceleration = np.clip(bend * speeds**2, -most, most)
+    position[first], velocity[[0, -1]], acceleration[[0, -1]] = waypoints, 0.0, 0.0
+    chords = np.diff(waypoints, axis=0)
+    bends = np.maximum(BEND_RATIO * _bends(path), MIN_BEND) + tolerance
+    beside = np.full(len(us), np.inf)
+    beside[first] = _tolerances(waypoints, limits, tolerance)
+    problem = Problem(limits, waypoints[way], chords[way], bends[way], beside)
+    knots = np.stack([position, velocity, acceleration], axis=2)
+    search = Search(problem, knots, np.maximum(np.diff(moments), 2e-3 / np.repeat(parts, parts)))
+    for _ in range(MAX_SEARCH_STEPS):
+        if not search.step():
+            return None
+        if search.converged:
+            return _slowed(waypoints[0], *search.found(), limits)
+    return None
+
+
+def _bends(path: Path) -> Array:
+    """Return how far each segment is from the straight way, in its farthest joint, shape (k,)."""
+    knots = path.knots
+    us = knots.u[:-1, None] + np.diff(knots.u)[:, None] * _PLACES
+    chords = np.diff(knots.position, axis=0)[:, None]
+    since = path.sample(us.ravel())[0].reshape(*us.shape, -1) - knots.position[:-1, None]
+    along = np.clip((since * chords).sum(axis=2) / (chords**2).sum(axis=2), 0.0, 1.0)
+    bends: Array = np.abs(since - along[:, :, None] * chords).max(axis=(1, 2))
+    return bends
+
+
+def _tolerances(waypoints: Array, limits: JointLimits, tolerance: float) -> Array:
+    """Return how far beside each waypoint the motion may pass, shape (k,): not at a border."""
+    lengths = np.abs(np.diff(waypoints, axis=0)).max(axis=1)
+    found = np.zeros(len(waypoints))
+    found[1:-1] = np.minimum(tolerance, NEIGHBOUR_SHARE * np.minimum(lengths[:-1], lengths[1:]))
+    room = np.minimum(waypoints - limits.position_min, limits.position_max - waypoints)
+    found[room.min(axis=1) < found] = 0.0
+    return found
+
+
+def _slowed(
+    start: Array, jerks: Array, durations: Array, limits: JointLimits
+) -> JointMotion | None:
+    """Return the motion of jerks, just so slow that each limit holds, or None if one never does.
+
+    jerks: shape (m, n, STEPS), rad/s³; durations: of the m ways, s.
+    """
+    n = len(start)
+    steps = np.tile(np.repeat(durations / STEPS, STEPS), (n, 1))
+    pieces = jerks.transpose(1, 0, 2).reshape(n, -1)
+    at_rest = (start, np.zeros(n), np.zeros(n))
+    motion = JointMotion(at_rest, steps, pieces)
+    velocity, acceleration, jerk = motion.uses(limits)
+    slower = max(1.0, velocity, acceleration**0.5, jerk ** (1.0 / 3.0))
+    motion = JointMotion(at_rest, slower * steps, pieces / slower**3)
+    return motion if motion.within(limits) else None

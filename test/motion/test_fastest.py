@@ -1,0 +1,208 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The fastest motion through waypoints that are all known, held against ipopt's.
+
+Invariant 2 of docs/invariants.md: every limit at every instant.
+"""
+
+from collections.abc import Iterator
+from itertools import pairwise, product
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from support.smoother_harness import ARM, SLOW
+
+from benchmark.baselines import stop_and_go
+from benchmark.exact_extrema import exact_extrema
+from benchmark.family_members import FAMILIES, LONG_FAMILIES, members
+from benchmark.limit_sets import FACTORS, limit_set
+from benchmark.references import References, digest
+from benchmark.trajectories import benchmark_set
+from epson_driver.motion import Array, JointLimits, Trajectory, smooth
+from epson_driver.motion.fastest import BEND_RATIO, MIN_BEND, fastest
+from epson_driver.motion.joint_motion import JointMotion
+from epson_driver.motion.passages import passages
+from epson_driver.motion.smoothed import smoothed
+from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode
+from epson_driver.motion.smoother.path import Knots, through
+
+pytestmark = pytest.mark.invariant(2)
+
+OPTIMUM_RATIO, WORST_RATIO = 1.004, 1.01
+"""How much longer than ipopt's motions may take, on average and at most."""
+
+ZIGZAG = np.random.default_rng(5).uniform(-1.2, 1.2, (7, 3))
+"""Points far apart in the middle of the slow arm's range."""
+
+
+def merged(positions: Array) -> Array:
+    """Return the points that count: each apart from the one before, and the last."""
+    kept = [positions[0]]
+    for position in positions[1:]:
+        if np.abs(position - kept[-1]).max() >= MERGE_TOLERANCE:
+            kept.append(position)
+    return np.array(kept)
+
+
+def assert_within(motion: JointMotion, limits: JointLimits, start: Array) -> None:
+    """Every limit, by the polynomials and without the package's own check."""
+    executed: Any = SimpleNamespace(executed=[(0.0, motion)], now=motion.duration, limits=limits)
+    found = exact_extrema(executed, start)
+    assert found.worst <= 1.0 + 1e-6
+    assert found.outside <= 1e-10
+    assert max(found.position_jump, found.velocity_jump, found.acceleration_jump) <= 1e-9
+
+
+def passes(motion: JointMotion, waypoints: Array) -> Array:
+    """Return how far from each waypoint a node is, in their order, shape (k,)."""
+    nodes = motion.states[0].T
+    missed: Array = np.abs(nodes[passages(waypoints, nodes)] - waypoints).max(axis=1)
+    return missed
+
+
+def cases() -> Iterator[tuple[str, Array, JointLimits, float]]:
+    references = References()
+    for name, trajectory in product(FACTORS, benchmark_set()):
+        limits = limit_set(name)
+        found = references[digest(trajectory.positions, limits)]
+        if 'ipopt' in found.opt_by:
+            yield f'{trajectory.name}-{name}', trajectory.positions, limits, found.opt
+
+
+CASES = {name: (positions, limits, best) for name, positions, limits, best in cases()}
+
+
+@pytest.mark.parametrize(
+    ('most', 'least'), [(60, 24), pytest.param(1000, 28, marks=pytest.mark.slow)]
+)
+def test_it_is_as_fast_as_the_optimum_of_another_solver(most: int, least: int) -> None:
+    ratios = []
+    for positions, limits, optimum in CASES.values():
+        if len(positions) > most:
+            continue
+        waypoints = merged(positions)
+        motion = fastest(waypoints, limits)
+        assert motion is not None
+        assert_within(motion, limits, waypoints[0])
+        assert passes(motion, waypoints).max() <= 1e-8
+        ratios.append(motion.duration / optimum)
+    assert len(ratios) >= least
+    assert np.exp(np.mean(np.log(ratios))) <= OPTIMUM_RATIO
+    assert max(ratios) <= WORST_RATIO
+
+
+@pytest.mark.parametrize(
+    'seeds', [range(31_000, 31_001), pytest.param(range(32_000, 32_010), marks=pytest.mark.slow)]
+)
+@pytest.mark.parametrize('family', [name for name in FAMILIES if name not in LONG_FAMILIES])
+def test_there_is_one_through_whatever_points(family: str, seeds: range) -> None:
+    for member in members(family, seeds):
+        waypoints = merged(member.positions)
+        motion = fastest(waypoints, member.limits)
+        assert motion is not None
+        assert_within(motion, member.limits, waypoints[0])
+        assert passes(motion, waypoints).max() <= 1e-8
+        assert motion.duration < stop_and_go(member.positions, member.limits).duration
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('family', [name for name in FAMILIES if name not in LONG_FAMILIES])
+def test_it_is_faster_than_on_the_spline(family: str) -> None:
+    for member in members(family, range(32_000, 32_003)):
+        every = Trajectory(
+            member.limits.names, np.arange(float(len(member.positions))), member.positions
+        )
+        free, spline = (
+            smoothed(every, member.limits, Mode.TIME_OPTIMAL, refine=refine)
+            for refine in (True, False)
+        )
+        assert free.duration < spline.duration
+
+
+def test_between_the_waypoints_it_bends_little_more_than_the_spline() -> None:
+    zeros = np.zeros((1, 3))
+    knots = Knots(np.zeros(1), ZIGZAG[:1], zeros, zeros)
+    spline = through(knots, ZIGZAG[1:], SLOW, False, True)
+    motion = fastest(ZIGZAG, SLOW)
+    assert motion is not None
+    nodes = motion.states[0].T
+    at = [int(np.abs(nodes - waypoint).max(axis=1).argmin()) for waypoint in ZIGZAG]
+    u = spline.knots.u
+    for i, (begin, end) in enumerate(pairwise(ZIGZAG)):
+
+        def farthest(places: Array, begin: Array = begin, chord: Array = end - begin) -> float:
+            along = np.clip((places - begin) @ chord / (chord @ chord), 0.0, 1.0)
+            return float(np.abs(places - begin - along[:, None] * chord).max())
+
+        allowed = farthest(spline.sample(np.linspace(u[i], u[i + 1], 201))[0])
+        bend = farthest(nodes[at[i] : at[i + 1] + 1])
+        assert bend <= 1.02 * max(BEND_RATIO * allowed, MIN_BEND)
+
+
+@pytest.mark.parametrize('name', ['around_pillar_fast_100ms-half', 'moveit_10_percent-half'])
+def test_the_more_it_may_pass_beside_the_points_the_faster_it_is(name: str) -> None:
+    positions, limits, _ = CASES[name]
+    waypoints, before = merged(positions), np.inf
+    for tolerance in (0.0, 0.002, 0.005, 0.01, 0.05, 0.2):
+        motion = fastest(waypoints, limits, tolerance)
+        assert motion is not None
+        assert_within(motion, limits, waypoints[0])
+        missed = passes(motion, waypoints)
+        assert missed.max() <= 1.01 * tolerance + 1e-8
+        assert max(missed[0], missed[-1]) <= 1e-8
+        assert motion.duration <= 1.002 * before
+        before = motion.duration
+
+
+def test_it_keeps_the_order_of_points_that_are_near_to_each_other() -> None:
+    points = np.concatenate([ZIGZAG[:3], ZIGZAG[2] + 0.002 * np.arange(1, 4)[:, None]])
+    motion = fastest(points, SLOW, 0.5)
+    assert motion is not None
+    near = np.abs(np.diff(points, axis=0)).max(axis=1)
+    allowed = 0.25 * np.minimum(near[:-1], near[1:])
+    assert np.all(passes(motion, points)[1:-1] <= 1.01 * allowed)
+
+
+def test_a_waypoint_on_the_border_of_the_range_is_met() -> None:
+    points = ZIGZAG.copy()
+    points[2, 0], points[4, 1] = SLOW.position_max[0], SLOW.position_min[1]
+    for tolerance in (0.0, 0.1):
+        motion = fastest(points, SLOW, tolerance)
+        assert motion is not None
+        assert_within(motion, SLOW, points[0])
+        assert passes(motion, points)[[2, 4]].max() <= 1e-8
+
+
+def test_four_corners_of_a_box_take_no_longer_than_with_stops() -> None:
+    square = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
+    for way in (0.002, 0.05, 0.8):
+        corners = 0.1 + way * square
+        motion = smooth(corners, SLOW)
+        stops = stop_and_go(corners, SLOW).duration
+        assert motion.duration <= stops + 0.004
+
+
+def test_where_none_is_found_the_motion_is_that_on_the_spline(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    spline = smooth(ZIGZAG, SLOW, refine=False)
+    assert smooth(ZIGZAG, SLOW).duration < spline.duration
+    monkeypatch.setattr('epson_driver.motion.fastest.MAX_WAYS', 5)
+    assert smooth(ZIGZAG, SLOW).positions.tolist() == spline.positions.tolist()
+
+
+def test_points_with_times_a_look_ahead_or_the_spline_leave_no_choice() -> None:
+    times = 0.9 * np.arange(len(ZIGZAG))
+    settings: list[dict[str, Any]] = [{'times': times}, {'look_ahead': 1.0}, {'refine': False}]
+    for given in settings:
+        assert smooth(ZIGZAG, SLOW, **given).duration > smooth(ZIGZAG, SLOW).duration
+        with pytest.raises(ValueError, match=r'path_tolerance = 0.01 rad: .* with a look-ahead'):
+            smooth(ZIGZAG, SLOW, path_tolerance=0.01, **given)
+
+
+@pytest.mark.parametrize('value', [-0.001, 0.51, float('nan'), float('inf')])
+def test_a_tolerance_that_is_wrong_is_refused(value: float) -> None:
+    with pytest.raises(ValueError, match=r'path_tolerance = .* rad: must be 0 … 0.5'):
+        smooth(np.zeros((3, 6)), ARM, path_tolerance=value)
