@@ -119,6 +119,8 @@ def _every(quantity: str, factor: float = 1.0) -> Callable[[Case], Iterator[Meas
         ]
         for name, metrics in runs:
             value = factor * float(getattr(metrics, quantity))
+            if quantity == 'step_p99' and not value:
+                continue  # a motion that is found at once has no steps
             yield Measured(value, f'{case.name}, {case.limits}, {name}')
 
     return values

@@ -17,10 +17,13 @@ from epson_driver.motion.smoother.problem import Problem as OnPath
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.transcription import STEPS, Problem, Search
 
-MAX_SEARCH_STEPS = 100
+MAX_SEARCH_STEPS = 160
 
 WAY_SHARE = 0.6
 """Longest way between two knots, in A/J: a longer one between two waypoints has some in it."""
+
+MIN_WAY_S = 2e-3
+"""No way is shorter to begin with, s."""
 
 BEND_RATIO, MIN_BEND = 1.5, 0.002
 """How far from the straight way between two waypoints the motion may be, in any joint: so many
@@ -53,7 +56,7 @@ def fastest(waypoints: Array, limits: JointLimits, tolerance: float = 0.0) -> Jo
     profile = SpeedBounds(OnPath(path, (0.0, 0.0, 0.0), limits)).profile(0.0, 0.0)
     times = np.interp(path.knots.u, profile.positions, profile.times)
     longest = WAY_SHARE * float(np.max(limits.acceleration / limits.jerk))
-    parts = [ceil(way / longest) for way in np.maximum(np.diff(times), 2e-3).tolist()]
+    parts = [ceil(max(way, MIN_WAY_S) / longest) for way in np.diff(times).tolist()]
     if sum(parts) > MAX_WAYS:
         return None
     way = np.repeat(np.arange(len(parts)), parts)
@@ -73,7 +76,7 @@ def fastest(waypoints: Array, limits: JointLimits, tolerance: float = 0.0) -> Jo
     beside[first] = _tolerances(waypoints, limits, tolerance)
     problem = Problem(limits, waypoints[way], chords[way], bends[way], beside)
     knots = np.stack([position, velocity, acceleration], axis=2)
-    search = Search(problem, knots, np.maximum(np.diff(moments), 2e-3 / np.repeat(parts, parts)))
+    search = Search(problem, knots, np.maximum(np.diff(moments), MIN_WAY_S))
     for _ in range(MAX_SEARCH_STEPS):
         if not search.step():
             return None

@@ -33,8 +33,8 @@ STEPS = 4
 VELOCITY_SHARE = 0.9995
 """Of the limit at nodes, as the velocity may bulge between them."""
 
-MIN_WAY_S = 2e-3
-"""No way is shorter, s, than this or half of what it was at first."""
+LEAST_SHARE = 0.25
+"""No way is shorter than so much of what it was at first."""
 
 FIRST_JERK_SHARE = 0.9
 """Of the limit: the most in the jerks to begin with."""
@@ -130,7 +130,7 @@ class Search:
         self._first = self.duration
         self._a, self._j = limits.acceleration / scale, limits.jerk / scale
         self._start, self._chord = problem.start / scale, problem.chord / scale
-        self._least = np.minimum(MIN_WAY_S, durations / 2.0)
+        self._least = LEAST_SHARE * durations
         low, high = limits.position_min / scale, limits.position_max / scale
         bend = problem.bend[:, None] / scale
         ends = np.stack([self._start, self._start + self._chord])
