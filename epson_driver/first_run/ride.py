@@ -32,6 +32,8 @@ from epson_driver.simple_message import (
 MOVED = 5e-4
 """An arm that is so far from where it was, rad or m, has moved."""
 
+CBRT_MOVED = float(np.cbrt(MOVED))
+
 REST_S = 0.5
 """An arm that has not moved for so long rests, s."""
 
@@ -74,23 +76,23 @@ class Ride:
 
     @property
     def begin(self) -> float | None:
-        """When the arm had moved, between two joint states by interpolation, or None."""
-        away = np.abs(self.positions - self.positions[0]).max(axis=1)
-        moved = np.flatnonzero(away > MOVED)
+        """When the arm had moved, or None: with constant jerk the cube root of a way is linear."""
+        away = np.cbrt(np.abs(self.positions - self.positions[0]).max(axis=1))
+        moved = np.flatnonzero(away > CBRT_MOVED)
         if not moved.size:
             return None
         pair = slice(moved[0] - 1, moved[0] + 1)
-        return float(np.interp(MOVED, away[pair], self.times[pair]))
+        return float(np.interp(CBRT_MOVED, away[pair], self.times[pair]))
 
     @property
     def end(self) -> float:
-        """When the arm was last away from where it came to rest, by interpolation too."""
-        away = np.abs(self.positions - self.positions[-1]).max(axis=1)
-        moved = np.flatnonzero(away > MOVED)
+        """When the arm was last away from where it came to rest, in the same way."""
+        away = np.cbrt(np.abs(self.positions - self.positions[-1]).max(axis=1))
+        moved = np.flatnonzero(away > CBRT_MOVED)
         if not moved.size:
             return float(self.times[0])
         pair = slice(moved[-1], moved[-1] + 2)
-        return float(np.interp(-MOVED, -away[pair], self.times[pair]))
+        return float(np.interp(-CBRT_MOVED, -away[pair], self.times[pair]))
 
     @property
     def moved(self) -> Array:

@@ -200,17 +200,14 @@ class Panel:
             self._ended.wait(max(0.005, period - (time.monotonic() - now)))
 
     def _show(self, windows: list[Window], new: set[int], now: float, texts: bool) -> None:
-        all_of_it: dict[str, str] = {}
+        views = list(self._views.values())
+        alarms = [
+            (f'{each.label}: ' * (len(views) > 1), each.control.stop_alarm) for each in views
+        ]
+        all_of_it = {'alarms': text_of([name + alarm for name, alarm in alarms if alarm])}
         if texts or new:
-            views = list(self._views.values())
-            alarms = [
-                (f'{each.label}: ' * (len(views) > 1), each.control.stop_alarm) for each in views
-            ]
-            all_of_it = {
-                'robots': text_of([each.summary(now) for each in views]),
-                'alarms': text_of([name + alarm for name, alarm in alarms if alarm]),
-                'pendant': PENDANT_PART,
-            }
+            all_of_it['robots'] = text_of([each.summary(now) for each in views])
+            all_of_it['pendant'] = PENDANT_PART
         all_of_it['beat'] = text_of(self._beat)
         shown: dict[str, dict[str, str]] = {}
         for window in windows:

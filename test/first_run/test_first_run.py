@@ -281,7 +281,8 @@ TIMED = ['listen', 'questions', 'joint 1', 'STOP', 'points', 'E-stop', 'door']
         {'profile': simpler(motion={'look_ahead_points': 5})},
         {'profile': simpler(motion={'look_ahead': 0.3})},
         {'smooth': False},
-        {'faults': ['delay:seconds=0.1,port=motion']},
+        # at a multiple of a cycle of 4 ms a point would come before it or after it by chance
+        {'faults': ['delay:seconds=0.102,port=motion']},
         {'faults': ['delay:seconds=0.06,port=state']},
     ],
     ids=['usual', 'points ahead', 'time ahead', 'rests', 'late replies', 'late state'],
