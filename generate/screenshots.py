@@ -135,9 +135,9 @@ def _panel(page: Any, remote_port: int) -> None:
     page.wait_for_selector('[data-lamp="Arm gate"][data-colour="good"]')
     button('Execute').click()
     page.wait_for_timeout(1e3 * TAKEN_S)
-    # not where a busy machine has let the driver hang
-    page.wait_for_selector('[data-lamp="Motion"][data-colour="good"]', timeout=1e3)
     save(page, 'panel_motion.webp')
+    # on a busy machine the driver hangs, or the page while it is drawn: then take it again
+    page.wait_for_selector('.armed [data-lamp="Motion"][data-colour="good"]', timeout=1e3)
     press = [*COMMAND, 'pendant', f'--port={remote_port}', 'estop', 'press']
     subprocess.run(press, check=True, capture_output=True)
     page.wait_for_selector('[data-lamp="E-stop"][data-colour="bad"]')
