@@ -40,7 +40,7 @@ help:
 	@echo "make test          run the tests (some of them: make test ARGS=test/driver)"
 	@echo "make browser       install what drives Debian's chromium in tests of the panel, which are skipped without"
 	@echo "make test-all      run the slow tests as well (half an hour)"
-	@echo "make test-rest     run what test-all adds to test: the slow tests, and more examples (twenty minutes)"
+	@echo "make test-rest     run what test-all adds to test: whole processes, slow tests, more examples (half an hour)"
 	@echo "make coverage      report which statements the tests run (with the slow tests: ARGS=all)"
 	@echo "make lint          run ruff, mypy and codespell"
 	@echo "make docs          build the documentation as a site that needs no network (build/site/index.html)"

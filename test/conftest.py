@@ -45,9 +45,26 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
     return True
 
 
+WHOLE_PROCESSES = {
+    'system',
+    'test_panel_process.py',
+    'test_sim_controller.py',
+    'test_sim_crowds.py',
+}
+"""Where tests start nodes and controllers as processes."""
+
+
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the files whose tests wait for processes: the others fill the time."""
-    items.sort(key=lambda item: 'system' not in item.path.parts)
+    """Begin with tests of whole processes; those not marked `quick` are left to the slow ones."""
+
+    def whole(item: pytest.Item) -> bool:
+        return not WHOLE_PROCESSES.isdisjoint(item.path.parts)
+
+    items.sort(key=lambda item: not whole(item))
+    for item in items:
+        if whole(item) and item.get_closest_marker('quick') is None:
+            item.add_marker(pytest.mark.slow)
 
 
 @pytest.fixture(scope='session', autouse=True)

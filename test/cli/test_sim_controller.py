@@ -86,6 +86,7 @@ def test_a_signal_ends_it_with_0_while_clients_are_connected_and_the_arm_moves(
     assert not any(map(running, planners))
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize(
     'arguments', [['--start', '-1.5,0.25,0,0,-0.5,6'], ['--start=-1.5,0.25,0,0,-0.5,6']]
 )
@@ -104,6 +105,7 @@ def test_big_endian_and_another_period(start):
         assert receive(sock, 16) == bytes.fromhex('00000038 0000000a 00000001 00000000')
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize('motion', ['smooth', 'ptp'])
 def test_a_killed_client_stops_the_arm_and_a_new_one_can_go_on(start, motion):
     _, ports = start('--motion', motion)
@@ -173,6 +175,7 @@ def test_a_log_that_nobody_reads_stops_nothing(start):
     assert process.wait(timeout=120) == 0
 
 
+@pytest.mark.quick
 def test_a_port_in_use_is_named(start):
     _, ports = start()
     arguments = list(FREE)
@@ -185,6 +188,7 @@ def test_a_port_in_use_is_named(start):
     assert 'Traceback' not in result.stderr
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize(
     ('arguments', 'text'),
     [
@@ -236,6 +240,7 @@ def test_wrong_arguments_end_with_2_and_a_reason(arguments, text):
     assert 'Traceback' not in result.stderr
 
 
+@pytest.mark.quick
 def test_a_robot_with_too_many_joints_is_refused_with_the_limit(tmp_path):
     result = run(*FREE, '--robot', str(arm_file(tmp_path, 11)))
     assert result.returncode == 2
@@ -253,6 +258,7 @@ def test_a_fault_and_a_look_ahead_from_the_start(start):
     assert process.wait(60) == 0
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize(
     ('words', 'said'),
     [

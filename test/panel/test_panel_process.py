@@ -102,6 +102,7 @@ def test_an_estop_turns_the_lamp_and_says_what_to_do(cell: Cell, panel: PanelPro
         cell.pendant('continue')
 
 
+@pytest.mark.quick
 @pytest.mark.invariant(1)
 def test_nothing_moves_until_the_window_is_armed(cell: Cell, panel: PanelProcess) -> None:
     cell.peer.enable()
@@ -139,6 +140,7 @@ def test_any_window_stops_the_arm_at_once(cell: Cell, panel: PanelProcess) -> No
     back(cell)
 
 
+@pytest.mark.quick
 @pytest.mark.invariant(3)
 def test_a_window_that_is_gone_takes_its_goal_with_it(cell: Cell, panel: PanelProcess) -> None:
     moving(cell, panel).close()
@@ -301,6 +303,7 @@ def run(*arguments: str, before: str = '') -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.quick
 def test_a_taken_port_is_an_error_with_a_sentence(panel: PanelProcess) -> None:
     found = run(f'--port={panel.port}')
     assert found.returncode == 1
@@ -309,6 +312,7 @@ def test_a_taken_port_is_an_error_with_a_sentence(panel: PanelProcess) -> None:
     assert 'Traceback' not in found.stderr
 
 
+@pytest.mark.quick
 def test_without_the_extra_it_says_how_to_get_it() -> None:
     found = run(before='sys.modules["websockets"] = None')
     assert found.returncode == 1
@@ -316,6 +320,7 @@ def test_without_the_extra_it_says_how_to_get_it() -> None:
     assert 'make demo ARGS=--panel' in found.stderr
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize(
     ('arguments', 'said'),
     [

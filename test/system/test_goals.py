@@ -39,6 +39,7 @@ def there_and_back() -> Any:
     return trajectory((0.0, START), (0.3, A), (0.6, START))
 
 
+@pytest.mark.quick
 @pytest.mark.invariant(5)
 def test_goal_is_executed_and_reported(shared_cell: Cell) -> None:
     peer = shared_cell.peer
@@ -64,6 +65,7 @@ def test_goal_is_executed_and_reported(shared_cell: Cell) -> None:
     assert peer.controller_states[0].joint_names == JOINTS
 
 
+@pytest.mark.quick
 def test_joint_names_in_any_order(shared_cell: Cell) -> None:
     order = [3, 0, 5, 1, 4, 2]
     message = trajectory(
@@ -77,6 +79,7 @@ def test_joint_names_in_any_order(shared_cell: Cell) -> None:
     assert shared_cell.peer.goal(back).result()[0] == 'succeeded'
 
 
+@pytest.mark.quick
 @pytest.mark.invariant(8)
 def test_invariant_8_measured_values_reach_ros_unchanged(shared_cell: Cell) -> None:
     if shared_cell.spel:
@@ -92,6 +95,7 @@ def test_invariant_8_measured_values_reach_ros_unchanged(shared_cell: Cell) -> N
     assert state.header.stamp.sec > 0
 
 
+@pytest.mark.quick
 def test_trajectory_topic_executes_and_an_empty_one_stops(shared_cell: Cell) -> None:
     peer = shared_cell.peer
     peer.trajectory_topic.publish(trajectory((0.0, START), (0.3, A)))
@@ -247,6 +251,7 @@ def test_goal_time_tolerance_ends_a_late_goal(shared_cell: Cell) -> None:
     assert peer.goal(trajectory((1.0, START))).result()[0] == 'succeeded'
 
 
+@pytest.mark.quick
 def test_cancel_brings_the_arm_to_rest_first(shared_cell: Cell) -> None:
     peer = shared_cell.peer
     goal = peer.goal(trajectory((0.0, START), (LASTS, FAR)))
@@ -259,6 +264,7 @@ def test_cancel_brings_the_arm_to_rest_first(shared_cell: Cell) -> None:
     assert peer.goal(trajectory((0.0, position.tolist()), (0.5, START))).result()[0] == 'succeeded'
 
 
+@pytest.mark.quick
 def test_replacement_stops_the_old_goal_and_runs_the_new_one(shared_cell: Cell) -> None:
     peer = shared_cell.peer
     old = peer.goal(trajectory((0.0, START), (LASTS, FAR)))
@@ -281,6 +287,7 @@ def test_invalid_replacement_leaves_the_running_goal_alone(shared_cell: Cell) ->
     assert peer.goal(trajectory((0.5, START))).result()[0] == 'succeeded'
 
 
+@pytest.mark.quick
 def test_stop_service_ends_the_goal_at_rest(shared_cell: Cell) -> None:
     peer = shared_cell.peer
     goal = peer.goal(trajectory((0.0, START), (LASTS, FAR)))

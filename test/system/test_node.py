@@ -29,6 +29,7 @@ PLAIN = ('--motion=ptp', '--state-period=0.02')
 """A controller without a planner, where it does not matter how it moves."""
 
 
+@pytest.mark.quick
 def test_rates_and_fields(shared_cell: Cell) -> None:
     """Thesis requirement 1: joint_states at 1 Hz at least. Here every state message is one."""
     peer = shared_cell.peer
@@ -50,6 +51,7 @@ def test_rates_and_fields(shared_cell: Cell) -> None:
     assert list(newest.error_codes) == []
 
 
+@pytest.mark.quick
 def test_diagnostics(shared_cell: Cell) -> None:
     peer = shared_cell.peer
     seen = len(peer.diagnostics)

@@ -63,6 +63,7 @@ def assert_works_after_enable(cell: Cell) -> None:
     assert ended == 'succeeded', text
 
 
+@pytest.mark.quick
 @pytest.mark.invariant(4)
 def test_invariant_4_nothing_moves_before_the_first_enable(cell: Cell) -> None:
     """This one is the first of the file: the cell is as it was started."""
@@ -72,6 +73,7 @@ def test_invariant_4_nothing_moves_before_the_first_enable(cell: Cell) -> None:
     assert_works_after_enable(cell)
 
 
+@pytest.mark.quick
 def test_estop_in_mid_motion(cell: Cell) -> None:
     peer = enabled_at_start(cell)
     goal = peer.goal(far_away())
@@ -124,6 +126,7 @@ def test_disable_stops_and_switches_the_motors_off(cell: Cell) -> None:
     assert_disabled(cell, 'disabled on request')
 
 
+@pytest.mark.quick
 @pytest.mark.invariant(6)
 def test_controller_killed_in_mid_motion_and_restarted(cell: Cell) -> None:
     peer = enabled_at_start(cell)
@@ -154,6 +157,7 @@ def test_controller_killed_in_mid_motion_and_restarted(cell: Cell) -> None:
     assert_works_after_enable(cell)
 
 
+@pytest.mark.quick
 def test_client_killed_in_mid_motion_and_restarted(cell: Cell) -> None:
     peer = enabled_at_start(cell)
     peer.goal(far_away())
