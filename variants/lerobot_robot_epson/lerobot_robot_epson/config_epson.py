@@ -29,7 +29,7 @@ class EpsonArm:
     start: list[float] | None = None
     speed: float = 0.06
     acceleration: float = 0.5
-    timeout: float = 0.08
+    timeout: float = 0.07
     trace_file: str | None = None
 
     def make_arm(self) -> Arm:

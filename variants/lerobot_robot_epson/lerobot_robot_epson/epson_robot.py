@@ -18,7 +18,7 @@ BEGIN_S = 0.005
 """What the first action of a stream may do, s: a stream begins where the arm is."""
 
 RISE_S = 0.2
-"""From rest to full speed it takes so long, s: what is torn to and fro hardly moves."""
+"""From rest to full speed, and back, it takes so long, s: what is torn to and fro hardly moves."""
 
 REST_S = 0.3
 """After so long without an action the arm rests, s, and the next one begins a stream."""
@@ -75,11 +75,14 @@ class EpsonRobot(EpsonDevice, Robot):
         step = min(now - self._heard, LONGEST_STEP_S)
         if now - self._heard > REST_S:
             self._target, self._velocity, step = self.arm.joints, 0.0 * wanted, BEGIN_S
-        way = np.clip(wanted, self.limits.position_min, self.limits.position_max) - self._target
-        so_far = np.maximum(np.sign(way) * self._velocity, 0.0)
-        fastest = np.minimum(so_far + self.fastest * step / RISE_S, self.fastest)
-        way /= max(float(np.max(np.abs(way) / (fastest * step))), 1.0)
-        self._velocity, target = way / step, self._target + way
+        low, high = self.limits.position_min, self.limits.position_max
+        way = np.clip(wanted, low, high) - self._target
+        slower = self.fastest * step / RISE_S  # so much in this step
+        stoppable = (np.sqrt(slower**2 + 8.0 * slower * np.abs(way) / step) - slower) / 2.0
+        fastest = np.minimum(self.fastest, stoppable) + 1e-12
+        turn = way / step / max(np.max(np.abs(way) / (fastest * step)), 1.0) - self._velocity
+        self._velocity = self._velocity + turn / max(np.max(np.abs(turn) / slower), 1.0)
+        target = np.clip(self._target + self._velocity * step, low, high)
         self.arm.servo(target, np.zeros(len(target)))  # to rest there, not to be led beyond it
         self._target, self._heard = target, now
         return self._named(target)
