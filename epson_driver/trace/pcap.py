@@ -253,6 +253,8 @@ def _segment(packet: bytes, time: float) -> Segment | None:
         protocol, fragment = packet[9], int.from_bytes(packet[6:8]) & 0x3FFF
         end = int.from_bytes(packet[2:4]) or len(packet)  # 0: offloaded, as long as it is
         source, target = packet[12:16], packet[16:20]
+        if any(packet[10:12]) and _sum(packet[:header]):
+            return None  # its checksum tells of damage; 0: offloaded
     elif packet[0] >> 4 == 6 and len(packet) >= _IPV6.size:
         header, protocol, fragment = _IPV6.size, packet[6], 0
         end = header + (int.from_bytes(packet[4:6]) or len(packet) - header)

@@ -166,6 +166,22 @@ def test_of_a_damaged_trace_what_comes_before_the_damage_is_shown_and_the_rest_t
     assert 'is missing here' in run.notes[0]
 
 
+def test_a_damaged_address_is_no_other_controller(tmp_path):
+    damaged = bytearray(usual_run().content())
+    position = 24
+    while position < len(damaged):
+        length = struct.unpack_from('<I', damaged, position + 8)[0]
+        if position > len(damaged) // 2:
+            damaged[position + 16 + 14 + 16] ^= 4  # the first byte of where it goes
+        position += 16 + length
+    path = tmp_path / 'damaged.pcap'
+    path.write_bytes(damaged)
+    run = read_trace(path, LIMITS, TEXTS)
+    full = read(usual_run(), tmp_path)
+    assert 0 < len(run.times) <= len(full.times)
+    assert np.array_equal(run.positions, full.positions[: len(run.times)])
+
+
 @pytest.mark.parametrize('share', [0.25, 0.5, 0.9])
 def test_a_trace_that_ends_in_the_middle_ends_the_run_there(tmp_path, share):
     whole = usual_run().content()
