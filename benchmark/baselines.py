@@ -11,7 +11,7 @@ import numpy as np
 from epson_driver.motion import Array, JointLimits, Trajectory, go
 from epson_driver.motion.interpolation import central_differences
 from epson_driver.motion.motion_figures import Figures, measure
-from epson_driver.motion.smoothed import every, smoothed
+from epson_driver.motion.stoppable import StoppableMotion
 from epson_driver.report.smooth_study import spline
 
 
@@ -37,8 +37,8 @@ def quintic(plan: Trajectory, _: JointLimits) -> Trajectory:
 
 
 def handed_on(plan: Trajectory, limits: JointLimits) -> Trajectory:
-    """Return what smooth_goals hands on instead, points 8 ms apart."""
-    return every(smoothed(plan, limits, refine=False), 2)
+    """Return what smooth_goals hands on instead, points at most 8 ms apart."""
+    return StoppableMotion(plan, limits).points(0.008)
 
 
 SPLINES: dict[str, Callable[[Trajectory, JointLimits], Trajectory]] = {

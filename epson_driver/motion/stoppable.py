@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from epson_driver.motion.executed import Executed
 from epson_driver.motion.limits import JointLimits
 from epson_driver.motion.smoothed import MAX_STEP_S, smoothed
 from epson_driver.motion.smoother import Mode, Plan, Request, Smoother, plan
@@ -48,22 +49,32 @@ class StoppableMotion:
             return plans[-1]
 
         try:
-            self.motion = smoothed(trajectory, limits, mode, planner=planned, refine=False)
+            trajectory = trajectory.in_order(limits.names)
+            self._executed = Executed(trajectory.positions[0])
+            self.motion = smoothed(
+                trajectory, limits, mode, planner=planned, refine=False, observer=self._executed
+            )
         except _GivenUp:
             raise GivenUpError('the motion is not needed any more') from None
-        trajectory = trajectory.in_order(limits.names)
         again = iter(plans)
+        self._left = Executed(trajectory.positions[0])
         self._smoother = Smoother(
             limits,
             trajectory.positions[0],
             mode,
             planner=lambda *_: next(again, None),
+            observer=self._left,
         )
         durations = np.diff(trajectory.times, prepend=trajectory.times[0])
         for point, duration in zip(trajectory.positions, durations.tolist(), strict=True):
             self._smoother.append(point, duration)
         self._smoother.finish()
         self._steps = 0
+
+    def points(self, longest: float) -> Trajectory:
+        """Return the motion as points from 0 s on, at most `longest` s apart: see `Executed`."""
+        times = self.motion.times
+        return self._executed.points(self.motion.joint_names, float(times[-1] - times[0]), longest)
 
     def follow(self, time: float) -> None:
         """Be ready for stops that begin `time` s after the beginning of the motion, or later."""
@@ -72,10 +83,11 @@ class StoppableMotion:
             self._smoother.step(MAX_STEP_S)
             self._steps += 1
 
-    def stopped(self, time: float) -> Trajectory:
+    def stopped(self, time: float, longest: float) -> Trajectory:
         """Return the motion until `time`, s, or up to MAX_STEP_S earlier, and its stop from there.
 
-        Once, and not before what `follow` was told. Raises ValueError if that cannot be said.
+        As `points` has it. Once, and not before what `follow` was told. Raises ValueError if that
+        cannot be said.
         """
         self.follow(time)
         smoother, motion, steps = self._smoother, self.motion, self._steps
@@ -85,16 +97,8 @@ class StoppableMotion:
                 f'no stop at {time:g} s: the motion is {apart:g} rad or m from itself'
             )
         smoother.stop()
-        states = [smoother.motion]
         while smoother.moving:
-            states.append(smoother.step(MAX_STEP_S))
+            smoother.step(MAX_STEP_S)
         if smoother.violation is not None:
             raise ValueError(f'the stop breaks a limit: {smoother.violation}')
-        times = motion.times[0] + MAX_STEP_S * np.arange(steps + len(states))
-        kept = (motion.positions, motion.velocities, motion.accelerations)
-        rows = [
-            np.array([*former[:steps], *then])
-            for former, then in zip(kept, zip(*states, strict=True), strict=True)
-            if former is not None
-        ]
-        return Trajectory(motion.joint_names, times, *rows)
+        return self._left.points(motion.joint_names, smoother.now, longest)

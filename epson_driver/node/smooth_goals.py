@@ -42,7 +42,7 @@ from epson_driver.driver.tasks import report_error
 from epson_driver.inputs import InputError
 from epson_driver.motion import Array, JointLimits, Trajectory, problems
 from epson_driver.motion.interpolation import Interpolation
-from epson_driver.motion.smoothed import MAX_STEP_S, every
+from epson_driver.motion.smoothed import MAX_STEP_S
 from epson_driver.motion.smoother import Mode
 from epson_driver.motion.stoppable import StoppableMotion
 from epson_driver.node import messages
@@ -93,7 +93,14 @@ TABLE = (
         'limits ask for it; time_optimal: as fast as they allow.',
         choices=('as_planned', 'time_optimal'),
     ),
-    Row('period', 0.008, 'Time between two points that are handed on [s].', 0.004, 1.0),
+    Row(
+        'period',
+        0.008,
+        'Longest time between two points that are handed on [s]; there are more wherever the jerk '
+        'jumps.',
+        0.001,
+        1.0,
+    ),
     Row(
         'stops',
         'auto',
@@ -240,7 +247,6 @@ class SmoothGoals:
         self._described: Rows = {}
         self._filed = file_limits(values['limits_file']) if values['limits_file'] else {}
         self._assumed: set[str] = set()
-        self._parts = max(round(values['period'] / MAX_STEP_S), 1)
         self._goals: list[PassedGoal] = []
         self._last: asyncio.Task[None] | None = None
         self._ending: Outcome | None = None
@@ -384,7 +390,7 @@ class SmoothGoals:
         moved = np.abs(self._arm.of(names, late)[0] - start).max()
         if moved > tolerance:
             raise _rejected(f'the arm moved by {moved:.3g} while the goal was planned')
-        driven = Driven(goal, motion, every(motion.motion, self._parts))
+        driven = Driven(goal, motion, motion.points(self._parameters['period']))
         request = _request(goal.request, _goal_time(goal, motion.motion.duration))
         sent = await self._send(driven, driven.points, request)
         return await self._watched(driven, sent, duration_in_s(request.goal_time_tolerance))
@@ -472,18 +478,18 @@ class SmoothGoals:
             await asyncio.wait_for(driven.known.wait(), FEEDBACK_WITHIN_S)
         if (passed := driven.passed()) is None:
             return None
-        values, step, began = self._parameters, self._parts * MAX_STEP_S, self._loop.time()
-        at = ceil((passed + values['lead']) / step) * step
+        values, began = self._parameters, self._loop.time()
+        at = ceil((passed + values['lead']) / MAX_STEP_S) * MAX_STEP_S
         patience = values['reply_timeout'] + 2.0 * values['lead']
         if at >= driven.points.duration:  # it comes to rest by itself, as soon
             done, _ = await asyncio.wait({sent.result}, timeout=patience)
             return 'it had come to its end' if done else None
         try:
-            stop = every(driven.motion.stopped(at), self._parts)
+            stop = driven.motion.stopped(at, values['period'])
         except ValueError as error:
             self._logger.error(f'no smooth stop: {error}')
             return None
-        first = max(int(passed / step) - 2, 0)
+        first = max(int(stop.times.searchsorted(passed)) - 2, 0)
         rest = Trajectory(
             stop.joint_names,
             *(

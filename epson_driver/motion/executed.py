@@ -1,0 +1,98 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A smoother's motion as points between which quintics are that motion, jerk and all.
+
+A quintic over an instant at which the jerk jumps needs up to 1.8 times that jerk. So there is a
+point at each such instant: where the timing of a plan or a joint's motion has a breakpoint, and
+where a path passes a knot.
+"""
+
+from itertools import pairwise
+
+import numpy as np
+
+from epson_driver.motion.joint_motion import JointMotion, State
+from epson_driver.motion.limits import Array
+from epson_driver.motion.smoother.active_plan import ActivePlan
+from epson_driver.motion.trajectory import Trajectory
+
+MIN_APART_S = 1e-4
+"""Of instants that are nearer to each other only one counts, s."""
+
+BISECTIONS = 50
+"""For the passage of a knot, to rounding."""
+
+
+class Executed:
+    """What a smoother executes from rest at a position on: its observer."""
+
+    def __init__(self, position: Array) -> None:
+        self._begins = [0.0]
+        self._pieces: list[ActivePlan | JointMotion | None] = [None]
+        self._rests = [position]
+
+    def __call__(self, now: float, what: ActivePlan | JointMotion | None) -> None:
+        """Take what is executed from `now` s on."""
+        before, rest = self._pieces[-1], self._rests[-1]
+        if what is None and before is not None:
+            rest = _end_of(before)
+        self._begins.append(now)
+        self._pieces.append(what)
+        self._rests.append(rest)
+
+    def points(self, names: tuple[str, ...], end: float, longest: float) -> Trajectory:
+        """Return the motion until `end`, s, when it has come to rest.
+
+        longest: the most time between two points, s.
+        """
+        ends = [*self._begins[1:], end]
+        instants = [np.array(self._begins)]
+        for begin, until, what in zip(self._begins, ends, self._pieces, strict=True):
+            inside = _breakpoints(what, begin)
+            instants.append(inside[(inside > begin) & (inside < until)])
+        kept = [0.0]
+        for instant in np.unique(np.concatenate(instants)).tolist():
+            if instant - kept[-1] >= MIN_APART_S and end - instant >= MIN_APART_S:
+                kept.append(instant)
+        times = [0.0]
+        for begin, until in pairwise([*kept, end]):
+            parts = int(np.ceil((until - begin) / longest - 1e-9))
+            times.extend(np.linspace(begin, until, parts + 1)[1:].tolist())
+        states = [self._state(time) for time in times]
+        return Trajectory(names, np.array(times), *map(np.array, zip(*states, strict=True)))
+
+    def _state(self, time: float) -> State:
+        index = int(np.searchsorted(self._begins, time, side='right')) - 1
+        what, begin = self._pieces[index], self._begins[index]
+        if isinstance(what, JointMotion):
+            return what.at(time - begin)
+        if what is not None:
+            u, v, a = what.timing.at(time - what.begin)
+            position, first, second = what.path.at(u)
+            return position, first * v, first * a + second * (v * v)
+        zeros = np.zeros_like(self._rests[index])
+        return self._rests[index], zeros, zeros
+
+
+def _end_of(what: ActivePlan | JointMotion) -> Array:
+    """Return where it rests in the end, shape (n,)."""
+    if isinstance(what, JointMotion):
+        return what.end
+    return what.path.at(what.timing.end)[0]
+
+
+def _breakpoints(what: ActivePlan | JointMotion | None, begin: float) -> Array:
+    """Return when the jerk of what is executed may jump, s."""
+    if isinstance(what, JointMotion):
+        return begin + np.asarray(what.times.ravel())
+    if what is None:
+        return np.zeros(0)
+    timing, knots = what.timing, what.path.knots.u
+    knots = knots[(knots > timing.positions[0]) & (knots < timing.end)]
+    piece = np.clip(timing.positions.searchsorted(knots) - 1, 0, len(timing.jerks) - 1)
+    low, high = timing.times[piece], timing.times[piece + 1]
+    for _ in range(BISECTIONS):  # u rises
+        middle = (low + high) / 2.0
+        before = timing.sample(middle)[0] < knots
+        low, high = np.where(before, middle, low), np.where(before, high, middle)
+    return what.begin + np.concatenate([timing.times, high])
