@@ -8,6 +8,7 @@ instructions of their own: they may wait. Both sides of And and Or are always wo
 
 import re
 from collections.abc import Callable, Sequence
+from math import inf
 from typing import NamedTuple
 
 from epson_driver.spel.code import Variable
@@ -103,12 +104,15 @@ class Expressions:
 
     def ranged(self, name: str, key: str, place: int, given: Expression, code: str) -> str:
         """Return the code of a number that must be in its range, if it is not known to be."""
-        if limits(key, place) is None or code.startswith("'"):  # a task's function
+        ends = limits(key, place)
+        if ends is None or code.startswith("'"):  # a task's function
             return code
         fixed = constant(given, self.scope.constants)
         if isinstance(fixed, int | float) and not outside(key, place, fixed):
             return code
-        return f'RANGED({name!r}, {key!r}, {place}, {code})'
+        number, (low, high) = self.temporary(), ends
+        within = f'{low} <= ({number} := {code})' + (f' <= {high}' if high < inf else '')
+        return f'({number} if {within} else REFUSE({name!r}, {key!r}, {place}, {number}))'
 
     def string(self, expression: Expression) -> str:
         """Return the code of a string."""

@@ -26,7 +26,7 @@ from epson_driver.spel.library import VALUE_FUNCTIONS, power, remainder
 from epson_driver.spel.point_actions import POINT_FUNCTIONS, POINT_STATEMENTS
 from epson_driver.spel.ports import NET_STATEMENTS
 from epson_driver.spel.project import command
-from epson_driver.spel.ranges import ranged
+from epson_driver.spel.ranges import refuse
 from epson_driver.spel.surroundings import Surroundings
 from epson_driver.spel.task import (
     COMMAND_TASK,
@@ -155,7 +155,7 @@ class Machine:
             'FINITE': finite,
             'MOD': remainder,
             'POWER': power,
-            'RANGED': ranged,
+            'REFUSE': refuse,
             'store': store,
             'set_point': set_point,
             'CHANGED': frames.changed,

@@ -4,7 +4,7 @@
 
 from math import inf
 
-from epson_driver.spel.errors import ErrorNumber, SpelError, bad
+from epson_driver.spel.errors import ErrorNumber, SpelError
 
 PORTS = (201, 216)
 FILES = (30, 63)
@@ -104,11 +104,9 @@ def outside(key: str, place: int, value: float) -> str:
     )
 
 
-def ranged(name: str, key: str, place: int, value: float) -> float:
-    """Return a number that is in its range. Raises SpelError."""
-    wrong = outside(key, place, value)
-    if not wrong:
-        return value
+def refuse(name: str, key: str, place: int, value: float) -> None:
+    """Raise SpelError about a number that is out of its range."""
+    wrong = f'{name}: {outside(key, place, value)}'
     if limits(key, place) == _TASKS:
-        raise SpelError(ErrorNumber.TASK_NUMBER, f'{name}: {wrong}')
-    raise bad(name, wrong)
+        raise SpelError(ErrorNumber.TASK_NUMBER, wrong)
+    raise SpelError(ErrorNumber.ARGUMENT, wrong)
