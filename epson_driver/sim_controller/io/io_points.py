@@ -133,6 +133,10 @@ class IoPoints:
             raise IoError(IoResult.TYPE_FEATURE_UNSUPPORTED, text)
         self._set_port(io_type, port, width, value)
 
+    def set_input_port(self, port: int, width: int, value: int) -> None:
+        """Set the bits of a port of DI, as their wiring does. Raises IoError."""
+        self._set_port(IoType.DIGITAL_INPUT, port, width, value)
+
     # Ranges of points.
 
     def ranges(self) -> tuple[IoRange, ...]:

@@ -77,9 +77,13 @@ class SpelHost:
             raise SpelError(ErrorNumber.ARGUMENT, str(error)) from error
 
     def write_bits(self, memory: Memory, index: int, width: int, value: int) -> None:
-        """Set a bit or a port. Raises SpelError."""
+        """Set a bit or a port; an input as RC+'s virtual I/O does. Raises SpelError."""
+        io = self._controller.io
         try:
-            self._controller.io.write_port(_IO[memory], index, width, value)
+            if memory is Memory.INPUT:
+                io.set_input_port(index, width, value)
+            else:
+                io.write_port(_IO[memory], index, width, value)
         except IoError as error:
             raise SpelError(ErrorNumber.ARGUMENT, str(error)) from error
 

@@ -407,6 +407,14 @@ def test_inputs_outputs_and_memory_are_the_controllers_own(caplog):
     assert harness.controller.error_number == 9993  # there is no output 400
 
 
+def test_a_program_sets_inputs_as_with_virtual_io(caplog):
+    body = 'SetSw 1, On; SetIn 1, 5; Print In(0), In(1); SetInW 0, 258; Print InW(0); SetIn 50, 1'
+    harness = SpelProgramHarness(f'Function main\n{body}\nFend', caplog)
+    harness.step(0.2)
+    assert harness.printed == ['2 5', '258']
+    assert harness.controller.error_number == 9993  # there is no input 400
+
+
 def test_an_error_without_handler_ends_the_tasks_and_takes_the_power(caplog):
     source = """
     Function main
