@@ -8,6 +8,7 @@ For testing functions of a program, and the interpreter itself.
 from collections.abc import Callable, Sequence
 
 from epson_driver.spel.errors import ErrorNumber, SpelError, TaskError
+from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.host import (
     Caller,
     Completion,
@@ -119,7 +120,8 @@ class BareHost(Loopback):
         if name == 'targetok':
             return self.states.get(name, -1)
         if name in OF_A_ROBOT - self.states.keys():
-            text = f'{name} needs the joints of a robot: run it on a simulated controller'
+            word = FUNCTIONS[name].name if name in FUNCTIONS else name.capitalize()
+            text = f'{word} needs the joints of a robot: run it on a simulated controller'
             raise SpelError(ErrorNumber.NOT_SIMULATED, text)
         return self.states.get(name, '' if name.endswith('$') else 0)
 

@@ -70,7 +70,7 @@ def _task_info(task: Task, which: int | str, index: int) -> int:
 
 
 def _error(task: Task, which: int | str | None) -> TaskError | None:
-    if which is None:
+    if not which:  # 0 is this task
         return task.error
     found = task.world.task(which)
     if found is None:

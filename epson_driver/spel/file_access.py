@@ -51,14 +51,14 @@ def opened(task: Task, name: str, number: int) -> OpenFile:
 
 
 def _open(way: str) -> Callable[[Task, str, int], None]:
-    mode = _MODES[way]
+    mode, word = _MODES[way], f'{way[0].upper()}Open'
 
     def run(task: Task, name: str, number: int) -> None:
         if number in task.world.open_files:
-            raise bad(way, f'file {number} is open already')
+            raise bad(word, f'file {number} is open already')
         content = task.world.files.read(name)
         if content is None and mode.must:
-            raise bad(way, f'there is no file {name}')
+            raise bad(word, f'there is no file {name}')
         data = bytearray(b'' if mode.empty else content or b'')
         at = len(data) if way == 'aopen' else 0
         file = OpenFile(name, data, at, mode.reads, mode.writes)

@@ -253,16 +253,17 @@ def input_from(
     if number is None:
         input_terminal(task, targets, whole)
         return
+    name = 'Line Input' if whole else 'Input'
     if is_file(number):
-        text = file_access.read(task, 'Input', number, None).decode('latin-1')
-        fill('Input', text, targets, whole)
+        text = file_access.read(task, name, number, None).decode('latin-1')
+        fill(name, text, targets, whole)
         return
-    end = _opened(task, 'Input', number).settings.terminator.encode()
+    end = _opened(task, name, number).settings.terminator.encode()
 
     def use(data: bytes) -> None:
-        fill('Input', data.removesuffix(end).decode('latin-1'), targets, whole)
+        fill(name, data.removesuffix(end).decode('latin-1'), targets, whole)
 
-    _receive(task, 'Input', number, lambda data: _line_end(data, end), use)
+    _receive(task, name, number, lambda data: _line_end(data, end), use)
 
 
 def lines_waiting(task: Task, number: int) -> int:

@@ -69,7 +69,8 @@ RANGES: dict[str, tuple[tuple[float, float] | None, ...]] = {
         ('mid$', (None, (1, inf), (0, 255))),
         ('time', ((0, 2),)),
         ('taskinfo', (_TASKS, (0, 4))),
-        ('taskstate taskdone err erl era erf$ quit halt resume taskwait', (_TASKS,)),
+        ('taskstate taskdone quit halt resume taskwait', (_TASKS,)),
+        ('err erl era erf$', ((0, _TASKS[1]),)),
         ('xqt', ((1, 32),)),
         ('c', ((0, 7),)),
         ('d', ((0, 100),)),
@@ -107,6 +108,6 @@ def outside(key: str, place: int, value: float) -> str:
 def refuse(name: str, key: str, place: int, value: float) -> None:
     """Raise SpelError about a number that is out of its range."""
     wrong = f'{name}: {outside(key, place, value)}'
-    if limits(key, place) == _TASKS:
+    if (limits(key, place) or _TASKS)[1] == _TASKS[1]:
         raise SpelError(ErrorNumber.TASK_NUMBER, wrong)
     raise SpelError(ErrorNumber.ARGUMENT, wrong)

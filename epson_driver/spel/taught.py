@@ -46,14 +46,14 @@ def add_missing(
     bits = {} if IO_LABELS in there else _bits(every, known | points.keys())
     for number, (name, token) in enumerate(points.items()):
         data.point_labels[name] = LAST_POINT - number
-        _note(notes, token, 'point', 'there is no .pts file')
+        _note(notes, token, 'a point', 'there is no .pts file')
     for name, token in bits.items():
         data.unlabelled.add(name)
-        _note(notes, token, 'I/O', 'there is no IOLabels.dat')
+        _note(notes, token, 'an I/O bit', 'there is no IOLabels.dat')
 
 
 def _note(notes: list[Problem], token: Token, kind: str, why: str) -> None:
-    text = f'{token.text} is taken for a label of {kind}: {why}'
+    text = f'{token.text} is taken for the label of {kind}: {why}'
     notes.append(Problem(token.position, 'project-file', text, warning=True))
 
 

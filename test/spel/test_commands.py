@@ -601,4 +601,4 @@ def test_outputs_need_forced_in_an_estop_and_with_an_open_door(statement: str, s
 
 def test_a_bare_host_says_what_it_has_no_joints_for() -> None:
     host = run('Function main\n  Print Agl(1)\nFend')
-    assert 'agl needs the joints of a robot' in str(host.failures[0])
+    assert 'Agl needs the joints of a robot' in str(host.failures[0])

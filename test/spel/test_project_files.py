@@ -190,12 +190,12 @@ Fend
 
 def test_a_program_without_its_files_names_points_and_bits() -> None:
     taken = [
-        ('Origin is taken for a label of point', True),
-        ('home1 is taken for a label of point', True),
-        ('Part is taken for a label of I/O', True),
-        ('Gripper is taken for a label of I/O', True),
-        ('Corner is taken for a label of point', True),
-        ('Side is taken for a label of point', True),
+        ('Origin is taken for the label of a point', True),
+        ('home1 is taken for the label of a point', True),
+        ('Part is taken for the label of an I/O bit', True),
+        ('Gripper is taken for the label of an I/O bit', True),
+        ('Corner is taken for the label of a point', True),
+        ('Side is taken for the label of a point', True),
     ]
     assert found({'main.prg': ALONE}) == taken
     assert found({'main.prg': ALONE.replace('Gripper', 'Griper(2)')})[3][1] is False

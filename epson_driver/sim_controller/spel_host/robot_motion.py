@@ -95,7 +95,7 @@ class RobotMotion:
         """
         if self._motion is not None:
             text = 'a motion of another task is under way'
-            raise SpelError(ErrorNumber.MOTION_ABORTED, f'{request.name}: {text}')
+            raise SpelError(ErrorNumber.MOTION_ABORTED, f'{request.name.capitalize()}: {text}')
         self._motion = motion = Motion(request, self._share)
         self._stops = [self.start, *(point.target for point in points)]
         path = points[0].path

@@ -77,7 +77,7 @@ class SpelHost:
             raise SpelError(ErrorNumber.ARGUMENT, str(error)) from error
 
     def write_bits(self, memory: Memory, index: int, width: int, value: int) -> None:
-        """Set a bit or a port; an input as RC+'s virtual I/O does. Raises SpelError."""
+        """Set a bit or a port, an input as virtual I/O does. Raises SpelError."""
         io = self._controller.io
         try:
             if memory is Memory.INPUT:
