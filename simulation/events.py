@@ -28,7 +28,7 @@ SCALES = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 1.0, 1.0)
 DISTANCES_RAD = (0.0, 2e-4, 0.005, 0.1, 0.3)
 """How far goals go in each joint at most: some stay within their tolerance."""
 
-PORTS = ('motion', 'state', 'remote')
+PORTS = ('motion', 'motion', 'state', 'state', 'io', 'remote')
 PENDANT = (
     'ESTOP_PRESS',
     'ESTOP_RELEASE',
@@ -62,6 +62,7 @@ FAULTS = (
     'late_reply seconds=0.7 count=1',
     'late_reply seconds=2 count=1',
     'wrong_byte_order for={t}',
+    'frozen_encoder joint=2 for={t}',
     'servo_error joint=2',
     'estop_at_point point=2',
     'reboot for={t}',
@@ -94,7 +95,7 @@ def _no_parameters(_rng: Rng) -> Parameters:
 def _goal(rng: Rng) -> Parameters:
     points = int(rng.integers(1, 7))
     far = float(rng.choice(DISTANCES_RAD))
-    step = float(rng.choice([0.05, 0.1, 0.2, 1.0]))
+    step = float(rng.choice([0.05, 0.1, 0.2, 1.0, 1.0, 4.0]))
     offsets = rng.uniform(-far, far, (points, JOINTS)).round(4).tolist()
     return {'step': step, 'offsets': offsets, 'from_here': bool(rng.random() < 0.7)}
 
@@ -102,7 +103,7 @@ def _goal(rng: Rng) -> Parameters:
 def _stream(rng: Rng) -> Parameters:
     return {
         'publisher': int(rng.integers(PUBLISHERS)),
-        'kind': str(rng.choice(['velocities', 'zeros', 'positions', 'window'])),
+        'kind': str(rng.choice(['velocities', 'zeros', 'positions', 'from here', 'window'])),
         'speed': rng.uniform(-0.3, 0.3, JOINTS).round(3).tolist(),
         'period': float(rng.choice([0.01, 0.02, 0.05])),
         'zero_each': int(rng.choice([0, 0, 3, 25])),
@@ -164,7 +165,7 @@ def _port_for_a_while(rng: Rng) -> Parameters:
 
 
 def _seconds(rng: Rng) -> Parameters:
-    return {'seconds': round(float(rng.choice([0.02, 0.3, 0.45, 0.7, 2.0])), 3)}
+    return {'seconds': round(float(rng.choice([0.02, 0.3, 0.45, 0.7, 2.0, 4.0])), 3)}
 
 
 def _flip(rng: Rng) -> Parameters:
@@ -240,7 +241,33 @@ SITUATION_SHARE = 0.5
 """In how many worlds events come in such an order, too."""
 
 SITUATIONS: tuple[Plan, ...] = (
-    ((0.3, 'goal', {'step': 1.0}), (0.3, 'goal', {'step': 1.0}), (0.1, 'cancel', {})),
+    *(
+        ((0.3, 'goal', {'step': 1.0}), (0.3, 'goal', {'step': 1.0}), (0.1, ends, {}))
+        for ends in ('cancel', 'stop', 'disable')
+    ),
+    *(
+        (
+            (0.3, 'panel_arm', {}),
+            (0.5, 'panel_step', {'size': 0.4, 'share': 0.05}),
+            (0.5, leaves, given),
+            (6.0, 'cancel', {}),
+        )
+        for leaves, given in (
+            ('panel_page_freezes', {'seconds': 3.0}),
+            ('panel_page_closes', {}),
+            ('panel_disarm', {}),
+        )
+    ),
+    (
+        (0.3, 'panel_arm', {}),
+        (2.0, 'panel_line_stalls', {'seconds': 1.0}),
+        (0.3, 'panel_step', {}),
+    ),
+    *(
+        ((0.3, 'goal', {'step': 6.0}), (1.0, ends, {'seconds': 4.0}))
+        for ends in ('driver_dies', 'driver_hangs')
+    ),
+    ((0.3, 'network_stall', {'port': 'io', 'seconds': 3.0}), (0.1, 'write_output', {'value': 1})),
     ((0.3, 'enable', {}), (0.05, 'disable', {}), (0.5, 'goal', {})),
     *(
         (

@@ -29,7 +29,7 @@ REACTION_S = 0.5
 RELEASE_S = 0.999
 """How long a topic must ask for no motion after a stop (docs/servo.md), s."""
 
-REMEMBERED_S = 5.0
+REMEMBERED_S = 8.0
 """How long the true joints are kept, s: what is published must be among them."""
 
 HELD_S = 1.0

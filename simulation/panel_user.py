@@ -232,6 +232,7 @@ class PanelUser:
     async def disarm(self) -> None:
         """Press Disarm."""
         self._send('disarm')
+        self._leave()
 
     async def hangs(self, seconds: float) -> None:
         """Let the panel's process stand still."""
@@ -249,6 +250,7 @@ class PanelUser:
     async def page_closes(self) -> None:
         """Close the page, and open another one."""
         self._let_go()
+        self._leave()
         number = self._window.number
         self._deliver(lambda: self.control.arming.disconnect(number))
         self._open()
@@ -342,6 +344,16 @@ class PanelUser:
             silent = now - max(self._alive_sent, self._hung_until - ALIVE_WITHIN_S)
             if silent > ALIVE_WITHIN_S + NOTICED_S:
                 self._world.wishes.give_up(self.robot.goals, now)
+
+    def _leave(self) -> None:
+        """Let nobody want the goals there are any more, once the panel must have seen it."""
+        loop, goals = self._world.loop, self.robot.goals
+
+        def unwanted() -> None:
+            self._world.wishes.give_up(goals, loop.time())
+
+        seen = max(loop.time(), self._hung_until, self._stalled_until)
+        loop.call_at(seen + ALIVE_WITHIN_S + NOTICED_S, unwanted)
 
     def _pause(self, process: str, seconds: float) -> None:
         loop = self._world.loop

@@ -18,7 +18,7 @@ from epson_driver.driver.io.io_driver import IoUnavailableError
 from epson_driver.driver.outcome import End, Outcome
 from epson_driver.driver.servo.setpoint import Setpoint, Window
 from epson_driver.motion import Array, JointLimits, Trajectory
-from simulation.oracles import Arm, BrokenError, Outputs, Wishes
+from simulation.oracles import RELEASE_S, Arm, BrokenError, Outputs, Wishes
 from simulation.processes import TOLERANCE_RAD, DiedError, NodeProcess, RobotProcess
 from simulation.virtual_loop import VirtualLoop
 
@@ -43,6 +43,12 @@ LATEST_S = 1.0
 
 SOONER_S = 0.05
 """How much sooner than planned a goal may succeed, s: the state tells the time but so well."""
+
+SAME_RAD = 1e-6
+"""A position that differs less from the one before asks for no motion, rad."""
+
+AHEAD_S = 0.05
+"""How far ahead of the arm a program that looks where it is wants it to be, s."""
 
 IMPOSSIBLE = {'no number': np.nan, 'degrees': 57.3, 'huge': 1e308}
 """What a wrong program sends as velocities, rad/s."""
@@ -91,6 +97,8 @@ class Users:
         self.held_up = 0.0
         """When driver or network last were held up, s."""
         self.requests: set[asyncio.Task[None]] = set()
+        self._positions: dict[str, tuple[float, Array | None]] = {}
+        """Topic → when a position came last on it, and which, s and rad."""
         self._count = 0
         self._enabling = 0
         """How many requests to enable are under way."""
@@ -362,7 +370,9 @@ class Users:
             speed = speed if kind == 'velocities' else np.zeros(len(begin))
             setpoint = Setpoint('~/joint_jog', None, speed)
             moves = bool(np.any(speed))
-        elif kind == 'positions':
+        elif kind in ('positions', 'from here'):
+            if kind == 'from here':  # as programs do that look where the arm is in each turn
+                swing = self._world.arm.at + speed * AHEAD_S
             setpoint, moves = Setpoint('~/servo', swing, None), True
         else:
             times = np.arange(0.0, 0.105, 0.01)
@@ -379,10 +389,22 @@ class Users:
 
     def _want_setpoint(self, setpoint: Setpoint, *, moves: bool) -> None:
         if self._world.streams:
-            node = isinstance(self._world.process, NodeProcess)
+            node, now = isinstance(self._world.process, NodeProcess), self.loop.time()
             source = setpoint.source if node else 'servo()'
-            self.wishes.setpoint(source, self.loop.time(), moves=moves)
+            moves = moves and not self._stays(source, setpoint, now)
+            self.wishes.setpoint(source, now, moves=moves)
         self._follow(setpoint)
+
+    def _stays(self, source: str, setpoint: Setpoint, now: float) -> bool:
+        """Return whether a position stays the same, which asks for no motion (docs/servo.md)."""
+        heard, before = self._positions.get(source, (-np.inf, None))
+        positions = setpoint.positions
+        if setpoint.window is not None or positions is None:
+            return False
+        stays = before is not None and bool(np.abs(positions - before).max() <= SAME_RAD)
+        stays = stays and now - heard < RELEASE_S
+        self._positions[source] = now, before if stays else positions
+        return stays
 
     def _follow(self, setpoint: Setpoint) -> None:
         process = self._world.process

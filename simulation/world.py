@@ -101,6 +101,9 @@ class World:
         self.on_the_way = bool(
             self.rng.random() < 0.3 and program.joins_goals and program.interface == 'streaming'
         )
+        self.remote = bool(self.profile.ports.remote) or bool(
+            self.rng.random() < 0.4 and self.profile_name in ('rc620', 'spel')
+        )
         self.in_python = bool(self.rng.random() < PROGRAM_SHARE and program.smoothing == 'none')
         self.network = Network(lambda: self.delay * (0.5 + self.rng.random()))
         self.loop = VirtualLoop(self.network, float(self.rng.choice(PLANNING_S)))
@@ -146,7 +149,8 @@ class World:
         self._calm, self._io = kinds <= CALM_KINDS, not kinds.isdisjoint(IO_KINDS)
         self.say(
             f'{self.profile_name}, state each {self.state_period:g} s, network '
-            f'{self.delay:g} s{", goals on the way" if self.on_the_way else ""}'
+            f'{self.delay:g} s{", Remote Ethernet" if self.remote else ""}'
+            f'{", goals on the way" if self.on_the_way else ""}'
             f'{", a program in Python" if self.in_python else ""}'
         )
         async with self._controller():
@@ -273,7 +277,7 @@ class World:
             motion_port=ports.motion,
             state_port=ports.state,
             io_port=ports.io if self._io else 0,
-            remote_port=ports.remote if self.profile.ports.remote else 0,
+            remote_port=ports.remote if self.remote else 0,
         )
 
     def _configuration(self) -> Configuration:
@@ -284,7 +288,7 @@ class World:
             state_port=self.ports.state,
             io_port=self.ports.io if self._io else 0,
             io=profile.io,
-            remote_port=self.ports.remote if profile.ports.remote else 0,
+            remote_port=self.ports.remote if self.remote else 0,
             byte_order=None,
             usual_byte_order=profile.byte_order,
             state_timeout=STATE_TIMEOUT_S,
