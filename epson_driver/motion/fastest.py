@@ -20,7 +20,10 @@ from epson_driver.motion.transcription import STEPS, Problem, Search
 MAX_SEARCH_STEPS = 160
 
 WAY_SHARE = 0.6
-"""Longest way between two knots, in A/J: a longer one between two waypoints has some in it."""
+"""Longest way between two knots, in the least A/J: between waypoints farther apart are some …"""
+
+MAX_PARTS = 10
+"""… and so becomes so many at most."""
 
 MIN_WAY_S = 2e-3
 """No way is shorter to begin with, s."""
@@ -55,8 +58,9 @@ def fastest(waypoints: Array, limits: JointLimits, tolerance: float = 0.0) -> Jo
     )
     profile = SpeedBounds(OnPath(path, (0.0, 0.0, 0.0), limits)).profile(0.0, 0.0)
     times = np.interp(path.knots.u, profile.positions, profile.times)
-    longest = WAY_SHARE * float(np.max(limits.acceleration / limits.jerk))
-    parts = [ceil(max(way, MIN_WAY_S) / longest) for way in np.diff(times).tolist()]
+    longest = WAY_SHARE * float(np.min(limits.acceleration / limits.jerk))
+    ways = np.maximum(np.diff(times), MIN_WAY_S).tolist()
+    parts = [min(ceil(way / longest), MAX_PARTS) for way in ways]
     if sum(parts) > MAX_WAYS:
         return None
     way = np.repeat(np.arange(len(parts)), parts)

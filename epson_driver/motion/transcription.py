@@ -8,7 +8,7 @@ each node (an end of a step) which place of the chord it is beside. The sum of a
 subject to
 
     state at the next knot = what the jerks make of the state at this one
-    |jerk| ≤ J in each step, |acceleration| ≤ A and |velocity| ≤ V at each node
+    |jerk| ≤ J in each step, |acceleration| ≤ A at each node, |velocity| ≤ V
     |position - place on the chord| ≤ bend at each node, in each joint
 
 The equations are linearised, the jerks eliminated by them but for what has no effect on the next
@@ -30,16 +30,13 @@ from epson_driver.motion.smoother.banded import solve_block_tridiagonal
 STEPS = 4
 """Of a way: with three, its ends would leave no choice."""
 
-VELOCITY_SHARE = 0.9995
-"""Of the limit at nodes, as the velocity may bulge between them."""
-
-LEAST_SHARE = 0.25
+LEAST_SHARE = 0.02
 """No way is shorter than so much of what it was at first."""
 
 FIRST_JERK_SHARE = 0.9
 """Of the limit: the most in the jerks to begin with."""
 
-GAP, ROW_TOLERANCE, STATE_TOLERANCE = 2e-2, 2e-3, 1e-2
+GAP, ROW_TOLERANCE, STATE_TOLERANCE = 5e-3, 2e-3, 1e-2
 """When to stop: at so much time that could be gained, relative; at rows exceeded by this share;
 and at states that are missed by what this share of the jerk limit makes of them."""
 
@@ -83,10 +80,10 @@ class Problem:
 class _Nodes:
     """How the rows of a way follow from the state at its begin and its jerks, for h = 1.
 
-    With another h, each coefficient counts h to the power of its exponent. Rows: accelerations and
-    velocities at the inner nodes, positions at all but the first; where the range is near, both
-    inner Bernstein coefficients of the position in each step, whose hull it does not leave; then
-    position, velocity and acceleration at the last node.
+    With another h, each coefficient counts h to the power of its exponent. Rows: accelerations at
+    the inner nodes; the inner Bernstein coefficient of the velocity in each step, whose hull it
+    does not leave; positions at all nodes but the first; where the range is near, both inner
+    coefficients of the position; then position, velocity and acceleration at the last node.
     """
 
     def __init__(self, bounded: bool) -> None:
@@ -98,7 +95,8 @@ class _Nodes:
             node = step @ node
             node[:, 3 + k] += (t**3 / 6.0, t * t / 2.0, t)
             nodes.append(node)
-        rows = [(each[2], 2) for each in nodes[1:-1]] + [(each[1], 1) for each in nodes[1:-1]]
+        rows = [(each[2], 2) for each in nodes[1:-1]]
+        rows += [(each[1] + t / 2.0 * each[2], 1) for each in nodes[:-1]]
         self.positions = slice(STEPS + len(rows), STEPS + len(rows) + STEPS)
         rows += [(each[0], 0) for each in nodes[1:]]
         if bounded:
@@ -127,7 +125,6 @@ class Search:
         limits, scale = problem.limits, problem.limits.velocity
         self._scale = scale
         self._x, self._h = knots / scale[:, None], durations.copy()
-        self._first = self.duration
         self._a, self._j = limits.acceleration / scale, limits.jerk / scale
         self._start, self._chord = problem.start / scale, problem.chord / scale
         self._least = LEAST_SHARE * durations
@@ -151,7 +148,6 @@ class Search:
         self._centre = np.zeros_like(self._width)
         self._width[:, :, :STEPS] = self._j[:, None]
         self._width[:, :, STEPS : 2 * STEPS - 1] = self._a[:, None]
-        self._width[:, :, 2 * STEPS - 1 : 3 * STEPS - 2] = VELOCITY_SHARE
         last = nodes.positions.stop - 1
         self._width[:, :, nodes.positions] = bend[:, :, None]
         self._width[np.isfinite(problem.tolerance[1:]), :, last] = _FREE
@@ -165,7 +161,7 @@ class Search:
             self._width[on_border[1:], -1] = _FREE
             self._x[on_border, 1] = 0.0
         self._knot_width = np.stack(
-            [np.full((m, n), _FREE), np.full((m, n), VELOCITY_SHARE), np.tile(self._a, (m, 1))], 2
+            [np.full((m, n), _FREE), np.ones((m, n)), np.tile(self._a, (m, 1))], 2
         )
         beside = np.isfinite(problem.tolerance) & (problem.tolerance > 0.0)
         self._knot_width[beside[1:], :, 0] = problem.tolerance[beside][:, None] / scale
@@ -348,7 +344,7 @@ class Search:
         ways[:, of_h, of_h] = own[..., 6, 6].sum(axis=1) + weights[3] * reach**2
         ways[:, of_h, of_h] += STIFFNESS / m / self._h**2
         sums[:, at] = right[..., :6]
-        sums[:, of_h] = right[..., 6].sum(axis=1) + 1.0 / self._first - forces[3] * reach
+        sums[:, of_h] = right[..., 6].sum(axis=1) + 1.0 / self.duration - forces[3] * reach
         beside = own[..., _OWN:, _OWN:].sum(axis=1)
         beside[:, place, place] += 4.0 * weights[2].reshape(m, STEPS) + PLACE_STIFFNESS
         others = np.zeros((m, STEPS, size + 1))

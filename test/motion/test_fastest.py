@@ -121,6 +121,27 @@ def test_it_is_faster_than_on_the_spline(family: str) -> None:
         assert free.duration < spline.duration
 
 
+@pytest.mark.parametrize(
+    'seeds', [range(4), pytest.param(range(100, 160), marks=pytest.mark.slow)]
+)
+def test_slow_arms_with_short_ramps_and_long_ways_keep_their_velocity(seeds: range) -> None:
+    """A way then takes far longer than an acceleration, and the velocity bulges between nodes."""
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        joints, count = int(rng.integers(1, 8)), int(rng.integers(3, 16))
+        velocity = 10.0 ** rng.uniform(-0.7, 0.9) * 10.0 ** rng.uniform(-0.4, 0.4, joints)
+        acceleration = velocity * 10.0 ** rng.uniform(0.2, 1.7, joints)
+        jerk = acceleration * 10.0 ** rng.uniform(0.2, 1.9, joints)
+        reach = 10.0 ** rng.uniform(-2.0, 0.7, joints)
+        names = tuple(f'joint_{i}' for i in range(joints))
+        limits = JointLimits(names, -reach, reach, velocity, acceleration, jerk)
+        waypoints = rng.uniform(-reach, reach, (count, joints))
+        motion = fastest(waypoints, limits, float(rng.choice([0.0, 0.01])))
+        assert motion is not None
+        assert_within(motion, limits, waypoints[0])
+        assert motion.duration <= 1.01 * stop_and_go(waypoints, limits).duration
+
+
 def test_between_the_waypoints_it_bends_little_more_than_the_spline() -> None:
     zeros = np.zeros((1, 3))
     knots = Knots(np.zeros(1), ZIGZAG[:1], zeros, zeros)
