@@ -85,7 +85,9 @@ def fastest(waypoints: Array, limits: JointLimits, tolerance: float = 0.0) -> Jo
         if not search.step():
             return None
         if search.converged:
-            return _slowed(waypoints[0], *search.found(), limits)
+            motion = _slowed(waypoints[0], *search.found(), limits)
+            if motion is not None:
+                return motion  # else it is out of the range, by rounding: the next one may not be
     return None
 
 

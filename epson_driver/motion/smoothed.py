@@ -14,7 +14,6 @@ from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.passages import passed
 from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, Smoother, plan
 from epson_driver.motion.smoother.execution import Observer
-from epson_driver.motion.smoother.request import CATCH_UP_RATIO
 from epson_driver.motion.smoother.waypoints import Waypoints
 from epson_driver.motion.trajectory import Trajectory
 
@@ -39,7 +38,6 @@ def smoothed(
     *,
     refine: bool = True,
     path_tolerance: float = 0.0,
-    catch_up: float = CATCH_UP_RATIO,
     observer: Observer | None = None,
 ) -> Trajectory:
     """Return the smooth motion through a trajectory's points, one point every `period` s.
@@ -48,10 +46,10 @@ def smoothed(
     the limits. The smoother is given points as long as less than `look_ahead` s are known to it.
     TIME_OPTIMAL takes the positions only: with all of them known, the motion is the fastest one
     that `fastest` finds, and may pass `path_tolerance` rad (or m) beside each but the ends, in
-    every joint. With `refine` False, or where it finds none, it is that on the spline. catch_up,
-    observer: as in `Smoother`. Raises
-    ValueError that names point, joint, value and limit for a trajectory that cannot be smoothed,
-    or if its motion would break a limit; RuntimeError if the planner raises.
+    every joint. With `refine` False, or where it finds none, it is that on the spline.
+    `observer`: as in `Smoother`. Raises ValueError that names point, joint, value and limit for a
+    trajectory that cannot be smoothed, or if its motion would break a limit; RuntimeError if the
+    planner raises.
     """
     if not period > 0.0:
         raise ValueError(f'period = {period} s: must be positive')
@@ -68,9 +66,7 @@ def smoothed(
         return _sampled(motion, limits, period)
     positions, times = trajectory.positions, trajectory.times
     durations = np.diff(times, prepend=times[0]).tolist()
-    smoother = Smoother(
-        limits, positions[0], mode, planner=planner, catch_up=catch_up, observer=observer
-    )
+    smoother = Smoother(limits, positions[0], mode, planner=planner, observer=observer)
     steps = ceil(period / MAX_STEP_S - ROUNDING_SHARE)
     state = smoother.motion
     samples = [state]

@@ -36,7 +36,7 @@ LEAST_SHARE = 0.02
 FIRST_JERK_SHARE = 0.9
 """Of the limit: the most in the jerks to begin with."""
 
-GAP, ROW_TOLERANCE, STATE_TOLERANCE = 5e-3, 2e-3, 1e-2
+GAP, ROW_TOLERANCE, STATE_TOLERANCE = 1e-2, 2e-3, 1e-2
 """When to stop: at so much time that could be gained, relative; at rows exceeded by this share;
 and at states that are missed by what this share of the jerk limit makes of them."""
 
@@ -51,7 +51,7 @@ PLACE_STIFFNESS = 1e-4
 """The same for the places on the chord, which may be of no account."""
 
 BORDER = 1e-6
-"""A joint at a waypoint as near as this to the border of its range, in s, is on it."""
+"""A joint at a waypoint as near as this to the border of its range, in s, rests there."""
 
 _EPSILON = 1e-6
 _FREE = 1e3
@@ -157,7 +157,7 @@ class Search:
         if bounded:
             self._width[:, :, last + 1 :] = (high - low)[:, None] / 2.0
             self._centre[:, :, last + 1 :] = (high + low)[:, None] / 2.0
-            self._width[on_border[:-1], last + 1] = _FREE  # a joint on its border rests there
+            self._width[on_border[:-1], last + 1] = _FREE
             self._width[on_border[1:], -1] = _FREE
             self._x[on_border, 1] = 0.0
         self._knot_width = np.stack(

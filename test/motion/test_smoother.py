@@ -388,8 +388,7 @@ def test_a_step_within_the_merge_tolerance_is_made_only_if_it_is_slow(
     positions, velocities, _ = rest(smoother)
     there = np.abs(positions - (HOME + along + aside)).max(axis=1).min()
     assert (there < 1e-4) == passed
-    # so slow a step is all but a rest, and takes its time
-    assert DT * interior_stops(velocities) <= (duration if passed and duration else 0.0)
+    assert interior_stops(velocities) == 0
     assert np.abs(positions - (HOME + along)).max(axis=1).min() < 1e-3
     assert np.max(np.abs(positions[-1] - (HOME + 2.0 * along))) < 1e-9
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a request's clock asks for: the speeds that keep it, late or early as it is."""
+"""What a request's clock asks for: the speeds that keep it, and how lost time is made up for."""
 
 import numpy as np
 import numpy.typing as npt
@@ -17,188 +17,108 @@ from epson_driver.motion.smoother.time_parametrisation import TimeParametrisatio
 UNBOUND_SPEED = 1e6
 """Where no time is commanded: a speed that no limit of a joint allows."""
 
+CATCH_UP_RATIO, MAX_CATCH_UP_RATIO, CATCH_UP_BISECTIONS = 1.25, 6.0, 4
+"""How much faster than commanded the motion may be to make up for lost time; at most, where it
+would reach the trajectory's end too late so; and how closely that ratio is looked for."""
+
+LATE_END_SHARE = 0.02
+"""What is too late, of the time that is left for the way there."""
+
 GUESS_EXCESS_SHARE = 0.4
-"""How much longer than a plan the guess for it takes, about, in A/J: half of it at the start."""
+"""About how much longer than a plan the guess for it takes, in A/J."""
 
-CATCH_UP_PER_S, LEAST_RATIO = 5.0, 0.6
-"""How much faster than commanded the motion is for each second that it is late, relative, or how
-much slower where it is early; and the least, of the commanded speed."""
+FULL_CATCH_UP_DELAY_S, MAX_DELAY_RATIO = 0.05, 2.4
+"""A delay (s) from which on this is used in full; up to so many times of it, in proportion, where
+the delay is longer: what is late by more than a little has stood or crawled."""
 
-IN_TIME_S = 0.04
-"""So early or late is in time, s: the guess is no better, and to hurry for less would take the
-evenness from times that a limited motion of a tool has. A plan that is earlier, or ends later, is
-made again."""
-
-LOCAL_RATIO = 1.6
-"""So many times as fast as commanded a motion is to be in time on its way; more only to be in time
-at its end."""
-
-BISECTIONS = 4
-"""How closely the ratio is looked for that is needed for that."""
-
-KNOT_RATIO = 1.5
-"""So many times as fast as on the slower of its segments a knot may be passed."""
-
-LEAD_IN_STOPPING_TIMES = 2.0
-"""How long before its end a trajectory gets a little ahead of its times."""
-
-HORIZON_SHARE, TIMED_HORIZON_RATIO = 0.8, 1.25
-"""The path is cut where the speed profile, which is faster than most plans, is after this share of
-the horizon; and how much longer that is at commanded speeds, which are caught up with."""
+HORIZON_SHARE = 0.8
+"""The path is cut where the speed profile, which is faster than any plan, is after this share of
+the horizon."""
 
 
 def within_horizon(
-    request: Request,
-    path: Path,
-    limits: JointLimits,
-    effort: Effort,
-    found: TimeParametrisation | None = None,
+    request: Request, path: Path, limits: JointLimits, effort: Effort
 ) -> tuple[Path, Problem, SpeedBounds]:
-    """Return the path as far as it is looked at now, and the problem on it.
-
-    found: by the problem that was returned before, where that does not keep to the clock.
-    """
+    """Return the path as far as it is looked at now, and the problem on it."""
     effort.spend(OUTSET_US)
-    problem = problem_of(request, path, limits, 1.0, effort)
+    problem = problem_of(request, path, limits, CATCH_UP_RATIO, effort)
     bounds = SpeedBounds(problem)
     profile = bounds.profile(problem.start[0], problem.start[1])
     cut = False
-    horizon = request.horizon * (1.0 if problem.commanded is None else TIMED_HORIZON_RATIO)
-    if profile.times[-1] > horizon:
-        reach = np.interp(HORIZON_SHARE * horizon, profile.times, profile.positions)
+    if profile.times[-1] > request.horizon:
+        reach = np.interp(HORIZON_SHARE * request.horizon, profile.times, profile.positions)
         count = max(int(path.knots.u.searchsorted(reach)) + 1, len(request.kept.u), 2)
         cut = count < len(path.knots.u)
         path = Path(path.knots[:count])
-    if cut:
+    if request.timed.any():
+        if cut:
+            problem = problem_of(request, path, limits, CATCH_UP_RATIO, effort)
+            bounds = SpeedBounds(problem)
+        guess = filtered.filtered(problem, bounds)
+        factor = _catch_up(request, path, limits, guess)
+        if request.whole and not cut and _late_end(request, path, limits, guess):
+            factor = np.full_like(factor, _higher_ratio(request, path, limits, effort))
+        problem = problem_of(request, path, limits, factor, effort)
+        bounds = SpeedBounds(problem)
+    elif cut:
         problem = problem_of(request, path, limits, 1.0, effort)
         bounds = SpeedBounds(problem)
-    if problem.commanded is not None:
-        guess = filtered.filtered(problem, bounds)
-        if guess is not None:
-            late = _lateness(request, path, guess) - _excess(limits) / 2.0
-            late[-1] -= _excess(limits) / 2.0
-            late = _braked(request, path, limits, late)
-            factor, won = _catch_up(request, path, limits, late)
-            if found is not None:
-                taken, first = _lateness(request, path, found), factor
-                late = _braked(request, path, limits, taken) + won
-                factor, _ = _catch_up(request, path, limits, late)
-                if _ends(request, path):
-                    guessed = _guessed_end(request, path, limits, first, effort)
-                    later = IN_TIME_S + guessed - float(taken[-1])
-                    factor = _in_time_at_the_end(request, path, limits, factor, later, effort)
-            problem = problem_of(request, path, limits, factor, effort)
-            bounds = SpeedBounds(problem)
     return path, problem, bounds
 
 
-def _in_time_at_the_end(
-    request: Request, path: Path, limits: JointLimits, factor: Array, later: float, effort: Effort
-) -> Array:
-    """Return a factor on the commanded speeds at each knot that is high enough for the end.
+def _late_end(
+    request: Request, path: Path, limits: JointLimits, guess: TimeParametrisation | None
+) -> bool:
+    """Return whether a plan like a guess reaches the end of the path too late."""
+    if guess is None:
+        return True
+    now, end = np.interp([request.state[0], path.end], path.knots.u, request.clock)
+    left = float(end - now)
+    faster = GUESS_EXCESS_SHARE * float(np.max(limits.acceleration / limits.jerk))
+    return request.lag + guess.duration - faster - left > LATE_END_SHARE * left
 
-    later: how much later than this the guess may come to it, s.
-    """
-    low, high = float(factor.min()), request.catch_up
-    missed = won = _guessed_end(request, path, limits, factor, effort) - later
-    if missed <= 0.0:
-        return factor
-    for _ in range(BISECTIONS):
+
+def _higher_ratio(request: Request, path: Path, limits: JointLimits, effort: Effort) -> float:
+    """Return the factor on the commanded speed that is needed to be in time at the end."""
+    low, high = CATCH_UP_RATIO, MAX_CATCH_UP_RATIO
+    for _ in range(CATCH_UP_BISECTIONS):
+        effort.spend(OUTSET_US / 2.0)
         ratio = float(np.sqrt(low * high))
-        left = _guessed_end(request, path, limits, np.maximum(factor, ratio), effort) - later
-        if left > 0.0:
-            low, missed = ratio, left
+        problem = problem_of(request, path, limits, ratio, effort)
+        guess = filtered.filtered(problem, SpeedBounds(problem))
+        if _late_end(request, path, limits, guess):
+            low = ratio
         else:
-            high, won = ratio, left
-    if won < 0.0 and np.isfinite(missed):
-        high = low * (high / low) ** (missed / (missed - won))
-    return np.maximum(factor, high)
-
-
-def _guessed_end(
-    request: Request, path: Path, limits: JointLimits, factor: Array, effort: Effort
-) -> float:
-    """Return how late the guess is at the end of a path, s."""
-    effort.spend(OUTSET_US / 2.0)
-    problem = problem_of(request, path, limits, factor, effort)
-    guess = filtered.filtered(problem, SpeedBounds(problem))
-    return np.inf if guess is None else float(_lateness(request, path, guess)[-1])
-
-
-def _excess(limits: JointLimits) -> float:
-    """Return about how much longer than a plan the guess for it takes, s."""
-    return GUESS_EXCESS_SHARE * float(np.max(limits.acceleration / limits.jerk))
-
-
-def off_the_clock(request: Request, path: Path, timing: TimeParametrisation) -> bool:
-    """Return whether a plan passes a knot too long before its time, or ends too late."""
-    if not request.timed.any():
-        return False
-    late = _lateness(request, path, timing)
-    return bool(late.min() < -IN_TIME_S or (_ends(request, path) and late[-1] > IN_TIME_S))
-
-
-def _ends(request: Request, path: Path) -> bool:
-    """Return whether a path is that to the end of the trajectory."""
-    return request.whole and len(path.knots.u) == len(request.clock)
-
-
-def _braked(request: Request, path: Path, limits: JointLimits, late: Array) -> Array:
-    """Return lateness as it is made up for: to brake for the trajectory's end takes time.
-
-    Half of that is won before, the other half lost at the end; all of it is won where there is
-    little before.
-    """
-    if not _ends(request, path) or len(late) == 1:
-        return late
-    clock = request.clock[-len(late) :]
-    near = clock > clock[-1] - LEAD_IN_STOPPING_TIMES * stopping_time(limits)
-    lost = max(late[-1] - late[-2], 0.0)
-    late = np.append(late[:-1], late[-2])
-    late[near] += lost if near.all() else lost / 2.0
-    return late
-
-
-def _lateness(request: Request, path: Path, timing: TimeParametrisation) -> Array:
-    """Return how late a timing is at each knot ahead, s, shape (m,)."""
-    knots, clock = path.knots.u, request.clock[: len(path.knots.u)]
-    now = float(np.interp(request.state[0], knots, clock))
-    first = min(int(knots.searchsorted(request.state[0], side='right')), len(knots) - 1)
-    reached = np.interp(knots[first:], np.maximum.accumulate(timing.positions), timing.times)
-    late: Array = request.lag + reached - (clock[first:] - now)
-    return late
+            high = ratio
+    return high
 
 
 def _catch_up(
-    request: Request, path: Path, limits: JointLimits, late: Array
-) -> tuple[Array, Array]:
-    """Return the factor on the commanded speed at each knot that keeps to the clock.
-
-    And the time that is won with it until each knot ahead, s. late: how late these would be
-    reached without.
-    """
-    knots, clock = path.knots.u, request.clock[: len(path.knots.u)]
+    request: Request, path: Path, limits: JointLimits, guess: TimeParametrisation | None
+) -> Array:
+    """Return the factor on the commanded speed at each knot that makes up for lost time."""
+    knots = path.knots.u
+    clock = request.clock[: len(knots)]
     now = float(np.interp(request.state[0], knots, clock))
-    first = len(knots) - len(late)
+    late = np.full(len(knots), max(request.lag, 0.0))
+    if guess is not None:
+        # faster where the guess, which is faster all the way, is not in time
+        ahead = knots > request.state[0]
+        arrival = np.interp(knots[ahead], guess.positions, guess.times)
+        # on the way there is only the half of it that comes from the start
+        arrival -= GUESS_EXCESS_SHARE / 2.0 * float(np.max(limits.acceleration / limits.jerk))
+        lost = request.lag + arrival - (clock[ahead] - now)
+        late[ahead] = np.maximum(lost, 0.0)
+        late[~ahead] = np.maximum(late[~ahead], late[ahead][:1])
+    if request.lag < 0.0:
+        # too early: slower until that is given back
+        early = clock - now <= -request.lag / (CATCH_UP_RATIO - 1.0)
+        late[early & (late == 0.0)] = request.lag
+    spare = float(request.clock[-1]) - now
     # with less known than a stop takes, the time that was lost would be lost again in a stop
-    spare = (float(request.clock[-1]) - now) / stopping_time(limits)
-    share = 1.0 if request.whole else float(np.clip(2.0 * (spare - 1.0), 0.0, 1.0))
-    most = 1.0 + share * (min(request.catch_up, LOCAL_RATIO) - 1.0)
-    factor, won = np.ones(len(knots)), np.zeros(len(late))
-    steps = np.diff(clock[first:], prepend=now)
-    gain = 0.0
-    for index, (lost, step) in enumerate(zip(late.tolist(), steps.tolist(), strict=True)):
-        left = lost - gain
-        left -= min(max(left, -IN_TIME_S), IN_TIME_S)
-        ratio = 1.0 + CATCH_UP_PER_S * left
-        if left < step:  # no more than the time that is left to win, or to lose
-            exact = step / (step - left)
-            ratio = min(ratio, exact) if left > 0.0 else max(ratio, exact)
-        ratio = min(max(ratio, LEAST_RATIO), most)
-        gain += step * (1.0 - 1.0 / ratio)
-        factor[first + index], won[index] = ratio, gain
-    factor[:first] = factor[first]
-    return factor, won
+    share = np.clip((spare / stopping_time(limits) - 1.0) / 0.5, 0.0, 1.0)
+    share = np.clip(late / FULL_CATCH_UP_DELAY_S, -1.0, MAX_DELAY_RATIO * share)
+    return 1.0 + share * (CATCH_UP_RATIO - 1.0)
 
 
 def stopping_time(limits: JointLimits) -> float:
@@ -239,7 +159,7 @@ def _commanded(request: Request, path: Path, factor: Array | float) -> tuple[Arr
     # with u̇² linear in both halves, each takes its way by the mean of the speeds at its ends
     middle = mean - (begin + end) / 2.0 + np.hypot(mean, (begin - end) / 2.0)
     squares, places = np.empty(2 * len(u) - 1), np.empty(2 * len(u) - 1)
-    squares[::2], squares[1::2] = speeds**2, middle**2
+    squares[::2], squares[1::2] = speeds**2, np.maximum(middle**2, (begin**2 + end**2) / 2.0)
     places[::2], places[1::2] = u, (u[:-1] + u[1:]) / 2.0
     return places, squares
 
@@ -254,8 +174,7 @@ def _speeds_at_knots(mean: Array, steps: Array, timed: npt.NDArray[np.bool_]) ->
     # at a knot, as a parabola through it and its neighbours would have it
     both = np.flatnonzero(timed[:-1] & timed[1:])
     before, after = steps[both], steps[both + 1]
-    inner = (mean[both] * after + mean[both + 1] * before) / (before + after)
-    speeds[both + 1] = np.minimum(inner, KNOT_RATIO * speeds[both + 1])
+    speeds[both + 1] = (mean[both] * after + mean[both + 1] * before) / (before + after)
     speeds[0] = max(2.0 * mean[0] - speeds[1], mean[0]) if timed[0] else UNBOUND_SPEED
     speeds[-1] = max(2.0 * mean[-1] - speeds[-2], mean[-1]) if timed[-1] else UNBOUND_SPEED
     return speeds

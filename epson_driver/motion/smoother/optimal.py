@@ -39,9 +39,6 @@ MIN_NODES, MAX_NODES = 8, 180
 VELOCITY_RESERVE_SHARE, ACCELERATION_RESERVE_SHARE, JERK_RESERVE_SHARE = 5e-4, 1e-2, 4e-2
 """Of the limits: the spline keeps them at its samples, the timing must keep them everywhere."""
 
-SLOWING_RATIO = 0.7
-"""Of the speeds of a gentle stop: where a start is too fast, less than this is not asked for."""
-
 START_INTERVALS = 10
 """Intervals without (jerk: with half) this reserve at the start."""
 
@@ -325,7 +322,7 @@ def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Pro
         1 + len(limits.names),
         back,
         weights,
-        problem.speed_bounds(us - back, counted, SLOWING_RATIO),
+        problem.wanted(us - back, counted),
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from epson_driver.motion.limits import JointLimits
 from epson_driver.motion.point_to_point import go
 from epson_driver.motion.smoother import filtered, optimal, pause, ruckig_move
-from epson_driver.motion.smoother.commanded_times import off_the_clock, problem_of, within_horizon
+from epson_driver.motion.smoother.commanded_times import problem_of, within_horizon
 from epson_driver.motion.smoother.effort import OUTSET_US, Effort
 from epson_driver.motion.smoother.path import Knots, Path, line, through
 from epson_driver.motion.smoother.problem import Problem
@@ -39,9 +39,17 @@ CRAWL_RATIO = 1.5
 OPTIMAL, BRANCH = 'optimal', 'branch'
 """Names of what finds plans."""
 
-BRANCHES = ((1, 0.15), (0, 0.15), (0, 0.4), (0, 0.75))
-"""Where to leave the plan so far: how many of its last knots are not kept, and the share of its
-time until then."""
+BRANCHES = ((1, 0.15, True), (0, 0.15, True), (0, 0.4, True), (0, 0.75, True))
+TIMED_BRANCHES = (
+    (1, 0.15, True),
+    (0, 0.15, True),
+    (0, 0.15, False),
+    (0, 0.4, True),
+    (0, 0.4, False),
+    (0, 0.75, True),
+)
+"""Where to leave the plan so far: how many of its last knots are not kept, the share of its time
+until then, and whether commanded speeds count: the clock makes up for it if they do not."""
 
 BRANCH_HORIZON_SHARE = 0.6
 """How far a plan that leaves the plan so far looks ahead then."""
@@ -129,8 +137,9 @@ def _optimal(request: Request, first: Path, limits: JointLimits, effort: Effort)
         found = _fresh(request, first, limits, effort, FRESH_SHARE)
         if found is not None:
             return found
-    for number, (dropped, share) in enumerate(BRANCHES):
-        found = _branch(request, dropped, share, limits, effort)
+    branches = TIMED_BRANCHES if request.timed.any() else BRANCHES
+    for number, (dropped, share, timed) in enumerate(branches):
+        found = _branch(request, dropped, share, timed, limits, effort)
         if found is None and number == SHORTER_AFTER:
             found = _shorter(request, first, limits, effort)
         if found is not None:
@@ -153,15 +162,17 @@ def _fresh(
     timing = None
     if not _leaves_range(path, request.state[0], limits):
         timing = optimal.propose(problem, bounds)
-    if timing is not None and off_the_clock(request, path, timing):
-        _, problem, bounds = within_horizon(request, first, limits, fresh, timing)
-        timing = optimal.propose(problem, bounds) or timing
     effort.back(fresh)
     return None if timing is None else Plan(request.start, path.knots, timing, OPTIMAL)
 
 
 def _branch(
-    request: Request, dropped: int, share: float, limits: JointLimits, effort: Effort
+    request: Request,
+    dropped: int,
+    share: float,
+    timed: bool,
+    limits: JointLimits,
+    effort: Effort,
 ) -> Plan | None:
     """Return a plan that does as the plan so far for a share of its time, and then goes on.
 
@@ -182,6 +193,7 @@ def _branch(
     later = dataclasses.replace(
         request,
         state=state,
+        timed=request.timed & timed,
         former=former.part(begin),
         lag=request.lag + begin - float(clock[1] - clock[0]),
         horizon=BRANCH_HORIZON_SHARE * request.horizon,

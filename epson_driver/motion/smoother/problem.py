@@ -58,15 +58,10 @@ class Problem:
             return fastest
         return np.minimum(fastest, np.sqrt(np.interp(us, *self.commanded)))
 
-    def speed_bounds(
-        self, us: Array, first: Array, ratio: float = 1.0 + SLOWING_SLACK_SHARE
-    ) -> Array:
-        """Return the highest u̇ to plan with at every u, shape (m,): wanted, or slowing down.
-
-        ratio: of the speeds of `slowing`.
-        """
+    def speed_bounds(self, us: Array, first: Array) -> Array:
+        """Return the highest u̇ to plan with at every u, shape (m,): wanted, or slowing down."""
         wanted = self.wanted(us, first)
         if self.slowing is None:
             return wanted
-        slower = ratio * self.slowing.speeds(us)
+        slower = (1.0 + SLOWING_SLACK_SHARE) * self.slowing.speeds(us)
         return np.minimum(self.fastest(first), np.maximum(wanted, slower))

@@ -273,7 +273,6 @@ class Replanning:
             route[-1].rest is not None,
             0 if plan is None else sum(way.index <= plan.route[-1].index for way in route),
             self._failures,
-            waypoints.catch_up,
         )
         return PendingRequest(request, route, more, 0.0 if pause else share)
 

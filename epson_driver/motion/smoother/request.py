@@ -11,9 +11,6 @@ from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother.path import Knots
 from epson_driver.motion.smoother.time_parametrisation import State, TimeParametrisation
 
-CATCH_UP_RATIO = 6.0
-"""How many times as fast as commanded a motion is at most, unless its owner says otherwise."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Request:
@@ -32,7 +29,6 @@ class Request:
     reached: how many of the kept knots and points that plan goes to.
     failures: for how many requests in a row, just before, no plan was found; from rest, of those
     from there.
-    catch_up: how many times as fast as commanded the motion may be, to make up for lost time.
     """
 
     start: float | None
@@ -50,7 +46,6 @@ class Request:
     whole: bool = False
     reached: int = 0
     failures: int = 0
-    catch_up: float = CATCH_UP_RATIO
 
 
 @dataclass(frozen=True, slots=True, eq=False)

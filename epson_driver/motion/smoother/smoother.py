@@ -13,7 +13,7 @@ from epson_driver.motion.smoother.execution import Execution, Observer
 from epson_driver.motion.smoother.output_guard import Motion, OutputGuard, Violation
 from epson_driver.motion.smoother.planner import plan
 from epson_driver.motion.smoother.replanning import Planner, Replanning
-from epson_driver.motion.smoother.request import CATCH_UP_RATIO, Plan, Request
+from epson_driver.motion.smoother.request import Plan, Request
 from epson_driver.motion.smoother.waypoints import Mode, Waypoints
 
 log = logging.getLogger(__name__)
@@ -33,11 +33,9 @@ class Smoother:
     defect of this package. `violation` says what the last one was. A planner that raises has found
     no plan: the plan so far, which ends at rest, goes on, an error is logged, `planner_errors`
     counts it, and `planner_error` is the last one. `observer` is told of every change of what is
-    executed. A motion that is late is about `catch_up` times as fast as commanded at most; with 1
-    it stays late.
+    executed.
 
-    Raises ValueError for a start that is not n finite numbers within the limits, or a `catch_up`
-    below 1.
+    Raises ValueError for a start that is not n finite numbers within the limits.
     """
 
     def __init__(
@@ -49,11 +47,8 @@ class Smoother:
         latency: float = 0.0,
         planner: Planner | None = plan,
         observer: Observer | None = None,
-        catch_up: float = CATCH_UP_RATIO,
     ) -> None:
-        if not 1.0 <= catch_up < math.inf:  # NaN too
-            raise ValueError(f'catch_up = {catch_up}: must be 1 or more')
-        self._waypoints = Waypoints(limits, position, mode, catch_up)
+        self._waypoints = Waypoints(limits, position, mode)
         self._execution = Execution(self._waypoints, observer)
         self._replanning = Replanning(self._waypoints, self._execution, planner, latency)
         self._guard = OutputGuard(self.motion)

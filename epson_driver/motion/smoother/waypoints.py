@@ -39,16 +39,15 @@ class Waypoint:
 
     index counts them. anchor: where the first of the points merged into it was. position: where
     to go, the anchor, or the last of the merged points if nothing follows. clock: when it should
-    be reached, s. spent: how long after that the points merged into it go on, s. timed: whether
-    its clock comes from a duration. rest: how long to rest there, s; None to go on. tiny: the way
-    there from rest is shorter than the merge tolerance. came: when it did, s.
+    be reached, s. timed: whether its clock comes from a duration. rest: how long to rest there, s;
+    None to go on. tiny: the way there from rest is shorter than the merge tolerance. came: when
+    it did, s.
     """
 
     index: int
     anchor: Array
     position: Array
     clock: float = 0.0
-    spent: float = 0.0
     timed: bool = False
     rest: float | None = None
     tiny: bool = False
@@ -63,12 +62,9 @@ class Waypoints:
     that is not n finite numbers within the limits.
     """
 
-    def __init__(
-        self, limits: JointLimits, start: Array, mode: Mode, catch_up: float = 1.0
-    ) -> None:
+    def __init__(self, limits: JointLimits, start: Array, mode: Mode) -> None:
         self.limits = limits
         self.mode = mode
-        self.catch_up = catch_up
         start = self.checked(start, None, 'the start')
         self.origin = self.last = Waypoint(0, start, start)
         self.ahead: deque[Waypoint] = deque()
@@ -143,7 +139,6 @@ class Waypoints:
         """Record a stop from `now` s on at a waypoint, or for None at the origin."""
         if point is not None:
             self.origin = point
-            point.clock, point.spent = point.clock + point.spent, 0.0
         self.passed(self.origin)
         self._beside_since = None
         self._rests_since = now
@@ -208,8 +203,7 @@ class Waypoints:
         elif duration >= MIN_DWELL_S or last.rest is not None:
             last.rest = (last.rest or 0.0) + duration
         else:
-            last.clock += duration / 2.0  # in the middle of the time that is spent there
-            last.spent += duration / 2.0
+            last.clock += duration
 
     def _add(
         self, position: Array, duration: float | None, now: float, tiny: bool = False
@@ -225,11 +219,11 @@ class Waypoints:
         else:
             time = duration
         self._before = last.position
-        clock = last.clock + last.spent + (last.rest or 0.0) + time
+        clock = last.clock + (last.rest or 0.0) + time
         anchor = last.anchor if tiny else position
         timed = duration is not None
         self.last = Waypoint(
-            self._next_index(), anchor, position, clock, timed=timed, tiny=tiny, came=now
+            self._next_index(), anchor, position, clock, timed, tiny=tiny, came=now
         )
         self.ahead.append(self.last)
 
