@@ -79,12 +79,12 @@ def read_trace(
     faster than a joint can be is left out, with an event. controller: its address, needed if
     the file has several. Raises RunError, or InputError if the file cannot be read.
     """
-    damage = ''
+    damage: list[str] = []
     try:
         try:
-            steps = read_recording(path)
+            steps = read_recording(path, damage)
         except DamagedError as error:
-            steps, damage = error.steps, f'{error}: what comes after it is missing here'
+            steps, damage = error.steps, [f'{error}: what comes after it is missing here']
         script = make_script(steps, controller)
     except (PcapError, ScriptError) as error:
         raise RunError(printable(f'{path}: {error}')) from error
@@ -96,7 +96,7 @@ def read_trace(
         raise RunError(printable(f'{path}: no joint states are in it'))
     began = min(step.time for step in steps if step.number in script.port_of)
     run = reader.run(path.name, round(began * NANOSECONDS), limits.names, texts)
-    return replace(run, notes=[damage, *run.notes]) if damage else run
+    return replace(run, notes=[*damage, *run.notes])
 
 
 class _Reader:

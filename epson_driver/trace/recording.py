@@ -38,6 +38,15 @@ class _Connection:
         self.ended: set[WireEvent] = set()
         self.streams = {client: Stream(), server: Stream()}
 
+    @property
+    def gap(self) -> str:
+        """What waits behind a packet that never came, or nothing."""
+        lost = sum(len(data) for each in self.streams.values() for data in each.waiting.values())
+        host, port = self.server
+        return (
+            f'a packet to or from {host}:{port} is missing, with it {lost} bytes' if lost else ''
+        )
+
     def steps(self, segment: Segment) -> list[Step]:
         """Return the steps that a packet shows."""
         by_client = segment.source == self.client
@@ -65,16 +74,16 @@ class DamagedError(PcapError):
         self.steps = steps
 
 
-def read_recording(path: Path) -> list[Step]:
+def read_recording(path: Path, gaps: list[str] | None = None) -> list[Step]:
     """Return all steps of all connections in a pcap file.
 
     A connection whose beginning was not captured begins with its first packet; the lower port is
-    taken for the server's. Raises PcapError, DamagedError if some can be read, or InputError if
-    the file cannot be read.
+    taken for the server's. `gaps` gets a sentence for each connection that lacks a packet. Raises
+    PcapError, DamagedError if some can be read, or InputError if the file cannot be read.
     """
     steps: list[Step] = []
     try:
-        _read(path, steps)
+        _read(path, steps, [] if gaps is None else gaps)
     except PcapError as error:
         if steps:
             raise DamagedError(str(error), steps) from error
@@ -82,20 +91,21 @@ def read_recording(path: Path) -> list[Step]:
     return steps
 
 
-def _read(path: Path, steps: list[Step]) -> None:
+def _read(path: Path, steps: list[Step], gaps: list[str]) -> None:
     """Add the steps of a file, one after the other."""
     connections: dict[Pair, _Connection] = {}
-    number = 0
+    every: list[_Connection] = []
     for segment in read_segments(read_file(path, MAX_RECORDING_BYTES)):
         pair = frozenset({segment.source, segment.target})
         connection = connections.get(pair)
         begins = segment.flags & (Flag.SYN | Flag.ACK) == Flag.SYN
         if connection is None or (begins and connection.ended):
             client, server = _client_first(segment, begins=begins)
-            connection = connections[pair] = _Connection(number, client, server)
-            number += 1
+            connection = connections[pair] = _Connection(len(every), client, server)
+            every.append(connection)
             steps.append(Step(segment.time, connection.number, server, WireEvent.OPENED))
         steps += connection.steps(segment)
+    gaps += filter(None, (connection.gap for connection in every))
 
 
 def _client_first(segment: Segment, *, begins: bool) -> tuple[Address, Address]:

@@ -166,6 +166,21 @@ def test_of_a_damaged_trace_what_comes_before_the_damage_is_shown_and_the_rest_t
     assert 'is missing here' in run.notes[0]
 
 
+def test_what_waits_behind_a_missing_packet_is_told(tmp_path):
+    whole, records, position = usual_run().content(), [], 24
+    while position < len(whole):
+        end = position + 16 + struct.unpack_from('<I', whole, position + 8)[0]
+        records.append(whole[position:end])
+        position = end
+    lost = next(n for n in range(len(records) // 2, len(records)) if len(records[n]) > 100)
+    path = tmp_path / 'lacking.pcap'
+    path.write_bytes(whole[:24] + b''.join(records[:lost] + records[lost + 1 :]))
+    run, full = read_trace(path, LIMITS, TEXTS), read(usual_run(), tmp_path)
+    assert 0 < len(run.times) < len(full.times)
+    assert 'is missing, with it' in run.notes[0]
+    assert not any('is missing' in note for note in full.notes)
+
+
 def test_a_damaged_address_is_no_other_controller(tmp_path):
     damaged = bytearray(usual_run().content())
     position = 24
