@@ -21,7 +21,7 @@ from websockets.exceptions import InvalidStatus
 
 from epson_driver.processes import processes
 
-ENABLED, SENT = '~/enable: the arm is enabled', 'goal sent: swing'
+SENT = 'goal sent: swing'
 
 
 @pytest.fixture(scope='module')
@@ -52,16 +52,23 @@ def moving(cell: Cell, panel: PanelProcess) -> PanelClient:
     """Open a window, arm it, enable the arm and execute the swing from it."""
     client = panel.armed()
     enable(client)
+    before = goals_sent(client)
     client.click('Execute')
-    client.wait_for_log(SENT, after=ENABLED)
+    client.wait(lambda: goals_sent(client) > before, SENT)
     cell.peer.wait_for_motion()
     return client
 
 
 def enable(client: PanelClient) -> None:
-    """Press Enable and wait for the answer, which comes before the lamp changes."""
+    """Press Enable and wait for the lamp: of many answers the driver logs only some."""
+    client.wait_for_lamp('Arm gate', 'warn')
     client.click('Enable')
-    client.wait(lambda: ENABLED in client.newest_log(), 'enabled')
+    client.wait_for_lamp('Arm gate', 'good')
+
+
+def goals_sent(client: PanelClient) -> int:
+    """Return how many goals the log tells of."""
+    return sum(SENT in line for line in client.log)
 
 
 def back(cell: Cell, start: list[float] = START) -> None:
