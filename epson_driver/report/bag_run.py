@@ -126,7 +126,8 @@ class _Bag:
             return found[wanted]
         if not found:
             topics = ', '.join(sorted(each.topic for each in self._reader.connections)) or 'none'
-            raise RunError(f'{self._path}: no joint states in it (topics: {topics}): {WANTED}')
+            why = self._note or WANTED
+            raise RunError(f'{self._path}: no joint states in it (topics: {topics}): {why}')
         if len(found) > 1:
             text = f'joint states of several robots are in it ({", ".join(sorted(found))})'
             raise RunError(f'{self._path}: {text}: choose one with --namespace')
