@@ -4,12 +4,15 @@
 
 import asyncio
 import contextlib
+from collections.abc import AsyncIterator
 from typing import Any
 
 import numpy as np
 
-from epson_driver.driver.servo.setpoint import Setpoint, Window
+from epson_driver.driver.servo.setpoint import ServoSettings, Setpoint, Window
 from epson_driver.motion import Array
+from epson_driver.profiles import load_controller_profile
+from support.driver_harness import Harness, options_of, simulated
 
 PERIOD = 0.02
 SERVO = '~/servo'
@@ -50,3 +53,18 @@ async def going_on(harness, setpoint_at, period=PERIOD):
         task.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await task
+
+
+@contextlib.asynccontextmanager
+async def jogging(profile: str, smooth: bool) -> AsyncIterator[Harness]:
+    """A driver with the setpoint period of a simulated controller, enabled and at rest."""
+    async with (
+        simulated(profile=profile, smooth=smooth) as (_, ports),
+        Harness(ports, **options_of(profile)) as harness,
+    ):
+        period = load_controller_profile(profile).program.setpoint_period
+        harness.driver.servo.settings = ServoSettings(period=period)
+        await harness.ready()
+        await harness.commands.enable()
+        await asyncio.sleep(0.5)
+        yield harness

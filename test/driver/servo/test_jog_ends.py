@@ -9,13 +9,11 @@ figures of docs/servo.md.
 import asyncio
 
 import pytest
-from support.driver_harness import HOME, Harness, cell, options_of, pose, simulated
+from support.driver_harness import HOME, cell, pose
 from support.event_loop import now, run, until
-from support.streams import going_on, send, velocities
+from support.streams import going_on, jogging, send, velocities
 
 from epson_driver.driver.outcome import End
-from epson_driver.driver.servo.setpoint import ServoSettings
-from epson_driver.profiles import load_controller_profile
 
 RELEASED = velocities(HOME)
 SPEED = 1.5
@@ -56,16 +54,7 @@ ENDS = {'STOP': stopped, 'released': let_go, 'silent': silent}
 
 async def to_rest(controller, phase, end):
     """Return how long the arm still moved after the end of a jog, s."""
-    name, smooth = controller
-    async with (
-        simulated(profile=name, smooth=smooth) as (_, ports),
-        Harness(ports, **options_of(name)) as harness,
-    ):
-        period = load_controller_profile(name).program.setpoint_period
-        harness.driver.servo.settings = ServoSettings(period=period)
-        await harness.ready()
-        await harness.commands.enable()
-        await asyncio.sleep(0.5)
+    async with jogging(*controller) as harness:
         async with going_on(harness, held, JOG_PERIOD_S):
             await asyncio.sleep(1.2 + phase)
         ended, before = now(), len(harness.events.samples)

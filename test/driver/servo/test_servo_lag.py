@@ -12,13 +12,11 @@ import numpy as np
 import pytest
 from support.driver_harness import Harness, options_of, pose, simulated
 from support.event_loop import now
-from support.streams import PERIOD, positions, velocities, window
+from support.streams import PERIOD, jogging, positions, velocities, window
 
 from benchmark.policy_lag import SETTLED_S, behind
-from epson_driver.driver.servo.setpoint import ServoSettings
 from epson_driver.driver.servo.stream import StreamLag
 from epson_driver.driver.state.robot_state import JointSample
-from epson_driver.profiles import load_controller_profile
 
 DURATION = 7.0
 JITTER = 0.004
@@ -126,16 +124,7 @@ JOG_BARS = {
 @pytest.mark.slow
 @pytest.mark.parametrize('controller', JOG_BARS, ids=lambda row: f'{row[0]} {"smooth" * row[1]}')
 async def test_the_lag_behind_a_held_key_is_as_documented(controller):
-    name, smooth = controller
-    async with (
-        simulated(profile=name, smooth=smooth) as (_, ports),
-        Harness(ports, **options_of(name)) as harness,
-    ):
-        period = load_controller_profile(name).program.setpoint_period
-        harness.driver.servo.settings = ServoSettings(period=period)
-        await harness.ready()
-        await harness.commands.enable()
-        await asyncio.sleep(0.5)
+    async with jogging(*controller) as harness:
         key = velocities(pose(JOG_SPEED))
         times, ways = await followed(harness, lambda _wave, _t: key, None, HELD_S)
         later = times + SETTLED_S  # what comes before is not judged
