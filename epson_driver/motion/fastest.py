@@ -81,11 +81,20 @@ def fastest(waypoints: Array, limits: JointLimits, tolerance: float = 0.0) -> Jo
     problem = Problem(limits, waypoints[way], chords[way], bends[way], beside)
     knots = np.stack([position, velocity, acceleration], axis=2)
     search = Search(problem, knots, np.maximum(np.diff(moments), MIN_WAY_S))
+    with np.errstate(over='ignore', invalid='ignore'):  # a step that leads nowhere ends it
+        try:
+            return _searched(search, waypoints[0], limits)
+        except np.linalg.LinAlgError:
+            return None
+
+
+def _searched(search: Search, start: Array, limits: JointLimits) -> JointMotion | None:
+    """Return the first motion of a search that keeps all limits, or None."""
     for _ in range(MAX_SEARCH_STEPS):
         if not search.step():
             return None
         if search.converged:
-            motion = _slowed(waypoints[0], *search.found(), limits)
+            motion = _slowed(start, *search.found(), limits)
             if motion is not None:
                 return motion  # else it is out of the range, by rounding: the next one may not be
     return None

@@ -236,7 +236,10 @@ class Search:
         )
 
     def step(self) -> bool:
-        """Make a Newton step and return whether that was possible."""
+        """Make a Newton step and return whether that was possible.
+
+        Raises LinAlgError where a system has no solution.
+        """
         m, n = self._size
         jerks, missing = self._by_unknowns()
         tangents, ahead = self._tangents(jerks, missing)
@@ -375,10 +378,7 @@ class Search:
         diagonal *= changes[:, :, None] & changes[:, None, :]
         diagonal[:, np.arange(size), np.arange(size)] += ~changes
         beyond *= changes[:-1, :, None] & changes[1:, None, :]
-        try:
-            solved = -solve_block_tridiagonal(diagonal, beyond, right * changes)
-        except np.linalg.LinAlgError:
-            return None
+        solved = -solve_block_tridiagonal(diagonal, beyond, right * changes)
         return solved if np.all(np.isfinite(solved)) else None
 
     def _go(self, rows: Array, of_rows: Array, change: tuple[Array, Array, Array, Array]) -> None:

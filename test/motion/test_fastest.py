@@ -27,6 +27,7 @@ from epson_driver.motion.passages import passages
 from epson_driver.motion.smoothed import smoothed
 from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode
 from epson_driver.motion.smoother.path import Knots, through
+from epson_driver.motion.transcription import Search
 
 pytestmark = pytest.mark.invariant(2)
 
@@ -212,6 +213,18 @@ def test_where_none_is_found_the_motion_is_that_on_the_spline(
     assert smooth(ZIGZAG, SLOW).duration < spline.duration
     monkeypatch.setattr('epson_driver.motion.fastest.MAX_WAYS', 5)
     assert smooth(ZIGZAG, SLOW).positions.tolist() == spline.positions.tolist()
+
+
+def test_a_search_that_cannot_go_on_leaves_the_motion_on_the_spline(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def singular(search: Search) -> bool:
+        raise np.linalg.LinAlgError('made for this test')
+
+    spline = smooth(ZIGZAG, SLOW, refine=False)
+    for step in (singular, lambda search: False):
+        monkeypatch.setattr(Search, 'step', step)
+        assert smooth(ZIGZAG, SLOW).positions.tolist() == spline.positions.tolist()
 
 
 def test_points_with_times_a_look_ahead_or_the_spline_leave_no_choice() -> None:
