@@ -58,14 +58,14 @@ class FunctionCode:
 
 @dataclass
 class Program:
-    """All functions of a project, its shared variables, and the text it came from."""
+    """All functions of a project, its shared variables, and the text they came to, by portions."""
 
     functions: list[FunctionCode]
     by_name: dict[str, FunctionCode]
     variables: list[Variable]
     libraries: list[Declare]
     files: list[File]
-    source: str
+    source: tuple[str, ...]
     data: ProjectData = field(default_factory=ProjectData)
     shared: dict[str, Variable] = field(default_factory=dict)
     """The Global variables by name in lower case."""

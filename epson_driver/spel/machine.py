@@ -59,7 +59,7 @@ STARTED = datetime(2000, 1, 1)
 _SOURCE = '<spel>'
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=16)
 def _code_of(source: str) -> CodeType:
     """Compile what compiler.py wrote: of a program that many machines run, once."""
     return compile(source, _SOURCE, 'exec')
@@ -169,7 +169,8 @@ class Machine:
         for name, statement in all_statements().items():
             names[f's_{name}'] = statement
         program = self.world.program
-        exec(_code_of(program.source), names)  # noqa: S102 - compiler.py wrote it
+        for portion in program.source:
+            exec(_code_of(portion), names)  # noqa: S102 - compiler.py wrote it
         self.world.command = partial(self._command, evaluated=True)
         self.world.linked += [self._linked(code) for code in program.functions]
 

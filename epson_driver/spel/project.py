@@ -31,6 +31,9 @@ from epson_driver.spel.words import FIRST, WORDS, reserved
 MOST_ELEMENTS = 2_000_000
 """Of all shared arrays together."""
 
+MOST_TEXT = 50_000
+"""Characters of Python that are compiled at once: each takes some 150 bytes meanwhile."""
+
 OFF = "'"
 """In front of a #define line: it is a comment."""
 
@@ -177,7 +180,12 @@ def build_with(
         for function in file.functions:
             if functions[function.name.lower()] is function:
                 Compiler(function, scope.for_function(), codes, problems, notes).compile()
-    source = ''.join(text for code in codes.values() for text in code.source)
+    portions = ['']
+    for text in (text for code in codes.values() for text in code.source):
+        if len(portions[-1]) > MOST_TEXT:
+            portions.append('')
+        portions[-1] += text
+    source = tuple(portions)
     return Program(list(codes.values()), codes, variables, declared, parsed, source, data, shared)
 
 

@@ -4,6 +4,7 @@
 
 import random
 import re
+import tracemalloc
 
 import pytest
 from hypothesis import given, settings
@@ -197,3 +198,20 @@ def test_a_good_program_with_pieces_taken_away_doubled_and_swapped(
 )  # fmt: skip
 def test_what_grows_or_never_ends(text: str) -> None:
     judged(text)
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'Select 1\n' + 'Case 1\n' * 1_500 + 'Send',
+        'Pass P(0:999), P(999:0)\n' * 8,
+    ],
+    ids=['cases', 'points'],
+)
+def test_a_long_function_takes_little_memory(text: str) -> None:
+    tracemalloc.start()
+    try:
+        Machine(build({'main.prg': f'Function main\n{text}\nFend'}), ScriptedHost())
+        assert tracemalloc.get_traced_memory()[1] < 20e6
+    finally:
+        tracemalloc.stop()

@@ -10,6 +10,7 @@ import numpy as np
 
 from epson_driver.motion import Array, JointLimits, LineMotion
 from epson_driver.motion.joint_moves import JointMoves, Part
+from epson_driver.sim_controller.arm.low_power import LOW_POWER
 from epson_driver.tool_motion.curve_motion import (
     Curve,
     CurveMotion,
@@ -28,6 +29,9 @@ STANDS = 1e-9
 ON_IT = 1e-6
 """An arm that is no farther away, rad or m, is on a leg."""
 
+UP, ACROSS = 0.2, 0.8
+"""Of the tool's speed at low power, what each has where they overlap: a line never has more."""
+
 CHECKS = 50
 """So often a leg is looked at for its joints' ranges."""
 
@@ -39,13 +43,11 @@ class Leg(Protocol):
     end: Array
     curve: Curve
 
-    @property
-    def limits(self) -> JointLimits:
-        """What it may have of the joints' limits."""
+    def asked(self, low_power: bool, share: float) -> tuple[JointLimits, CurveSpeed]:
+        """Return what it may have of the joints' limits, and how fast it is to be.
 
-    @property
-    def speed(self) -> CurveSpeed:
-        """How fast it is to be."""
+        share: of the tool's speed at low power.
+        """
 
     def from_rest(self, start: Array, low_power: bool) -> LineMotion | CurveMotion:
         """Return its motion alone, from where the arm is."""
@@ -56,8 +58,8 @@ class Arch:
 
     The way across begins at the share `leave` of the way up, and is over at the share `join` of
     the way down. Joints that both would move share their limits: the way up or down has half of
-    them at most, the way across what that leaves. At low power, and after a pause, what is left
-    of them comes one after the other.
+    them at most, the way across what that leaves. After a pause what is left of them comes one
+    after the other.
     """
 
     def __init__(
@@ -70,8 +72,8 @@ class Arch:
 
     def __call__(self, start: Array, low_power: bool) -> JointMoves:
         """Return the motion from where the arm is."""
-        if np.array_equal(start, self._legs[0].begin) and not low_power:
-            parts = self._overlapping()
+        if np.array_equal(start, self._legs[0].begin):
+            parts = self._overlapping(low_power)
         else:
             parts = self._one_by_one(start, low_power)
         return JointMoves(start, parts)
@@ -98,25 +100,25 @@ class Arch:
         self._across = parts[left.index(span)] if span in left else None
         return parts
 
-    def _overlapping(self) -> list[Part]:
+    def _overlapping(self, low_power: bool) -> list[Part]:
         rise, span, *falls = self._legs
         both = span.curve.most[0] > STANDS
         limits = self._limits
+        if low_power:
+            limits = changed(limits, lambda _, most: LOW_POWER * most)
         half = changed(limits, lambda _, most: np.where(both, most / 2.0, most))
-        beside = (rise, *falls)
-        uses = [joint_use(leg.curve, *kept(half, leg.curve, leg.speed)) for leg in beside]
+        asked, speed = span.asked(low_power, ACROSS)
+        beside = [(leg.curve, leg.asked(low_power, UP)[1]) for leg in (rise, *falls)]
+        uses = [joint_use(curve, *kept(half, curve, speed)) for curve, speed in beside]
         used = dict(zip(_KINDS, np.max(uses, axis=0), strict=True))
-        asked = span.limits
         left = changed(
             limits,
             lambda kind, most: np.minimum(
                 getattr(asked, kind), np.where(both, most - used[kind], most)
             ),
         )
-        up, across, *downs = (
-            go_along(most, leg.curve, leg.speed)
-            for leg, most in zip(self._legs, (half, left, half), strict=False)
-        )
+        across = go_along(left, span.curve, speed)
+        up, *downs = (go_along(half, *each) for each in beside)
         self._across = Part(up.when(self._leave), rise.end, across)
         parts = [Part(0.0, rise.begin, up), self._across]
         for down in downs:

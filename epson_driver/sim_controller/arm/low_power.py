@@ -83,6 +83,9 @@ class LowPower:
             raise ValueError(f'reach: {self.reach.size} values for {len(limits.names)} joints')
 
 
-def low_power_caps(reach: Array) -> LowPower:
-    """Return the caps of a robot whose joints have these reaches, shape (n,), m."""
-    return LowPower(LOW_POWER, LOW_POWER_TOOL_SPEED, reach)
+def low_power_caps(reach: Array, share: float = 1.0) -> LowPower:
+    """Return the caps of a robot whose joints have these reaches, shape (n,), m.
+
+    share: of the tool's speed.
+    """
+    return LowPower(LOW_POWER, share * LOW_POWER_TOOL_SPEED, reach)

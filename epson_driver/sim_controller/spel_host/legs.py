@@ -47,7 +47,7 @@ class JointLeg:
     length = 0.0
 
     def __init__(self, robot: RobotContext, begin: Array, end: Array) -> None:
-        self._robot = robot
+        self._model, self._spel = robot.controller.model, robot.controller.spel
         self.begin, self.end = begin, end
         self.curve = Curve(np.linspace(begin, end, MIN_SAMPLES))
 
@@ -56,31 +56,27 @@ class JointLeg:
         """How the arm is told to go there, and rest."""
         return rest_at(self.end)
 
-    @property
-    def limits(self) -> JointLimits:
-        """What Speed and Accel leave of the limits."""
-        spel = self._robot.controller.spel
-        return _shared(self._robot.controller.model.limits, spel.speed, spel.accel)
-
-    @property
-    def speed(self) -> CurveSpeed:
-        """As fast as these allow."""
-        way, most = np.abs(self.end - self.begin), self.limits
+    def asked(self, low_power: bool, share: float) -> tuple[JointLimits, CurveSpeed]:
+        """Return what Speed and Accel leave of the limits, and what is as fast as these allow."""
+        way = np.abs(self.end - self.begin)
+        most = _shared(self._model.limits, *self._shares(way, low_power, share))
         with np.errstate(divide='ignore'):
             v, a, j = (
                 np.min(each / way) for each in (most.velocity, most.acceleration, most.jerk)
             )
-        return CurveSpeed(float(v), float(a), float(j))
+        return most, CurveSpeed(float(v), float(a), float(j))
 
     def from_rest(self, start: Array, low_power: bool) -> LineMotion:
         """Return the motion from where the arm is."""
-        model, spel = self._robot.controller.model, self._robot.controller.spel
-        speed, accel = spel.speed, spel.accel
-        if low_power:
-            caps = low_power_caps(model.reach)
-            speed = min(speed, caps.speed(model.limits, self.end - start))
-            accel = min(accel, caps.fraction)
-        return go(model.limits, start, self.end, speed, accel)
+        speed, accel = self._shares(self.end - start, low_power, 1.0)
+        return go(self._model.limits, start, self.end, speed, accel)
+
+    def _shares(self, way: Array, low_power: bool, share: float) -> tuple[float, float]:
+        speed, accel = self._spel.speed, self._spel.accel
+        if not low_power:
+            return speed, accel
+        caps = low_power_caps(self._model.reach, share)
+        return min(speed, caps.speed(self._model.limits, way)), min(accel, caps.fraction)
 
 
 class StraightLeg:
@@ -110,15 +106,9 @@ class StraightLeg:
         """How the arm is told to go there, and rest."""
         return replace(rest_at(self.end), path=self.from_rest)
 
-    @property
-    def limits(self) -> JointLimits:
-        """Those of the arm."""
-        return self._robot.controller.model.limits
-
-    @property
-    def speed(self) -> CurveSpeed:
-        """What SpeedS and AccelS, or SpeedR and AccelR, ask for."""
-        return self._speed(self._robot, self._path, False)
+    def asked(self, low_power: bool, share: float) -> tuple[JointLimits, CurveSpeed]:
+        """Return the limits, and what SpeedS and AccelS, or SpeedR and AccelR, ask for."""
+        return _limits(self._robot, low_power), self._speed(self._robot, self._path, low_power)
 
     def motion(self, start: Array, low_power: bool) -> CurveMotion:
         """Return the motion. Raises SpelError, ValueError."""

@@ -3,6 +3,7 @@
 """Move, Jump, Pallet and places in space, by the kinematics of six-axis arms and SCARAs."""
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -254,7 +255,7 @@ def jumped(caplog, more, power=HIGH):
         (' C7', HIGH, 60.0, 80.0),
         ('', HIGH, 60.0, 80.0),
         (' C4', HIGH, 60.0, 80.0),  # 70 mm: more than there is to rise
-        (' C1', '', 60.0, 80.0),  # at low power, one after the other
+        (' C1', '', 15.0, 25.0),
     ],
 )
 def test_inv2_a_jump_goes_round_the_corners_of_its_arch(caplog, more, power, rise, fall):
@@ -325,6 +326,28 @@ def test_inv2_jump3_goes_round_the_corners_of_its_arch(caplog, statement, more, 
     assert (speeds[left - 5 : joined].min() > 1e-5) == arched
 
 
+def across_and_up(caplog, statement, power):
+    """Return how far across, from 0 to 1, and how high, mm, an arch is in each motion cycle."""
+    caplog.clear()
+    if statement == 'Jump':
+        heights, sideways = jumped(caplog, ' C1', power)
+        gone = sideways[:, 0] - sideways[0, 0]
+    else:
+        harness, places = jumped_3(caplog, statement, 'C1', power)
+        gone, heights = places[:, 0], places[:, 2]
+        speeds = np.linalg.norm(np.diff(tool_places(harness), axis=0), axis=1) / STEP_S
+        assert power == HIGH or speeds.max() < 0.25
+    return gone / gone[-1], heights
+
+
+@pytest.mark.parametrize('statement', ['Jump', 'Jump3', 'Jump3CP'])
+def test_an_arch_at_low_power_is_lower(caplog, statement):
+    """P474, p479: "When speed is lower, the trajectory will be lower"."""
+    fast, slow = (across_and_up(caplog, statement, power) for power in (HIGH, ''))
+    for share in (0.05, 0.15, 0.85, 0.95):
+        assert np.interp(share, *slow) < np.interp(share, *fast) - 5.0
+
+
 @pytest.mark.parametrize('after', [0.1, 0.3, 0.5, 0.7])
 def test_jump3_goes_on_after_a_pause_up_round_a_corner_across_or_down(caplog, after):
     source = JUMP3.format(power=HIGH, statement='Jump3', more='C1')
@@ -341,7 +364,7 @@ def test_jump3_goes_on_after_a_pause_up_round_a_corner_across_or_down(caplog, af
     assert_limits_kept(harness)
 
 
-def arch_of(caplog, name):
+def arch_of(caplog, name, low_power):
     """Return a robot, and the motion of a Jump3 with an arch of 15 and 25 mm from BENT."""
     controller = six_axis(caplog, 'Function main\nFend\n').controller
     for setting, values in (('SpeedS', (800.0,)), ('AccelS', (8000.0, 8000.0))):
@@ -356,15 +379,18 @@ def arch_of(caplog, name):
     ends = changed(here, '+', 'z', -60.0), there, low
     numbers = {'depart': 15.0, 'approach': 25.0}
     (point,) = points_of(robot, MotionRequest(name, ends, numbers=numbers))
-    return robot, point.path(BENT, False)
+    return robot, point.path(BENT, low_power)
 
 
 @pytest.mark.invariant(2)
 @pytest.mark.parametrize('name', ['jump3', 'jump3cp'])
-def test_inv2_an_arch_and_a_stop_on_it_keep_every_limit(caplog, name):
+@pytest.mark.parametrize('low_power', [False, True])
+def test_inv2_an_arch_and_a_stop_on_it_keep_every_limit(caplog, name, low_power):
     """At full speed, where two motions of the same joints overlap (p479)."""
-    robot, motion = arch_of(caplog, name)
+    robot, motion = arch_of(caplog, name, low_power)
     limits = robot.controller.model.limits
+    if low_power:
+        limits = replace(limits, velocity=LOW_POWER * limits.velocity)
     stops = [motion.stop(time) for time in np.linspace(0.0, motion.duration, 60).tolist()]
     for each in (motion, *stops):
         states = [each.at(time) for time in np.linspace(0.0, each.duration, 300).tolist()]
