@@ -16,7 +16,7 @@ from epson_driver.doctor.asking import (
     count_state_clients,
     why_not_to_ask,
 )
-from epson_driver.doctor.findings import Findings
+from epson_driver.doctor.findings import Findings, Level
 from epson_driver.doctor.learning import differences, tolerance
 from epson_driver.doctor.listening import Conversation, Heard, NoConnectionError, conversation
 from epson_driver.doctor.port_checks import (
@@ -61,6 +61,11 @@ CLOCK_JUMP_S = 0.1
 NEEDED = ('drives_powered', 'e_stopped', 'in_error')
 """Fields of STATUS without which nobody knows whether the arm could move."""
 
+SERVERS = {
+    'state port': 'StateServer (67)', 'motion port': 'MotionServer (66)', 'I/O port': 'IoServer (68)',
+}  # fmt: skip
+"""Which task of the SPEL+ program serves a port, and its number in RC+'s Task Manager."""
+
 OUTSIDE_RAD = 0.05
 """How far beyond a limit a joint may be reported, rad or m: noise, and a rest at the very end."""
 
@@ -91,6 +96,24 @@ async def check_controller(
 
     `ask` talks to a person at the pendant; None: there is none.
     """
+    facts = await _check(question, findings, ask)
+    if question.profile.spel.project:
+        _name_tasks(findings)
+    return facts
+
+
+def _name_tasks(findings: Findings) -> None:
+    """Say which tasks of the SPEL+ program do not serve."""
+    well = {each.about for each in findings.all if each.level is Level.OK}
+    looked_at = {each.about for each in findings.all if each.level in (Level.WRONG, Level.NOTE)}
+    missing = [task for port, task in SERVERS.items() if port in looked_at - well]
+    if missing:
+        text = f'RC+ must show {" and ".join(missing)} in its Task Manager'
+        remedy = 'if not: BgMain (65) starts them, see Preferences, background tasks'
+        findings.note('SPEL+ program', text, remedy)
+
+
+async def _check(question: Question, findings: Findings, ask: Ask | None) -> Facts:
     if question.profile.program.interface == 'statements':
         return await _check_remote(question, findings)
     if not question.profile.server.reconnect and not question.once:

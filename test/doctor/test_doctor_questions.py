@@ -272,6 +272,23 @@ def test_a_motion_port_that_does_not_answer_is_told(talk, level, said):
     assert not {'ports.motion', 'server.reconnect', 'program.kind'} & facts.keys()
 
 
+@pytest.mark.parametrize(
+    ('talks', 'missing'),
+    [
+        ({'motion': answers(stop_only), 'io': hangs_up}, 'IoServer (68)'),
+        ({'motion': hangs_up, 'io': silent}, 'MotionServer (66) and IoServer (68)'),
+        ({'state': hangs_up}, 'StateServer (67)'),
+    ],
+    ids=['io', 'motion and io', 'state'],
+)
+def test_the_task_of_the_spel_program_that_does_not_serve_is_named(talks, missing):
+    served = Served(**{'state': sends(JOINTS, OFF), **talks})
+    spel = load_controller_profile('spel')
+    _, findings = examined(served, profile=spel, may_ask=True, may_use_io=True)
+    said = found(findings, Level.NOTE)['SPEL+ program']
+    assert said == f'RC+ must show {missing} in its Task Manager'
+
+
 def test_a_motion_port_that_serves_one_client_once_is_told():
     served = Served(state=sends(JOINTS, OFF), motion=None)
 
