@@ -62,8 +62,10 @@ NEEDED = ('drives_powered', 'e_stopped', 'in_error')
 """Fields of STATUS without which nobody knows whether the arm could move."""
 
 SERVERS = {
-    'state port': 'StateServer (67)', 'motion port': 'MotionServer (66)', 'I/O port': 'IoServer (68)',
-}  # fmt: skip
+    'state port': 'StateServer (67)',
+    'motion port': 'MotionServer (66)',
+    'I/O port': 'IoServer (68)',
+}
 """Which task of the SPEL+ program serves a port, and its number in RC+'s Task Manager."""
 
 OUTSIDE_RAD = 0.05
