@@ -96,6 +96,8 @@ def listed_files(project: Block) -> Iterator[str]:
 
     Raises RcFileError.
     """
+    if not project.number('nProgramFileCount'):
+        raise project.fault('nProgramFileCount', 'expected nProgramFileCount=1 or more')
     for kind in ('ProgramFile', 'IncludeFile'):
         yield from (each.text('sName') for each in project.blocks(kind))
     points = [each for each in project.blocks('PointFile') if each.number('nRobot', 1) == 1]

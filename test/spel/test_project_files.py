@@ -91,6 +91,13 @@ def test_what_cannot_be_read_is_told_with_file_and_line(text: str, said: str) ->
         build({'main.prg': 'Function main\nFend', 'robot1.pts': text})
 
 
+def test_a_project_file_that_lists_no_program_is_no_project() -> None:
+    """All 52 public ones have the number: one that was cut short builds nothing unnoticed."""
+    said = r'p\.sprj:1:1: error: cannot be read: expected nProgramFileCount=1 or more'
+    with pytest.raises(ProgramError, match=said):
+        build({'main.prg': 'Function main\nFend', 'p.sprj': 'sRCVersion="7.0.5"\n'})
+
+
 def test_points_and_their_labels() -> None:
     assert lines('Print CX(pick), CZ(P0), CU(place), PDef(1), PDef(3)') == ['100 -30 4 0 -1']
     assert lines('pick = XY(1, 2, 3, 4)\nPrint CX(P0)') == ['1']
@@ -122,6 +129,7 @@ def test_labels_of_inputs_and_outputs_are_numbers() -> None:
 
 def test_only_what_the_project_lists_is_read(tmp_path: Path) -> None:
     listed = (
+        'nProgramFileCount=1\n'
         'ProgramFile1 {\n\tsName="MAIN.prg"\n}\nIncludeFile1 {\n\tsName="a.inc"\n}\n'
         'PointFile1 {\n\tsName="old.pts"\n\tnRobot=1\n\tbDefault=False\n}\n'
         'PointFile2 {\n\tsName="robot1.pts"\n\tnRobot=1\n\tbDefault=True\n}\n'
