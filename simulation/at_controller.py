@@ -20,7 +20,7 @@ from epson_driver.sim_controller.condition.states import (
 from epson_driver.sim_controller.faults.faults import ANSWER_TIME_S, FaultError, parse
 from simulation.network import HOST, Network
 from simulation.oracles import Arm, Wishes
-from simulation.users import PERSON_S, Users
+from simulation.users import Users
 from simulation.virtual_loop import VirtualLoop
 
 CLOSING = ('ESTOP_PRESS', 'MOTORS_OFF', 'DOOR_OPEN', 'MODE_MANUAL')
@@ -50,6 +50,7 @@ class Surroundings(Protocol):
     users: Users
     profile: ControllerProfile
     statements: bool
+    person: float
     controller: Any
     servers: Any
     ports: Any
@@ -65,7 +66,7 @@ class AtController:
         self._world = world
         self._now: Callable[[], float] = world.loop.time
         self._unsure_until = 0.0
-        self._closing = -PERSON_S
+        self._closing = -world.person
         self.links = ('remote',) if world.statements else ('motion', 'state')
         """Ports that the driver needs: without one the arm must be enabled again."""
 
@@ -88,12 +89,12 @@ class AtController:
         def client_came() -> None:
             came()
             world.arm.client_came()
-            world.loop.call_later(3.0 * world.delay + STOP_S, look)
+            world.loop.call_later(3.0 * world.delay + STOP_S, look, self._now())
 
-        def look() -> None:
+        def look(since: float) -> None:
             held = world.network.stalled or world.loop.hanging or self.unsure
             if not held and not world.wishes.any(self._now()):
-                world.arm.old_points_over()
+                world.arm.old_points_over(since)
 
         world.controller.client_came = client_came
 
@@ -103,7 +104,7 @@ class AtController:
         """Let a person do something, who needs a while to take back what closes the gate."""
         if event in CLOSING:
             self._closing = self._now()
-        elif (left := self._closing + PERSON_S - self._now()) > 0.0:
+        elif (left := self._closing + self._world.person - self._now()) > 0.0:
             await asyncio.sleep(left)
         self._apply(event)
 
@@ -122,7 +123,7 @@ class AtController:
         ):  # a goal that comes before the next STATUS switches a Motoman's motors on
             wishes.open, wishes.closed_meanwhile = None, True
         if event == 'CONTINUE':
-            wishes.person = True
+            wishes.person, wishes.asked = True, self._now()
             world.loop.call_later(MOVES_S, setattr, wishes, 'person', False)
 
     def mend(self) -> None:

@@ -215,10 +215,9 @@ class Arm:
         """Expect old points to be gone on with until STOP has arrived (docs/safety.md)."""
         self._wishes.asked = self._now()
 
-    def old_points_over(self) -> None:
-        """Judge that STOP has arrived. Raises BrokenError."""
-        now = self._now()
-        if now - self.moved < ANSWERED_S and not self._wishes.any(now):
+    def old_points_over(self, since: float) -> None:
+        """Judge that STOP has arrived, if nobody wanted motion since. Raises BrokenError."""
+        if self._now() - self.moved < ANSWERED_S and self._wishes.asked <= since:
             raise BrokenError('4: the arm goes on with old points since a client came')
 
     def said_to_stand(self, request: str) -> None:

@@ -170,9 +170,9 @@ class NodeProcess(Process):
         """Take a speed scaling. Raises ValueError."""
         self.driver.goal_queue.scaling.set(factor, self._world.loop.time())
 
-    def take(self, setpoint: Setpoint, came: float) -> None:
-        """Take a setpoint."""
-        self.driver.servo.take(setpoint, came)
+    def take(self, setpoint: Setpoint, came: float, missed: bool) -> None:
+        """Take a setpoint. missed: its publisher had sent before the process was there."""
+        self.driver.servo.take(setpoint, came, missed=missed)
 
     def hand_in(self, number: int, trajectory: Trajectory, on_end: OnEnd) -> None:
         """Take a goal."""
@@ -343,7 +343,7 @@ class RobotProcess(Process):
         except RobotError as error:
             raise ValueError(str(error)) from error
 
-    def take(self, setpoint: Setpoint, _came: float) -> None:
+    def take(self, setpoint: Setpoint, _came: float, _missed: bool) -> None:
         """Call `servo` or `servo_velocity`."""
         with contextlib.suppress(RobotError):
             if setpoint.positions is not None:

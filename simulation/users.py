@@ -35,9 +35,6 @@ SETTLED_RAD = 1e-3
 """An arm that is so near to a goal that has succeeded does not move any more, rad. One that is
 farther away, within the tolerance, may have the last of its points yet to do."""
 
-PERSON_S = 0.3
-"""A person needs so long to see what helps, s: STATUS has told it to the driver by then."""
-
 LATEST_S = 1.0
 """So long after it was stopped or canceled a goal may still succeed, s: it was there already."""
 
@@ -77,6 +74,8 @@ class Surroundings(Protocol):
     """Whether the controller takes as long as a goal says."""
     streams: bool
     """Whether it follows streams."""
+    person: float
+    """How long a person at the controller takes, s: STATUS has told the driver by then."""
 
     def say(self, text: str) -> None:
         """Write a line of the log."""
@@ -99,6 +98,8 @@ class Users:
         self.requests: set[asyncio.Task[None]] = set()
         self._positions: dict[str, tuple[float, Array | None]] = {}
         """Topic → when a position came last on it, and which, s and rad."""
+        self._heard: dict[str, str] = {}
+        """Topic → the process that heard it last: another one has missed what came before."""
         self._count = 0
         self._enabling = 0
         """How many requests to enable are under way."""
@@ -231,7 +232,7 @@ class Users:
 
     async def mend(self) -> None:
         """Do at the controller what helps, and enable."""
-        await asyncio.sleep(PERSON_S)
+        await asyncio.sleep(self._world.person)
         self._world.at_controller.mend()
         self.request('enable')
 
@@ -364,7 +365,10 @@ class Users:
         self._follow(setpoint)
 
     def _take(self, kind: str, speed: Any, begin: Any, time: float) -> None:
-        """Let a setpoint come on the topic of its kind."""
+        """Let a setpoint come on the topic of its kind, or from a program that runs."""
+        process = self._world.process
+        if process.hangs and isinstance(process, RobotProcess):
+            return
         swing = begin + speed * np.sin(time)
         if kind in ('velocities', 'zeros'):
             speed = speed if kind == 'velocities' else np.zeros(len(begin))
@@ -408,7 +412,9 @@ class Users:
 
     def _follow(self, setpoint: Setpoint) -> None:
         process = self._world.process
-        process.call(partial(process.take, setpoint, self.loop.time()))
+        missed = self._heard.get(setpoint.source, process.name) != process.name
+        self._heard[setpoint.source] = process.name
+        process.call(partial(process.take, setpoint, self.loop.time(), missed))
 
     async def end_stream(self, publisher: int) -> None:
         """Let a publisher send no more."""

@@ -52,6 +52,9 @@ STATE_PERIODS_S = (0.005, 0.02, 0.05, 0.05, 0.05)
 DELAYS_S = (0.0, 0.0005, 0.01, 0.05)
 PLANNING_S = (0.0, 0.05, 0.5)
 STATE_TIMEOUT_S = 1.0
+PERSON_S = 0.3
+"""How long a person takes at least to see what helps, s; longer where STATUS is rarer."""
+
 PROGRAM_SHARE = 0.2
 """In how many worlds a program in Python has the place of the node."""
 
@@ -98,6 +101,8 @@ class World:
         if self.statements:
             self.state_period = self.profile.state.period
         self.delay = float(self.rng.choice(DELAYS_S))
+        status = 1 + self.profile.state.joint_positions_per_status
+        self.person = max(PERSON_S, status * self.state_period + 3.0 * self.delay)
         self.on_the_way = bool(
             self.rng.random() < 0.3 and program.joins_goals and program.interface == 'streaming'
         )

@@ -40,22 +40,21 @@ def draw_envelope(path: Path, model: RobotModel) -> None:
     first, across, up, last = (0, 0, 1, -1) if scara else (1, 1, 2, 4)
     arm, limits = Kinematics(model), model.limits
 
-    def seen(joints: Array) -> Array:
-        """Return the joints' places in the picture, shape (n, 2), mm."""
-        frames = [arm.in_base(frame) for frame in arm.link_frames(joints)]
-        return np.array([frame[[across, up], 3] * 1e3 for frame in frames])
+    def in_picture(frames: Array) -> Array:
+        """Return where frames, shape (…, 4, 4), are in the picture, shape (…, 2), mm."""
+        return np.asarray(arm.in_base(frames)[..., [across, up], 3] * 1e3)
 
-    joints = np.zeros(len(limits.names))
-    area = np.empty((STEPS, STEPS, 2))
     one, two = (
-        np.linspace(limits.position_min[joint], limits.position_max[joint], STEPS)
-        for joint in (first, first + 1)
+        [arm.link_frames(value * np.eye(len(limits.names))[joint]) for value in values]
+        for joint, values in (
+            (joint, np.linspace(limits.position_min[joint], limits.position_max[joint], STEPS))
+            for joint in (first, first + 1)
+        )
     )
-    for row, column in np.ndindex(STEPS, STEPS):
-        joints[[first, first + 1]] = one[row], two[column]
-        area[row, column] = seen(joints)[last]
+    turns = np.array([frames[first] for frames in one]) @ np.linalg.inv(two[0][first])
+    area = in_picture(turns[:, None] @ np.array([frames[last] for frames in two]))
     shown = np.array(SHOWN[model.kind]) / model.shown_per_unit
-    shown = seen(shown if scara else model.bent(shown.tolist()))
+    shown = in_picture(arm.link_frames(shown if scara else model.bent(shown.tolist())))
     if not scara:
         shown = np.vstack([[0.0, 0.0], shown])
 
@@ -66,7 +65,12 @@ def draw_envelope(path: Path, model: RobotModel) -> None:
     figure, axes = plt.subplots(figsize=(7, 7), layout='constrained')
     blue = ListedColormap(['#B7D3E8'])
     axes.pcolormesh(
-        area[..., 0], area[..., 1], np.zeros((STEPS, STEPS)), cmap=blue, shading='gouraud'
+        area[..., 0],
+        area[..., 1],
+        np.zeros((STEPS, STEPS)),
+        cmap=blue,
+        shading='gouraud',
+        rasterized=True,
     )
     axes.plot(*shown.T, 'o-', color='#33373C', linewidth=5, markersize=8, solid_capstyle='round')
     axes.set_aspect('equal')

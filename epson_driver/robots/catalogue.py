@@ -78,10 +78,10 @@ def layers(name: str) -> list[Layer]:
         line = yaml_line(path, ('like',))
         raise InputError(f'{printable(path)}, line {line}: like = {shown(like)}: {why}')
     path = next(path for path in _series_files() if name in _rows(path))
-    series, rows = _series(path), _rows(path)
+    series, rows = _read(path, path.stat().st_mtime_ns)
     row = rows[name]
     likes = [rows[_listed(row.values['like'])]] if 'like' in row.values else []
-    return [Layer(path, (), {k: v for k, v in series.items() if k != 'models'}), *likes, row]
+    return [series, *likes, row]
 
 
 def _series_files() -> list[Path]:
@@ -89,20 +89,18 @@ def _series_files() -> list[Path]:
 
 
 def _rows(path: Path) -> dict[str, Layer]:
-    rows = _mapping(path, 'models', _series(path).get('models'))
-    return {
-        _listed(name): Layer(path, ('models', name), _mapping(path, f'models.{name}', row))
-        for name, row in rows.items()
-    }
-
-
-def _series(path: Path) -> dict[str, Any]:
-    return _read(path, path.stat().st_mtime_ns)
+    return _read(path, path.stat().st_mtime_ns)[1]
 
 
 @lru_cache(maxsize=64)
-def _read(path: Path, _changed: int) -> dict[str, Any]:
-    return _mapping(path, 'the file', read_yaml(path))
+def _read(path: Path, _changed: int) -> tuple[Layer, dict[str, Layer]]:
+    """Return what a series has in common, and its models by their names."""
+    series = dict(_mapping(path, 'the file', read_yaml(path)))
+    rows = _mapping(path, 'models', series.pop('models', None))
+    return Layer(path, (), series), {
+        _listed(name): Layer(path, ('models', name), _mapping(path, f'models.{name}', row))
+        for name, row in rows.items()
+    }
 
 
 def _mapping(path: Path, key: str, values: Any) -> dict[str, Any]:

@@ -30,3 +30,35 @@ def test_the_first_thing_that_a_line_has_held_up_in_a_page_is_late_too():
             Event(2.5, 'stop', {}),
         ]
     )
+
+
+STEADY = {'publisher': 0, 'kind': 'positions', 'speed': [0.2] * 6, 'period': 0.02, 'zero_each': 3}
+FAR = {'step': 0.05, 'offsets': [[0.2] * 6, [-0.2] * 6] * 3, 'from_here': False}
+
+
+@pytest.mark.parametrize(
+    ('seed', 'events'),
+    [
+        ('3400000025', [Event(0.2, 'goal', FAR), Event(0.15, 'stop', {})]),
+        (
+            '3400000147',
+            [
+                Event(0.0, 'stream', STEADY),
+                Event(3.0, 'driver_hangs', {'seconds': 4.0}),
+                Event(0.23, 'enable', {}),
+            ],
+        ),
+        (
+            '3400000007',
+            [
+                *(Event(0.7, 'mend', {}) for _ in range(8)),
+                Event(1.0, 'pendant', {'event': 'MOTORS_OFF'}),
+                Event(0.15, 'pendant', {'event': 'MOTORS_ON'}),
+                Event(0.9, 'goal', FAR),
+            ],
+        ),
+    ],
+    ids=['braking after a new client', 'a program that hung', 'STATUS is rare'],
+)
+def test_what_is_right_is_not_taken_for_wrong(seed, events):
+    World(seed).play(events)
