@@ -216,12 +216,9 @@ async def begun_slowly(robot, way):
     ('profile', 'smooth', 'way'),
     [
         ('rc620', False, 'joints'),
-        ('rc620', True, 'joints'),
         ('rc620', True, 'waypoints'),
-        ('rc620', True, 'trajectory'),
         ('generic', False, 'waypoints'),
         ('fanuc', False, 'joints'),
-        ('motoman', True, 'waypoints'),
         ('motoman', True, 'trajectory'),
         ('spel', False, 'joints'),
         ('thesis', False, 'trajectory'),
@@ -248,7 +245,7 @@ def test_a_pause_holds_every_motion_and_it_goes_on(profile, smooth, way):
     run(scenario())
 
 
-@pytest.mark.parametrize('profile', ['rc620', 'generic', 'motoman'])
+@pytest.mark.parametrize('profile', ['rc620', 'generic'])
 def test_half_the_speed_acts_on_a_move_that_runs(profile):
     async def scenario():
         async with robot_cell(profile=profile, smooth=profile != 'generic') as (robot, _):

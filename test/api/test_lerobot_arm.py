@@ -92,10 +92,11 @@ def anything(step, count):
 @pytest.mark.parametrize(
     ('model', 'policy', 'counts'),
     [
-        ('c3_a601s', far, (40, 47)),
-        ('cx7_a901s', far, (40, 47)),
-        ('vt6_a901s', far, (40, 47)),
         ('gx8_c652s', far, (40, 47)),
+        *(
+            pytest.param(model, far, (40, 47), marks=pytest.mark.slow)
+            for model in ('c3_a601s', 'cx7_a901s', 'vt6_a901s')
+        ),
         ('c3_a601s', anything, (40, 47)),
         ('vt6_a901s', to_and_fro, (42, 47, 52)),  # it has just turned back, and gathers speed
         ('c3_a601s', against_each_other, (40, 52)),

@@ -15,7 +15,7 @@ from epson_driver.driver.goal.goal import Goal
 from epson_driver.driver.outcome import End
 from epson_driver.motion import Trajectory
 
-SEQUENCES, BLOCK, QUICK_BLOCKS, SLOW_BLOCKS = 2000, 10, 4, 30
+SEQUENCES, BLOCK, QUICK_BLOCKS, SLOW_BLOCKS = 2000, 4, 4, 75
 """How many are played, so many one after the other with the same arm."""
 
 LONGEST = 300.0

@@ -9,6 +9,7 @@ asks for positions only, until the error is below `epsilon`. Here the same is do
 import numpy as np
 import pytest
 import yaml
+from support.examples import one_in
 
 from epson_driver.motion import Array
 from epson_driver.robots import load_robot_model, robot_models
@@ -71,7 +72,7 @@ def ready(arm: Kinematics) -> tuple[Array, Array]:
     return arm.forward(shown), shown
 
 
-@pytest.mark.parametrize('name', SCARAS)
+@pytest.mark.parametrize('name', one_in(4, SCARAS))
 def test_a_line_is_followed_and_the_turn_of_the_tool_kept(name: str) -> None:
     arm = Kinematics(load_robot_model(name))
     begin, joints = ready(arm)

@@ -45,18 +45,19 @@ def test_solids_are_closed_face_outwards_and_have_their_size(
     assert middle == pytest.approx(np.zeros(3), abs=1e-9)
 
 
-def bounds(model: RobotModel, link: int) -> Array:
-    """Return the smallest and the largest x, y and z of a link, shape (2, 3), m."""
-    corners = np.concatenate([each.corners for each in link_surfaces(model)[link]])
-    return np.array([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))])
+def bounds(model: RobotModel) -> list[Array]:
+    """Return the smallest and the largest x, y and z of each link, shape (2, 3), m."""
+    links = [np.concatenate([each.corners for each in link]) for link in link_surfaces(model)]
+    return [np.array([link.min(axis=(0, 1)), link.max(axis=(0, 1))]) for link in links]
 
 
 @each_model
 def test_every_link_has_space_in_common_with_the_next_one(model: RobotModel) -> None:
     """At zero, where all frames are parallel: no gap is seen at a joint."""
-    assert len(link_surfaces(model)) == len(model.joint_names) + 1
+    links = bounds(model)
+    assert len(links) == len(model.joint_names) + 1
     for link, origin in enumerate(model.chain.origins):
-        below, above = bounds(model, link), bounds(model, link + 1) + origin
+        below, above = links[link], links[link + 1] + origin
         common = np.minimum(below[1], above[1]) - np.maximum(below[0], above[0])
         assert common.min() > 0.0005, link
 
@@ -70,9 +71,9 @@ def test_the_c3_has_the_size_of_the_real_one() -> None:
         4: ((63, -55.5, -46.4), (281, 55.5, 58.5)),
         6: ((-4.2, -30, -30), (5, 30, 30)),
     }
-    model = load_robot_model('c3_a601s')
+    links = bounds(load_robot_model('c3_a601s'))
     for link, expected in real.items():
-        assert bounds(model, link) * 1e3 == pytest.approx(np.array(expected), abs=5.0), link
+        assert links[link] * 1e3 == pytest.approx(np.array(expected), abs=5.0), link
 
 
 @each_model
@@ -101,7 +102,8 @@ def test_the_links_are_free_over_each_joints_range(model: RobotModel) -> None:
 @pytest.mark.parametrize('name', ['gx4_c251s', 'gx8_c652s', 'rs4_c351s', 'rs6_c552s'])
 def test_the_shaft_of_a_scara_stays_in_its_housing_over_the_whole_stroke(name: str) -> None:
     model = load_robot_model(name)
-    housing, shaft = bounds(model, 2)[:, 2], bounds(model, 3)[1, 2]
+    links = bounds(model)
+    housing, shaft = links[2][:, 2], links[3][1, 2]
     for height in np.linspace(model.limits.position_min[2], model.limits.position_max[2], 5):
         frames = Kinematics(model).link_frames(np.array([0.0, 0.0, height, 0.0]))
         top = (np.linalg.inv(frames[1]) @ frames[2])[2, 3] + shaft

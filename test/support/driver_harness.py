@@ -5,6 +5,7 @@
 import asyncio
 import contextlib
 import struct
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.assembly import SpelSource, new_controller, program_network
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 from epson_driver.sim_controller.spel_host.profile_project import profile_project
-from epson_driver.spel import build
+from epson_driver.spel import Program, build
 from support.event_loop import accepted, now, own_process, real_time, until
 
 MODEL = load_robot_model('c3_a601s')
@@ -194,6 +195,11 @@ def pose(*values: float) -> Array:
     return np.array([*values, *[0.0] * (JOINTS - len(values))])
 
 
+@cache
+def _built(files: tuple[tuple[str, str], ...]) -> Program:
+    return build(dict(files))
+
+
 @contextlib.asynccontextmanager
 async def simulated(dialect=None, profile='rc620', model=None, *, smooth=False, start=None):
     """Run the simulated controller in this process; yield it and its ports.
@@ -206,8 +212,8 @@ async def simulated(dialect=None, profile='rc620', model=None, *, smooth=False, 
     arm = MODEL if model is None else load_robot_model(model)
     spel = None
     if profile.spel.project:
-        program = build(profile_project(profile.spel, arm))
-        spel = SpelSource(program, program_network(profile))
+        files = profile_project(profile.spel, arm)
+        spel = SpelSource(_built(tuple(files.items())), program_network(profile))
     planner = PlannerOnTheSpot() if smooth else None
     controller = new_controller(arm, profile, start, dialect=dialect, planner=planner, spel=spel)
     servers = ControllerServers(controller, spel=spel and spel.network)
