@@ -4,6 +4,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, is_dataclass
+from functools import cache
 from typing import Any, Literal
 
 from epson_driver.spel.errors import Position
@@ -473,8 +474,15 @@ def walk(node: Any) -> Iterator[Any]:
     todo = [node]
     while todo:
         each = todo.pop()
-        if isinstance(each, tuple | list) and not isinstance(each, Position):
+        kind = type(each)
+        if kind is tuple or kind is list:
             todo.extend(reversed(each))
-        elif is_dataclass(each):
+        elif parts := _parts(kind):
             yield each
-            todo.extend(getattr(each, field.name) for field in reversed(fields(each)))
+            todo += [getattr(each, name) for name in parts]
+
+
+@cache
+def _parts(kind: type) -> list[str]:
+    """Return the fields of a kind of node, the last one first."""
+    return [each.name for each in reversed(fields(kind))] if is_dataclass(kind) else []

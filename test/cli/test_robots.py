@@ -6,10 +6,12 @@ import os
 import pty
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.here import run_here
 from support.longer_arm import arm_model
 
 from epson_driver.cli import robots
@@ -19,10 +21,7 @@ from epson_driver.robots.reader import MARKS
 COMMAND = [sys.executable, '-m', 'epson_driver.cli', 'robots']
 
 
-def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*COMMAND, *arguments], capture_output=True, text=True, timeout=60, check=False
-    )
+run = partial(run_here, robots.main)
 
 
 def tables(text: str) -> dict[str, dict[str, list[str]]]:

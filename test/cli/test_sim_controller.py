@@ -11,16 +11,11 @@ import time
 from pathlib import Path
 
 import pytest
+from support.here import run_here
 from support.longer_arm import arm_file
-from support.sim_process import COMMAND, FREE, connect, receive
+from support.sim_process import FREE, connect, receive
 
 from epson_driver.cli import sim_controller
-
-
-def run(*arguments):
-    return subprocess.run(
-        [*COMMAND, *arguments], capture_output=True, text=True, timeout=60, check=False
-    )
 
 
 def remote(port, *commands):
@@ -180,7 +175,7 @@ def test_a_port_in_use_is_named(start):
     _, ports = start()
     arguments = list(FREE)
     arguments[3] = str(ports['state'])
-    result = run(*arguments)
+    result = run_here(sim_controller.main, *arguments)
     assert result.returncode == 1
     assert result.stdout == ''
     assert f'state port 127.0.0.1:{ports["state"]}: Address already in use; ' in result.stderr
@@ -193,48 +188,26 @@ def test_a_port_in_use_is_named(start):
     ('arguments', 'text'),
     [
         (['--start', '-9,0,0,0,0,0'], 'joint_1 = -9 rad is outside the limits -2.96706 … 2.96706'),
-        pytest.param(
-            ['--start', '0,0,0,0,2.5,0'],
-            'joint_5 = 2.5 rad is outside the limits',
-            marks=pytest.mark.slow,
-        ),
-        pytest.param(
-            ['--start', 'nan,0,0,0,0,0'], 'joint_1 = nan rad is outside', marks=pytest.mark.slow
-        ),
-        pytest.param(['--start', '0,0,0'], '3 angles for 6 joints', marks=pytest.mark.slow),
-        pytest.param(
-            ['--start', '1,2,three,0,0,0'],
-            'must be numbers separated by commas',
-            marks=pytest.mark.slow,
-        ),
-        pytest.param(['--start='], 'must be numbers', marks=pytest.mark.slow),
-        pytest.param(['--start'], 'expected one argument', marks=pytest.mark.slow),
-        pytest.param(
-            ['--look-ahead', '0'], 'must be a number from 0.01 to 60 s', marks=pytest.mark.slow
-        ),
-        pytest.param(
-            ['--look-ahead', 'far'], 'must be a number from 0.01 to 60 s', marks=pytest.mark.slow
-        ),
+        (['--start', '0,0,0,0,2.5,0'], 'joint_5 = 2.5 rad is outside the limits'),
+        (['--start', 'nan,0,0,0,0,0'], 'joint_1 = nan rad is outside'),
+        (['--start', '0,0,0'], '3 angles for 6 joints'),
+        (['--start', '1,2,three,0,0,0'], 'must be numbers separated by commas'),
+        (['--start='], 'must be numbers'),
+        (['--start'], 'expected one argument'),
+        (['--look-ahead', '0'], 'must be a number from 0.01 to 60 s'),
+        (['--look-ahead', 'far'], 'must be a number from 0.01 to 60 s'),
         (['--motion', 'jump'], 'invalid choice'),
-        pytest.param(['--byte-order', 'middle'], 'invalid choice', marks=pytest.mark.slow),
+        (['--byte-order', 'middle'], 'invalid choice'),
         (['--robot', 'c9'], r'no robot model c9'),
-        pytest.param(['--controller', 'rc9'], r'no rc9.yaml', marks=pytest.mark.slow),
-        pytest.param(['--robot', '/nowhere/r.yaml'], '/nowhere/r.yaml', marks=pytest.mark.slow),
+        (['--controller', 'rc9'], r'no rc9.yaml'),
+        (['--robot', '/nowhere/r.yaml'], '/nowhere/r.yaml'),
         (['--motion-port', '70000'], 'must be a port from 0 to 65535'),
-        pytest.param(
-            ['--state-period', '0'],
-            'must be a number from 0.001 to 3600 s',
-            marks=pytest.mark.slow,
-        ),
-        pytest.param(
-            ['--state-period', 'nan'],
-            'must be a number from 0.001 to 3600 s',
-            marks=pytest.mark.slow,
-        ),
+        (['--state-period', '0'], 'must be a number from 0.001 to 3600 s'),
+        (['--state-period', 'nan'], 'must be a number from 0.001 to 3600 s'),
     ],
 )
 def test_wrong_arguments_end_with_2_and_a_reason(arguments, text):
-    result = run(*FREE, *arguments)
+    result = run_here(sim_controller.main, *FREE, *arguments)
     assert result.returncode == 2
     assert text in result.stderr
     assert 'Traceback' not in result.stderr
@@ -242,7 +215,7 @@ def test_wrong_arguments_end_with_2_and_a_reason(arguments, text):
 
 @pytest.mark.quick
 def test_a_robot_with_too_many_joints_is_refused_with_the_limit(tmp_path):
-    result = run(*FREE, '--robot', str(arm_file(tmp_path, 11)))
+    result = run_here(sim_controller.main, *FREE, '--robot', arm_file(tmp_path, 11))
     assert result.returncode == 2
     assert '11 joints: a message carries at most 10' in result.stderr
     assert 'Traceback' not in result.stderr

@@ -1,17 +1,21 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver spel`: check and test, in a process as a user has them."""
+"""`epson_driver spel`: check and test, and runs in a process as a user has them."""
 
 import json
 import os
 import socket
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
 import pytest
 from support.controller_harness import do
+from support.here import run_here
+
+from epson_driver.cli import spel
 
 COMMAND = [sys.executable, '-m', 'epson_driver.cli', 'spel']
 
@@ -47,15 +51,7 @@ Fend
 """
 
 
-def run(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*COMMAND, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-        cwd=cwd,
-    )
+run = partial(run_here, spel.main)
 
 
 @pytest.fixture
