@@ -474,7 +474,7 @@ def walk(node: Any) -> Iterator[Any]:
     todo = [node]
     while todo:
         each = todo.pop()
-        kind = type(each)
+        kind: Any = type(each)
         if kind is tuple or kind is list:
             todo.extend(reversed(each))
         elif parts := _parts(kind):
