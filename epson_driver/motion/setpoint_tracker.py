@@ -363,4 +363,6 @@ def _after(p: float, v: float, a: float, t: float, j: float) -> tuple[float, flo
 def _turn(p: float, v: float, a: float, j: float) -> float:
     """Return where a joint turns that does so at its next standstill."""
     root = math.copysign(math.sqrt(max(a * a - 2.0 * j * v, 0.0)), v)
-    return _after(p, v, a, 2.0 * v / (root - a), j)[0]
+    # of the two forms of the root that which takes no difference
+    time = -(a + root) / j if a * v > 0.0 else 2.0 * v / (root - a)
+    return _after(p, v, a, time, j)[0]

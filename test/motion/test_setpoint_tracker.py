@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.examples import examples
 
+from epson_driver.motion.joint_motion import JointMotion
 from epson_driver.motion.setpoint_tracker import (
     Aim,
     SetpointTracker,
@@ -191,6 +192,19 @@ def test_inv2_what_the_stream_has_shown_is_not_passed_where_a_stop_fits(aims):
     run.usage.assert_kept()
     assert np.all(run.usage.low >= -walls - 1e-9)
     assert np.all(run.usage.high <= walls + 1e-9)
+
+
+def test_a_joint_that_only_just_moves_turns_back():
+    """Where it turns was sought by a difference that rounding made 0."""
+    run, still = Run(), np.zeros((N, 1))
+    state = HOME, pose(-1.1137833119019889e-26), pose(-0.0013652513950752798)
+    run.tracker.motion = JointMotion(state, np.ones((N, 1)), still)
+    run.last = run.tracker.state
+    for _ in range(5):
+        run.tracker.follow(0.1, aim(pose(0.1), low=-1.2e-3, high=1.2e-3))
+        run.step(0.1)
+    run.rest()
+    run.usage.assert_kept()
 
 
 def go_to(run, position, seconds):
