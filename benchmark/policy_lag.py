@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""How far a simulated arm is behind a policy that sends 30 setpoints a second by `Robot.servo`.
+"""How far a simulated arm is behind a policy that sends setpoints by `Robot.servo`.
 
 Real processes in real time, so the machine must be quiet; test/api/test_streams.py does the same
 in virtual time, with the derivatives of what the controller executes.
@@ -21,9 +21,9 @@ SETTLED_S = 2.0
 """The beginning, which is not judged, s."""
 
 
-def policy(passed: float | Array) -> Array:
+def policy(passed: float | Array, frequency: float = FREQUENCY) -> Array:
     """Return joint 1, rad, at times since the beginning, s."""
-    return np.asarray(AMPLITUDE * np.sin(2.0 * np.pi * FREQUENCY * np.asarray(passed)))
+    return np.asarray(AMPLITUDE * np.sin(2.0 * np.pi * frequency * np.asarray(passed)))
 
 
 def behind(times: Array, ways: Array, wave: Callable[[Array], Array]) -> tuple[float, float]:
@@ -39,21 +39,26 @@ def main() -> None:
     """Measure once and print a line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--seconds', type=float, default=20.0)
-    seconds = parser.parse_args().seconds
+    parser.add_argument('--controller', default='rc620')
+    parser.add_argument('--rate', type=float, default=RATE, help='setpoints per second')
+    parser.add_argument('--frequency', type=float, default=FREQUENCY, help='of the sine, Hz')
+    arguments = parser.parse_args()
+    seconds, rate, frequency = arguments.seconds, arguments.rate, arguments.frequency
     rows: list[tuple[float, float]] = []
     late, taken = 0.0, 0
-    with Robot.simulated(enable=True) as robot:
+    with Robot.simulated(controller=arguments.controller, enable=True) as robot:
         robot.on_joints(lambda sample: rows.append((sample.time, float(sample.positions[0]))))
         begin = time.time()
-        for number in range(round(seconds * RATE)):
+        for number in range(round(seconds * rate)):
             passed = time.time() - begin
-            late = max(late, passed - number / RATE)
-            robot.servo([float(policy(passed)), *[0.0] * (len(robot.model.joint_names) - 1)])
+            late = max(late, passed - number / rate)
+            others = [0.0] * (len(robot.model.joint_names) - 1)
+            robot.servo([float(policy(passed, frequency)), *others])
             taken += 1
-            time.sleep(max(begin + (number + 1) / RATE - time.time(), 0.0))
+            time.sleep(max(begin + (number + 1) / rate - time.time(), 0.0))
         robot.servo_end()
     times, ways = np.array([(at - begin, way) for at, way in rows if at - begin < seconds]).T
-    lag, rms = behind(times, ways, policy)
+    lag, rms = behind(times, ways, lambda each: policy(each, frequency))
     print(
         f'{taken} setpoints taken, the latest {1e3 * late:.0f} ms late; the arm is '
         f'{1e3 * lag:.0f} ms behind, {1e3 * rms:.1f} mrad beside it (rms)'

@@ -111,46 +111,37 @@ Function Settle
   g_seen = seen
 Fend
 
-' Waits for a few points, so that the arm does not come to rest at the first one.
+' An arm that stands waits for a few points, so that it does not come to rest at the first one.
 Function StartWait
 #ifdef FULL_POWER
   If Power = Low Then Power High
 #endif
   TmReset START_TIMER
-  Do While ((g_head - g_tail) And 255) < START_POINTS And g_epoch = g_seen And Tmr(START_TIMER) < START_WAIT
+  Do While ((g_head - g_tail) And 255) < START_POINTS And g_epoch = g_seen And Tmr(START_TIMER) < START_WAIT And InPos <> 0
     Wait 0.01
   Loop
 Fend
 
 ' Goes to points as long as there are any
 Function MoveChain
-  Integer following
   Do While g_head <> g_tail And g_epoch = g_seen
-    following = (g_tail + 1) And 255
     If g_dwell(g_tail) > 0 Then
       WaitPos
       Wait g_epoch <> g_seen, g_dwell(g_tail)
     Else
       Speed g_speed(g_tail)
       Accel g_accel(g_tail), g_accel(g_tail)
-      If g_head <> following Then
+      ' If no other point is there when it decelerates, the arm comes to rest at this one
 #ifdef SCARA
-        Go AglToPls(g_q(6 * g_tail), g_q(6 * g_tail + 1), g_q(6 * g_tail + 2), g_q(6 * g_tail + 3)) CP Till
+      Go AglToPls(g_q(6 * g_tail), g_q(6 * g_tail + 1), g_q(6 * g_tail + 2), g_q(6 * g_tail + 3)) CP Till
 #else
-        Go AglToPls(g_q(6 * g_tail), g_q(6 * g_tail + 1), g_q(6 * g_tail + 2), g_q(6 * g_tail + 3), g_q(6 * g_tail + 4), g_q(6 * g_tail + 5)) CP Till
+      Go AglToPls(g_q(6 * g_tail), g_q(6 * g_tail + 1), g_q(6 * g_tail + 2), g_q(6 * g_tail + 3), g_q(6 * g_tail + 4), g_q(6 * g_tail + 5)) CP Till
 #endif
-      Else
-#ifdef SCARA
-        Go AglToPls(g_q(6 * g_tail), g_q(6 * g_tail + 1), g_q(6 * g_tail + 2), g_q(6 * g_tail + 3)) Till
-#else
-        Go AglToPls(g_q(6 * g_tail), g_q(6 * g_tail + 1), g_q(6 * g_tail + 2), g_q(6 * g_tail + 3), g_q(6 * g_tail + 4), g_q(6 * g_tail + 5)) Till
-#endif
-      EndIf
       If MemSw(STOP_BIT) = On Then
         Wait g_epoch <> g_seen, 0.1
         If g_epoch = g_seen Then Error STOPPED_BY_BIT
       EndIf
     EndIf
-    g_tail = following
+    g_tail = (g_tail + 1) And 255
   Loop
 Fend

@@ -319,6 +319,8 @@ Function PlanPoint(n As Integer)
   Next j
   most = MOST_SPEED
   If m_velocity(n) > 0 And m_velocity(n) < 1 Then most = Int(m_velocity(n) * MOST_SPEED)
+  ' one percent less would make each point of a stream late
+  If most < MOST_SPEED And m_duration(n) > 0 Then most = Int(m_velocity(n) * MOST_SPEED + 0.999)
   If most < 1 Then most = 1
   g_dwell(n) = 0
   percent = most

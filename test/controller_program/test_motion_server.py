@@ -4,6 +4,7 @@
 
 import math
 import struct
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -94,7 +95,7 @@ def test_a_stream_is_one_chain_of_go_cp(harness: RobotHarness, client: Client) -
     points = line(harness, 12)
     assert harness.stream(client, points) == [(n, OK) for n in range(12)]
     harness.rest()
-    assert [cp for *_, cp in harness.robot.gone_to] == [True] * 11 + [False]
+    assert [cp for *_, cp in harness.robot.gone_to] == [True] * 12
     assert close_to(harness.robot.position, [math.degrees(each) for each in points[-1].joints[:6]])
 
 
@@ -118,6 +119,17 @@ def test_accel_fits_speed(harness: RobotHarness, client: Client) -> None:
     (_, speed, accel, _), (_, short, quick, _) = harness.robot.gone_to
     assert accel == speed
     assert quick > short
+
+
+@pytest.mark.parametrize(('velocity', 'percent'), [(0.0796, 8), (0.25, 25), (0.3, 30)])
+def test_velocity_of_a_point_with_a_duration_is_rounded_up(
+    harness: RobotHarness, client: Client, velocity, percent
+) -> None:
+    """A percent less, and each point of a stream would take longer than the time to the next."""
+    (aimed,) = line(harness, 1, step=30.0, duration=0.1)
+    harness.stream(client, [replace(aimed, velocity=velocity)])
+    harness.rest()
+    assert harness.robot.gone_to[0][1] == percent
 
 
 def test_accel_is_at_least_1_percent() -> None:
@@ -355,7 +367,7 @@ def test_a_download_is_executed_when_it_is_complete(
     assert harness.robot.gone_to == []
     client.send(packets[-1])
     harness.rest()
-    assert [cp for *_, cp in harness.robot.gone_to] == [True] * 4 + [False]
+    assert [cp for *_, cp in harness.robot.gone_to] == [True] * 5
     expected = [] if kind is topic else [(sequence, OK) for sequence in sequences]
     assert client.replies() == expected
 

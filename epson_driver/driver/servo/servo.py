@@ -72,7 +72,7 @@ STOP_WITHIN_S = 0.3
 """The arm is never so fast that a stop with its whole limits would take longer, s."""
 
 MAX_LAG_S = 0.5
-"""While the arm is farther behind what was sent, nothing more is, s."""
+"""While more than this is sent ahead of the arm, nothing more is, s."""
 
 MIN_STEP = 1e-6
 """A smaller change of all joints, rad or m, is not sent before the tracker rests."""
@@ -508,16 +508,22 @@ class Servo:
                 self._break_off(
                     session, f'{text}: the arm has not moved for {waited:.3g} s', unanswered=True
                 )
-        elif session.lag.now > MAX_LAG_S or self._robot.stale(now):
-            session.stepped = now
-            waited = now - max(session.answered, session.standstill.alive)
-            if waited > self.settings.reply_timeout:
-                self._break_off(session, f'the arm has not followed setpoints for {waited:.3g} s')
         else:
-            self._step(session, now)
+            self._step_or_wait(session, now)
         silent = now - session.heard > RELEASE_S
         if silent and session is self._session and self._done(session, now):
             self._end(session)
+
+    def _step_or_wait(self, session: _Session, now: float) -> None:
+        """Go on, unless the controller knows enough or is not heard, which has an end."""
+        stale = self._robot.stale(now)
+        waited = now - max(session.answered, session.standstill.alive)
+        if (stale or session.lag.now > MAX_LAG_S) and waited > self.settings.reply_timeout:
+            self._break_off(session, f'the arm has not followed setpoints for {waited:.3g} s')
+        elif stale or session.lag.ahead > MAX_LAG_S:
+            session.stepped = now
+        else:
+            self._step(session, now)
 
     def _silent(self, session: _Session, now: float) -> bool:
         return now - session.heard > self.settings.timeout

@@ -484,6 +484,11 @@ class StreamLag:
         self._direction: Array = np.zeros(0)
         """The arm's last step of more than MOVED, and where it ended, shapes (n,)."""
 
+    @property
+    def ahead(self) -> float:
+        """How much more than the arm has done was sent, s: it is less when nothing more is."""
+        return self._sent[-1][0] - self._sent[0][0] if self._sent else 0.0
+
     def sent(self, time: float, position: Array) -> None:
         """Take note of what was sent, shape (n,)."""
         self._sent.append((time, position))
