@@ -13,7 +13,7 @@ from epson_driver.api.errors import RobotError
 from epson_driver.api.ownership import Unique
 from epson_driver.inputs import Rule, choice, count
 from epson_driver.processes.command import module_command
-from epson_driver.remote_ethernet.client import RemoteError, connected, logged_in
+from epson_driver.remote_ethernet.client import RemoteError, connected
 
 if TYPE_CHECKING:  # the driver is loaded with the first Robot
     from epson_driver.api.setup import Ports
@@ -139,7 +139,7 @@ class Simulation(Unique):
 
     async def go_on(self) -> None:
         """Continue at the controller what is paused."""
-        await self._do('Continue')
+        await self._do('Sim,continue')
 
     @checked_arguments
     async def input(self, index: int, value: int = 1, *, kind: str = 'DI') -> None:
@@ -157,8 +157,7 @@ class Simulation(Unique):
         """Give a remote command. Raises RobotError with the controller's reason."""
         port = self._port()
         try:
-            way = connected if command.startswith('Sim,') else logged_in  # one may be let in
-            async with way('127.0.0.1', port, ANSWER_TIMEOUT_S) as ask:
+            async with connected('127.0.0.1', port, ANSWER_TIMEOUT_S) as ask:
                 try:
                     await ask(command)
                 except RemoteError as error:

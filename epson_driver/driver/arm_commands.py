@@ -120,6 +120,8 @@ class ArmCommands:
             status = self._driver.robot.status
             if status is not None:
                 self._check_nothing_to_mend(status)
+                if not self._disabling:
+                    await self._check_what_took_the_motors(status)
             raise CommandError(
                 f'{enabling.canceled} while the arm was being enabled: it stays disabled',
                 Remedy.ENABLE,
@@ -143,9 +145,14 @@ class ArmCommands:
                 restarts and status.motion_possible == TriState.FALSE
             ):
                 await self._act(Action.MOTORS_ON)
-                await self._wait_for_status(
-                    lambda status: status.drives_powered == TriState.TRUE, 'the motors stay off'
-                )
+                try:
+                    await self._wait_for_status(
+                        lambda status: status.drives_powered == TriState.TRUE,
+                        'the motors stay off',
+                    )
+                except CommandError:
+                    await self._check_what_took_the_motors(driver.robot.status or Status())
+                    raise
                 if driver.motors.restarts:
                     await self._wait_for_status(
                         lambda status: status.motion_possible == TriState.TRUE,
@@ -311,6 +318,15 @@ class ArmCommands:
         """Raise CommandError for a condition that must be mended before the arm can be enabled."""
         found = self._driver.condition_inhibit(status)
         if found is not None and found.cause is not Cause.MOTORS_OFF:
+            raise _inhibited(found)
+
+    async def _check_what_took_the_motors(self, status: Status) -> None:
+        """Raise CommandError for what has switched them off, such as a door, if that is told."""
+        found = status_inhibit(status, self._driver.robot.errors)
+        if found is None or found.cause is not Cause.MOTORS_OFF:
+            return
+        told = await self._driver.motors.tell(ANSWER_TIMEOUT_S)
+        if told is not None and (found := refusal_inhibit(*told, self._driver.robot.errors)):
             raise _inhibited(found)
 
     def _check_links(self) -> None:

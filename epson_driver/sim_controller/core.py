@@ -172,7 +172,13 @@ class Controller:
         self.timing = DeadlineCounters()
         self._told = DeadlineCounters()
         self.io = IoPoints(profile.io)
-        self.faults = Faults(self.clock, seed, self, len(model.joint_names))
+        self.faults = Faults(
+            self.clock,
+            seed,
+            self,
+            len(model.joint_names),
+            remote_only=profile.program.interface == 'statements',
+        )
         self.clients = factories.clients(self)
         self.spel = factories.settings
         self._tables = factories.tables

@@ -42,6 +42,20 @@ def test_buttons_inputs_and_faults_are_at_hand_and_callbacks_hear_of_them():
         wait_for(lambda: 'backing_off' in links)
 
 
+def test_by_remote_ethernet_alone_the_hand_reaches_the_one_port_beside_the_driver():
+    links = []
+    with Robot.simulated(controller='remote') as robot:
+        robot.on_link(lambda name, _why: links.append(name))
+        robot.enable()
+        with pytest.raises(RobotError, match=r'^nothing is paused'):
+            robot.simulation.go_on()
+        with pytest.raises(RobotError, match='half_open: port = remote needs for'):
+            robot.simulation.fault('half_open')
+        robot.simulation.fault('cut for=0.3')
+        wait_for(lambda: not robot.status.enabled)
+        wait_for(lambda: 'backing_off' in links)
+
+
 def test_what_is_no_fault_or_input_is_said():
     with Robot.simulated(controller='rc90') as robot:
         with pytest.raises(RobotError, match=r'nonsense.*must be one of'):

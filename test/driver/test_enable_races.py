@@ -262,6 +262,19 @@ def test_inv4_motors_that_go_off_again_cancel_an_enable():
     slow_cell(scenario)
 
 
+def test_inv4_motors_that_a_door_took_are_said_with_the_door():
+    async def scenario():
+        async with cell(profile='rc700a', enabled=False) as (harness, controller):
+            asking = asyncio.create_task(enable(harness))
+            await until(lambda: controller.status().drives_powered)
+            controller.apply(Event.DOOR_OPEN)
+            success, text = await asking
+            assert not success
+            assert text == 'the safeguard door is open'
+
+    run(scenario())
+
+
 def test_inv4_two_enables_at_once_switch_the_motors_on_once():
     async def scenario(harness, controller, far):
         first = await pending(harness, far)

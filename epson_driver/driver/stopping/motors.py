@@ -96,6 +96,9 @@ class Motors(Protocol):
     async def act(self, action: Action, timeout: float) -> None:
         """Do it within `timeout` s. Raises MotorsError."""
 
+    async def tell(self, timeout: float) -> Told | None:
+        """Return what the controller tells of its condition within `timeout` s, if it does."""
+
 
 class MotorsByHand:
     """For a controller whose motors a person switches: every action fails."""
@@ -108,6 +111,9 @@ class MotorsByHand:
     async def act(self, action: Action, timeout: float) -> None:
         """Raise MotorsError."""
         raise MotorsError(f'{self.missing}, the driver cannot do it: {action.value.by_hand}')
+
+    async def tell(self, timeout: float) -> Told | None:
+        """Return None."""
 
 
 class RemoteEthernetMotors:
@@ -137,7 +143,7 @@ class RemoteEthernetMotors:
                     await self._give(ask, action, timeout)
                 except RemoteError as error:
                     failed = error
-                    told = (*await ask_flags(ask), await ask_control_device(ask))
+                    told = await self._condition(ask)
         except (RemoteError, OSError, TimeoutError) as error:
             failed = failed or error
         if failed is not None:
@@ -146,6 +152,17 @@ class RemoteEthernetMotors:
                 unanswered=isinstance(failed, TimeoutError),
                 told=told,
             ) from failed
+
+    async def tell(self, timeout: float) -> Told | None:
+        """Log in and ask. None: no answer."""
+        try:
+            async with self._turns.urgent(), self._login(timeout) as ask:
+                return await self._condition(ask)
+        except (RemoteError, OSError, TimeoutError):
+            return None
+
+    async def _condition(self, ask: Ask) -> Told:
+        return (*await ask_flags(ask), await ask_control_device(ask))
 
     async def _give(self, ask: Ask, action: Action, _timeout: float) -> None:
         await ask(action.value.remote_ethernet)
@@ -210,6 +227,9 @@ class MotomanMotors:
             todo = MOTOMAN_LOOK if unexplained else commands.by_hand
             raise MotorsError(f'{commands.motoman.name}: {why}: {todo}', unanswered=unanswered)
 
+    async def tell(self, timeout: float) -> Told | None:
+        """Return None."""
+
 
 class SerializedMotors:
     """Switches the motors through another object, one command at a time.
@@ -247,6 +267,10 @@ class SerializedMotors:
             if task is not self._given:
                 task.cancel()
             raise
+
+    async def tell(self, timeout: float) -> Told | None:
+        """Return what the controller tells, beside its commands."""
+        return await self._way.tell(timeout)
 
     async def close(self) -> None:
         """Cancel the commands that are on their way or wait, each of which fails."""

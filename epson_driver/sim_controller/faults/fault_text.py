@@ -9,6 +9,7 @@ and what comes through the remote port. The first parameter needs no name: `esto
 
 import re
 from collections.abc import Iterable
+from dataclasses import replace
 from textwrap import wrap
 
 from epson_driver.sim_controller.faults.fault_kinds import (
@@ -53,11 +54,16 @@ def parse(text: str) -> Fault:
         given[key] = value
     ports = _ports(name, kind, given.pop('port')) if 'port' in given else kind.default_ports
     values = {each.name: _value(name, each, given.get(each.name)) for each in kind.parameters}
-    if REMOTE_PORT in ports and not values.get('for'):
+    return on_ports(Fault(name, values), ports)
+
+
+def on_ports(fault: Fault, ports: tuple[str, ...]) -> Fault:
+    """Return the fault on these ports. Raises FaultError for one that nobody could clear."""
+    if REMOTE_PORT in ports and not fault.number('for'):
         raise FaultError(
-            f'{name}: port = remote needs for = … s, more than 0: nobody could clear it'
+            f'{fault.name}: port = remote needs for = … s, more than 0: nobody could clear it'
         )
-    return Fault(name, values, ports)
+    return replace(fault, ports=ports)
 
 
 def write(fault: Fault) -> str:

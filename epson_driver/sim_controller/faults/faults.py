@@ -15,7 +15,7 @@ from typing import Protocol
 from epson_driver.sim_controller.clock import Clock, Timer
 from epson_driver.sim_controller.faults.disturbances import DISTURBANCES, is_reply
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS, REMOTE_PORT, Fault, FaultError
-from epson_driver.sim_controller.faults.fault_text import parse, write
+from epson_driver.sim_controller.faults.fault_text import on_ports, parse, write
 
 MAX_ACTIVE_FAULTS = 16
 """Faults at a time, those included that have not begun."""
@@ -117,14 +117,18 @@ class ActiveFault:
 class Faults:
     """The faults of one controller, which act on messages one after the other.
 
-    `joints` is how many the robot has.
+    `joints` is how many the robot has. `remote_only`: the driver uses no other port, so that is
+    where its link is.
     """
 
-    def __init__(self, clock: Clock, seed: int, actions: Actions, joints: int) -> None:
+    def __init__(
+        self, clock: Clock, seed: int, actions: Actions, joints: int, *, remote_only: bool = False
+    ) -> None:
         self._clock = clock
         self._seed = seed
         self._actions = actions
         self._joints = joints
+        self._remote_only = remote_only
         self._active: list[ActiveFault] = []
         self._frozen: set[int] = set()
         self._started = 0
@@ -136,8 +140,11 @@ class Faults:
     def start(self, fault: Fault) -> None:
         """Begin a fault, now or after its `after`.
 
-        Raises FaultError for a joint that there is not, and if too many are active.
+        Raises FaultError for a joint that there is not, if too many are active, and for one that
+        nobody could clear.
         """
+        if self._remote_only and REMOTE_PORT in fault.kind.ports:
+            fault = on_ports(fault, (REMOTE_PORT,))
         joint = int(fault.number('joint'))
         if joint > self._joints:
             rule = f'the robot has {self._joints} joints'

@@ -15,7 +15,10 @@ from epson_driver.sim_controller.faults.fault_text import parse
 from epson_driver.sim_controller.io.io_points import IoError
 from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
 from epson_driver.sim_controller.remote.remote_acceptance import (
+    AUTO,
+    PAUSED,
     CommandError,
+    check,
     expect,
     real,
     whole,
@@ -67,6 +70,12 @@ def _events(**events: Event) -> Callable[[ControllerInterface, list[str]], None]
         controller.apply(event)
 
     return run
+
+
+def _continue(controller: ControllerInterface, parameters: list[str]) -> None:
+    expect(parameters, 0)
+    check(controller, (AUTO, PAUSED), Event.CONTINUE)
+    controller.apply(Event.CONTINUE)
 
 
 def _condition(controller: ControllerInterface, parameters: list[str]) -> str:
@@ -172,6 +181,9 @@ SIM_COMMANDS: dict[str, SimCommand] = {
         'door,open|close',
         'the safeguard door',
         _events(open=Event.DOOR_OPEN, close=Event.DOOR_CLOSE),
+    ),
+    'continue': SimCommand(
+        'continue', 'as the command Continue, by somebody who stands there', _continue
     ),
     'mode': SimCommand(
         'mode,auto|manual',
