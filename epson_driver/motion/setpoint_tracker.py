@@ -42,7 +42,7 @@ BISECTIONS = 12
 """Halvings, where a limit holds the law back."""
 
 NEARLY_THERE_SHARE = 1.25
-NEARLY_THERE_S = 0.1
+NEARLY_THERE_S = 0.06
 """A motion to a standing setpoint that takes so many times a stop, or so long, is as good as
 one, s."""
 

@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.examples import examples
 
-from epson_driver.motion.joint_motion import JointMotion
+from epson_driver.motion.joint_motion import JointMotion, fastest_stop
 from epson_driver.motion.setpoint_tracker import (
+    NEARLY_THERE_SHARE,
     Aim,
     SetpointTracker,
     servo_limits,
@@ -251,6 +252,22 @@ def test_braking_just_before_the_setpoint_rests_at_it():
     run.tracker.brake()
     np.testing.assert_allclose(run.rest(), pose(0.3), rtol=0.0, atol=1e-9)
     run.usage.assert_kept()
+
+
+@pytest.mark.parametrize('seed', range(10))
+def test_braking_is_hardly_longer_for_the_sake_of_the_last_setpoint(seed):
+    random = np.random.default_rng(seed)
+    run, place = Run(), HOME
+    for _ in range(20):
+        way = random.uniform(-0.001, 0.001, N)
+        place = place + way
+        run.tracker.follow(PERIOD, aim(place, way / PERIOD))
+        run.step()
+    state = run.tracker.state
+    assert not run.tracker.at_rest
+    run.tracker.brake()
+    stop = fastest_stop(LIMITS, state).duration
+    assert run.tracker.remaining <= max(NEARLY_THERE_SHARE * stop, 0.06) + 1e-9
 
 
 @pytest.mark.invariant(2)

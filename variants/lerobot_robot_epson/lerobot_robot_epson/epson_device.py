@@ -15,7 +15,7 @@ from lerobot_robot_epson.config_epson import EpsonArm
 LONGEST_STEP_S = 0.07
 """What time between two actions counts at most, s: one that comes late makes no jump."""
 
-BRAKE_S = 0.07
+BRAKE_S = 0.06
 """A joint is never so fast that braking would take longer, s."""
 
 
