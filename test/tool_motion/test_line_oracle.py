@@ -1,11 +1,12 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Random lines against Pinocchio, which follows them step by step, by the URDF alone.
+"""Random lines, arcs and blends against Pinocchio and geometry of our own, by the URDF alone.
 
-What it can follow is planned, on the line and in the same configuration; what it cannot is
-refused.
+What Pinocchio can follow step by step is planned, on the path and in the same configuration; what
+it cannot is refused.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from epson_driver.robots import load_robot_model
 from epson_driver.robots.kinematics import Kinematics
 from epson_driver.robots.urdf import urdf
 from epson_driver.tool_motion.joint_path import PathError
-from epson_driver.tool_motion.pose_path import line, runs
+from epson_driver.tool_motion.pose_path import arc, line, runs
 from epson_driver.tool_motion.tool_trajectory import ToolLimits, runs_trajectory
 
 pinocchio = pytest.importorskip('pinocchio')
@@ -37,6 +38,9 @@ STEP_RAD = 0.02
 """Joints go so far at most from one look to the next."""
 SMALLEST_STEP = 1e-7
 """Where so small a share of the line asks for more, the joints would have to jump."""
+NOT_TURNED_RAD = 2e-3
+"""The tool turns about one axis, but for so much."""
+BLEND_M = 0.008
 NEARLY = 1e-3
 """So near to the end of a range, rad or m, either answer is right."""
 
@@ -72,8 +76,8 @@ class Oracle:
             joints = joints + np.linalg.lstsq(jacobian, error, rcond=1e-9)[0]
         return None
 
-    def follow(self, start, end):
-        """Follow a line from joints to a pose, shape (4, 4)."""
+    def follow(self, start, end, place):
+        """Follow a path from joints to a pose, shape (4, 4). place: of a share, shape (3,)."""
         first, last = self.pose(start), pinocchio.SE3(end)
         turn = pinocchio.log3(first.rotation.T @ last.rotation)
         share, step, joints = 0.0, 0.01, start
@@ -81,7 +85,7 @@ class Oracle:
             there = min(share + step, 1.0)
             wanted = pinocchio.SE3(
                 first.rotation @ pinocchio.exp3(there * turn),
-                first.translation + there * (last.translation - first.translation),
+                place(there),
             )
             found = self.near(wanted, joints)
             if found is None or np.abs(found - joints).max() > STEP_RAD:
@@ -129,34 +133,104 @@ def between(trajectory, start, count):
     return np.vstack(found)
 
 
-def check(oracle, start, end, trajectory):
-    """Assert that the way between points is on the line and ends there; return how far off."""
+def straight(first, last):
+    """Return places on a line by their share."""
+    return lambda share: first + share * (last - first)
+
+
+class Circle:
+    """The circle through three places, from the first over the second to the third."""
+
+    def __init__(self, first, via, last):
+        self.normal = np.cross(via - first, last - first)
+        self.normal /= np.linalg.norm(self.normal)
+        planes = np.array([via - first, last - first, self.normal])
+        sides = [(via @ via - first @ first) / 2, (last @ last - first @ first) / 2]
+        self.centre = np.linalg.solve(planes, [*sides, self.normal @ first])
+        self.arm = first - self.centre
+        self.radius = np.linalg.norm(self.arm)
+        self.sweep = self.angle(last)
+        assert self.angle(via) < self.sweep
+
+    def angle(self, place):
+        """Return how far round a place is, rad from 0 to 2π."""
+        to = place - self.centre
+        return np.arctan2(self.normal @ np.cross(self.arm, to), self.arm @ to) % (2 * np.pi)
+
+    def place(self, share):
+        return self.centre + pinocchio.exp3(share * self.sweep * self.normal) @ self.arm
+
+    def away(self, places):
+        """Return how far places are from the circle, shape (k,), all of them on its way."""
+        to = places - self.centre
+        height = to @ self.normal
+        level = np.linalg.norm(to - height[:, None] * self.normal, axis=1)
+        slack = NOT_FARTHER_M / self.radius
+        round_ = (np.array([self.angle(place) for place in places]) + slack) % (2 * np.pi)
+        assert (round_ < self.sweep + 2 * slack).all()
+        return np.hypot(height, level - self.radius)
+
+
+def from_line(places, first, last):
+    """Return how far places are from a line, shape (k,)."""
+    way = last - first
+    along = np.clip((places - first) @ way / max(way @ way, 1e-18), 0.0, 1.0)
+    return np.linalg.norm(places - first - along[:, None] * way, axis=1)
+
+
+def check(oracle, start, end, trajectory, off):
+    """Assert that the way between points is on the path and ends there; return how far off.
+
+    off: how far places are from the path, shape (k,).
+    """
     looks = between(trajectory, start, 8)
-    first = oracle.pose(start)
-    way = end[:3, 3] - first.translation
-    places = np.array([oracle.pose(joints).translation for joints in looks]) - first.translation
-    along = np.clip(places @ way / max(way @ way, 1e-18), 0.0, 1.0)
-    away = np.linalg.norm(places - along[:, None] * way, axis=1).max()
+    places = np.array([oracle.pose(joints).translation for joints in looks])
+    away = off(places).max()
     assert away < NOT_FARTHER_M
     assert np.abs(oracle.pose(looks[-1]).homogeneous - end).max() < 1e-7
     assert np.abs(np.diff(looks, axis=0)).max() < 0.3
+    assert (looks > oracle.limits.position_min - 1e-6).all()
+    assert (looks < oracle.limits.position_max + 1e-6).all()
     return away
 
 
+def turns_evenly(oracle, start, end, trajectory):
+    """Assert that the tool turns about one axis, the shorter way."""
+    first = oracle.pose(start).rotation
+    whole = pinocchio.log3(first.T @ end[:3, :3])
+    for joints in between(trajectory, start, 3):
+        turn = pinocchio.log3(first.T @ oracle.pose(joints).rotation)
+        share = turn @ whole / max(whole @ whole, 1e-18)
+        assert np.linalg.norm(turn - share * whole) < NOT_TURNED_RAD
+        assert -1e-3 < share < 1.001
+
+
+TOOL = ToolLimits(0.1, 1.0, 1.0, 10.0, ACCURACY_M, slow=True, jerk_ratio=10.0)
+
+
 @pytest.mark.slow
+@pytest.mark.parametrize(('kind', 'count'), [('line', 50), ('arc', 25)])
 @pytest.mark.parametrize('model', MODELS)
-def test_lines_are_refused_where_there_is_no_way_and_only_there(model):
+def test_paths_are_refused_where_there_is_no_way_and_only_there(model, kind, count):
     arm = Kinematics(load_robot_model(model))
     oracle = Oracle(arm.model)
     random = np.random.default_rng(31)
-    tool = ToolLimits(0.1, 1.0, 1.0, 10.0, ACCURACY_M, slow=True, jerk_ratio=10.0)
     driven, worst, wrong = 0, 0.0, []
-    for _ in range(50):
+    for _ in range(count):
         start, end = asked(arm, random)
-        followed = oracle.follow(start, end)
+        begin = arm.forward(start)
+        first, last = begin[:3, 3], end[:3, 3]
+        if kind == 'line':
+            path, place = line(begin, end), straight(first, last)
+            off = partial(from_line, first=first, last=last)
+        else:
+            aside = random.normal(size=3) * 0.4 * np.linalg.norm(last - first)
+            via = (first + last) / 2 + aside
+            circle = Circle(first, via, last)
+            path, place, off = arc(begin, via, end), circle.place, circle.away
+        followed = oracle.follow(start, end, place)
         try:
-            way = runs([line(arm.forward(start), end)], [])
-            trajectory = runs_trajectory(arm, start, way, tool)
+            trajectory = runs_trajectory(arm, start, runs([path], []), TOOL)
         except PathError as error:
             if followed.share == 1.0:
                 wrong.append(f'{start.tolist()} to {end.tolist()} is refused: {error}')
@@ -165,8 +239,45 @@ def test_lines_are_refused_where_there_is_no_way_and_only_there(model):
             if followed.share < 1.0 and not followed.edge:
                 wrong.append(f'{start.tolist()} to {end.tolist()} is driven')
                 continue
-            worst = max(worst, check(oracle, start, end, trajectory))
+            worst = max(worst, check(oracle, start, end, trajectory, off))
+            turns_evenly(oracle, start, end, trajectory)
             assert trajectory.positions[-1] == pytest.approx(followed.joints, abs=1e-6)
-    print(f'{model}: {driven} of 50 lines driven, {worst * 1e3:.3f} mm off at most')
+    print(f'{model}: {driven} of {count} {kind}s driven, {worst * 1e3:.3f} mm off at most')
     assert not wrong
-    assert 5 < driven < 45
+    assert 0.1 < driven / count < 0.9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('model', MODELS)
+def test_corners_are_cut_within_their_blend_and_nowhere_else(model):
+    arm = Kinematics(load_robot_model(model))
+    oracle = Oracle(arm.model)
+    random = np.random.default_rng(32)
+    driven, worst, most = 0, 0.0, 0.0
+    for _ in range(30):
+        start, corner = asked(arm, random)
+        end = corner.copy()
+        end[:3, 3] += random.normal(size=3) * 0.05
+        begin = arm.forward(start)
+        three = np.array([begin[:3, 3], corner[:3, 3], end[:3, 3]])
+        if np.linalg.norm(np.diff(three, axis=0), axis=1).min() < BLEND_M:
+            continue
+        way = [line(begin, corner), line(corner, end)]
+        try:
+            trajectory = runs_trajectory(arm, start, runs(way, [BLEND_M]), TOOL)
+        except PathError:
+            continue
+        driven += 1
+        cut = []
+
+        def off(places, three=three, cut=cut):
+            away = np.minimum(from_line(places, *three[:2]), from_line(places, *three[1:]))
+            near = np.linalg.norm(places - three[1], axis=1) < BLEND_M + ACCURACY_M
+            cut.append(np.max(away[near]))
+            return away[~near]
+
+        worst = max(worst, check(oracle, start, end, trajectory, off))
+        most = max(most, *cut)
+        assert most < BLEND_M / 2
+    print(f'{model}: {driven} blends, {most * 1e3:.2f} mm cut, {worst * 1e3:.3f} mm off elsewhere')
+    assert driven > 4
