@@ -204,6 +204,11 @@ class Users:
         if self.goals:
             self.cancel_goal(max(self.goals))
 
+    def cancel_all(self) -> None:
+        """Cancel every goal, as who is refused for another one is told to."""
+        for number in list(self.goals):
+            self.cancel_goal(number)
+
     def cancel_goal(self, number: int) -> None:
         """Cancel a goal: nobody wants it any more."""
         if self._world.process.cancel(number):

@@ -57,8 +57,16 @@ FAR = {'step': 0.05, 'offsets': [[0.2] * 6, [-0.2] * 6] * 3, 'from_here': False}
                 Event(0.9, 'goal', FAR),
             ],
         ),
+        (
+            '3400000596',
+            [
+                Event(3.8, 'scale', {'factor': 0.03}),
+                Event(1.7, 'goal', FAR | {'step': 4.0}),
+                Event(0.1, 'panel_arm', {}),
+            ],
+        ),
     ],
-    ids=['braking after a new client', 'a program that hung', 'STATUS is rare'],
+    ids=['braking after a new client', 'a program that hung', 'STATUS is rare', 'a slow goal'],
 )
 def test_what_is_right_is_not_taken_for_wrong(seed, events):
     World(seed).play(events)

@@ -302,9 +302,9 @@ class RosPeer:
         """Return joints that were measured after this call."""
         return np.array(self.newer()[0].position)
 
-    def wait_for_motion(self) -> None:
-        """Wait until the joints really move."""
-        start = self.position()
+    def wait_for_motion(self, start: np.ndarray | None = None) -> None:
+        """Wait until the joints really move: are away from `start`, or from where they are now."""
+        start = self.position() if start is None else start
         self.wait_for(
             lambda: np.abs(np.array(self.joint_states[-1].position) - start).max() > 0.01,
             'motion',

@@ -227,8 +227,9 @@ def test_client_interrupted_in_mid_motion_stops_the_arm_and_ends_cleanly(
     cell: Cell, number: int
 ) -> None:
     peer = enabled_at_start(cell)
+    start = peer.position()
     goal = peer.goal(far_away())
-    peer.wait_for_motion()
+    peer.wait_for_motion(start)
     assert cell.client.end(number) == 0
     ended, _, text = goal.result()
     assert ended == 'aborted'
