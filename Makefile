@@ -8,9 +8,11 @@ INTERFACE_FILES := $(shell find $(INTERFACES) interfaces/cmake -type f)
 PACKAGE_FILES := setup.py setup.cfg pyproject.toml package.xml \
 	$(shell find $(wildcard epson_driver config controller_program launch resource scripts urdf) -type f -not -name '*.pyc')
 
-# Six processes, each with one thread for matrices: tests of real processes mostly wait. Each file stays in one of
-# them, so that what its tests share is started once.
-ALL_TESTS := --numprocesses 6 --dist loadfile --no-loadscope-reorder
+# Processes with one thread for matrices each: tests of real processes mostly wait, others compute, and each process
+# takes 7 s to find all tests. Each file stays in one of them, so that what its tests share is started once.
+SPREAD := --dist loadfile --no-loadscope-reorder
+QUICK_TESTS := --numprocesses 4 $(SPREAD)
+ALL_TESTS := --numprocesses 6 $(SPREAD)
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
 
 # An environment belongs to the Python that made it: PYTHON=... with another one is an error.
@@ -71,7 +73,7 @@ fleet: $(VENV)/.driver
 browser: $(VENV)/.driver $(VENV)/.browser
 
 test: $(VENV)/.driver $(VENV)/.dev
-	$(PYTEST) $(or $(ARGS),$(ALL_TESTS))
+	$(PYTEST) $(or $(ARGS),$(QUICK_TESTS))
 
 test-all: $(VENV)/.driver $(VENV)/.dev $(VENV)/.docs
 	$(PYTEST) -m 'not soak' $(or $(ARGS),$(ALL_TESTS))

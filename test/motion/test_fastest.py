@@ -5,7 +5,7 @@
 Invariant 2 of docs/invariants.md: every limit at every instant.
 """
 
-from collections.abc import Iterator
+from functools import cache
 from itertools import pairwise, product
 from types import SimpleNamespace
 from typing import Any
@@ -63,16 +63,15 @@ def passes(motion: JointMotion, waypoints: Array) -> Array:
     return missed
 
 
-def cases() -> Iterator[tuple[str, Array, JointLimits, float]]:
-    references = References()
+@cache
+def cases() -> dict[str, tuple[Array, JointLimits, float]]:
+    references, known = References(), {}
     for name, trajectory in product(FACTORS, benchmark_set()):
         limits = limit_set(name)
         found = references[digest(trajectory.positions, limits)]
         if 'ipopt' in found.opt_by:
-            yield f'{trajectory.name}-{name}', trajectory.positions, limits, found.opt
-
-
-CASES = {name: (positions, limits, best) for name, positions, limits, best in cases()}
+            known[f'{trajectory.name}-{name}'] = trajectory.positions, limits, found.opt
+    return known
 
 
 @pytest.mark.parametrize(
@@ -80,7 +79,7 @@ CASES = {name: (positions, limits, best) for name, positions, limits, best in ca
 )
 def test_it_is_as_fast_as_the_optimum_of_another_solver(most: int, least: int) -> None:
     ratios = []
-    for positions, limits, optimum in CASES.values():
+    for positions, limits, optimum in cases().values():
         if len(positions) > most:
             continue
         waypoints = merged(positions)
@@ -165,7 +164,7 @@ def test_between_the_waypoints_it_bends_little_more_than_the_spline() -> None:
 
 @pytest.mark.parametrize('name', ['around_pillar_fast_100ms-half', 'moveit_10_percent-half'])
 def test_the_more_it_may_pass_beside_the_points_the_faster_it_is(name: str) -> None:
-    positions, limits, _ = CASES[name]
+    positions, limits, _ = cases()[name]
     waypoints, before = merged(positions), np.inf
     for tolerance in (0.0, 0.002, 0.005, 0.01, 0.05, 0.2):
         motion = fastest(waypoints, limits, tolerance)
