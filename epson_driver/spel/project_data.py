@@ -96,8 +96,6 @@ def listed_files(project: Block) -> Iterator[str]:
 
     Raises RcFileError.
     """
-    if not project.number('nProgramFileCount'):
-        raise project.fault('nProgramFileCount', 'expected nProgramFileCount=1 or more')
     for kind in ('ProgramFile', 'IncludeFile'):
         yield from (each.text('sName') for each in project.blocks(kind))
     points = [each for each in project.blocks('PointFile') if each.number('nRobot', 1) == 1]
@@ -105,6 +103,8 @@ def listed_files(project: Block) -> Iterator[str]:
         for each in points:
             if (each.text('bDefault', 'True') == 'True') is default:
                 yield each.text('sName')
+    if not project.number('nProgramFileCount'):
+        raise project.fault('nProgramFileCount', 'expected nProgramFileCount=1 or more')
     yield from (ERRORS, IO_LABELS)
 
 
