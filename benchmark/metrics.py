@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmark.motion_record import Record
+from benchmark.motion_record import Mask, Record
 from benchmark.trajectories import BenchmarkTrajectory
 from benchmark.waypoints import may_be_merged, passages
 from epson_driver.motion import Array, JointLimits
@@ -36,9 +36,9 @@ class Metrics:
     """Figures of one motion. Times in s, angles in rad, velocity … jerk as shares of the limits.
 
     waypoint: farthest from a waypoint; of those that may be merged, only the excess over the
-    merge tolerance. overrun: farthest from the last point after it was reached first. mismatch:
-    largest difference between what the velocities and accelerations say and how the positions
-    change, as a share of the limit.
+    merge tolerance. early: how long before its time a point is passed at most. overrun: farthest
+    from the last point after it was reached first. mismatch: largest difference between what the
+    velocities and accelerations say and how the positions change, as a share of the limit.
     """
 
     duration: float
@@ -48,6 +48,7 @@ class Metrics:
     mismatch: float
     stops: int
     waypoint: float
+    early: float
     overrun: float
     end: float
     deviation: float
@@ -76,6 +77,7 @@ def measure(
         mismatch=_mismatch(record, limits),
         stops=_stops(trajectory, record, limits, passed.times, timed),
         waypoint=float(errors.max()),
+        early=_early(trajectory, passed.times[~merged], ~merged) if timed else 0.0,
         overrun=_overrun(positions, last, int(passed.times[-1] / record.dt)),
         end=float(np.max(np.abs(positions[-1] - last))),
         deviation=_deviation(trajectory.positions, record, passed.times),
@@ -164,6 +166,13 @@ def commanded_rests(trajectory: BenchmarkTrajectory, limits: JointLimits) -> lis
         for begin, end in zip(begins, ends, strict=True)
         if trajectory.durations[begin + 1 : end + 1].sum() >= MIN_COMMANDED_REST_S
     ]
+
+
+def _early(trajectory: BenchmarkTrajectory, passed: Array, of: Mask) -> float:
+    """Return how long before their commanded times some of the points are passed at most, s."""
+    if trajectory.durations is None:
+        return 0.0
+    return float(np.max(np.cumsum(trajectory.durations)[of] - passed, initial=0.0))
 
 
 def _overrun(positions: Array, last: Array, reached: int) -> float:

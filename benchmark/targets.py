@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmark.cases import Case
+from benchmark.clocks import tolerance
 from benchmark.limit_sets import limit_set, ramp_time
 from benchmark.metrics import Metrics
 from benchmark.strategies import STRATEGIES
@@ -211,6 +212,17 @@ TARGETS = (
         1.20,
         1.08,
         _of('time-preserving, 0.5 s known', _of_command, _slower_than(1.2)),
+    ),
+    Target(
+        'a point before its time / 50 ms or 2 % of the whole, where commanded ≥ 1.2 · optimum',
+        1.0,
+        0.5,
+        _of(
+            'time-preserving, all known',
+            lambda case, m: m.early / tolerance(case.commanded or np.nan),
+            _slower_than(1.2),
+        ),
+        geometric=False,
     ),
     Target('largest velocity / limit', 1.0, 1.0, _every('velocity'), slack=LIMIT_TOLERANCE_SHARE),
     Target(

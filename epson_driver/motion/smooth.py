@@ -22,6 +22,7 @@ def smooth(
     *,
     period: float = 0.004,
     path_tolerance: float = 0.0,
+    catch_up: float = np.inf,
     refine: bool = True,
     look_ahead: float = np.inf,
     planner: Callable[..., Any] | None = None,
@@ -57,4 +58,5 @@ def smooth(
         planner or plan,
         refine=refine,
         path_tolerance=path_tolerance,
+        catch_up=catch_up,
     )

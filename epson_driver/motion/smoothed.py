@@ -38,6 +38,7 @@ def smoothed(
     *,
     refine: bool = True,
     path_tolerance: float = 0.0,
+    catch_up: float = np.inf,
     observer: Observer | None = None,
 ) -> Trajectory:
     """Return the smooth motion through a trajectory's points, one point every `period` s.
@@ -47,9 +48,9 @@ def smoothed(
     TIME_OPTIMAL takes the positions only: with all of them known, the motion is the fastest one
     that `fastest` finds, and may pass `path_tolerance` rad (or m) beside each but the ends, in
     every joint. With `refine` False, or where it finds none, it is that on the spline.
-    `observer`: as in `Smoother`. Raises ValueError that names point, joint, value and limit for a
-    trajectory that cannot be smoothed, or if its motion would break a limit; RuntimeError if the
-    planner raises.
+    `catch_up`, `observer`: as in `Smoother`. Raises ValueError that names point, joint, value and
+    limit for a trajectory that cannot be smoothed, or if its motion would break a limit;
+    RuntimeError if the planner raises.
     """
     if not period > 0.0:
         raise ValueError(f'period = {period} s: must be positive')
@@ -66,7 +67,9 @@ def smoothed(
         return _sampled(motion, limits, period)
     positions, times = trajectory.positions, trajectory.times
     durations = np.diff(times, prepend=times[0]).tolist()
-    smoother = Smoother(limits, positions[0], mode, planner=planner, observer=observer)
+    smoother = Smoother(
+        limits, positions[0], mode, planner=planner, observer=observer, catch_up=catch_up
+    )
     steps = ceil(period / MAX_STEP_S - ROUNDING_SHARE)
     state = smoother.motion
     samples = [state]

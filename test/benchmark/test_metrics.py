@@ -164,6 +164,17 @@ def test_a_missed_waypoint_is_found() -> None:
     assert figures.waypoint == pytest.approx(3e-3, rel=1e-3)
 
 
+def test_a_point_that_is_passed_before_its_time_is_found() -> None:
+    record, figures = run_stop_and_go()
+    assert figures.early == 0.0
+    passed = passages(POINTS, record).times
+    late = np.diff(passed, prepend=0.0)
+    late[2] += 0.25
+    commanded = trajectory(POINTS, late)
+    assert measure(commanded, record, LIMITS, timed=True).early == pytest.approx(0.25)
+    assert measure(commanded, record, LIMITS, timed=False).early == 0.0
+
+
 def test_a_merged_waypoint_may_be_missed_by_the_tolerance() -> None:
     beside = POINTS[2] + np.array([0.0, 0.0, 0.0, 4e-4, 0.0, 0.0])
     positions = np.insert(POINTS, 3, beside, axis=0)

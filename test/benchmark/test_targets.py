@@ -21,6 +21,7 @@ GOOD = Metrics(
     mismatch=0.0,
     stops=0,
     waypoint=1e-9,
+    early=0.01,
     overrun=0.0,
     end=0.0,
     deviation=0.1,
@@ -83,6 +84,8 @@ def test_a_target_is_judged_only_where_it_applies() -> None:
     slow = case()
     slow.strategies['time-preserving, all known'] = replace(GOOD, duration=3.0)
     assert 'time / commanded, time-preserving, where commanded ≥ 1.5 · optimum' in missed(slow)
+    slow.strategies['time-preserving, all known'] = replace(GOOD, duration=2.0, early=0.06)
+    assert len(missed(slow)) == 1
     slow.commanded = 1.1
     outcome = next(one for one in outcomes([slow]) if one.metric.startswith('time / commanded'))
     assert outcome.worst is None

@@ -8,14 +8,12 @@ from support.smoother_harness import ARM
 
 from epson_driver.motion.limits import Array
 from epson_driver.motion.smoother import Mode, Smoother
-from epson_driver.motion.smoother.commanded_times import problem_of
+from epson_driver.motion.smoother.commanded_times import SMOOTHED_S, problem_of
 from epson_driver.motion.smoother.effort import Effort
 from epson_driver.motion.smoother.path import through
 
 PLACES = 20_000
 """Per segment, for the time that it takes."""
-
-LONG_S, SHORT_S = 0.17, 0.013
 
 
 def commanded(
@@ -44,14 +42,16 @@ def commanded(
 
 @pytest.mark.parametrize('factor', [1.0, 0.5])
 @pytest.mark.parametrize('seed', range(6))
-def test_no_segment_is_slower_than_commanded(seed: int, factor: float) -> None:
+def test_each_knot_is_reached_nearly_at_its_time(seed: int, factor: float) -> None:
     rng = np.random.default_rng(seed)
     steps = 10.0 ** rng.uniform(-3.0, -0.5, (8, 1)) * rng.normal(size=(8, 6))
     positions = np.vstack([np.zeros(6), 0.2 * np.cumsum(steps, axis=0)])
     durations = (10.0 ** rng.uniform(-2.0, 0.0, 8)).tolist()
     taken, wanted = commanded(positions, durations, factor)
     assert len(taken) > 2
-    assert np.all(factor * taken <= wanted * (1.0 + 1e-4))
+    missed = np.cumsum(factor * taken - wanted)
+    assert np.abs(missed).max() <= SMOOTHED_S + 1e-6
+    assert missed[-1] == pytest.approx(0.0, abs=1e-3)
 
 
 def test_at_an_even_pace_each_segment_takes_its_time() -> None:
@@ -59,13 +59,6 @@ def test_at_an_even_pace_each_segment_takes_its_time() -> None:
     positions[:, 0] = 0.1 * np.arange(9)
     taken, _ = commanded(positions, [0.2] * 8)
     assert taken == pytest.approx(0.2)
-
-
-def test_a_long_way_between_short_steps_is_not_taken_at_their_pace() -> None:
-    positions = np.zeros((4, 6))
-    positions[1:, 0] = np.cumsum([0.002, 0.3, 0.002])
-    taken, _ = commanded(positions, [SHORT_S, LONG_S, SHORT_S])
-    assert taken[1] == pytest.approx(LONG_S, rel=1e-3)
 
 
 def test_a_way_without_a_time_is_as_fast_as_the_limits_allow() -> None:

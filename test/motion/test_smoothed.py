@@ -129,18 +129,15 @@ def off_the_ways(motion, points):
     return worst
 
 
-@pytest.mark.parametrize(('spacing', 'others'), [(0.12, 0), (0.15, 1), (0.2, 0), (0.25, 0)])
-def test_thinned_points_are_the_plans_own_far_enough_apart_and_at_its_times(spacing, others):
-    """There are `others` only where the plan's own would be more than twice the spacing apart."""
+@pytest.mark.parametrize('spacing', [0.12, 0.15, 0.2, 0.25])
+def test_thinned_points_are_the_plans_own_far_enough_apart_and_at_its_times(spacing):
     dense = smoothed(PLAN, LIMITS, period=0.02)
     few = thinned(dense, LIMITS, spacing)
     gaps = np.diff(few.times)
     assert gaps.min() >= spacing - 1e-9
     assert gaps.max() <= 2.0 * spacing + 0.02
     beside = np.abs(few.positions[:, None] - dense.positions).max(axis=2).min(axis=1)
-    not_own = np.flatnonzero(beside > 1e-5)
-    assert len(not_own) == others
-    assert np.all(few.times[not_own + 1] - few.times[not_own - 1] > 2.0 * spacing)
+    assert beside.max() <= 1e-5
     assert few.duration == pytest.approx(dense.duration, abs=0.1)
     assert np.array_equal(few.positions[[0, -1]], dense.positions[[0, -1]])
     assert np.abs(few.velocities[[0, -1]]).max() == 0.0

@@ -3,7 +3,6 @@
 """What a request's clock asks for: the speeds that keep it, and how lost time is made up for."""
 
 import numpy as np
-import numpy.typing as npt
 
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother import filtered, ruckig_move
@@ -16,6 +15,13 @@ from epson_driver.motion.smoother.time_parametrisation import TimeParametrisatio
 
 UNBOUND_SPEED = 1e6
 """Where no time is commanded: a speed that no limit of a joint allows."""
+
+SMOOTHED_S, LEAST_SHARE = 0.03, 0.9
+"""So far from their times the commanded speeds pass the knots, s, to be smooth; and they are at
+least this share of the least."""
+
+IN_TIME_S = 0.01
+"""What is late or early by less is not made up for, s: the motion would be uneven for it."""
 
 CATCH_UP_RATIO, MAX_CATCH_UP_RATIO, CATCH_UP_BISECTIONS = 1.25, 6.0, 4
 """How much faster than commanded the motion may be to make up for lost time; at most, where it
@@ -41,7 +47,7 @@ def within_horizon(
 ) -> tuple[Path, Problem, SpeedBounds]:
     """Return the path as far as it is looked at now, and the problem on it."""
     effort.spend(OUTSET_US)
-    problem = problem_of(request, path, limits, CATCH_UP_RATIO, effort)
+    problem = problem_of(request, path, limits, _ratio(request), effort)
     bounds = SpeedBounds(problem)
     profile = bounds.profile(problem.start[0], problem.start[1])
     cut = False
@@ -52,7 +58,7 @@ def within_horizon(
         path = Path(path.knots[:count])
     if request.timed.any():
         if cut:
-            problem = problem_of(request, path, limits, CATCH_UP_RATIO, effort)
+            problem = problem_of(request, path, limits, _ratio(request), effort)
             bounds = SpeedBounds(problem)
         guess = filtered.filtered(problem, bounds)
         factor = _catch_up(request, path, limits, guess)
@@ -64,6 +70,11 @@ def within_horizon(
         problem = problem_of(request, path, limits, 1.0, effort)
         bounds = SpeedBounds(problem)
     return path, problem, bounds
+
+
+def _ratio(request: Request) -> float:
+    """Return how much faster than commanded the motion may be to make up for lost time."""
+    return min(CATCH_UP_RATIO, request.catch_up)
 
 
 def _late_end(
@@ -80,7 +91,7 @@ def _late_end(
 
 def _higher_ratio(request: Request, path: Path, limits: JointLimits, effort: Effort) -> float:
     """Return the factor on the commanded speed that is needed to be in time at the end."""
-    low, high = CATCH_UP_RATIO, MAX_CATCH_UP_RATIO
+    low, high = _ratio(request), min(MAX_CATCH_UP_RATIO, request.catch_up)
     for _ in range(CATCH_UP_BISECTIONS):
         effort.spend(OUTSET_US / 2.0)
         ratio = float(np.sqrt(low * high))
@@ -100,7 +111,7 @@ def _catch_up(
     knots = path.knots.u
     clock = request.clock[: len(knots)]
     now = float(np.interp(request.state[0], knots, clock))
-    late = np.full(len(knots), max(request.lag, 0.0))
+    late = np.full(len(knots), max(request.lag - IN_TIME_S, 0.0))
     if guess is not None:
         # faster where the guess, which is faster all the way, is not in time
         ahead = knots > request.state[0]
@@ -108,17 +119,26 @@ def _catch_up(
         # on the way there is only the half of it that comes from the start
         arrival -= GUESS_EXCESS_SHARE / 2.0 * float(np.max(limits.acceleration / limits.jerk))
         lost = request.lag + arrival - (clock[ahead] - now)
-        late[ahead] = np.maximum(lost, 0.0)
+        late[ahead] = np.maximum(lost - IN_TIME_S, 0.0)
         late[~ahead] = np.maximum(late[~ahead], late[ahead][:1])
-    if request.lag < 0.0:
+    lag = request.lag + IN_TIME_S
+    if lag < 0.0:
         # too early: slower until that is given back
-        early = clock - now <= -request.lag / (CATCH_UP_RATIO - 1.0)
-        late[early & (late == 0.0)] = request.lag
+        early = clock - now <= -lag / (CATCH_UP_RATIO - 1.0)
+        late[early & (late == 0.0)] = lag
     spare = float(request.clock[-1]) - now
     # with less known than a stop takes, the time that was lost would be lost again in a stop
     share = np.clip((spare / stopping_time(limits) - 1.0) / 0.5, 0.0, 1.0)
     share = np.clip(late / FULL_CATCH_UP_DELAY_S, -1.0, MAX_DELAY_RATIO * share)
-    return 1.0 + share * (CATCH_UP_RATIO - 1.0)
+    factor = 1.0 + share * (CATCH_UP_RATIO - 1.0)
+    # no more than that on the ways beside a knot, of each of which it has a half
+    ways = np.diff(clock)
+    beside = (np.append(ways[:1], ways) + np.append(ways, ways[-1:])) / 2.0
+    left = beside - late
+    exact = np.divide(beside, left, out=np.full_like(left, np.inf), where=left > 0.0)
+    factor = np.where(late > 0.0, np.minimum(factor, exact), np.maximum(factor, exact))
+    bounded: Array = np.minimum(factor, request.catch_up)
+    return bounded
 
 
 def stopping_time(limits: JointLimits) -> float:
@@ -139,42 +159,49 @@ def problem_of(
 
 
 def _commanded(request: Request, path: Path, factor: Array | float) -> tuple[Array, Array] | None:
-    """Return u at the knots and halfway between, and u̇² there as the clock commands it, or None.
+    """Return places u, and u̇² there as the clock commands it (linear between them), or None.
 
-    Shape (2 k - 1,). factor: on the speeds; at each knot, shape (k,), or everywhere. The speeds at
-    the ends of a segment may be those of short steps beside it, which are far too slow for a long
-    one: halfway, the speed is what lets all of it take its commanded time.
+    factor: on the speeds; at each knot, shape (k,), or everywhere.
     """
     u = path.knots.u
-    steps = np.diff(request.clock[: len(u)])
-    timed = request.timed[1 : len(u)] & (steps > 0.0)
+    clock = request.clock[: len(u)]
+    timed = request.timed[1 : len(u)] & (np.diff(clock) > 0.0)
     if not timed.any():
         return None
-    factor = np.broadcast_to(factor, len(u))
-    mean = np.full(len(steps), UNBOUND_SPEED)
-    mean[timed] = np.diff(u)[timed] / steps[timed]
-    speeds = factor * _speeds_at_knots(mean, steps, timed)
-    begin, end = speeds[:-1], speeds[1:]
-    mean *= (factor[:-1] + factor[1:]) / 2.0
-    # with u̇² linear in both halves, each takes its way by the mean of the speeds at its ends
-    middle = mean - (begin + end) / 2.0 + np.hypot(mean, (begin - end) / 2.0)
-    squares, places = np.empty(2 * len(u) - 1), np.empty(2 * len(u) - 1)
-    squares[::2], squares[1::2] = speeds**2, np.maximum(middle**2, (begin**2 + end**2) / 2.0)
-    places[::2], places[1::2] = u, (u[:-1] + u[1:]) / 2.0
-    return places, squares
+    bounds = np.flatnonzero(np.diff(timed, prepend=False, append=False))
+    runs = [(u[:1], np.array([UNBOUND_SPEED]))] if not timed[0] else []
+    for begin, end in bounds.reshape(-1, 2).tolist():
+        ways = slice(begin, end + 1)
+        runs.append(_smooth_speeds(u[ways], clock[ways]))
+        if end < len(timed):
+            runs.append((u[end : end + 2].mean(keepdims=True), np.array([UNBOUND_SPEED])))
+    if not timed[-1]:
+        runs.append((u[-1:], np.array([UNBOUND_SPEED])))
+    places, speeds = (np.concatenate(parts) for parts in zip(*runs, strict=True))
+    return places, (np.interp(places, u, np.broadcast_to(factor, len(u))) * speeds) ** 2
 
 
-def _speeds_at_knots(mean: Array, steps: Array, timed: npt.NDArray[np.bool_]) -> Array:
-    """Return u̇ at the knots, shape (k,): UNBOUND_SPEED where no time is commanded.
+def _smooth_speeds(u: Array, clock: Array) -> tuple[Array, Array]:
+    """Return places and the speeds there that pass knots at times, shapes (k,), nearly.
 
-    mean, steps, timed: of the segments, shape (k - 1,); mean: u̇, UNBOUND_SPEED unless timed.
+    The mean speeds of the ways between the knots, with constant acceleration from one to the next
+    around each knot. It takes all of the shorter way if the knot is reached within SMOOTHED_S of
+    its time so; where the ways are short, the speeds are means over that to both sides.
     """
-    speeds = np.full(len(steps) + 1, UNBOUND_SPEED)
-    speeds[1:-1] = np.minimum(mean[:-1], mean[1:])
-    # at a knot, as a parabola through it and its neighbours would have it
-    both = np.flatnonzero(timed[:-1] & timed[1:])
-    before, after = steps[both], steps[both + 1]
-    speeds[both + 1] = (mean[both] * after + mean[both + 1] * before) / (before + after)
-    speeds[0] = max(2.0 * mean[0] - speeds[1], mean[0]) if timed[0] else UNBOUND_SPEED
-    speeds[-1] = max(2.0 * mean[-1] - speeds[-2], mean[-1]) if timed[-1] else UNBOUND_SPEED
-    return speeds
+    ways = np.diff(clock)
+    mean = np.diff(u) / ways
+    root = np.sqrt(mean[1:] / mean[:-1])
+    with np.errstate(divide='ignore'):
+        longest = SMOOTHED_S * (root + 1.0) / np.abs(root - 1.0)
+    half = np.maximum(np.minimum(np.minimum(ways[:-1], ways[1:]) / 2.0, longest), SMOOTHED_S)
+    inner = clock[1:-1]
+    half = np.minimum(half, np.minimum(inner - clock[0], clock[-1] - inner))
+    times = np.concatenate([clock[:1], inner - half, inner + half, clock[-1:]])
+    slope = np.diff(mean) / (2.0 * half)
+    slopes = np.concatenate([[0.0], slope, -slope, [0.0]])
+    order = np.argsort(times, kind='stable')
+    steps = np.diff(times[order])
+    speeds = mean[0] + np.append(0.0, np.cumsum(np.cumsum(slopes[order])[:-1] * steps))
+    speeds = np.maximum(speeds, LEAST_SHARE * mean.min())  # below it by rounding
+    places = u[0] + np.append(0.0, np.cumsum((speeds[:-1] + speeds[1:]) / 2.0 * steps))
+    return np.minimum(places, u[-1]), speeds

@@ -139,6 +139,8 @@ def _optimal(request: Request, first: Path, limits: JointLimits, effort: Effort)
             return found
     branches = TIMED_BRANCHES if request.timed.any() else BRANCHES
     for number, (dropped, share, timed) in enumerate(branches):
+        if not timed and (not request.urgent or request.catch_up < np.inf):
+            continue  # a motion that goes on as planned is in time
         found = _branch(request, dropped, share, timed, limits, effort)
         if found is None and number == SHORTER_AFTER:
             found = _shorter(request, first, limits, effort)

@@ -75,11 +75,13 @@ class Replanning:
         execution: Execution,
         planner: Planner | None,
         latency: float,
+        catch_up: float,
     ) -> None:
         self._waypoints = waypoints
         self._execution = execution
         self._planner = planner
         self.latency = latency
+        self._catch_up = catch_up
         self.news = False
         """Whether something has come since the last request that a plan could make use of."""
         self.planner_errors = 0
@@ -273,6 +275,7 @@ class Replanning:
             route[-1].rest is not None,
             0 if plan is None else sum(way.index <= plan.route[-1].index for way in route),
             self._failures,
+            self._catch_up,
         )
         return PendingRequest(request, route, more, 0.0 if pause else share)
 

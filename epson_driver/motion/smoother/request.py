@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What the planner is asked, and what it answers: data only, so that a process can plan."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,7 @@ class Request:
     reached: how many of the kept knots and points that plan goes to.
     failures: for how many requests in a row, just before, no plan was found; from rest, of those
     from there.
+    catch_up: how many times as fast as commanded the motion may be, to make up for lost time.
     """
 
     start: float | None
@@ -46,6 +48,7 @@ class Request:
     whole: bool = False
     reached: int = 0
     failures: int = 0
+    catch_up: float = math.inf
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -33,9 +33,11 @@ class Smoother:
     defect of this package. `violation` says what the last one was. A planner that raises has found
     no plan: the plan so far, which ends at rest, goes on, an error is logged, `planner_errors`
     counts it, and `planner_error` is the last one. `observer` is told of every change of what is
-    executed.
+    executed. A motion that is late is made about `catch_up` times as fast as commanded at most;
+    with 1 it stays late.
 
-    Raises ValueError for a start that is not n finite numbers within the limits.
+    Raises ValueError for a start that is not n finite numbers within the limits, or a `catch_up`
+    below 1.
     """
 
     def __init__(
@@ -47,10 +49,13 @@ class Smoother:
         latency: float = 0.0,
         planner: Planner | None = plan,
         observer: Observer | None = None,
+        catch_up: float = math.inf,
     ) -> None:
+        if not catch_up >= 1.0:  # NaN too
+            raise ValueError(f'catch_up = {catch_up}: must be 1 or more')
         self._waypoints = Waypoints(limits, position, mode)
         self._execution = Execution(self._waypoints, observer)
-        self._replanning = Replanning(self._waypoints, self._execution, planner, latency)
+        self._replanning = Replanning(self._waypoints, self._execution, planner, latency, catch_up)
         self._guard = OutputGuard(self.motion)
         self.violations = 0
         self.violation: Violation | None = None
