@@ -134,13 +134,14 @@ async def _ask_points(motion: Conversation, state: Conversation) -> Facts:
     """Ask, with the motors off, what only programs for JOINT_TRAJ_PT are asked."""
     start = JointTrajPt(SpecialSequence.START_TRAJECTORY_STREAMING)
     answered = await motion.ask(start, SILENCE_S)
-    facts: Facts = {'program.special_sequences': 'stop' if answered is None else 'all'}
+    facts: Facts = {} if answered is None else {'program.special_sequences': 'all'}
     here = latest_joints(state.heard)
     if here is None or why_not_to_ask(state):
         return facts
     point = JointTrajPt(0, joint_data(here), SLOW_VELOCITY, SLOW_DURATION_S)
     reply = await motion.ask(point, REPLY_TIMEOUT_S)
-    if reply is not None:
+    if reply is not None:  # else its tasks may be paused, and its silence tells nothing
+        facts.setdefault('program.special_sequences', 'stop')
         facts['program.failure_replies'] = reply.reply_code is ReplyCode.FAILURE
     await motion.ask(JointTrajPt(SpecialSequence.STOP_TRAJECTORY), REPLY_TIMEOUT_S)
     return facts

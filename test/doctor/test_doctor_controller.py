@@ -437,6 +437,17 @@ def test_the_remote_port_tells_what_status_does_not(prepare, about, said):
     assert 'Remote Ethernet answers: ' in told(findings, Level.OK)['remote port']
 
 
+def test_tasks_that_a_door_has_paused_are_no_other_profile():
+    """A START that has no answer until the tasks go on told of a program that knows none."""
+
+    def door_of_a_robot_in_use(controller):
+        enabled(controller)
+        door_open(controller)
+
+    _, findings = examined(prepare=door_of_a_robot_in_use, may_ask=True)
+    assert told(findings, Level.WRONG) == {}
+
+
 def test_main_that_does_not_run_and_another_control_device_are_told(monkeypatch):
     monkeypatch.setattr(status_words, 'CONTROL_DEVICE', 21)
 

@@ -301,8 +301,8 @@ def test_a_motion_port_that_serves_one_client_once_is_told():
     assert facts['server.reconnect'] is False
     assert found(findings, Level.WRONG)['motion port'] == 'serves nobody after its client has left'
     assert facts['program.reply'] == 'sequence'
-    assert facts['program.special_sequences'] == 'stop'
-    assert 'program.failure_replies' not in facts  # the point had no reply
+    # nor had the point a reply: the tasks may be paused
+    assert not facts.keys() & {'program.special_sequences', 'program.failure_replies'}
 
 
 def test_a_motion_port_that_hangs_up_after_the_stop_is_asked_nothing_more():
