@@ -65,7 +65,7 @@ class AtController:
     def __init__(self, world: Surroundings) -> None:
         self._world = world
         self._now: Callable[[], float] = world.loop.time
-        self._unsure_until = 0.0
+        self._unsure_until = self._read_from = 0.0
         self._closing = -world.person
         self.links = ('remote',) if world.statements else ('motion', 'state')
         """Ports that the driver needs: without one the arm must be enabled again."""
@@ -74,13 +74,19 @@ class AtController:
     def unsure(self) -> bool:
         """Whether what is published may be wrong: bits were changed, and still arrive."""
         if self._world.controller.faults.active() or self._world.network.flips:
-            self._unsure_until = max(self._now() + UNSURE_S, self._unsure_until)
+            self._doubt()
         return self._now() <= self._unsure_until
 
     def hung(self, seconds: float) -> None:
         """Take note that what comes now is read only after so long, s."""
-        if self.unsure:
-            self._unsure_until = self._now() + seconds + UNSURE_S
+        unsure, self._read_from = self.unsure, self._now() + seconds
+        if unsure:
+            self._doubt()
+
+    def _doubt(self) -> None:
+        """Take note that bits of what comes now may be wrong, until some time after it is read."""
+        until = max(self._now(), self._read_from) + UNSURE_S
+        self._unsure_until = max(until, self._unsure_until)
 
     def keeps_points(self) -> None:
         """Expect old points to be gone on with until a client that came has sent STOP."""
@@ -191,7 +197,7 @@ class AtController:
             return data[:at] + bytes([data[at] ^ 1 << bit]) + data[at + 1 :]
 
         self._world.network.flips[self._number_of(port)] = flipped
-        self._unsure_until = self._now() + UNSURE_S
+        self._doubt()
 
     async def second_client(self, port: str, seconds: float) -> None:
         """Let somebody else connect to a port, and leave again."""

@@ -331,7 +331,8 @@ class World:
 
     async def driver_leaves(self, seconds: float, lost: bool) -> None:
         """End the driver's process, or the program's robot, in good order, for a while."""
-        self.wishes.closed(self.loop.time())
+        if self.process.name not in self.loop.hanging:  # who hangs ends when he goes on
+            self.wishes.closed(self.loop.time())
         await self.process.leave(lost=lost)
         if self.in_python:
             gc.collect()

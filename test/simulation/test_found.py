@@ -65,8 +65,32 @@ FAR = {'step': 0.05, 'offsets': [[0.2] * 6, [-0.2] * 6] * 3, 'from_here': False}
                 Event(0.1, 'panel_arm', {}),
             ],
         ),
+        (
+            '4709',
+            [
+                Event(0.0, 'goal', FAR | {'step': 1.0}),
+                Event(0.01, 'driver_hangs', {'seconds': 2.0}),
+                Event(1.34, 'driver_leaves', {'seconds': 0.7, 'lost': True}),
+            ],
+        ),
+        (
+            '620',
+            [
+                Event(0.5, 'goal', FAR | {'step': 1.0, 'from_here': True}),
+                Event(7.0, 'driver_hangs', {'seconds': 2.0}),
+                Event(0.07, 'network_flip', {'port': 'state', 'byte': 22, 'bit': 4}),
+                Event(0.15, 'pendant', {'event': 'DOOR_OPEN'}),
+            ],
+        ),
     ],
-    ids=['braking after a new client', 'a program that hung', 'STATUS is rare', 'a slow goal'],
+    ids=[
+        'braking after a new client',
+        'a program that hung',
+        'STATUS is rare',
+        'a slow goal',
+        'who hangs ends later',
+        'who hangs reads later',
+    ],
 )
 def test_what_is_right_is_not_taken_for_wrong(seed, events):
     World(seed).play(events)

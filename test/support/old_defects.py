@@ -522,23 +522,38 @@ def put_back(name: str) -> Iterator[None]:
 
 
 def found(name: str, seeds: Iterable[str], budget: float = math.inf) -> Found | None:
-    """Return how seeds find a defect within so much of the processor's time, s, or None."""
+    """Return how seeds find a defect within so much of the processor's time, s, or None.
+
+    Raises BrokenError for a seed that breaks something without the defect, too.
+    """
     taken = 0.0
-    with put_back(name), quiet():
-        for seed in seeds:
-            world, began = World(seed), time.process_time()
-            if name in WHERE and not WHERE[name](world):
-                continue
-            if matters(name, seed):
-                try:
-                    world.play(events_of(seed))
-                except BrokenError as error:
-                    return Found(seed, str(error), taken + time.process_time() - began)
-                taken += time.process_time() - began
-            else:
-                taken += MEAN_WORLD_S
-            if taken > budget:
-                break
+    for seed in seeds:
+        world, began = World(seed), time.process_time()
+        if name in WHERE and not WHERE[name](world):
+            continue
+        if matters(name, seed):
+            with put_back(name):
+                broken = _broken(world, seed)
+            taken += time.process_time() - began
+            if broken is not None:
+                _broken(World(seed), seed, raises=True)
+                return Found(seed, broken, taken)
+        else:
+            taken += MEAN_WORLD_S
+        if taken > budget:
+            break
+    return None
+
+
+def _broken(world: World, seed: str, *, raises: bool = False) -> str | None:
+    """Return what a seed breaks in a world, if anything; or let that raise BrokenError."""
+    with quiet():
+        try:
+            world.play(events_of(seed))
+        except BrokenError as error:
+            if raises:
+                raise
+            return str(error)
     return None
 
 
