@@ -156,6 +156,7 @@ class AtController:
             text = f'{re.sub(" port=[a-z]+", "", text)} port=remote'
         with contextlib.suppress(FaultError), world.servers.pacer.present():  # there are many
             world.controller.faults.start(parse(text))
+            self._doubt()
             if name == 'cut':  # of the remote port it begins a little later
                 after = ANSWER_TIME_S if world.statements else 0.0
                 world.loop.call_later(after, lambda: world.wishes.closed(self._now()))

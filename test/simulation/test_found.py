@@ -82,6 +82,14 @@ FAR = {'step': 0.05, 'offsets': [[0.2] * 6, [-0.2] * 6] * 3, 'from_here': False}
                 Event(0.15, 'pendant', {'event': 'DOOR_OPEN'}),
             ],
         ),
+        (
+            '23357',
+            [
+                Event(6.4935, 'driver_hangs', {'seconds': 2.0}),
+                Event(0.0003, 'fault', {'text': 'bit_errors rate=0.2 for=0.3'}),
+                Event(0.2052, 'cancel', {}),
+            ],
+        ),
     ],
     ids=[
         'braking after a new client',
@@ -90,6 +98,7 @@ FAR = {'step': 0.05, 'offsets': [[0.2] * 6, [-0.2] * 6] * 3, 'from_here': False}
         'a slow goal',
         'who hangs ends later',
         'who hangs reads later',
+        'bits that were wrong while somebody hung',
     ],
 )
 def test_what_is_right_is_not_taken_for_wrong(seed, events):

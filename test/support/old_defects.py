@@ -524,7 +524,7 @@ def put_back(name: str) -> Iterator[None]:
 def found(name: str, seeds: Iterable[str], budget: float = math.inf) -> Found | None:
     """Return how seeds find a defect within so much of the processor's time, s, or None.
 
-    Raises BrokenError for a seed that breaks something without the defect, too.
+    Raises RuntimeError for a seed that breaks something without the defect, too.
     """
     taken = 0.0
     for seed in seeds:
@@ -536,7 +536,8 @@ def found(name: str, seeds: Iterable[str], budget: float = math.inf) -> Found | 
                 broken = _broken(world, seed)
             taken += time.process_time() - began
             if broken is not None:
-                _broken(World(seed), seed, raises=True)
+                if (without := _broken(World(seed), seed)) is not None:
+                    raise RuntimeError(f'seed {seed} breaks this without a defect: {without}')
                 return Found(seed, broken, taken)
         else:
             taken += MEAN_WORLD_S
@@ -545,14 +546,12 @@ def found(name: str, seeds: Iterable[str], budget: float = math.inf) -> Found | 
     return None
 
 
-def _broken(world: World, seed: str, *, raises: bool = False) -> str | None:
-    """Return what a seed breaks in a world, if anything; or let that raise BrokenError."""
+def _broken(world: World, seed: str) -> str | None:
+    """Return what a seed breaks in a world, if anything."""
     with quiet():
         try:
             world.play(events_of(seed))
         except BrokenError as error:
-            if raises:
-                raise
             return str(error)
     return None
 
