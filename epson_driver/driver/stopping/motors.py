@@ -154,11 +154,16 @@ class RemoteEthernetMotors:
             ) from failed
 
     async def tell(self, timeout: float) -> Told | None:
-        """Log in and ask. None: no answer."""
-        try:
-            async with self._turns.urgent(), self._login(timeout) as ask:
+        """Ask while nobody else needs the port. None: no answer, or somebody does."""
+
+        async def asked() -> Told:
+            async with self._login(timeout) as ask:
                 return await self._condition(ask)
-        except (RemoteError, OSError, TimeoutError):
+
+        try:
+            async with asyncio.timeout(timeout):
+                return await self._turns.patient(asked)
+        except (RemoteError, OSError, TimeoutError):  # GaveWayError is an OSError
             return None
 
     async def _condition(self, ask: Ask) -> Told:

@@ -3,6 +3,7 @@
 """Motors and errors by the controller's own commands, against a Motoman."""
 
 import asyncio
+import contextlib
 
 import pytest
 from support.driver_harness import Harness, ScriptedController, frame, pose, simulated
@@ -256,3 +257,27 @@ async def test_inv4_closing_gives_up_commands_on_their_way_and_those_that_wait()
     for error in await asyncio.gather(*both, return_exceptions=True):
         assert isinstance(error, MotorsError), 'nobody has cancelled who waits'
         assert 'the driver has ended' in str(error)
+
+
+@pytest.mark.invariant(3)
+async def test_inv3_a_question_at_the_remote_port_gives_way_to_motors_off():
+    """Asked only for a sentence, it would have held up the switching off for as long as 2 s."""
+    asked, given = asyncio.Event(), []
+
+    @contextlib.asynccontextmanager
+    async def login(_timeout):
+        async def ask(command):
+            if command == 'GetStatus':
+                asked.set()
+                await asyncio.Event().wait()  # a controller that does not answer
+            given.append(command)
+            return ''
+
+        yield ask
+
+    motors = SerializedMotors(RemoteEthernetMotors('127.0.0.1', 5000, login=login))
+    telling = asyncio.create_task(motors.tell(60.0))
+    await asked.wait()
+    await motors.act(Action.MOTORS_OFF, 2.0)
+    assert given == [Action.MOTORS_OFF.value.remote_ethernet]
+    assert await telling is None
