@@ -216,9 +216,12 @@ async def begun_slowly(robot, way):
     ('profile', 'smooth', 'way'),
     [
         ('rc620', False, 'joints'),
+        pytest.param('rc620', True, 'joints', marks=pytest.mark.slow),
         ('rc620', True, 'waypoints'),
+        pytest.param('rc620', True, 'trajectory', marks=pytest.mark.slow),
         ('generic', False, 'waypoints'),
         ('fanuc', False, 'joints'),
+        pytest.param('motoman', True, 'waypoints', marks=pytest.mark.slow),
         ('motoman', True, 'trajectory'),
         ('spel', False, 'joints'),
         ('thesis', False, 'trajectory'),
@@ -245,7 +248,9 @@ def test_a_pause_holds_every_motion_and_it_goes_on(profile, smooth, way):
     run(scenario())
 
 
-@pytest.mark.parametrize('profile', ['rc620', 'generic'])
+@pytest.mark.parametrize(
+    'profile', ['rc620', 'generic', pytest.param('motoman', marks=pytest.mark.slow)]
+)
 def test_half_the_speed_acts_on_a_move_that_runs(profile):
     async def scenario():
         async with robot_cell(profile=profile, smooth=profile != 'generic') as (robot, _):

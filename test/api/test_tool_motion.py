@@ -239,18 +239,19 @@ def test_a_line_that_is_too_fast_for_a_joint_is_slowed_unless_that_is_unwanted(a
 
 
 @pytest.mark.parametrize(
-    ('model', 'speed', 'acceleration', 'mm'),
-    [
-        ('gx4_c251s', 0.1, 1.0, 0.003),
-        ('gx4_c251s', 0.3, 2.0, 0.022),
-        ('gx4_c251s', 1.0, 5.0, 0.095),
-        ('gx4_c251s', 2.0, 10.0, 0.145),
-        ('c3_a601s', 2.0, 10.0, 0.145),
-    ],
+    ('speed', 'acceleration', 'mm'),
+    [(0.1, 1.0, 0.003), (0.3, 2.0, 0.022), (1.0, 5.0, 0.095), (2.0, 10.0, 0.145)],
 )
-async def test_a_line_is_as_straight_as_documented(model, speed, acceleration, mm):
+@pytest.mark.parametrize(
+    ('model', 'start'),
+    [
+        ('gx4_c251s', SCARA_READY),
+        pytest.param('c3_a601s', READY, marks=pytest.mark.slow),
+    ],
+    ids=['GX4', 'C3'],
+)
+async def test_a_line_is_as_straight_as_documented(model, start, speed, acceleration, mm):
     """The figures of docs/python.md, which the servos' lag makes; the worse is the SCARA's."""
-    start = READY if model == 'c3_a601s' else SCARA_READY
     async with robot_cell(model=model, smooth=True) as (robot, _):
         await robot.move_joints(start)
         begin = robot.tool_pose[:3, 3]

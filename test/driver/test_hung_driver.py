@@ -10,11 +10,13 @@ import asyncio
 import contextlib
 import re
 import struct
+from itertools import product
 
 import numpy as np
 import pytest
 from support.driver_harness import Harness, pose, simulated
 from support.event_loop import hanging, now, until
+from support.examples import quickly
 from support.fault_play import cell_of, make_ready
 from support.streams import going_on, positions, velocities
 
@@ -124,7 +126,10 @@ async def works_again(harness, arm):
 
 @pytest.mark.invariant(3, 4, 5)
 @pytest.mark.parametrize(
-    ('kind', 'points'), [*((kind, 12) for kind in KINDS), ('from point to point', 1)]
+    ('kind', 'points'),
+    quickly(
+        [*((kind, 12) for kind in KINDS), ('from point to point', 1)], product(KINDS, [1, 12])
+    ),
 )
 async def test_an_arm_whose_driver_hangs_stops_and_the_goal_says_why(kind, points):
     async with cell(kind) as (harness, _, arm):

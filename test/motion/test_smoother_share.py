@@ -6,9 +6,11 @@ Invariant 2 of docs/invariants.md.
 """
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 import pytest
+from support.examples import quickly
 from support.smoother_harness import ARM, SLOW
 
 from benchmark.exact_extrema import Recorded, exact_extrema
@@ -84,7 +86,10 @@ def times(points: Array, done: Run) -> Array:
     return found
 
 
-@pytest.mark.parametrize(('share', 'latency'), [(0.9, 0.0), (0.3, 0.05), (0.05, 0.0)])
+@pytest.mark.parametrize(
+    ('share', 'latency'),
+    quickly([(0.9, 0.0), (0.3, 0.05), (0.05, 0.0)], product([0.9, 0.3, 0.05], [0.0, 0.05])),
+)
 @pytest.mark.parametrize(
     ('mode', 'pace'),
     [(Mode.TIME_PRESERVING, 6.0), (Mode.TIME_PRESERVING, 1.0), (Mode.TIME_OPTIMAL, 1.0)],

@@ -4,7 +4,9 @@
 
 from argparse import Namespace
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import pytest
 from support.examples import one_in
@@ -27,18 +29,24 @@ def of(robot: str) -> dict[str, str]:
     return with_defines(FILES, robot_defines(FILES, load_robot_model(robot)))
 
 
-SERIES = {robot.partition('_')[0]: robot for robot in robot_models()}
-"""A robot of each series: programs of one differ in numbers alone."""
+@cache
+def problems(config: str) -> list[Any]:
+    """Return what is wrong with the program, which robots of one configuration share."""
+    return check(FILES | {'config.inc': config})
 
 
-@pytest.mark.parametrize('robot', one_in(5, SERIES.values()))
+@pytest.mark.parametrize('robot', one_in(25, robot_models()))
 def test_the_program_of_every_robot_is_clean(robot: str) -> None:
-    assert check(of(robot)) == []
+    files = of(robot)
+    assert files.keys() == FILES.keys()
+    assert all(text == FILES[name] for name, text in files.items() if name != 'config.inc')
+    assert problems(files['config.inc']) == []
 
 
 @pytest.mark.parametrize('version', sorted(set(CONTROLLERS.values())))
-def test_the_program_is_clean_for_every_controller(version: int) -> None:
-    assert check(of('c3_a601s'), version) == []
+@pytest.mark.parametrize('robot', ['c3_a601s', pytest.param('gx4_c251s', marks=pytest.mark.slow)])
+def test_the_program_is_clean_for_every_controller(robot: str, version: int) -> None:
+    assert check(of(robot), version) == []
 
 
 @pytest.mark.parametrize('version', [6, 7, 8])

@@ -6,7 +6,7 @@
 was changed; `make soak` looks for new ones, and prints how to see a failure again.
 """
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import Any
 
 import pytest
@@ -54,9 +54,15 @@ def one_in(every: int, values: Iterable[Any], *, several: bool = False) -> list[
 
     `several`: each value is a tuple with the values of several parameters.
     """
+    found = list(values)
+    return quickly(found[::every], found, several=several)
+
+
+def quickly(some: Collection[Any], values: Iterable[Any], *, several: bool = True) -> list[Any]:
+    """Return parameters: `make test` tries some of the values, `make test-all` all."""
     return [
         pytest.param(
-            *(value if several else (value,)), marks=pytest.mark.slow if index % every else ()
+            *(value if several else (value,)), marks=() if value in some else pytest.mark.slow
         )
-        for index, value in enumerate(values)
+        for value in values
     ]

@@ -5,11 +5,13 @@
 import asyncio
 import logging
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 from support.driver_harness import cell
 from support.event_loop import now, stand_still
+from support.examples import quickly
 from support.streams import positions, window
 
 from epson_driver.driver.servo.servo import LEFT_BEHIND_S
@@ -55,7 +57,10 @@ async def followed(harness, stream, *, held):
 
 @pytest.mark.parametrize(
     ('stream', 'held'),
-    [('positions', False), ('positions with velocities', True), ('windows', False)],
+    quickly(
+        [('positions', False), ('positions with velocities', True), ('windows', False)],
+        product(STREAMS, [False, True]),
+    ),
 )
 async def test_after_a_stall_the_arm_is_not_much_faster_than_its_stream(stream, held, caplog):
     caplog.set_level(logging.WARNING)

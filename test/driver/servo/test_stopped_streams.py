@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from support.driver_harness import HOME, Harness, ScriptedController, cell, pose
 from support.event_loop import now, run, until
+from support.examples import quickly
 from support.streams import JOG, SERVO, going_on, positions, velocities, window
 
 from epson_driver.driver.servo.restart_interlock import RELEASE_S, RestartInterlock
@@ -89,10 +90,13 @@ STREAMS = {
 @pytest.mark.invariant(4)
 @pytest.mark.parametrize(
     ('streams', 'stop'),
-    [
-        *((streams, only_stopped) for streams in STREAMS),
-        *product(('a key and an idle stick', 'windows'), STOPS[1:]),
-    ],
+    quickly(
+        [
+            *((streams, only_stopped) for streams in STREAMS),
+            *product(('a key and an idle stick', 'windows'), STOPS[1:]),
+        ],
+        product(STREAMS, STOPS),
+    ),
 )
 async def test_inv4_a_stream_that_goes_on_moves_nothing_after_a_stop_or_an_enable(streams, stop):
     async with cell(smooth=True) as (harness, controller), contextlib.AsyncExitStack() as on:

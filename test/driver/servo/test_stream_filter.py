@@ -3,10 +3,12 @@
 """How single setpoints are followed: lag, jerk, noise, ends (the figures of docs/servo.md)."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 from support.driver_harness import HOME, LIMITS, pose
+from support.examples import quickly
 from support.streams import PERIOD
 
 from epson_driver.driver.servo.stream import PASSED, StreamFilter
@@ -67,7 +69,13 @@ def lag_of(times, ways, wave):
     return min((left(lag), lag) for lag in np.arange(-0.05, 0.2, 0.002))[::-1]
 
 
-@pytest.mark.parametrize(('given', 'most', 'noise'), [(False, 0.04, 2e-4), (True, 0.01, 0.0)])
+@pytest.mark.parametrize(
+    ('given', 'most', 'noise'),
+    quickly(
+        [(False, 0.04, 2e-4), (True, 0.01, 0.0)],
+        [(False, 0.04, 0.0), (False, 0.04, 2e-4), (True, 0.01, 0.0), (True, 0.01, 2e-4)],
+    ),
+)
 @pytest.mark.parametrize('step', STEPS)
 def test_a_sine_is_followed_closely_and_quietly(step, given, most, noise):
     """Before, it was 0.034 to 0.038 and 0 to 0.004 s, at full jerk, 4 to 5 mrad beside it."""
@@ -88,7 +96,10 @@ def test_noise_of_a_stream_that_holds_still_hardly_moves_the_arm(given):
 
 @pytest.mark.parametrize('given', [False, True])
 @pytest.mark.parametrize('step', STEPS)
-@pytest.mark.parametrize(('speed', 'phase'), [(0.5, 0.05), (1.0, 0.3), (1.0, 0.8)])
+@pytest.mark.parametrize(
+    ('speed', 'phase'),
+    quickly([(0.5, 0.05), (1.0, 0.3), (1.0, 0.8)], product([0.5, 1.0], [0.05, 0.3, 0.55, 0.8])),
+)
 def test_a_ramp_that_ends_at_once_is_not_passed(speed, step, given, phase):
     """By 19 to 97 mrad before."""
     _, ways, _ = followed(ramp(speed, 0.8), 2.5, step=step, given=given, phase=phase)
