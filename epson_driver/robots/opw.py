@@ -13,7 +13,7 @@ differs from it by the offsets: angle = sign · joint - offset.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import acos, atan2, cos, hypot, pi, sin, sqrt
+from math import acos, atan2, copysign, cos, hypot, pi, sin, sqrt
 
 import numpy as np
 
@@ -143,12 +143,16 @@ class OpwSolver:
         return ''
 
     def sides(self, joints: Array) -> tuple[float, ...]:
-        """Return how far the wrist is in front, m, and the bends of elbow and wrist, rad."""
+        """Return how far the wrist is in front, m, and the bends of elbow and wrist, rad.
+
+        The bends are those of an upright arm with these joints, for one that hangs.
+        """
         _, second, third, _, fifth, _ = (self._signs * joints - self._offsets).tolist()
-        a1, a2, _, _, c2, c3, _ = self._lengths.values()
+        a1, a2, _, c1, c2, c3, _ = self._lengths.values()
         bend = (third + atan2(a2, c3) + pi) % (2.0 * pi) - pi
         front = a1 + c2 * sin(second) + hypot(a2, c3) * sin(second + bend)
-        return front, bend if front >= 0.0 else -bend, fifth
+        upright = copysign(1.0, c1)
+        return front, upright * copysign(bend, bend * front), upright * fifth
 
     def branches(self, pose: Array, near: Array) -> list[Array]:
         """Return those of the eight solutions that exist, regardless of the joint limits.

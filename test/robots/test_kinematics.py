@@ -335,6 +335,17 @@ def test_u_v_and_w_turn_about_z_then_y_then_x() -> None:
             assert turned(rotation_of_uvw(shown), rotation) < 1e-6
 
 
+@pytest.mark.parametrize('name', ['c8_c901s', 'cx4_a601s', 'cx7_a701s', 'n2_a450s'])
+def test_a_hanging_arm_is_on_the_sides_of_a_standing_one_with_its_joints(name):
+    standing, hanging = (load_robot_model(each) for each in (name, f'{name}r'))
+    limits = standing.limits
+    for joints in np.random.default_rng(3).uniform(
+        limits.position_min, limits.position_max, (50, 6)
+    ):
+        sides = Kinematics(standing).sides(joints)
+        assert Kinematics(hanging).sides(joints) == pytest.approx(sides)
+
+
 @pytest.mark.parametrize('name', ['c3_a601s', 'gx8_c652s', 'n2_a450s'])
 def test_the_jacobian_is_the_derivative_of_the_pose(name):
     model = load_robot_model(name)

@@ -274,6 +274,18 @@ def test_jump_tlz_goes_along_the_tool_across_and_along_the_tool(caplog):
     assert np.abs(along[down:, :2] - [40.0, 10.0]).max() < 0.05
 
 
+def test_a_hanging_n_jumps_through_under_its_base(caplog):
+    """As in EPSON's N2_sample, in the posture that a point without flags has: joint 1 stands."""
+    harness = ran(
+        caplog,
+        '  P1 = XY(190, 190, -560, 135, -45, 90); P2 = XY(-190, -190, -590, 90, 0, 180)\n'
+        '  Go P1; Print Agl(1); JumpTLZ P2, -30; Print Agl(1), Dist(Here, P2) < 0.01',
+        start=np.radians([10.0, 30.0, 60.0, 0.0, 60.0, 20.0]),
+        model=load_robot_model('n2_a450sr'),
+    )
+    assert harness.printed[:2] == ['45', '45 -1']
+
+
 def test_a_point_of_an_n_tells_the_angle_that_its_place_leaves_open():
     """J4Angle of a straight wrist (p455), and so Here is where the arm was."""
     points = RobotPoints(FOLDING)
