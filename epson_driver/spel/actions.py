@@ -272,7 +272,7 @@ def _bits(name: str, memory: Memory, width: int, value: int | None) -> Callable[
             host.write_bits(memory, number, width, 1 - bit)
 
         duration = seconds(task, time)
-        if parallel == 0:  # the next statement does not wait (p567, p572)
+        if parallel == 0:  # the next statement does not wait (p560, p567)
             task.world.later.append((task.world.time + duration, lambda: after(True)))
         else:
             task.wait(duration, after=after)

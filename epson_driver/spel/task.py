@@ -151,7 +151,7 @@ class OpenFile:
 
 @dataclass(slots=True)
 class Counter:
-    """How often an input has gone on (p222), and how it was seen last."""
+    """How often an input has gone on (p257), and how it was seen last."""
 
     count: int
     last: int

@@ -120,7 +120,7 @@ def test_a_place_and_its_posture_are_the_joints_that_it_was_taught_with(name):
 
 
 def test_relative_motions_by_the_tool_and_by_the_base(caplog):
-    """TMove and TGo in the tool's frame, BMove and BGo in that of the base (p840, p153)."""
+    """TMove and TGo in the tool's frame, BMove and BGo in that of the base (p827, p163)."""
     harness = ran(
         caplog,
         '  P1 = Here\n  TMove XY(0, 0, 20, 0, 0, 0)\n  Print Dist(Here, P1 +TLZ(20)) < 0.01\n'
@@ -410,7 +410,7 @@ def test_find_keeps_where_the_arm_was(caplog):
 
 
 def test_outputs_beside_a_motion_come_at_their_share_of_the_way(caplog):
-    """!…! (p630): the statement is over when the motion and what stands beside it are."""
+    """!…! (p56): the statement is over when the motion and what stands beside it are."""
     harness = ran(
         caplog,
         '  Speed 20; P1 = Here; TmReset 0\n'
