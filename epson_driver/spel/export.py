@@ -2,19 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """A complete RC+ project: programs, and every file that RC+ expects beside them.
 
-The layout is that of projects that RC+ 7.0.5 has written (52 public ones were compared); RC+ 6 has
-the same blocks, and newer versions convert it. RC+ itself has not opened one of these yet.
+The layout is that of projects that RC+ 7.0.5 and 6.0.0 have written; 52 public ones were compared.
+Newer versions convert them, as they do EPSON's own samples, which are as old. RC+ itself has not
+opened one of these yet.
 """
 
 import uuid
 from collections.abc import Mapping
 from datetime import datetime
 
-from epson_driver.inputs.rc_files import CRLF, Block, quoted, sealed
+from epson_driver.inputs.rc_files import CRLF, Block, parsed, quoted, sealed
 from epson_driver.spel.project_data import INCLUDE, PROGRAM
 
-RC_VERSIONS = {6: '6.2.3', 7: '7.0.5', 8: '7.0.5'}
-"""The version that a project is written for, by that of the controller; RC+ 8 converts it."""
+RC_VERSIONS = {6: '6.0.0', 7: '7.0.5', 8: '7.0.5'}
+"""The version that a project is written for, by that of the controller."""
+
+_SINCE_7 = {
+    'sRCRevision', 'bGlobalsDeclaredEachFile', 'bSimulatorButton', 'bAllowReset', 'bPalletsTab',
+}  # fmt: skip
 
 _NAMESPACE = uuid.UUID('6f0bd8ae-6b0c-5b7e-9d0e-3f8a5c1d2e4b')
 _LABELS = ('Bit', 'Byte', 'Word')
@@ -46,12 +51,16 @@ def exported(
     rc = RC_VERSIONS[version]
     guid = uuid.uuid5(_NAMESPACE, ''.join(f'{each}\n{text}' for each, text in files.items()))
     written = {each: text.replace('\n', CRLF) for each, text in files.items() if _is_text(each)}
-    written |= {each: text for each, text in files.items() if not _is_text(each)}
+    written |= {
+        each: _of_version(rc, each, text, when)
+        for each, text in files.items()
+        if not _is_text(each)
+    }
     blocks = {
-        f'{name}.sprj': _project(name, list(files), rc, str(guid), when),
+        f'{name}.sprj': _known(rc, _project(name, list(files), rc, str(guid), when)),
         'IOLabels.dat': _io_labels(rc),
         'robot1.pts': Block('', [('sVersion', '"2.0.0"'), ('nNumberOfPoints', '0')]),
-        f'{name}.vis': Block('', [('sGUID', quoted(str(guid))), ('nCameraNumber', '1')]),
+        f'{name}.vis': Block('', [('sGUID', quoted(_vision_id(guid))), ('nCameraNumber', '1')]),
     }
     written |= {each: sealed(block, when) for each, block in blocks.items() if each not in files}
     return {
@@ -83,7 +92,7 @@ def _project(name: str, files: list[str], rc: str, guid: str, when: datetime) ->
                 'UserProperties',
                 **{f's{each}': '""' for each in user},
                 bStrictCompile=_OFF,
-                **({} if rc[0] == '6' else {'bGlobalsDeclaredEachFile': _OFF}),
+                bGlobalsDeclaredEachFile=_OFF,
             ),
             _block('IOLabelFile', sName='"IOLabels.dat"', nChecksum='0'),
             _block('UserErrorsFile', sName='"UserErrors.dat"', nChecksum='0'),
@@ -103,7 +112,7 @@ def _project(name: str, files: list[str], rc: str, guid: str, when: datetime) ->
             ),
             ('nPointFileCount', '1'),
             _block('PointFile1', sName='"robot1.pts"', nRobot='1', bDefault=_ON),
-            Block('OperatorSettings', [_operator_window(), _manager(), _monitor()]),
+            Block('OperatorSettings', [_operator_window(rc), _manager(), _monitor()]),
             *(
                 _block(
                     f'IOCustomView{number}', sName='""', bVisible=_ON if number == 1 else _OFF,
@@ -118,11 +127,34 @@ def _project(name: str, files: list[str], rc: str, guid: str, when: datetime) ->
     )  # fmt: skip
 
 
+def _vision_id(guid: uuid.UUID) -> str:
+    """Return the identity of a project's vision file, which is not the project's own."""
+    return str(uuid.uuid5(guid, 'vis'))
+
+
+def _of_version(rc: str, name: str, text: str, when: datetime) -> str:
+    """Return the text of a data file as its version of RC+ writes it."""
+    block = parsed(name, text)
+    if block.text('sRCVersion') == rc:
+        return text
+    block.items[:2] = [('sRCVersion', quoted(rc))]  # the header is the first one
+    return sealed(block, when)
+
+
+def _known(rc: str, block: Block) -> Block:
+    """Return a block without what its version of RC+ does not know yet."""
+    if rc[0] != '6':
+        return block
+    items = (_known(rc, each) if isinstance(each, Block) else each for each in block.items)
+    kept = [each for each in items if isinstance(each, Block) or each[0] not in _SINCE_7]
+    return Block(block.name, kept)
+
+
 def _block(name: str, **values: str) -> Block:
     return Block(name, list(values.items()))
 
 
-def _operator_window() -> Block:
+def _operator_window(rc: str) -> Block:
     """Return what the operator's window shows: RC+'s own defaults."""
     window = _block(
         'OperatorWindow', sTitle='"Operator Window"', nWinState='0', sFontName='"Courier New"',
@@ -130,7 +162,7 @@ def _operator_window() -> Block:
     )  # fmt: skip
     for names, value in zip(_OPERATOR, (_ON, _OFF, _ON), strict=True):
         window.items += [(f'b{each}', value) for each in names]
-    for number in range(8):
+    for number in range(64 if rc[0] == '6' else 8):
         title = f'"Program {number}"' if number else '"Program"'
         window.items.append(_block(f'Program{number}', sName=title, bEnabled=_ON))
     return window

@@ -136,10 +136,9 @@ class RobotPoints:
         flags = [words[0] for words in self._posture(angles)]
         if self._model.kind == SCARA:
             turn[0] = self._counted(float(turn[0]), angles)
-        turned = np.degrees(turn).tolist()
         return Point(
             'xy',
-            (*(where * _MM).tolist(), *turned),
+            (*without_rounding(where * _MM), *without_rounding(np.degrees(turn))),
             (*(each for each in flags if each not in _USUAL), *self._left_open(angles)),
         )
 
@@ -307,6 +306,11 @@ class RobotPoints:
     def _pose(self, point: Point) -> Array:
         """Return where the tool is at a place in space, in base_link."""
         return self._kinematics.from_base(_matrix(point))
+
+
+def without_rounding(values: Array) -> list[float]:
+    """Return mm or degrees without the digits that are the arithmetic's: 0 where it is near it."""
+    return [each + 0.0 for each in np.round(values, 9).tolist()]
 
 
 def _half_turns(angle: float) -> int:

@@ -14,7 +14,7 @@ from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.remote import status_words
 from epson_driver.sim_controller.remote.robot_type import robot_type
 from epson_driver.sim_controller.spel_host.robot_motion import RobotMotion
-from epson_driver.sim_controller.spel_host.robot_points import RobotPoints
+from epson_driver.sim_controller.spel_host.robot_points import RobotPoints, without_rounding
 from epson_driver.spel import ErrorNumber, Point, SpelError
 from epson_driver.spel.errors import bad
 
@@ -107,7 +107,7 @@ def _setting(name: str, usual: float) -> Callable[[RobotContext, Arguments], flo
 
 def _angle(robot: RobotContext, arguments: Arguments) -> float:
     joint = robot.joint('Agl', arguments[0])
-    return float(robot.here[joint] * robot.controller.model.shown_per_unit[joint])
+    return without_rounding(robot.here * robot.controller.model.shown_per_unit)[joint]
 
 
 def _pulses(name: str, real: bool) -> Callable[[RobotContext, Arguments], int]:
@@ -194,7 +194,7 @@ def _where(robot: RobotContext, _: Arguments) -> str:
 def _joint(robot: RobotContext, _: Arguments) -> str:
     model = robot.controller.model
     units = ('deg' if kind == REVOLUTE else 'mm' for kind in model.joint_types)
-    shown = zip(robot.here * model.shown_per_unit, units, strict=True)
+    shown = zip(without_rounding(robot.here * model.shown_per_unit), units, strict=True)
     return 'JOINT:' + ''.join(f'  {n}:{at:9.3f} {unit}' for n, (at, unit) in enumerate(shown, 1))
 
 

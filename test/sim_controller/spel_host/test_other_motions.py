@@ -39,6 +39,15 @@ def scara(caplog, body):
     return ran(caplog, body, start=FOLDED, model=SCARA)
 
 
+@pytest.mark.parametrize('name', ['gx8_c652s', 'rs4_c351s', 'n2_a450sr'])
+def test_what_is_zero_is_shown_as_zero(caplog, name):
+    """At 0 pulses (p890) Z of a SCARA is 0, and not -5e-14, nor is anything -0.000."""
+    model = load_robot_model(name)
+    values = RobotPoints(model).place(np.zeros(len(model.joint_names))).values
+    assert not any(0.0 < abs(each) < 1e-9 or str(each) == '-0.0' for each in values)
+    assert len(model.joint_names) == 6 or values[2] == 0.0
+
+
 @pytest.mark.invariant(2)
 def test_inv2_an_arc_in_space_leads_over_its_point_on_a_circle(caplog):
     harness = ran(
