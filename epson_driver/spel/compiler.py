@@ -695,6 +695,7 @@ class Compiler:
     def _(self, statement: Stub) -> None:
         made = self._expressions
         given = [self._stub_argument(argument) for argument in statement.arguments]
+        given += [made.stub_argument(argument) for argument in statement.indices]
         made.note_stub(statement.name, statement.at)
         self._suspend(f'v[0].stub({statement.name!r}, ({"".join(f"{each}, " for each in given)}))')
 

@@ -452,8 +452,8 @@ class _Lint:
         for place, statement in enumerate(block):
             handler = isinstance(statement, Label) and statement.name.lower() in handlers
             begins = isinstance(before, OnErr) and before.label is not None  # OnErr GoTo it
-            meant = begins or _asks_for_error(block[place:])
-            if handler and before is not None and not meant and not leaves(before):
+            fallen = handler and before is not None and not begins and not leaves(before)
+            if fallen and not _asks_for_error(block[place:]):
                 text = 'the error handler is reached without an error: put Exit Function above it'
                 yield Problem(statement.at, 'handler', text, warning=True)
             for each in inner_blocks(statement):

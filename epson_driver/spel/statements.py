@@ -514,6 +514,7 @@ class Statements:
     def read_stub(self, reader: Reader, first: Token) -> Stub:
         """Read a statement that the interpreter knows by its name only."""
         arguments: list[Argument] = []
+        indices: list[Argument] = []
         while not reader.at_end():
             if reader.takes(',', 'as', '#', 'to'):
                 continue
@@ -524,12 +525,12 @@ class Statements:
                 for _ in range(2 * len(dotted) - 1):
                     reader.step()
                 text = '.'.join(token.text for token in dotted)
-                if reader.sees('('):
-                    arguments += reader.arguments()
                 arguments.append(Argument(Text(text, dotted[0].position)))
+                if reader.sees('('):
+                    indices += reader.arguments()
             else:
                 arguments.append(reader.argument())
-        return Stub(first.text, tuple(arguments), first.position)
+        return Stub(first.text, tuple(arguments), tuple(indices), first.position)
 
 
 def _local_of(word: Expression) -> Expression:

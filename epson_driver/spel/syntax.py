@@ -283,10 +283,14 @@ class Share:
 
 @dataclass(frozen=True, slots=True)
 class Stub:
-    """A statement that only a test can answer: vision, conveyors, windows."""
+    """A statement that only a test can answer: vision, conveyors, windows.
+
+    indices: which of several results, `VGet find.Blob01.RobotXYU(i)`.
+    """
 
     name: str
     arguments: tuple[Argument, ...]
+    indices: tuple[Argument, ...]
     at: Position
 
 

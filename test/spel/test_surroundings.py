@@ -34,8 +34,8 @@ VISION = """
   Integer i
   For i = 1 To 3
     VRun find
-    VGet find.Geom01.RobotXYU, found, x, y, u
-    Print found, x, y, u, Cnv_QueLen(1)
+    VGet find.Geom01.RobotXYU(i), found, x, y, u
+    Print i, found, x, y, u, Cnv_QueLen(1)
   Next
   VGet find.Geom01.Found, found
   Print found
@@ -54,7 +54,9 @@ def test_answers_are_given_in_turn_and_the_last_one_stays(tmp_path: Path) -> Non
         'VGet: [1]\nCnv_QueLen: [2, 1, 0]\nCnv_QueGet: [[5, 6, 7]]\nSF_GetParam$: name\n'
     )
     host = run(VISION, Surroundings(read_answers(path)))
-    assert lines(host) == ['-1 250 40.5 90 2', '0 1 2 3 1', '0 1 2 3 0', '-1', '6 name', '0']
+    assert lines(host) == [
+        '1 -1 250 40.5 90 2', '2 0 1 2 3 1', '3 0 1 2 3 0', '-1', '6 name', '0'
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(
