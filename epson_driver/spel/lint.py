@@ -135,7 +135,8 @@ def check(files: Mapping[str, str], version: int = 8) -> list[Problem]:
             problems.append(Problem(Position(name, 1), 'project-file', fault, warning=True))
     for rule in lint.rules:
         problems.extend(rule())
-    wanted = (each for each in set(problems) if not _switched_off(each, files))
+    lines = {name: text.split('\n') for name, text in files.items()}
+    wanted = (each for each in set(problems) if not _switched_off(each, lines))
     return sorted(wanted, key=lambda each: (each.position, each.rule, each.text))
 
 
@@ -149,9 +150,9 @@ def _asks_for_error(handler: Block) -> bool:
     return any(getattr(each, 'name', '').lower() in kept for each in walk(tests))
 
 
-def _switched_off(problem: Problem, files: Mapping[str, str]) -> bool:
+def _switched_off(problem: Problem, files: Mapping[str, list[str]]) -> bool:
     """Return whether the line has a comment `' check off: rule, …` for what is no error."""
-    lines = files.get(problem.position.file, '').split('\n')
+    lines = files.get(problem.position.file, [''])
     if not problem.warning or not 0 < problem.position.line <= len(lines):
         return False
     found = re.search(r"'.*\bcheck off:([a-z, -]*)", lines[problem.position.line - 1])
