@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """An execution on a manual clock, with a controller that does what the test says."""
 
-import math
-
 import numpy as np
 
 from epson_driver.driver.delivery.trajectory_points import STOP
@@ -35,6 +33,19 @@ def goal_along(points, *, step=1.0, tolerance=(0.01, 0.01), goal_time=0.0, **fie
     return Goal(trajectory, np.array(tolerance), goal_time, **fields)
 
 
+class FixedLead:
+    """Points are sent so far ahead, s, at any speed."""
+
+    def __init__(self, seconds):
+        self.most = self.latency = seconds
+
+    def see(self, offset, velocity):
+        """Measure nothing."""
+
+    def stops(self, trajectory):
+        return [0.0] * len(trajectory.times)
+
+
 class Harness:
     """One goal. `sent` are the messages posted so far; `break_link` makes posting fail."""
 
@@ -45,7 +56,7 @@ class Harness:
         settings=None,
         start=True,
         in_motion=TriState.FALSE,
-        look_ahead=math.inf,
+        lead=None,
         **options,
     ):
         self.now = 100.0
@@ -69,7 +80,7 @@ class Harness:
             self._on_end,
             self.now,
             self.scaling,
-            look_ahead,
+            lead,
         )
         self.wire = wire
         self.handled_after = 0.0

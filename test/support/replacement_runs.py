@@ -37,6 +37,10 @@ class Replacement:
     new: str
     took: float
     """From the submission of the new goal to its end."""
+    there: float
+    """From then until the arm stands, as it was commanded to."""
+    planned: float
+    """How long the new goal is."""
     rests: int
     """Rests from then on, but for the last one."""
     worst: float
@@ -96,7 +100,7 @@ def _at(plan, times):
     return np.stack([np.interp(times, known, column) for column in positions.T], axis=1)
 
 
-async def _run(patch, old, new_kind, moment, rng, on_the_way):
+async def _run(patch, old, new_kind, moment, rng, on_the_way, planner):
     executors = []
     placed = streaming.Smoother  # type: ignore[attr-defined]
 
@@ -105,7 +109,7 @@ async def _run(patch, old, new_kind, moment, rng, on_the_way):
         return executors[-1]
 
     patch.setattr(streaming, 'Smoother', recorded)
-    async with cell(smooth=True, on_the_way=on_the_way) as (harness, _):
+    async with cell(smooth=planner, on_the_way=on_the_way) as (harness, _):
         patch.setattr(streaming, 'Smoother', placed)
         queue = harness.driver.goal_queue
         first = Submitted(old)
@@ -120,9 +124,10 @@ async def _run(patch, old, new_kind, moment, rng, on_the_way):
         outcome = await second.end()
         assert second.ended_at is not None
         took = second.ended_at - begun
-        end = second.handle.goal.trajectory.positions[-1]
-        off = float(np.abs(harness.at - end).max())
+        trajectory = second.handle.goal.trajectory
+        off = float(np.abs(harness.at - trajectory.positions[-1]).max())
         smoother = executors[-1]
+        there = max(begin for begin, what in smoother.executed if what is None) - since
         found = exact_extrema(smoother, HOME)
         jumps = (found.velocity_jump, found.acceleration_jump)
         worst = max(found.worst, 1.0 + found.outside, 1.0 + max(*jumps, found.position_jump))
@@ -130,6 +135,8 @@ async def _run(patch, old, new_kind, moment, rng, on_the_way):
             first.outcome.text,
             f'{outcome.end.value}: {outcome.text}',
             took,
+            there,
+            trajectory.duration,
             rests(smoother, since),
             worst,
             queue.joined,
@@ -137,13 +144,24 @@ async def _run(patch, old, new_kind, moment, rng, on_the_way):
         )
 
 
-async def replacement(patch, seed, *, on_the_way, old=None, new=None):
-    """Replace a goal at a random moment; `seed` tells which goals, and when, s."""
+async def replacement(
+    patch: Any,
+    seed: int,
+    *,
+    on_the_way: bool,
+    old: str | None = None,
+    new: str | None = None,
+    planner: Any = True,
+) -> Replacement:
+    """Replace a goal at a random moment; `seed` tells which goals, and when, s.
+
+    `planner`: the controller's, if planning takes time.
+    """
     rng = np.random.default_rng([seed, 17])
     old = old or str(rng.choice(['dense', 'planned', 'one']))
     new = new or str(rng.choice(['one', 'curve', 'again']))
     moment = float(rng.uniform(0.15, 2.3))
-    return await _run(patch, long_way(old), new, moment, rng, on_the_way)
+    return await _run(patch, long_way(old), new, moment, rng, on_the_way, planner)
 
 
 def rests(smoother, since):

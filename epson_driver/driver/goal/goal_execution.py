@@ -32,6 +32,7 @@ from epson_driver.driver.goal.goal_states import (
     GoalEvent,
     GoalState,
 )
+from epson_driver.driver.goal.lead import Lead
 from epson_driver.driver.goal.planned_speed import PlannedSpeed, Timing
 from epson_driver.driver.goal.reference import PointSchedule, SpeedScaling
 from epson_driver.driver.goal.splice import LATEST_SHARE, SplicedTrajectory, SplicePoint
@@ -68,8 +69,8 @@ Successor = Callable[[SplicePoint, float], bool]
 class GoalExecution:
     """Streams a goal's points, decides its outcome and calls `on_end` with it exactly once.
 
-    Times (`now`) are monotonic, s. `look_ahead`: how far ahead of the plan's clock points are
-    sent, s; inf: without a limit, and the goal is not left on its way.
+    Times (`now`) are monotonic, s. `lead`: how far ahead of the plan's clock points are
+    sent; None: without a limit, and the goal is not left on its way.
     """
 
     def __init__(
@@ -80,7 +81,7 @@ class GoalExecution:
         on_end: Callable[[Outcome], None],
         now: float,
         scaling: SpeedScaling | None = None,
-        look_ahead: float = math.inf,
+        lead: Lead | None = None,
         planned_speed: PlannedSpeed | None = None,
     ) -> None:
         self.goal = goal
@@ -107,7 +108,7 @@ class GoalExecution:
         self._rejection = ''
         self._rejected_at = 0.0
         self._cause_waited = 0.0
-        self._look_ahead = look_ahead
+        self._lead = lead
         self._planned_speed = planned_speed
         self._successor: Successor | None = None
         self._leave_by = math.inf  # when it should have been left for the successor
@@ -187,7 +188,7 @@ class GoalExecution:
         start = trajectory.positions[0] if at is None else at
         self._due = now + begin_within
         schedule = PointSchedule(
-            trajectory, points, start, self._scaling, self._due, look_ahead=self._look_ahead
+            trajectory, points, start, self._scaling, self._due, lead=self._lead
         )
         self._begin(schedule, now)
 
@@ -213,7 +214,7 @@ class GoalExecution:
             spliced.trajectory.positions[0],
             self._scaling,
             left.seen,
-            look_ahead=self._look_ahead,
+            lead=self._lead,
             sent=spliced.factors,
             sent_until=left.sent_until,
         )
@@ -233,13 +234,13 @@ class GoalExecution:
     def replace(self, successor: Successor, now: float) -> None:
         """Have `successor` called as soon as no point is on its way, or stop for the next goal.
 
-        It is stopped at once unless it may be left on its way (`look_ahead`, splice.py), and when
+        It is stopped at once unless it may be left on its way (`lead`, splice.py), and when
         that does not come soon. Until then what ends it ends it, and nobody is called.
         """
-        if math.isinf(self._look_ahead):
+        if self._lead is None:
             self.stop(REPLACED, now)
             return
-        reach, latest = self.reach, LATEST_SHARE * self._look_ahead
+        reach, latest = self.reach, LATEST_SHARE * self._lead.most
         if reach is None:
             self.stop_for_next('it could not be left on the way', now)
         elif reach > latest:
@@ -538,7 +539,11 @@ class GoalExecution:
         moves = self.state in RUNNING_STATES
         clock = None if self._schedule is None else self._schedule.clock
         if clock is not None:
-            clock.advance(sample.measured, running=moves and not self._pause.interrupted)
+            runs = moves and not self._pause.interrupted
+            clock.advance(sample.measured, running=runs)
+            if runs and self._lead is not None:
+                desired, velocity = clock.desired()
+                self._lead.see(desired - sample.positions, velocity)
         if robot.status is not None:
             self._pause.see(robot.status)
         if clock is None or self._schedule is None:

@@ -11,7 +11,6 @@ runs in the driver's loop.
 import asyncio
 import contextlib
 import logging
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -20,6 +19,7 @@ from epson_driver.driver.delivery.delivery import PreparedTrajectory
 from epson_driver.driver.goal.goal import Goal, GoalSettings, checked_goal
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_states import AT_REST, GoalState
+from epson_driver.driver.goal.lead import Lead
 from epson_driver.driver.goal.planned_speed import PlannedSpeed, Timing
 from epson_driver.driver.goal.planning_scope import PlanningScopes
 from epson_driver.driver.goal.reference import SpeedScaling
@@ -27,7 +27,6 @@ from epson_driver.driver.goal.splice import (
     SplicePoint,
     begun,
     check_start,
-    look_ahead,
     numbered,
     spliced,
 )
@@ -125,7 +124,7 @@ class GoalQueue:
         self._stops: list[str] = []
         self.plans = PlanningScopes()
         """Goals of which there is no trajectory yet. One that is submitted ends them."""
-        self._look_ahead = look_ahead(limits) if on_the_way else math.inf
+        self._lead = Lead(limits) if on_the_way else None
         self.joined = 0
         """Goals that have begun on the way of another."""
 
@@ -397,7 +396,7 @@ class GoalQueue:
         trajectory = handle.goal.trajectory
         try:
             sample = self.standing_sample(now)
-            leavable = self.smoother is None and self._look_ahead < math.inf
+            leavable = self.smoother is None and self._lead is not None
             trajectory = begun(
                 trajectory, sample.positions, self._limits, self.start_tolerance, leavable=leavable
             )
@@ -422,7 +421,7 @@ class GoalQueue:
             partial(self._on_end, handle),
             _now(),
             self.scaling,
-            self._look_ahead,
+            self._lead,
             self._planned_speed,
         )
         return handle.execution

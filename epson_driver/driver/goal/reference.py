@@ -13,6 +13,7 @@ Rules:
 
 import math
 from array import array
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TypeVar
@@ -20,6 +21,7 @@ from typing import TypeVar
 import numpy as np
 
 from epson_driver.driver.delivery.trajectory_points import MIN_DURATION_S, MIN_VELOCITY
+from epson_driver.driver.goal.lead import Lead
 from epson_driver.motion import Array, Trajectory
 from epson_driver.motion.interpolation import Interpolation
 from epson_driver.simple_message import JointTrajPt, JointTrajPtFull, Message
@@ -231,7 +233,8 @@ class PointSchedule:
     """Scales the messages of one trajectory to the speed of the moment, and keeps its clock.
 
     `start`: shape (n,), rad, where the arm stands. `begins_by`: when the controller begins to move
-    it at the latest, monotonic, s. `look_ahead`: how far ahead of the clock points are sent, s.
+    it at the latest, monotonic, s. `lead`: how far ahead of the clock points are sent, or
+    None.
 
     `sent`: the factors with which its first points were sent already, as those of another goal,
     and `sent_until`: when the last of them is reached, monotonic, s.
@@ -245,7 +248,7 @@ class PointSchedule:
         scaling: SpeedScaling,
         begins_by: float,
         *,
-        look_ahead: float = float('inf'),
+        lead: Lead | None = None,
         sent: Sequence[float] = (),
         sent_until: float = 0.0,
     ) -> None:
@@ -260,7 +263,8 @@ class PointSchedule:
         self._messages = messages
         self._count = len(messages)
         self._scaling = scaling
-        self._look_ahead = look_ahead
+        self._lead = lead
+        self._stops = [] if lead is None else lead.stops(trajectory)
         self._delay = 0.0
 
     def __len__(self) -> int:
@@ -271,17 +275,26 @@ class PointSchedule:
         """Return how far ahead of the clock a point is, s, or 0 if it is not."""
         return max(self._times[index] - self.clock.time, 0.0) if index >= 0 else 0.0
 
+    def _enough(self, index: int) -> bool:
+        """Return whether what was sent, up to the point before, reaches far enough ahead."""
+        if self._lead is None or index == 0:
+            return False
+        time = self.clock.time
+        ahead = self._times[index - 1] - time - self._lead.latency
+        begun = max(bisect_right(self._times, time, hi=index) - 1, 0)
+        return ahead > max(self._stops[begun : index - 1], default=0.0)
+
     def message(self, index: int, now: float) -> Message | None:
         """Return the point to send now, or None if it is held back.
 
-        That is as long as the factor is 0, and while what was sent reaches `look_ahead` s ahead.
+        That is as long as the factor is 0, and while what was sent reaches far enough ahead.
         """
         before = self._times[index - 1] if index else 0.0
         planned = max(self._times[index] - before, MIN_DURATION_S)
         begin = max(now, self.sent_until)  # it runs after what was sent before
         takes = self._scaling.time_for(planned, begin)
         self.clock.held = takes is None
-        self.waits = takes is None or before - self.clock.time > self._look_ahead
+        self.waits = takes is None or self._enough(index)
         if takes is None or self.waits:
             return None
         message = self._messages[index]

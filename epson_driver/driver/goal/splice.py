@@ -14,8 +14,8 @@ trajectory. So STOP, the controller's own limits and all that ends a goal are as
    it replaces the old one, if the limits and HURRY_SHARE allow that.
 3. The new goal must begin there as it otherwise must where the arm stands (`check_start`). A first
    point at 0 s is where it begins, and is left out.
-4. So that this comes soon, no goal is sent farther ahead of its clock than `look_ahead` s, and
-   long segments get more points.
+4. So that this comes soon, no goal is sent farther ahead of its clock than the controller needs
+   (lead.py), and long segments get more points.
 5. Where that cannot be, or comes too late, the goal is replaced as ever: by STOP, rest, start.
 """
 
@@ -30,10 +30,6 @@ from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.motion import Array, JointLimits, Trajectory
 from epson_driver.motion.segments import divided
 from epson_driver.simple_message import JointTrajPt, Message
-
-LATENCY_S = 0.2
-"""What a controller that looks ahead should know beyond a stop, s: its planning takes time, and so
-do the messages."""
 
 MIN_WAY_S = 1e-3
 """Time for the way to a trajectory's only point if that is at 0 s, s: it takes what it needs."""
@@ -50,16 +46,7 @@ MIN_AHEAD_S = 1e-6
 """A point that is so little ahead is where the arm is, s."""
 
 LATEST_SHARE = 2.0
-"""An arm that could leave its goal no sooner than this many times `look_ahead` is stopped."""
-
-
-def look_ahead(limits: JointLimits) -> float:
-    """Return how far ahead of its clock a replaceable goal is sent, s.
-
-    A controller must know the way of a stop to move at full speed.
-    """
-    stops = limits.velocity / limits.acceleration + limits.acceleration / limits.jerk
-    return LATENCY_S + float(np.max(stops))
+"""An arm that could leave its goal no sooner than this many times the largest lead is stopped."""
 
 
 def check_start(

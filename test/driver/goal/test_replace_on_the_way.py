@@ -6,8 +6,17 @@ import asyncio
 
 import numpy as np
 import pytest
-from support.driver_harness import Harness, ScriptedController, Submitted, answer, cell, pose
+from support.driver_harness import (
+    Harness,
+    ScriptedController,
+    SlowPlanner,
+    Submitted,
+    answer,
+    cell,
+    pose,
+)
 from support.event_loop import until
+from support.examples import one_in
 from support.replacement_runs import goal, long_way, replacement
 
 from epson_driver.driver.configuration import check_on_the_way
@@ -55,10 +64,30 @@ async def test_inv2_replaced_at_a_random_moment_the_arm_keeps_all_limits_and_nev
     seed, monkeypatch
 ):
     """By the exact extrema of what the arm commanded. A rest is 1 ms in which nothing moves."""
-    found = []
+    judge(await replacement(monkeypatch, seed, on_the_way=True))
 
-    found.append(await replacement(monkeypatch, seed, on_the_way=True))
-    (result,) = found
+
+@pytest.mark.invariant(2)
+@pytest.mark.parametrize('delays', [(0.015,), (0.06,), (0.12,), (*[0.015] * 9, 0.08)])
+@pytest.mark.parametrize('seed', one_in(8, range(8)))
+async def test_inv2_a_controller_that_plans_slowly_keeps_all_limits_and_never_rests(
+    seed, delays, monkeypatch
+):
+    planner = SlowPlanner(*delays)
+    judge(await replacement(monkeypatch, seed, on_the_way=True, planner=planner))
+
+
+async def test_the_arm_goes_on_before_a_third_of_a_second_is_over():
+    """What is left of the old goal is short: the arm does not follow it to where it had to."""
+    async with cell(smooth=True, on_the_way=True) as (harness, _):
+        first = await on_its_way(harness, 1.0)
+        lead = harness.driver.goal_queue.execution.reach
+        assert lead < 0.3
+        submit(harness, elsewhere(0.1, 0.2))
+        await until(lambda: first.outcomes)
+
+
+def judge(result):
     assert result.new.startswith('succeeded'), result
     assert 'without a stop' in result.old, result
     assert result.joined == 1

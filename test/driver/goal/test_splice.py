@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.driver_harness import HOME, LIMITS, pose
-from support.goal_execution_harness import LINE, Harness, goal_along
+from support.goal_execution_harness import LINE, FixedLead, Harness, goal_along
 
 from epson_driver.driver.goal.goal import Tolerances
 from epson_driver.driver.goal.goal_execution import GoalExecution
@@ -15,7 +15,6 @@ from epson_driver.driver.goal.splice import (
     SplicePoint,
     _from,
     from_rest,
-    look_ahead,
     numbered,
     spliced,
 )
@@ -40,8 +39,8 @@ TOLERANCE = 0.05
 class Replaced(Harness):
     """A goal that runs, and the one that goes on from there."""
 
-    def __init__(self, *args, look_ahead=1e3, **options):
-        super().__init__(*args, start=False, look_ahead=look_ahead, **options)
+    def __init__(self, *args, lead=1e3, **options):
+        super().__init__(*args, start=False, lead=FixedLead(lead), **options)
         self.left = []
         self.joins = True
         self.new = None
@@ -215,7 +214,7 @@ def test_the_path_tolerance_of_the_new_goal_holds_on_what_is_left_of_the_old_one
 
 def test_points_are_sent_so_far_ahead_of_the_clock_and_no_farther():
     line = tuple((0.01 * index, 0.0) for index in range(40))
-    harness = Replaced(line, step=0.05, look_ahead=0.31)
+    harness = Replaced(line, step=0.05, lead=0.31)
     for _ in line:
         harness.answer()
     assert len(harness.sequences) == 8  # point 7 begins 0.3 s ahead
@@ -331,10 +330,6 @@ def test_a_goal_from_rest_keeps_its_times_and_its_long_ways_get_points():
     assert np.all(np.diff(made.positions[:, 0]) > 0.0)
     dense = line_to(*np.linspace(0.0, 0.1, 11).tolist(), step=0.02)
     np.testing.assert_array_equal(from_rest(dense, HOME, LIMITS).times, dense.times)
-
-
-def test_the_lead_is_a_stop_and_a_latency():
-    assert look_ahead(SLOW) == pytest.approx(0.2 + 0.1 + 0.1)
 
 
 def test_a_goal_of_one_point_now_is_gone_to_from_where_the_old_one_is_left():
