@@ -214,8 +214,8 @@ def _parser() -> argparse.ArgumentParser:
         type=argument(number(0.0, MAX_PATH_TOLERANCE, 'rad')),
         default=0.0,
         metavar='RAD',
-        help='how far beside the points, in every joint, the motion may pass with --mode '
-        'time_optimal; the first and the last are met exactly (%(default)g)',
+        help='how far beside the points, in every joint, the motion may pass, with times 0.001 or '
+        'more; the first and the last are met exactly (%(default)g)',
     )
     parser.add_argument(
         '--keep-spline',

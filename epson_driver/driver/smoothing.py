@@ -32,7 +32,8 @@ class Smoothing:
     points. time_optimal: as fast as the limits allow, whatever the plan's times. thin: few points,
     resample_period apart or more, of the plan's own where they are; straight ways between them are
     at most deviation rad (or m) off the smooth motion, in any joint. longest: time between two
-    points of a time-optimal plan at most, s.
+    points of a time-optimal plan at most, s. tolerance: how far beside each point of the plan the
+    motion may pass, rad or m, in each joint; 0: it goes through them.
     """
 
     resample_period: float | None = None
@@ -40,6 +41,7 @@ class Smoothing:
     thin: bool = False
     deviation: float = np.inf
     longest: float = np.inf
+    tolerance: float = 0.0
 
     @property
     def wanted(self) -> bool:
@@ -54,6 +56,20 @@ def usual_smoothing(program: ProgramProfile) -> Smoothing:
         thin=program.smoothing == 'thin',
         deviation=program.thin_deviation,
     )
+
+
+MIN_TOLERANCE = 1e-3
+"""The least tolerance but 0, rad or m, as `motion.evened` has it: the smoother is not loaded."""
+
+
+def check_tolerance(smoothing: Smoothing) -> None:
+    """Raise ValueError unless there is no tolerance, or one that can be kept to."""
+    keeps_times = smoothing.resample_period is not None and not smoothing.time_optimal
+    if smoothing.tolerance and not (keeps_times and smoothing.tolerance >= MIN_TOLERANCE):
+        raise ValueError(
+            f'{smoothing.tolerance:g} rad: must be 0, or {MIN_TOLERANCE:g} or more with '
+            'smoothing = resample or thin, and timing = as_planned'
+        )
 
 
 TIMEOUT_S = 30.0

@@ -13,6 +13,7 @@ import numpy as np
 
 from epson_driver.driver.smoothing import Smoothing
 from epson_driver.motion import Array, JointLimits, Trajectory, problems
+from epson_driver.motion.evened import evened
 from epson_driver.motion.smoothed import retimed, smoothed, thinned
 from epson_driver.motion.smoother import Mode
 from epson_driver.processes.worker import answer_file, packed, unpacked
@@ -27,8 +28,8 @@ def smoothed_trajectory(
     """Return the smooth motion for a checked trajectory of an arm at rest at `start`, (n,), rad.
 
     It begins at the first point, or at `start` if that point has a time. Between the points it is
-    the spline through them: who planned them has checked no path that bends more. Raises
-    ValueError that says why there is no such motion.
+    the spline through them, or within the tolerance of them: who planned them has checked no path
+    that bends more. Raises ValueError that says why there is no such motion.
     """
     if trajectory.times[0] > 0.0:
         trajectory = Trajectory(
@@ -36,6 +37,8 @@ def smoothed_trajectory(
             np.concatenate([[0.0], trajectory.times]),
             np.vstack([start, trajectory.positions]),
         )
+    if smoothing.tolerance and not smoothing.time_optimal:
+        trajectory = evened(trajectory, limits, smoothing.tolerance)
     if smoothing.resample_period is None:
         if smoothing.time_optimal:
             return retimed(trajectory, limits, smoothing.longest)

@@ -8,6 +8,7 @@ from math import ceil
 
 import numpy as np
 
+from epson_driver.motion.evened import MIN_TOLERANCE, evened
 from epson_driver.motion.fastest import MAX_PATH_TOLERANCE, fastest
 from epson_driver.motion.joint_motion import JointMotion
 from epson_driver.motion.limits import Array, JointLimits
@@ -47,7 +48,8 @@ def smoothed(
     the limits. The smoother is given points as long as less than `look_ahead` s are known to it.
     TIME_OPTIMAL takes the positions only: with all of them known, the motion is the fastest one
     that `fastest` finds, and may pass `path_tolerance` rad (or m) beside each but the ends, in
-    every joint. With `refine` False, or where it finds none, it is that on the spline.
+    every joint. With `refine` False, or where it finds none, it is that on the spline. The
+    tolerance of TIME_PRESERVING, MIN_TOLERANCE or more, is for noise (`evened`).
     `catch_up`, `observer`: as in `Smoother`. Raises ValueError that names point, joint, value and
     limit for a trajectory that cannot be smoothed, or if its motion would break a limit;
     RuntimeError if the planner raises.
@@ -57,12 +59,19 @@ def smoothed(
     if not look_ahead > 0.0:
         raise ValueError(f'look_ahead = {look_ahead} s: must be positive')
     trajectory = trajectory.in_order(limits.names)
-    whole = mode is Mode.TIME_OPTIMAL and refine and look_ahead == np.inf
-    if path_tolerance != 0.0 and not (whole and 0.0 < path_tolerance <= MAX_PATH_TOLERANCE):
-        raise ValueError(
-            f'path_tolerance = {path_tolerance} rad: must be 0 … {MAX_PATH_TOLERANCE}, and 0 for '
-            'points with times, with a look-ahead, or on the spline'
-        )
+    timed = mode is Mode.TIME_PRESERVING
+    whole = not timed and refine and look_ahead == np.inf
+    if path_tolerance != 0.0:
+        least = MIN_TOLERANCE if timed else 0.0
+        free = whole or (timed and look_ahead == np.inf)
+        if not (free and least <= path_tolerance <= MAX_PATH_TOLERANCE):
+            raise ValueError(
+                f'path_tolerance = {path_tolerance} rad: must be 0 … {MAX_PATH_TOLERANCE}, for '
+                f'points with times 0 or from {MIN_TOLERANCE:g} on, and 0 with a look-ahead, or '
+                'on the spline'
+            )
+        if timed:
+            trajectory = evened(trajectory, limits, path_tolerance)
     if whole and (motion := _fastest(trajectory, limits, path_tolerance)) is not None:
         return _sampled(motion, limits, period)
     positions, times = trajectory.positions, trajectory.times

@@ -10,7 +10,7 @@ from epson_driver.driver.configuration import Configuration, check_on_the_way
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.goal import GoalSettings, cause_timeout
 from epson_driver.driver.servo.setpoint import ServoSettings
-from epson_driver.driver.smoothing import Smoothing
+from epson_driver.driver.smoothing import Smoothing, check_tolerance
 from epson_driver.driver.state.joint_mapping import joint_mapping
 from epson_driver.driver.state.plausibility import Margins
 from epson_driver.error_texts import load_error_texts
@@ -42,7 +42,12 @@ def driver_configuration(
         time_optimal=values['timing'] == 'time_optimal',
         thin=values['smoothing'] == 'thin',
         deviation=values['thin_deviation'],
+        tolerance=values['smoothing_tolerance'],
     )
+    try:
+        check_tolerance(smoothing)
+    except ValueError as error:
+        raise ValueError(f'parameter smoothing_tolerance = {error}') from error
     on_the_way = values['replace_goals'] == 'on_the_way'
     if on_the_way:
         try:

@@ -178,6 +178,15 @@ TABLE = (
         1.0,
     ),
     Row(
+        'smoothing_tolerance',
+        0.0,
+        'With smoothing: resample or thin: how far beside the points of a plan the motion may '
+        'pass, each joint, 0.001 or more, so that the noise of a recording is left out; 0: '
+        'through them [rad, m].',
+        0.0,
+        0.5,
+    ),
+    Row(
         'timing',
         'as_planned',
         'When the points are to be reached. as_planned: as the trajectory says; time_optimal: as '

@@ -162,6 +162,16 @@ def test_goals_are_replaced_on_the_way_only_where_that_can_be(name, more, words)
             driver_configuration(values, profile)
 
 
+def test_a_tolerance_of_the_smoothing_needs_a_smoothing():
+    profile = load_controller_profile('rc620')
+    values = {row.name: row.default for row in parameters.TABLE}
+    values |= parameters.profile_defaults(profile) | {'smoothing_tolerance': 0.002}
+    with pytest.raises(ValueError, match=r'parameter smoothing_tolerance = 0\.002 rad: must be 0'):
+        driver_configuration(values, profile)
+    found = driver_configuration(values | {'smoothing': 'resample'}, profile)
+    assert found.smoothing.tolerance == 0.002
+
+
 def test_settings_that_are_none_are_refused():
     with pytest.raises(ValueError, match=r'^settings = .*: must be Settings'):
         Robot(settings={'reply_timeout': 3.0})

@@ -15,13 +15,15 @@ from epson_driver.driver.goal.goal import check_limits, untimed
 from epson_driver.driver.goal.splice import check_start
 from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.driver.smoothing import (
+    MIN_TOLERANCE,
     Smoothing,
     SmoothingError,
     SmoothingProcess,
+    check_tolerance,
 )
 from epson_driver.driver.smoothing_worker import smoothed_trajectory
 from epson_driver.driver.state.joint_mapping import unmapped
-from epson_driver.motion import Trajectory, problems
+from epson_driver.motion import Trajectory, evened, problems
 from epson_driver.motion.passages import passed
 from epson_driver.motion.smoothed import smoothed
 from epson_driver.motion.smoother import Mode
@@ -88,6 +90,48 @@ def test_a_goal_is_never_sent_along_the_faster_path_that_no_planner_has_checked(
     )
     assert sent.duration == pytest.approx(spline.duration, abs=0.005)
     assert free.duration < spline.duration - 0.02
+
+
+@pytest.mark.parametrize('thin', [False, True])
+def test_with_a_tolerance_the_noise_of_a_recording_is_not_sent(thin):
+    """The times are kept, and the points that are sent pass each given one within it."""
+    times = np.arange(251) / 125.0
+    wave = 0.5 - 0.5 * np.cos(np.pi * times / times[-1])
+    noise = np.random.default_rng(8).normal(size=(len(times), len(START))) * 2e-4
+    recorded = Trajectory(LIMITS.names, times, START + 0.3 * wave[:, None] + noise)
+
+    def sent(tolerance):
+        how = Smoothing(0.02, thin=thin, deviation=1e-3, tolerance=tolerance)
+        return smoothed_trajectory(recorded, recorded.positions[0], LIMITS, how)
+
+    assert sent(0.0).duration > 1.5 * times[-1]
+    motion = sent(1e-3)
+    assert motion.duration < 1.05 * times[-1]
+    lines = 1e-3 if thin else 0.0
+    assert passed(recorded.positions, motion)[0].max() < 1e-3 + lines
+
+
+@pytest.mark.parametrize(
+    ('smoothing', 'words'),
+    [
+        (Smoothing(0.05, tolerance=1e-3), None),
+        (Smoothing(0.05, thin=True, tolerance=5e-3), None),
+        (Smoothing(time_optimal=True), None),
+        (Smoothing(0.05, tolerance=0.99 * MIN_TOLERANCE), '0.00099 rad: must be 0, or 0.001'),
+        (Smoothing(tolerance=1e-3), 'with smoothing = resample or thin'),
+        (Smoothing(0.05, True, tolerance=1e-3), 'and timing = as_planned'),
+    ],
+)
+def test_a_tolerance_is_for_motions_that_are_planned_in_the_times_given(smoothing, words):
+    if words is None:
+        check_tolerance(smoothing)
+        return
+    with pytest.raises(ValueError, match=words):
+        check_tolerance(smoothing)
+
+
+def test_the_driver_knows_the_least_tolerance_of_the_smoother():
+    assert evened.MIN_TOLERANCE == MIN_TOLERANCE
 
 
 def test_retiming_keeps_the_points_of_the_plan():

@@ -226,9 +226,8 @@ def test_a_search_that_cannot_go_on_leaves_the_motion_on_the_spline(
         assert smooth(ZIGZAG, SLOW).positions.tolist() == spline.positions.tolist()
 
 
-def test_points_with_times_a_look_ahead_or_the_spline_leave_no_choice() -> None:
-    times = 0.9 * np.arange(len(ZIGZAG))
-    settings: list[dict[str, Any]] = [{'times': times}, {'look_ahead': 1.0}, {'refine': False}]
+def test_a_look_ahead_or_the_spline_leave_no_choice() -> None:
+    settings: list[dict[str, Any]] = [{'look_ahead': 1.0}, {'refine': False}]
     for given in settings:
         assert smooth(ZIGZAG, SLOW, **given).duration > smooth(ZIGZAG, SLOW).duration
         with pytest.raises(ValueError, match=r'path_tolerance = 0.01 rad: .* with a look-ahead'):

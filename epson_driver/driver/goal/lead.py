@@ -12,8 +12,8 @@ from epson_driver.motion import Array, JointLimits, Trajectory
 MAX_LATENCY_S = 0.2
 """The latency until it was measured, and at most, s."""
 
-MIN_LATENCY_S = 0.1
-"""The least, s: a slow arm soon stops, and a plan may take longer than others at any time."""
+MIN_LATENCY_S = 0.13
+"""The least, s: an arm that is slow soon stops, and any plan may take 0.1 s for once."""
 
 PERCENTILE, MARGIN_FACTOR = 0.9, 1.3
 """The latency is so much of how far the arm was behind, times this."""

@@ -42,7 +42,7 @@ def test_the_most_is_a_stop_from_full_speed_and_the_latency_that_is_not_measured
 
 @pytest.mark.parametrize('speed', [0.06, 0.3, 1.0])
 def test_the_latency_follows_how_far_the_arm_is_behind(speed):
-    assert seen(0.1, speed=speed).latency == pytest.approx(0.13)
+    assert seen(0.11, speed=speed).latency == pytest.approx(0.143)
     assert seen(0.09, 0.12, speed=speed).latency == pytest.approx(0.156)
     assert seen(0.09, *[0.0] * 15, speed=speed).latency == MIN_LATENCY_S  # one in 16
 
