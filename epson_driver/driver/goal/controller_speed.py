@@ -12,7 +12,6 @@ then, so that the arm must never get one before it knows the share:
 """
 
 import asyncio
-import contextlib
 from collections.abc import Callable
 from functools import partial
 
@@ -58,11 +57,16 @@ class ControllerSpeed:
         share = self._share()
         if share == self._told:
             return
-        with contextlib.suppress(ConnectionError):
+        self._told = None
+        try:
             self._link.post(SpeedShare(share), partial(self._on_reply, self._asked + 1, share))
-            self._asked += 1
-            self._told = share
-            self._look(self._asked, LOOKS)
+        except ConnectionError as error:
+            if self._link.connected:
+                self._fail(f'the speed scaling {share:g} could not be sent: {error}')
+            return
+        self._asked += 1
+        self._told = share
+        self._look(self._asked, LOOKS)
 
     def before_point(self) -> None:
         """Make sure that a point may be sent. Raises ConnectionError with a clause."""

@@ -25,10 +25,12 @@ from support.streams import positions, send
 
 from epson_driver.driver.delivery.delivery import DeliveryRules
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
+from epson_driver.driver.goal.controller_speed import ControllerSpeed
 from epson_driver.driver.goal.goal import Tolerances
 from epson_driver.driver.outcome import End
 from epson_driver.profiles import load_controller_profile
 from epson_driver.sim_controller.condition.states import Event
+from epson_driver.simple_message import ReplyCode, reply
 
 RC620 = load_controller_profile('rc620')
 PROFILE = replace(RC620, program=replace(RC620.program, scales_speed=True))
@@ -280,6 +282,42 @@ async def test_a_controller_that_does_not_answer_at_all_gets_no_point():
         outcome = await submit(harness, goal([0.0, 3.0], [pose(), pose(0.3)])).end()
         assert 'has not confirmed that it scales the speed' in outcome.text
         assert 0 not in scripted.received
+
+
+class NotRead:
+    """A link to a controller that reads no more; `connected` until somebody notices."""
+
+    def __init__(self):
+        self.connected = True
+        self.sent = []
+        self.reads = True
+
+    def post(self, message, on_reply):
+        if not self.reads:
+            raise ConnectionError('the controller does not read')
+        self.sent.append(message.share)
+        on_reply(reply(message, ReplyCode.SUCCESS), 0.0)
+
+
+@pytest.mark.parametrize('connected', [True, False])
+async def test_a_share_that_cannot_be_sent_stops_what_runs_and_no_point_follows(connected):
+    link, shares, faults = NotRead(), [1.0], []
+    speed = ControllerSpeed(link, lambda: shares[-1], faults.append)
+    speed.greet()
+    speed.before_point()
+    assert link.sent == [1.0]
+    link.reads, link.connected = False, connected
+    shares.append(0.3)
+    speed.update()
+    assert faults == (
+        ['the speed scaling 0.3 could not be sent: the controller does not read'] * connected
+    )
+    with pytest.raises(ConnectionError):
+        speed.before_point()
+    link.reads = link.connected = True
+    speed.greet()
+    speed.before_point()
+    assert link.sent == [1.0, 0.3]
 
 
 def test_it_is_for_points_that_are_streamed():
