@@ -20,22 +20,15 @@ from epson_driver.robots.opw import KinematicsError
 from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.sim_controller.programs.points import angles_rejection, clipped
 from epson_driver.sim_controller.remote.robot_type import N_SERIES, RS_SERIES, SIX_AXES, robot_type
+from epson_driver.sim_controller.spel_host.lines import joints_along
 from epson_driver.spel import Point, SpelError
 from epson_driver.spel.errors import bad
 from epson_driver.spel.functions import POSTURES
 from epson_driver.tool_motion.pose_path import PosePath, arc, level_arc, line
 
 UNREACHABLE = 4007
-STEP_M = 0.02
-STEP_RAD = 0.1
-"""how densely a line is looked at; between, a spline is near it by some micrometres."""
-
 STRAIGHT_RAD = 1e-6
 """An arm that is stretched out by less (rad, m) is bent to either side."""
-
-MIN_SAMPLES, MAX_STEPS = 10, 500
-MAX_JOINT_STEP = 0.3
-"""A joint that changes by more from one look to the next, rad or m, jumps."""
 
 _MM = 1000.0
 _SIDES = ('hand', 'elbow', 'wrist')
@@ -205,17 +198,12 @@ class RobotPoints:
                 path = lead(here, self._pose(self.stored(via))[:3, 3], there)
         except ValueError as error:
             raise SpelError(UNREACHABLE, f'{point}: {error}') from error
-        longest = max(path.length / STEP_M, path.angle / STEP_RAD)
-        count = min(max(math.ceil(longest), MIN_SAMPLES), MAX_STEPS) + 1
-        samples = [start]
-        for share in np.linspace(0.0, 1.0, count)[1:].tolist():
-            found = self._solutions(point, path.pose(share), samples[-1])
-            if not len(found) or np.max(np.abs(found[0] - samples[-1])) > MAX_JOINT_STEP:
-                why = 'a joint would have to jump' if len(found) else 'it is out of reach'
-                text = f'{point}: {why} at {share * 100.0:.0f} % of the way'
-                raise SpelError(UNREACHABLE, text)
-            samples.append(found[0])
-        return np.array(samples), path
+        try:
+            return joints_along(self._kinematics, path, start, self._type == SIX_AXES), path
+        except KinematicsError as error:
+            raise bad(str(point), str(error)) from error
+        except ValueError as error:
+            raise SpelError(UNREACHABLE, f'{point}: {error}') from error
 
     def _reaching(self, point: Point, near: Array) -> Array:
         free = NEAREST in point.flags

@@ -1,0 +1,74 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Lines past a wrist singularity, as AvoidSingularity has them until it is set (p157, p158)."""
+
+import logging
+
+import numpy as np
+import pytest
+from support.spel_program_harness import SpelProgramHarness
+
+from epson_driver.robots import load_robot_model
+from epson_driver.robots.kinematics import Kinematics
+from epson_driver.sim_controller.spel_host.lines import (
+    MAX_JOINT_STEP,
+    MOST_TURN_RAD,
+    NEAR_WRIST_RAD,
+)
+from epson_driver.sim_controller.spel_host.robot_points import RobotPoints
+from epson_driver.spel import Point, SpelError
+
+
+def random_lines(name, count):
+    """Yield the joints along lines near a wrist singularity, and where the tool should be."""
+    model = load_robot_model(name)
+    points, random = RobotPoints(model), np.random.default_rng(7)
+    arm = Kinematics(model)
+    for _ in range(count):
+        begin = random.uniform(-0.5, 0.5, 6)
+        begin[4] = random.choice([-0.3, 0.3])
+        end = begin + random.uniform(-0.6, 0.6, 6)
+        end[4] = -begin[4]
+        place = points.place(end)
+        try:
+            joints, path = points.path_to(Point('xy', place.values, ('ljm',)), begin)
+        except SpelError:  # out of reach, or a singularity of another joint
+            continue
+        shares = np.linspace(0.0, 1.0, len(joints)).tolist()
+        wanted = np.array([path.pose(share) for share in shares])
+        yield joints, wanted, np.array([arm.forward(each) for each in joints])
+
+
+@pytest.mark.parametrize('name', ['c4_a601s', 'vt6_a901s', 'cx4_a601sr', 'n2_a450sr'])
+def test_the_tool_stays_on_its_line_and_only_its_orientation_leaves_it(name):
+    passed = 0
+    for joints, wanted, got in random_lines(name, 15):
+        assert np.max(np.abs(np.diff(joints, axis=0))) <= MAX_JOINT_STEP + 1e-12
+        np.testing.assert_allclose(got[:, :3, 3], wanted[:, :3, 3], atol=1e-8)
+        np.testing.assert_allclose(got[[0, -1]], wanted[[0, -1]], atol=1e-8)
+        cosine = (np.einsum('kij,kij->k', got[:, :3, :3], wanted[:, :3, :3]) - 1.0) / 2.0
+        turned = np.arccos(np.clip(cosine, -1.0, 1.0))
+        assert np.max(turned) <= MOST_TURN_RAD
+        beside = turned > 1e-6
+        passed += beside.any()
+        near = np.abs(joints[:, 4]) < NEAR_WRIST_RAD
+        assert np.all(near[1:-1][beside[1:-1]] | near[:-2][beside[1:-1]] | near[2:][beside[1:-1]])
+    assert passed == 0 if name.startswith('n2') else passed > 0
+
+
+@pytest.mark.invariant(2)
+def test_inv2_a_line_past_a_singularity_is_within_all_limits(caplog):
+    """It was 4007: joint 4 would have had to jump."""
+    caplog.set_level(logging.INFO)
+    harness = SpelProgramHarness(
+        'Function main\n  Motor On; Power High; SpeedS 500; AccelS 5000; P1 = Here +Z(100)\n'
+        '  Move P1; Print "there", Dist(Here, P1) < 0.01\nFend\n',
+        caplog,
+        start=np.radians([0.0, -10.0, 20.0, 5.0, 12.0, 0.0]),
+    )
+    harness.until(lambda: harness.printed or harness.controller.error_number)
+    assert harness.printed == ['there -1'], caplog.text
+    velocity, acceleration = harness.within_limits()
+    assert velocity <= 1.001
+    assert acceleration <= 1.01
+    assert min(each[4] for each in harness.positions) < -0.1  # straight through
