@@ -56,7 +56,7 @@ def fastest(waypoints: Array, limits: JointLimits, tolerance: float = 0.0) -> Jo
     path = through(
         Knots(np.zeros(1), waypoints[:1], begin, begin), waypoints[1:], limits, False, True
     )
-    profile = SpeedBounds(OnPath(path, (0.0, 0.0, 0.0), limits)).profile(0.0, 0.0)
+    profile = SpeedBounds(OnPath(path, (0.0, 0.0, 0.0), limits)).profile()
     times = np.interp(path.knots.u, profile.positions, profile.times)
     longest = WAY_SHARE * float(np.min(limits.acceleration / limits.jerk))
     ways = np.maximum(np.diff(times), MIN_WAY_S).tolist()

@@ -373,7 +373,7 @@ def test_tiny_steps_are_merged_and_the_last_one_is_reached() -> None:
 
 
 @pytest.mark.parametrize(
-    ('duration', 'passed'), [(None, False), (0.02, False), (0.5, True)], ids=str
+    ('duration', 'passed'), [(None, False), (0.02, False), (0.3, True)], ids=str
 )
 def test_a_step_within_the_merge_tolerance_is_made_only_if_it_is_slow(
     duration: float | None, passed: bool

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from epson_driver.motion import JointLimits
 from epson_driver.motion.joint_motion import fastest_move, fastest_stop
-from epson_driver.motion.smoother import MERGE_TOLERANCE, filtered, optimal, ruckig_move
+from epson_driver.motion.smoother import MERGE_TOLERANCE, optimal, ruckig_move
 from epson_driver.motion.smoother.banded import solve_pentadiagonal, solve_tridiagonal
 from epson_driver.motion.smoother.limit_usage import limit_usage
 from epson_driver.motion.smoother.path import Knots, Path, through
@@ -20,7 +20,6 @@ from epson_driver.motion.smoother.problem import Problem
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.time_parametrisation import (
     TimeParametrisation,
-    from_accelerations,
     from_pieces,
 )
 
@@ -113,26 +112,17 @@ def test_a_timing_is_the_integral_of_its_jerks() -> None:
     assert v[-1] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_a_timing_from_accelerations_ends_exactly_at_its_end() -> None:
-    times = np.linspace(0.0, 1.0, 101)
-    timing = from_accelerations((0.0, 0.3, 0.5), 0.4, times, 2.0 * np.cos(3.0 * times))
-    u, v, a, _ = timing.sample(np.array([0.0, 1.0 - 1e-9]))
-    assert (u[0], v[0], a[0]) == (0.0, 0.3, 0.5)
-    assert (u[1], v[1], a[1]) == pytest.approx((0.4, 0.0, 0.0), abs=1e-6)
-
-
-@pytest.mark.parametrize('proposer', [optimal, filtered, ruckig_move])
-def test_each_proposer_finds_a_timing_that_the_verification_allows(proposer: object) -> None:
+def test_each_proposer_finds_a_timing_that_the_verification_allows() -> None:
     problem = unbound(bow())
-    timing = proposer.propose(problem, SpeedBounds(problem))  # type: ignore[attr-defined]
-    assert timing is not None
-    assert limit_usage(problem.path, timing, LIMITS).allowed
+    for timing in (optimal.propose(problem, SpeedBounds(problem)), ruckig_move.propose(problem)):
+        assert timing is not None
+        assert limit_usage(problem.path, timing, LIMITS).allowed
 
 
 def test_the_optimal_timing_is_the_fastest_and_uses_the_limits() -> None:
     problem = unbound(bow())
-    bounds = SpeedBounds(problem)
-    best, other = optimal.propose(problem, bounds), filtered.propose(problem, bounds)
+    best = optimal.propose(problem, SpeedBounds(problem))
+    other = ruckig_move.only_move(problem)
     assert best is not None
     assert other is not None
     assert best.duration < other.duration
@@ -144,7 +134,7 @@ def test_on_a_straight_line_the_optimal_timing_is_ruckigs() -> None:
     path = through(at_rest((-1.0, -1.0)), np.array([[1.0, 1.0]]), LIMITS, clamped=False)
     problem = unbound(path)
     best = optimal.propose(problem, SpeedBounds(problem))
-    exact = ruckig_move.propose(problem, SpeedBounds(problem))
+    exact = ruckig_move.propose(problem)
     assert best is not None
     assert exact is not None
     whole = ruckig_move.move(
@@ -244,7 +234,7 @@ def slowed(timing: TimeParametrisation, pace: float) -> TimeParametrisation:
 def test_the_verification_sees_a_jump_of_the_timing(quantity: str, where: int) -> None:
     path = bow()
     problem = unbound(path)
-    timing = ruckig_move.propose(problem, SpeedBounds(problem))
+    timing = ruckig_move.propose(problem)
     assert timing is not None
     assert limit_usage(path, timing, LIMITS).allowed
     values = getattr(timing, quantity).copy()

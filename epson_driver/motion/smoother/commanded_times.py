@@ -5,12 +5,12 @@
 import numpy as np
 
 from epson_driver.motion.limits import Array, JointLimits
-from epson_driver.motion.smoother import filtered, ruckig_move
+from epson_driver.motion.smoother import ruckig_move
 from epson_driver.motion.smoother.effort import OUTSET_US, Effort
 from epson_driver.motion.smoother.path import Path
 from epson_driver.motion.smoother.problem import Problem
 from epson_driver.motion.smoother.request import Request
-from epson_driver.motion.smoother.speed_bounds import SpeedBounds
+from epson_driver.motion.smoother.speed_bounds import SpeedBounds, SpeedProfile
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
 UNBOUND_SPEED = 1e6
@@ -30,8 +30,9 @@ would reach the trajectory's end too late so; and how closely that ratio is look
 LATE_END_SHARE = 0.02
 """What is too late, of the time that is left for the way there."""
 
-GUESS_EXCESS_SHARE = 0.4
-"""About how much longer than a plan the guess for it takes, in A/J."""
+LATER_SHARE = 0.3
+"""By how much of A/J a plan is later than the speed profile, which knows no jerk, after a start
+from rest (and of less time than A/J by the same share); and by how much more at its end."""
 
 FULL_CATCH_UP_DELAY_S, MAX_DELAY_RATIO = 0.05, 2.4
 """A delay (s) from which on this is used in full; up to so many times of it, in proportion, where
@@ -49,7 +50,7 @@ def within_horizon(
     effort.spend(OUTSET_US)
     problem = problem_of(request, path, limits, _ratio(request), effort)
     bounds = SpeedBounds(problem)
-    profile = bounds.profile(problem.start[0], problem.start[1])
+    profile = bounds.profile()
     cut = False
     if profile.times[-1] > request.horizon:
         reach = np.interp(HORIZON_SHARE * request.horizon, profile.times, profile.positions)
@@ -59,10 +60,9 @@ def within_horizon(
     if request.timed.any():
         if cut:
             problem = problem_of(request, path, limits, _ratio(request), effort)
-            bounds = SpeedBounds(problem)
-        guess = filtered.filtered(problem, bounds)
-        factor = _catch_up(request, path, limits, guess)
-        if request.whole and not cut and _late_end(request, path, limits, guess):
+            profile = SpeedBounds(problem).profile()
+        factor = _catch_up(request, path, limits, profile)
+        if request.whole and not cut and _late_end(request, path, limits, profile):
             factor = np.full_like(factor, _higher_ratio(request, path, limits, effort))
         problem = problem_of(request, path, limits, factor, effort)
         bounds = SpeedBounds(problem)
@@ -77,16 +77,13 @@ def _ratio(request: Request) -> float:
     return min(CATCH_UP_RATIO, request.catch_up)
 
 
-def _late_end(
-    request: Request, path: Path, limits: JointLimits, guess: TimeParametrisation | None
-) -> bool:
-    """Return whether a plan like a guess reaches the end of the path too late."""
-    if guess is None:
-        return True
+def _late_end(request: Request, path: Path, limits: JointLimits, profile: SpeedProfile) -> bool:
+    """Return whether a plan about as fast as a profile reaches the end of the path too late."""
     now, end = np.interp([request.state[0], path.end], path.knots.u, request.clock)
     left = float(end - now)
-    faster = GUESS_EXCESS_SHARE * float(np.max(limits.acceleration / limits.jerk))
-    return request.lag + guess.duration - faster - left > LATE_END_SHARE * left
+    taken = float(_later(request, profile.times[-1:], limits)[0])
+    taken += LATER_SHARE * float(np.max(limits.acceleration / limits.jerk))
+    return request.lag + taken - left > LATE_END_SHARE * left
 
 
 def _higher_ratio(request: Request, path: Path, limits: JointLimits, effort: Effort) -> float:
@@ -96,31 +93,24 @@ def _higher_ratio(request: Request, path: Path, limits: JointLimits, effort: Eff
         effort.spend(OUTSET_US / 2.0)
         ratio = float(np.sqrt(low * high))
         problem = problem_of(request, path, limits, ratio, effort)
-        guess = filtered.filtered(problem, SpeedBounds(problem))
-        if _late_end(request, path, limits, guess):
+        if _late_end(request, path, limits, SpeedBounds(problem).profile()):
             low = ratio
         else:
             high = ratio
     return high
 
 
-def _catch_up(
-    request: Request, path: Path, limits: JointLimits, guess: TimeParametrisation | None
-) -> Array:
+def _catch_up(request: Request, path: Path, limits: JointLimits, profile: SpeedProfile) -> Array:
     """Return the factor on the commanded speed at each knot that makes up for lost time."""
     knots = path.knots.u
     clock = request.clock[: len(knots)]
     now = float(np.interp(request.state[0], knots, clock))
-    late = np.full(len(knots), max(request.lag - IN_TIME_S, 0.0))
-    if guess is not None:
-        # faster where the guess, which is faster all the way, is not in time
-        ahead = knots > request.state[0]
-        arrival = np.interp(knots[ahead], guess.positions, guess.times)
-        # on the way there is only the half of it that comes from the start
-        arrival -= GUESS_EXCESS_SHARE / 2.0 * float(np.max(limits.acceleration / limits.jerk))
-        lost = request.lag + arrival - (clock[ahead] - now)
-        late[ahead] = np.maximum(lost - IN_TIME_S, 0.0)
-        late[~ahead] = np.maximum(late[~ahead], late[ahead][:1])
+    # faster where the profile, which is faster all the way, is not in time
+    ahead = knots > request.state[0]
+    arrival = _later(request, np.interp(knots[ahead], profile.positions, profile.times), limits)
+    late = np.zeros(len(knots))
+    late[ahead] = np.maximum(request.lag + arrival - (clock[ahead] - now) - IN_TIME_S, 0.0)
+    late[~ahead] = np.maximum(max(request.lag - IN_TIME_S, 0.0), late[ahead][:1])
     lag = request.lag + IN_TIME_S
     if lag < 0.0:
         # too early: slower until that is given back
@@ -139,6 +129,14 @@ def _catch_up(
     factor = np.where(late > 0.0, np.minimum(factor, exact), np.maximum(factor, exact))
     bounded: Array = np.minimum(factor, request.catch_up)
     return bounded
+
+
+def _later(request: Request, times: Array, limits: JointLimits) -> Array:
+    """Return about when a plan is where a speed profile is at times, s."""
+    if request.state[1] > 0.0:
+        return times
+    ramp = float(np.max(limits.acceleration / limits.jerk))
+    return times + LATER_SHARE * np.minimum(times, ramp)
 
 
 def stopping_time(limits: JointLimits) -> float:

@@ -7,31 +7,21 @@ simulated controller plans in a process of its own.
 """
 
 import dataclasses
-from collections.abc import Callable, Iterator
 from itertools import pairwise
 
 import numpy as np
 
 from epson_driver.motion.limits import JointLimits
 from epson_driver.motion.point_to_point import go
-from epson_driver.motion.smoother import filtered, optimal, pause, ruckig_move
+from epson_driver.motion.smoother import optimal, pause, ruckig_move
 from epson_driver.motion.smoother.commanded_times import problem_of, within_horizon
-from epson_driver.motion.smoother.effort import OUTSET_US, Effort
+from epson_driver.motion.smoother.effort import Effort
 from epson_driver.motion.smoother.path import Knots, Path, line, through
-from epson_driver.motion.smoother.problem import Problem
 from epson_driver.motion.smoother.request import Plan, Request
-from epson_driver.motion.smoother.speed_bounds import SpeedBounds
-from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
-STRAIGHT_SHARE, URGENT_SHARE, FRESH_SHARE, BRANCH_SHARE, PART_SHARE = 0.1, 0.15, 0.7, 0.9, 0.8
-"""Of the effort that is left: for the straight way from rest; to take any plan when it is urgent;
-for a plan as if there were none so far; for each branch of that; for each part of the path."""
-
-SHORTER_SHARES, SHORTER_AFTER = (0.6, 0.4), 1
-"""Parts of the path to plan for where there is no plan for all of it; after which branch."""
-
-SIMPLER_SHARE = 0.5
-"""With less of the effort left, what is simpler from rest waits for the next request."""
+URGENT_SHARE, FRESH_SHARE, BRANCH_SHARE = 0.15, 0.7, 0.9
+"""Of the effort that is left: to take any plan when it is urgent; for a plan as if there were none
+so far; for each branch of that."""
 
 CRAWL_RATIO = 1.5
 """A plan from rest that takes so many times as long as stops at all points is not taken."""
@@ -39,17 +29,8 @@ CRAWL_RATIO = 1.5
 OPTIMAL, BRANCH = 'optimal', 'branch'
 """Names of what finds plans."""
 
-BRANCHES = ((1, 0.15, True), (0, 0.15, True), (0, 0.4, True), (0, 0.75, True))
-TIMED_BRANCHES = (
-    (1, 0.15, True),
-    (0, 0.15, True),
-    (0, 0.15, False),
-    (0, 0.4, True),
-    (0, 0.4, False),
-    (0, 0.75, True),
-)
-"""Where to leave the plan so far: how many of its last knots are not kept, the share of its time
-until then, and whether commanded speeds count: the clock makes up for it if they do not."""
+BRANCH_SHARES = (0.15, 0.4, 0.75)
+"""Where to leave the plan so far, in shares of its time."""
 
 BRANCH_HORIZON_SHARE = 0.6
 """How far a plan that leaves the plan so far looks ahead then."""
@@ -57,55 +38,35 @@ BRANCH_HORIZON_SHARE = 0.6
 BRANCH_TOLERANCE = 1e-2
 """How much more time such a plan may take than the best one, relative."""
 
-SAME_BEND_SHARE = 1e-6
-"""Derivatives of two paths that differ relatively by no more than this are the same."""
-
-LEAST_OLDER = 3
-"""A path with no more knots than this has none to keep but those that are kept anyway."""
-
-Proposer = Callable[[Problem, SpeedBounds], TimeParametrisation | None]
-
-URGENT: tuple[tuple[Proposer, float], ...] = ((filtered.propose, 0.5), (ruckig_move.propose, 1.0))
-"""Proposers that are asked only when it is urgent, and of the effort that is left for each path:
-so much is left for the simplest one that it can do something."""
-
 
 def plan(request: Request, limits: JointLimits) -> Plan | None:
     """Return a verified plan, or None if none was found (the plan so far goes on then)."""
     first = _path(request, request.kept, limits)
     effort = Effort()
     if request.pause:
-        for path in _paths(request, first, limits):
-            timing = pause.propose(problem_of(request, path, limits, 1.0, effort))
-            if timing is not None:
-                return Plan(request.start, path.knots, timing, 'stop')
-        return None
+        path = first if request.older is None else Path(request.older)
+        timing = pause.propose(problem_of(request, path, limits, 1.0, effort))
+        return None if timing is None else Plan(request.start, path.knots, timing, 'stop')
     at_rest = len(request.kept.u) == 1
     if at_rest and len(request.points) == 1 and request.whole and not request.timed.any():
         # from one rest to the next there is one way, which nothing will go on from
-        way = line(request.kept, request.points[0], limits)
-        timing = ruckig_move.only_move(problem_of(request, way, limits, 1.0, effort))
-        if timing is not None:
-            return Plan(request.start, way.knots, timing, 'straight')
-    if at_rest and request.failures == 0:
-        # no motion runs out of points meanwhile: what is simpler can wait for the next request
-        before = effort.left
-        found = _fresh(request, first, limits, effort, 1.0)
-        if found is not None and not _crawls(request, found, limits):
+        found = _straight(request, limits)
+        if found is not None:
             return found
-        if effort.left < SIMPLER_SHARE * before:
-            return None
-        request = dataclasses.replace(request, failures=1)
-    straight = effort.part(STRAIGHT_SHARE) if at_rest else None
     urgent = effort.part(URGENT_SHARE) if request.urgent else Effort(0)
-    found = _optimal(request, first, limits, effort)
+    found = None
+    if request.failures % 2 == 0:  # else that has just failed, and the rest has all of the effort
+        found = _fresh(request, first, limits, effort, 1.0 if at_rest else FRESH_SHARE)
+    for share in () if at_rest else BRANCH_SHARES:
+        if found is None:
+            found = _branch(request, share, limits, effort)
+    if at_rest and found is not None and _crawls(request, found, limits):
+        found = None
     if found is None and request.urgent:
         urgent.back(effort)  # what is left of it, or was used too much
-        found = _any(request, first, limits, urgent)
-    if found is not None and straight is not None and _crawls(request, found, limits):
-        found = None
-    if found is None and straight is not None:
-        found = _straight(request, limits, straight)
+        found = _simple(request, first, limits, urgent)
+    if at_rest and (found is None or _crawls(request, found, limits)):
+        return _straight(request, limits)
     return found
 
 
@@ -131,30 +92,6 @@ def _crawls(request: Request, plan_: Plan, limits: JointLimits) -> bool:
     return True
 
 
-def _optimal(request: Request, first: Path, limits: JointLimits, effort: Effort) -> Plan | None:
-    """Return a plan by the optimal proposer: the better ones are tried first."""
-    if request.failures % 2 == 0:  # else that has just failed, and the rest has all of the effort
-        found = _fresh(request, first, limits, effort, FRESH_SHARE)
-        if found is not None:
-            return found
-    branches = TIMED_BRANCHES if request.timed.any() else BRANCHES
-    for number, (dropped, share, timed) in enumerate(branches):
-        if not timed and (not request.urgent or request.catch_up < np.inf):
-            continue  # a motion that goes on as planned is in time
-        found = _branch(request, dropped, share, timed, limits, effort)
-        if found is None and number == SHORTER_AFTER:
-            found = _shorter(request, first, limits, effort)
-        if found is not None:
-            return found
-    if effort.used_up:
-        return None
-    path, problem, bounds = within_horizon(request, first, limits, effort)
-    timing = None
-    if not _leaves_range(path, request.state[0], limits):
-        timing = optimal.propose(problem, bounds, optimal.SHORT_RAMP_TIME_S)
-    return None if timing is None else Plan(request.start, path.knots, timing, OPTIMAL)
-
-
 def _fresh(
     request: Request, first: Path, limits: JointLimits, effort: Effort, share: float
 ) -> Plan | None:
@@ -168,14 +105,7 @@ def _fresh(
     return None if timing is None else Plan(request.start, path.knots, timing, OPTIMAL)
 
 
-def _branch(
-    request: Request,
-    dropped: int,
-    share: float,
-    timed: bool,
-    limits: JointLimits,
-    effort: Effort,
-) -> Plan | None:
+def _branch(request: Request, share: float, limits: JointLimits, effort: Effort) -> Plan | None:
     """Return a plan that does as the plan so far for a share of its time, and then goes on.
 
     A motion that uses its limits to the full may have no other way on for a while: there is more
@@ -184,18 +114,16 @@ def _branch(
     former, older = request.former, request.older
     if former is None or older is None or effort.used_up:
         return None
-    kept = older[: len(older.u) - dropped]
     begin = share * former.duration
     state = former.at(begin)
     head = former.part(0.0, begin)
-    if head is None or len(kept.u) < 2 or state[0] >= kept.u[-1]:
+    if head is None or state[0] >= older.u[-1]:
         return None
-    path = _path(request, kept, limits)
+    path = _path(request, older, limits)
     clock = np.interp([request.state[0], state[0]], path.knots.u, request.clock)
     later = dataclasses.replace(
         request,
         state=state,
-        timed=request.timed & timed,
         former=former.part(begin),
         lag=request.lag + begin - float(clock[1] - clock[0]),
         horizon=BRANCH_HORIZON_SHARE * request.horizon,
@@ -221,33 +149,18 @@ def _leaves_range(path: Path, begin: float, limits: JointLimits) -> bool:
     return bool(path.outside(limits)[path.segment(begin) :].any())
 
 
-def _any(request: Request, first: Path, limits: JointLimits, effort: Effort) -> Plan | None:
-    """Return a plan by one of the other proposers."""
-    for path in _paths(request, first, limits):
-        part, problem, bounds = within_horizon(request, path, limits, effort)
-        for proposer, share in URGENT:
-            mine = effort.part(share)
-            timing = proposer(dataclasses.replace(problem, effort=mine), bounds)
-            effort.back(mine)
-            if timing is not None:
-                name = proposer.__module__.rpartition('.')[2]
-                return Plan(request.start, part.knots, timing, name)
-    return None
+def _simple(request: Request, first: Path, limits: JointLimits, effort: Effort) -> Plan | None:
+    """Return one move along the path, which may be slow, or None."""
+    path, problem, _ = within_horizon(request, first, limits, effort)
+    timing = ruckig_move.propose(problem)
+    return None if timing is None else Plan(request.start, path.knots, timing, 'simple')
 
 
-def _straight(request: Request, limits: JointLimits, effort: Effort) -> Plan | None:
-    """Return a plan from rest straight to rest at the next point: there always is one.
-
-    A path that can be gone on from is tried first, as long as there is effort left for it.
-    """
-    curved = through(request.kept, request.points[:1], limits, clamped=False)
-    straight = line(request.kept, request.points[0], limits)
-    for path, mine in ((curved, effort), (straight, Effort())):
-        problem = problem_of(request, path, limits, 1.0, mine)
-        timing = ruckig_move.propose(problem, SpeedBounds(problem))
-        if timing is not None:
-            return Plan(request.start, path.knots, timing, 'straight')
-    return None
+def _straight(request: Request, limits: JointLimits) -> Plan | None:
+    """Return a plan from rest straight to rest at the next point: there always is one."""
+    way = line(request.kept, request.points[0], limits)
+    timing = ruckig_move.only_move(problem_of(request, way, limits, 1.0, Effort()))
+    return None if timing is None else Plan(request.start, way.knots, timing, 'straight')
 
 
 def _path(request: Request, kept: Knots, limits: JointLimits) -> Path:
@@ -256,40 +169,3 @@ def _path(request: Request, kept: Knots, limits: JointLimits) -> Path:
     if not len(points):
         return Path(kept)
     return through(kept, points, limits, clamped=len(kept.u) > 1, final=request.whole)
-
-
-def _paths(request: Request, first: Path, limits: JointLimits) -> Iterator[Path]:
-    """Return the first path, and one that keeps all knots so far but the last, if that differs."""
-    yield first
-    if request.older is not None and len(request.older.u) > LEAST_OLDER:
-        second = _path(request, request.older[:-1], limits)
-        if not _same(first.knots, second.knots):
-            yield second
-
-
-def _same(one: Knots, other: Knots) -> bool:
-    """Return whether two paths through the same points bend in the same way."""
-    return np.allclose(one.first, other.first, rtol=SAME_BEND_SHARE) and np.allclose(
-        one.second, other.second, rtol=SAME_BEND_SHARE
-    )
-
-
-def _shorter(request: Request, path: Path, limits: JointLimits, effort: Effort) -> Plan | None:
-    """Return a plan to a knot before the end of the path, which may bend badly there."""
-    begin = request.state[0]
-    at_rest = len(request.kept.u) == 1  # there is no plan so far: the shortest is found first
-    for share in sorted(SHORTER_SHARES, reverse=not at_rest):
-        count = int(path.knots.u.searchsorted(begin + share * (path.end - begin), side='right'))
-        if count <= max(request.reached, 2) or count == len(path.knots.u) or effort.used_up:
-            continue
-        part = Path(path.knots[:count])
-        if _leaves_range(part, begin, limits):
-            continue
-        mine = effort.part(PART_SHARE)
-        mine.spend(OUTSET_US / 2.0)
-        problem = problem_of(request, part, limits, 1.0, mine)
-        timing = optimal.propose(problem, SpeedBounds(problem), tolerance=BRANCH_TOLERANCE)
-        effort.back(mine)
-        if timing is not None:
-            return Plan(request.start, part.knots, timing, OPTIMAL)
-    return None

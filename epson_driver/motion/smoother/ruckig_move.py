@@ -13,7 +13,6 @@ from epson_driver.motion.ruckig_trajectory import calculated
 from epson_driver.motion.smoother.limit_usage import BACKWARD_SPEED
 from epson_driver.motion.smoother.path import Path
 from epson_driver.motion.smoother.problem import Problem
-from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.time_parametrisation import (
     State,
     TimeParametrisation,
@@ -45,7 +44,7 @@ MIN_SPEED_SHARE = 3e-3
 """The least share of the highest speed that is tried."""
 
 
-def propose(problem: Problem, _bounds: SpeedBounds) -> TimeParametrisation | None:
+def propose(problem: Problem) -> TimeParametrisation | None:
     """Return the verified move that gets on fastest, or None if none was found.
 
     It may end before the path does. If all are slow, it is the one that ends first from rest, and

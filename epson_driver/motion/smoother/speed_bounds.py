@@ -35,9 +35,10 @@ class SpeedProfile:
 class SpeedBounds:
     """The samples of one problem's path, and the speed bounds there, in shapes (m,)."""
 
-    __slots__ = ('_left', 'positions', 'speeds')
+    __slots__ = ('_left', '_start', 'positions', 'speeds')
 
     def __init__(self, problem: Problem) -> None:
+        self._start = problem.start
         us = _samples(problem)
         _, first, second, third = problem.path.sample(us)
         limits = problem.limits
@@ -54,21 +55,18 @@ class SpeedBounds:
         with np.errstate(divide='ignore'):
             self._left = np.min(left / np.abs(first), axis=1)
 
-    def profile(
-        self, start: float, start_speed: float, factor: Array | float = 1.0
-    ) -> SpeedProfile:
-        """Return the fastest speeds from a start to rest at the end.
+    def profile(self) -> SpeedProfile:
+        """Return the fastest speeds from the problem's start to rest at its end.
 
-        `factor` ≤ 1 lowers the bounds, shape (m,). A start above them is followed by the hardest
-        braking.
+        A start above the bounds is followed by the hardest braking.
         """
+        start, start_speed, _ = self._start
         ahead = self.positions > start + 1e-12
         us = np.concatenate(([start], self.positions[ahead]))
-        bounds = (self.speeds * factor)[ahead]
         pace = self._left[ahead]
         pace = np.concatenate((pace[:1], pace))
         gain = (2.0 * np.diff(us) * np.minimum(pace[:-1], pace[1:])).tolist()
-        x = [start_speed**2, *(bounds**2).tolist()]
+        x = [start_speed**2, *(self.speeds[ahead] ** 2).tolist()]
         x[-1] = 0.0
         for i in range(len(gain) - 1, 0, -1):
             if x[i + 1] + gain[i] < x[i]:

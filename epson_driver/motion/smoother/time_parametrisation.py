@@ -183,37 +183,3 @@ def through_states(times: Array, u: Array, v: Array, a: Array) -> TimeParametris
     end = np.array([[times[-1]], [u[-1]], [v[-1]], [a[-1]]])
     since, us, vs, accelerations = np.append(columns, end, axis=1)
     return TimeParametrisation(since, us, vs, accelerations, jerks.T.ravel())
-
-
-def from_accelerations(
-    start: State, end: float, times: Array, accelerations: Array
-) -> TimeParametrisation:
-    """Return a timing whose acceleration is linear between samples, shapes (k + 1,), times from 0.
-
-    The first sample is the start's acceleration, the last must be 0. What is missing to rest
-    exactly at `end` is spread over the whole timing as smoothly as can be.
-    """
-    a = accelerations.copy()
-    a[0], a[-1] = start[2], 0.0
-    steps = np.diff(times)
-    phase = times * (np.pi / times[-1])
-    shapes = np.stack([np.sin(phase), np.sin(2.0 * phase)])
-    shapes[:, -1] = 0.0
-    v, u = _integrals(steps, np.concatenate([shapes, a[None, :]]))
-    missing = np.array(
-        [-(start[1] + v[2, -1]), end - (start[0] + times[-1] * start[1] + u[2, -1])]
-    )
-    a += np.linalg.solve(np.array([v[:2, -1], u[:2, -1]]), missing) @ shapes
-    (v,), (u,) = _integrals(steps, a[None, :])
-    v += start[1]
-    u += start[0] + times * start[1]
-    u[-1], v[-1] = end, 0.0
-    return TimeParametrisation(times, u, v, a, np.diff(a) / steps)
-
-
-def _integrals(steps: Array, a: Array) -> tuple[Array, Array]:
-    """Return velocity and position from rest at 0, shapes (m, k + 1), for a of that shape."""
-    zero = np.zeros((len(a), 1))
-    v = np.concatenate([zero, np.cumsum(steps * (a[:, :-1] + a[:, 1:]) / 2.0, axis=1)], axis=1)
-    gains = steps * (v[:, :-1] + steps * (a[:, :-1] / 3.0 + a[:, 1:] / 6.0))
-    return v, np.concatenate([zero, np.cumsum(gains, axis=1)], axis=1)
