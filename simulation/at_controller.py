@@ -26,6 +26,17 @@ from simulation.virtual_loop import VirtualLoop
 CLOSING = ('ESTOP_PRESS', 'MOTORS_OFF', 'DOOR_OPEN', 'MODE_MANUAL')
 """What a person does at the controller after which the arm must be enabled again."""
 
+SHUT = {
+    'ESTOP_PRESS': 'E-stop',
+    'ESTOP_RELEASE': 'E-stop',
+    'DOOR_OPEN': 'door',
+    'DOOR_CLOSE': 'door',
+}
+"""What each of these begins or ends."""
+
+KNOWN_S = 3.0
+"""By then a driver knows of it, s: from STATUS, or as the state is silent."""
+
 ON_ANY_PORT = ('cut', 'half_open', 'delay', 'jitter', 'coalesce', 'one_byte')
 """Faults that can strike the remote port, too."""
 
@@ -67,6 +78,8 @@ class AtController:
         self._now: Callable[[], float] = world.loop.time
         self._unsure_until = self._read_from = 0.0
         self._closing = -world.person
+        self._shut: dict[str, float] = {}
+        """Since when the arm may not move, s, and for what."""
         self.links = ('remote',) if world.statements else ('motion', 'state')
         """Ports that the driver needs: without one the arm must be enabled again."""
 
@@ -76,6 +89,13 @@ class AtController:
         if self._world.controller.faults.active() or self._world.network.flips:
             self._doubt()
         return self._now() <= self._unsure_until
+
+    def why_shut(self, since: float) -> str | None:
+        """Return why the arm must be disabled, if a driver has not been held up `since`."""
+        for why, begun in self._shut.items():
+            if self._now() - max(begun, since, self._unsure_until) > KNOWN_S + self._world.person:
+                return why
+        return None
 
     def hung(self, seconds: float) -> None:
         """Take note that what comes now is read only after so long, s."""
@@ -122,6 +142,10 @@ class AtController:
         except RejectedError as error:
             world.say(f'{event} is refused: {error}')
             return
+        if event in ('ESTOP_PRESS', 'DOOR_OPEN'):
+            self._shut.setdefault(SHUT[event], self._now())
+        elif event in SHUT:
+            self._shut.pop(SHUT[event], None)
         if event in CLOSING or (event == 'STOP' and program.motors == 'restart'):
             wishes.closed(self._now())
         if (event in ('STOP', 'RESET') and wishes.open) or (

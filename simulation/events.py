@@ -240,9 +240,15 @@ Plan = tuple[tuple[float, str, Parameters], ...]
 SITUATION_SHARE = 0.5
 """In how many worlds events come in such an order, too."""
 
+FAR = {'step': 1.0, 'offsets': [[0.3, -0.2, 0.3, 0.1, 0.2, 0.3], [-0.3] * JOINTS]}
+LONG = FAR | {'step': 6.0}
+STICK = {'publisher': 0, 'kind': 'velocities', 'speed': [0.3, -0.1, 0.1, 0.1, 0.1, 0.1]}
+LATER: tuple[float, str, Parameters] = (12.0, 'end_stream', {})
+"""By then an arm that nobody wants to move must stand, whatever its controller."""
+
 SITUATIONS: tuple[Plan, ...] = (
     *(
-        ((0.3, 'goal', {'step': 1.0}), (0.3, 'goal', {'step': 1.0}), (0.1, ends, {}))
+        ((2.0, 'goal', FAR), (0.3, 'goal', FAR | {'from_here': True}), (0.1, ends, {}))
         for ends in ('cancel', 'stop', 'disable')
     ),
     *(
@@ -264,10 +270,18 @@ SITUATIONS: tuple[Plan, ...] = (
         (0.3, 'panel_step', {}),
     ),
     *(
-        ((0.3, 'goal', {'step': 6.0}), (1.0, ends, {'seconds': 4.0}))
-        for ends in ('driver_dies', 'driver_hangs')
+        ((2.0, 'goal', LONG), (1.0, ends, given), LATER)
+        for ends, given in (
+            ('driver_dies', {'seconds': 4.0}),
+            ('driver_dies', {'seconds': 0.3}),
+            ('driver_hangs', {'seconds': 4.0}),
+            ('pendant', {'event': 'ESTOP_PRESS'}),
+        )
     ),
+    ((2.0, 'goal', LONG), (1.5, 'fault', {'text': 'cut port=motion for=2'}), (0.1, 'stop', {})),
+    *(((2.0, 'move_tool', {}), (0.3, ends, {}), LATER) for ends in ('cancel', 'stop')),
     ((0.3, 'network_stall', {'port': 'io', 'seconds': 3.0}), (0.1, 'write_output', {'value': 1})),
+    ((1.0, 'network_flip', {}),) * 8,
     ((0.3, 'enable', {}), (0.05, 'disable', {}), (0.5, 'goal', {})),
     *(
         (
@@ -288,8 +302,9 @@ SITUATIONS: tuple[Plan, ...] = (
         ((1.5, 'stream', {}), (0.7, stops, {}), (0.7, 'mend', {}), (1.5, 'goal', {}))
         for stops in ('stop', 'disable')
     ),
-    ((1.5, 'driver_hangs', {'seconds': 2.0}), (0.3, 'one_setpoint', {}), (0.3, 'goal', {})),
-    ((1.5, 'wrong_setpoint', {}), *((0.03, 'wrong_setpoint', {}),) * 5),
+    ((2.0, 'stream', STICK), (1.0, 'end_stream', {'publisher': 0}), LATER),
+    ((2.0, 'driver_hangs', {'seconds': 2.0}), (0.3, 'one_setpoint', STICK), (4.0, 'goal', {})),
+    ((2.0, 'wrong_setpoint', {}), *((0.03, 'wrong_setpoint', {}),) * 5, (1.5, 'goal', {})),
     (
         (0.3, 'goal', {}),
         (0.3, 'fault', {'text': 'late_reply seconds=0.7 count=1'}),
@@ -298,6 +313,9 @@ SITUATIONS: tuple[Plan, ...] = (
     ),
 )
 """Orders in which things were wrong once, or could be; they are mixed with what is drawn."""
+
+PATIENT: Plan = ((1.0, 'enable', {}), (2.0, 'goal', {'step': 4.0}), LATER)
+"""Somebody waits for a goal, which may have the arm stand for long."""
 
 
 CALM_KINDS = frozenset(
@@ -323,22 +341,21 @@ def events_of(seed: str) -> list[Event]:
     rng = np.random.default_rng([first, 0])
     kinds = CALM_KINDS if rng.random() < CALM_SHARE else KINDS.keys()
     events = [draw(rng, kinds) for _ in range(int(rng.integers(MIN_EVENTS, MAX_EVENTS + 1)))]
-    if kinds is not CALM_KINDS:
-        _put_situations(events, np.random.default_rng([first, 3]))
+    _put_situations(events, np.random.default_rng([first, 3]), calm=kinds is CALM_KINDS)
     for other in others:
         events = varied(events, np.random.default_rng([first, other, 1]))
     return events
 
 
-def _put_situations(events: list[Event], rng: Rng) -> None:
+def _put_situations(events: list[Event], rng: Rng, *, calm: bool) -> None:
     if rng.random() >= SITUATION_SHARE:
         return
-    for _ in range(int(rng.integers(1, 5))):
+    for _ in range(1 if calm else int(rng.integers(1, 5))):
         plan = SITUATIONS[int(rng.integers(len(SITUATIONS)))]
         at = int(rng.integers(len(events) + 1))
         events[at:at] = [
             Event(round(float(rng.uniform(0.0, most)), 4), kind, KINDS[kind][1](rng) | given)
-            for most, kind, given in ((1.0, 'mend', {}), *plan)
+            for most, kind, given in (PATIENT if calm else ((1.0, 'mend', {}), *plan))
         ]
 
 

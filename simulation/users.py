@@ -18,7 +18,7 @@ from epson_driver.driver.io.io_driver import IoUnavailableError
 from epson_driver.driver.outcome import End, Outcome
 from epson_driver.driver.servo.setpoint import Setpoint, Window
 from epson_driver.motion import Array, JointLimits, Trajectory
-from simulation.oracles import RELEASE_S, Arm, BrokenError, Outputs, Wishes
+from simulation.oracles import HOLD_RAD, RELEASE_S, Arm, BrokenError, Outputs, Wishes
 from simulation.processes import TOLERANCE_RAD, DiedError, NodeProcess, RobotProcess
 from simulation.virtual_loop import VirtualLoop
 
@@ -30,10 +30,6 @@ REACH_RAD = 0.6
 
 READ_RAD = 2e-3
 """How far the arm may be from where its encoders say that it is, rad."""
-
-SETTLED_RAD = 1e-3
-"""An arm that is so near to a goal that has succeeded does not move any more, rad. One that is
-farther away, within the tolerance, may have the last of its points yet to do."""
 
 LATEST_S = 1.0
 """So long after it was stopped or canceled a goal may still succeed, s: it was there already."""
@@ -72,6 +68,8 @@ class Surroundings(Protocol):
     limits: JointLimits
     timed: bool
     """Whether the controller takes as long as a goal says."""
+    statements: bool
+    """Whether it is moved without a program, by Remote Ethernet."""
     streams: bool
     """Whether it follows streams."""
     person: float
@@ -135,6 +133,8 @@ class Users:
         limits, at, start = self._world.limits, self._world.arm.at.copy(), self._world.start
         points: Array = np.clip(at + offsets, start - REACH_RAD, start + REACH_RAD)
         points = np.clip(points, limits.position_min, limits.position_max)
+        if self._world.statements:  # such a controller takes nothing but where to go
+            points = points[-1:]
         apart = np.ptp(np.vstack([at, points]), axis=0)
         step = max(step, 1.5 * float(np.max(apart / limits.velocity)))
         times = np.arange(1.0, len(points) + 1.0) * step
@@ -190,13 +190,13 @@ class Users:
         if now - max(given_up, self.held_up) > LATEST_S:
             text = f'5: goal {number} succeeded {now - given_up:.1f} s after nobody wanted it'
             self._world.break_(BrokenError(text))
-        away = SETTLED_RAD if target is None else float(np.abs(arm.at - target).max())
+        away = TOLERANCE_RAD if target is None else float(np.abs(arm.at - target).max())
         if away > TOLERANCE_RAD + READ_RAD:
             self._world.break_(BrokenError(f'5: goal {number} succeeded {away:.4f} rad away'))
         if now < soonest:
             text = f'5: goal {number} succeeded {soonest - now:.3f} s before it can have'
             self._world.break_(BrokenError(text))
-        if away < SETTLED_RAD and not wishes.any(now):
+        if away < HOLD_RAD and not wishes.any(now):  # else it may have a last point yet to do
             arm.rest()
 
     async def cancel(self) -> None:
@@ -400,7 +400,8 @@ class Users:
         if self._world.streams:
             node, now = isinstance(self._world.process, NodeProcess), self.loop.time()
             source = setpoint.source if node else 'servo()'
-            moves = moves and not self._stays(source, setpoint, now)
+            if self._stays(source, setpoint, now) and not self._leads(source, setpoint):
+                moves = False
             self.wishes.setpoint(source, now, moves=moves)
         self._follow(setpoint)
 
@@ -414,6 +415,13 @@ class Users:
         stays = stays and now - heard < RELEASE_S
         self._positions[source] = now, before if stays else positions
         return stays
+
+    def _leads(self, source: str, setpoint: Setpoint) -> bool:
+        """Return whether a position that stays the same is where a stream yet has the arm go."""
+        topic, positions = self.wishes.topics.get(source), setpoint.positions
+        if topic is None or positions is None:
+            return False
+        return topic.free and bool(np.abs(positions - self._world.arm.at).max() > SAME_RAD)
 
     def _follow(self, setpoint: Setpoint) -> None:
         process = self._world.process

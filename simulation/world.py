@@ -32,7 +32,7 @@ from simulation.oracles import Arm, BrokenError, Outputs, Wishes
 from simulation.panel_user import PanelUser
 from simulation.processes import NodeProcess, RobotProcess
 from simulation.users import ANSWER_S, Users
-from simulation.virtual_loop import VirtualLoop
+from simulation.virtual_loop import SOON_S, VirtualLoop
 
 PROFILES = (
     *('rc620', 'rc700a', 'generic', 'motoman', 'remote') * 2,
@@ -262,6 +262,9 @@ class World:
     def _look_at_gate(self) -> None:
         """Judge that the arm is enabled only if asked for, and still if nothing is wrong."""
         self.users.look_at_gate()
+        why = self.at_controller.why_shut(self.users.held_up)
+        if why is not None and self.process.gate:
+            self.break_(BrokenError(f'4: the arm is enabled in spite of the {why}'))
         if self._calm and self.wishes.open and self.process.gate is False:
             self.break_(BrokenError('5: the arm is disabled, and nothing was wrong'))
 
@@ -331,6 +334,7 @@ class World:
 
     async def driver_leaves(self, seconds: float, lost: bool) -> None:
         """End the driver's process, or the program's robot, in good order, for a while."""
+        await asyncio.sleep(SOON_S)  # what was asked for at this moment has been begun
         if self.process.name not in self.loop.hanging:  # who hangs ends when he goes on
             self.wishes.closed(self.loop.time())
         await self.process.leave(lost=lost)

@@ -33,6 +33,14 @@ def test_the_first_thing_that_a_line_has_held_up_in_a_page_is_late_too():
 
 
 STEADY = {'publisher': 0, 'kind': 'positions', 'speed': [0.2] * 6, 'period': 0.02, 'zero_each': 3}
+NOWHERE = {'offsets': [[0.0] * 6], 'from_here': True}
+FROM_HERE = {
+    'publisher': 3,
+    'kind': 'from here',
+    'speed': [-0.026, 0.237, 0.022, 0.088, -0.129, -0.115],
+    'period': 0.05,
+    'zero_each': 0,
+}
 FAR = {'step': 0.05, 'offsets': [[0.2] * 6, [-0.2] * 6] * 3, 'from_here': False}
 
 
@@ -90,6 +98,22 @@ FAR = {'step': 0.05, 'offsets': [[0.2] * 6, [-0.2] * 6] * 3, 'from_here': False}
                 Event(0.2052, 'cancel', {}),
             ],
         ),
+        (
+            '68',
+            [
+                Event(6.1649, 'stream', FROM_HERE),
+                Event(2.7996, 'driver_hangs', {'seconds': 2.0}),
+                Event(8.6902, 'write_output', {'index': 0, 'value': 0}),
+            ],
+        ),
+        (
+            '529',
+            [
+                Event(2.215, 'goal', NOWHERE | {'step': 0.05}),
+                Event(0.01, 'goal', NOWHERE | {'step': 0.1, 'offsets': [[1e-4] * 6]}),
+                Event(0.084, 'enable', {}),
+            ],
+        ),
     ],
     ids=[
         'braking after a new client',
@@ -99,6 +123,8 @@ FAR = {'step': 0.05, 'offsets': [[0.2] * 6, [-0.2] * 6] * 3, 'from_here': False}
         'who hangs ends later',
         'who hangs reads later',
         'bits that were wrong while somebody hung',
+        'where a stream had not come while the driver hung',
+        'a goal that is there before it begins',
     ],
 )
 def test_what_is_right_is_not_taken_for_wrong(seed, events):

@@ -65,6 +65,7 @@ def broken(seeds):
     raise AssertionError('no world breaks')
 
 
+@pytest.mark.slow
 def test_a_failure_is_made_as_short_as_it_can_be(monkeypatch):
     monkeypatch.setattr(Stopper, 'stop', lambda self: None)
     seed, events, failure = broken(map(str, range(7, 20)))

@@ -3,8 +3,9 @@
 """Defects that were there once, to be put back one by one: seeds must find each.
 
 Each is a patch of today's code that is as small as the defect was. old_defects.csv says which seed
-has found it, and after how much of the processor's time: `python test/support/old_defects.py
---minutes 10` looks for them all again, by seeds from 1 on, and writes it anew.
+has found it, and after how much of the processor's time: `PYTHONPATH=. python
+test/support/old_defects.py --minutes 10` looks for them all again, by seeds from 1 on, and writes
+it anew.
 """
 
 import argparse
@@ -31,22 +32,24 @@ from epson_driver.driver.goal.planning_scope import PlanningScopes
 from epson_driver.driver.inhibit import Cause, status_inhibit
 from epson_driver.driver.io.io_driver import IoDriver, IoUnavailableError
 from epson_driver.driver.io.polled_io import PolledIo
-from epson_driver.driver.servo import restart_interlock
+from epson_driver.driver.servo import restart_interlock, setpoint
 from epson_driver.driver.servo.restart_interlock import RestartInterlock
 from epson_driver.driver.servo.servo import Servo
-from epson_driver.driver.servo.setpoint import ServoSettings, Setpoint
+from epson_driver.driver.servo.setpoint import ServoSettings
+from epson_driver.driver.servo.stream import VelocityCheck
 from epson_driver.driver.state.plausibility import JointBounds
 from epson_driver.driver.state.standstill import Standstill
 from epson_driver.driver.stopping.arm_gate import ArmGate, Enabling
 from epson_driver.driver.stopping.heartbeat import Heartbeat
 from epson_driver.driver.stopping.stopper import Stopper
 from epson_driver.link.remote_link import RemoteLink
-from epson_driver.link.replies import PendingReplies
+from epson_driver.link.replies import PendingReplies, Statement
 from epson_driver.panel.arming import Arming
 from epson_driver.panel.robot_control import RobotControl
 from epson_driver.panel.window import Window
+from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.programs.motion_program import MotionProgram
-from epson_driver.sim_controller.programs.motion_session import ClientWatchdog, MotionSession
+from epson_driver.sim_controller.programs.motion_session import ClientWatchdog
 from epson_driver.simple_message import IoResult
 from simulation.events import events_of
 from simulation.oracles import BrokenError
@@ -135,8 +138,11 @@ def a_stream_begins_beside_a_goal(put: Patch) -> None:
 
 
 def impossible_velocities_are_followed(put: Patch) -> None:
-    put(Setpoint, 'problem', lambda self, limits: None)
-    put(Servo, '_contradiction', lambda self, session, setpoint, came: None)
+    def trusting(self: Any, *_: Any) -> None:
+        self.trusted = True
+
+    put(setpoint, '_too_fast', lambda velocities, limits, what: None)
+    put(VelocityCheck, 'add', trusting)
 
 
 # --- goals -----------------------------------------------------------------------------------
@@ -392,7 +398,8 @@ def a_statement_is_repeated_after_a_lost_answer(put: Patch) -> None:
 
     def remembered(self: Any, message: Any, on_reply: Any) -> Any:
         posted = post(self, message, on_reply)
-        self._last = self._motion if self._motion is not None else None
+        if isinstance(message, Statement):
+            self._last = self._motion
         return posted
 
     async def repeated(self: Any) -> None:
@@ -429,7 +436,7 @@ def a_goal_outlives_its_arming(put: Patch) -> None:
 
 
 def an_arm_outlives_its_client(put: Patch) -> None:
-    put(MotionSession, 'closed', lambda self: None)
+    put(Controller, 'client_lost', lambda self: None)
 
 
 def a_client_that_hangs_is_not_seen(put: Patch) -> None:
@@ -468,7 +475,12 @@ NEEDS: dict[str, tuple[str, ...]] = {
     'a_goal_that_waits_is_not_canceled': ('goal', 'cancel'),
     'a_goal_that_waits_outlives_a_stop': ('goal', 'stop|disable'),
     'a_reset_enables': ('reset_error',),
+    'impossible_velocities_are_followed': ('wrong_setpoint',),
+    'a_planned_motion_begins_after_a_stop': ('move_tool', 'stop|disable|cancel'),
+    'impossible_joints_are_published': ('network_flip|fault',),
     'an_arm_outlives_its_client': ('goal', 'driver_dies|network_reset|fault'),
+    'points_outlive_an_estop': ('goal', 'pendant|fault'),
+    'old_points_begin_with_a_new_link': ('goal', 'driver_dies|driver_leaves'),
     'a_client_that_hangs_is_not_seen': ('goal', 'driver_hangs'),
     'a_lost_write_is_repeated_later': ('write_output',),
     'a_write_without_an_answer_is_done': ('write_output',),
