@@ -10,6 +10,7 @@ import pytest
 from support.api_harness import FAR, ports_of, robot_cell
 from support.driver_harness import ScriptedController, answer, simulated
 from support.event_loop import real_time, run, stand_still, until
+from support.examples import quickly
 from support.sim_process import vacant_port
 from support.two_jaws import TwoJaws
 
@@ -223,8 +224,10 @@ async def begun_slowly(robot, way):
         ('fanuc', False, 'joints'),
         pytest.param('motoman', True, 'waypoints', marks=pytest.mark.slow),
         ('motoman', True, 'trajectory'),
-        ('spel', False, 'joints'),
-        ('thesis', False, 'trajectory'),
+        *(
+            pytest.param(profile, False, way, marks=pytest.mark.slow)
+            for profile, way in (('spel', 'joints'), ('thesis', 'trajectory'))
+        ),
     ],
 )
 def test_a_pause_holds_every_motion_and_it_goes_on(profile, smooth, way):
@@ -249,7 +252,7 @@ def test_a_pause_holds_every_motion_and_it_goes_on(profile, smooth, way):
 
 
 @pytest.mark.parametrize(
-    'profile', ['rc620', 'generic', pytest.param('motoman', marks=pytest.mark.slow)]
+    'profile', quickly(['generic'], ['rc620', 'generic', 'motoman'], several=False)
 )
 def test_half_the_speed_acts_on_a_move_that_runs(profile):
     async def scenario():

@@ -94,12 +94,17 @@ def anything(step, count):
     [
         ('gx8_c652s', far, (40, 47)),
         *(
-            pytest.param(model, far, (40, 47), marks=pytest.mark.slow)
-            for model in ('c3_a601s', 'cx7_a901s', 'vt6_a901s')
+            pytest.param(*values, marks=pytest.mark.slow)
+            for values in (
+                ('c3_a601s', far, (40, 47)),
+                ('cx7_a901s', far, (40, 47)),
+                ('vt6_a901s', far, (40, 47)),
+                ('c3_a601s', anything, (40, 47)),
+                # it has just turned back, and gathers speed
+                ('vt6_a901s', to_and_fro, (42, 47, 52)),
+                ('c3_a601s', against_each_other, (40, 52)),
+            )
         ),
-        ('c3_a601s', anything, (40, 47)),
-        ('vt6_a901s', to_and_fro, (42, 47, 52)),  # it has just turned back, and gathers speed
-        ('c3_a601s', against_each_other, (40, 52)),
     ],
 )
 async def test_hostile_actions_break_no_limit_and_the_arm_rests_soon(

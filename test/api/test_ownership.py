@@ -115,6 +115,7 @@ async def test_a_robot_for_asyncio_is_taken_over_and_lost_as_well(caplog):
 
 @pytest.mark.skipif(not hasattr(os, 'fork'), reason='no fork here')
 @pytest.mark.invariant(9)
+@pytest.mark.slow
 def test_a_forked_child_has_no_part_in_it(ports):
     robot = moving(ports)
     motion = robot.move_joints

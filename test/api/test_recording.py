@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from support.api_harness import robot_cell
 from support.event_loop import run
+from support.examples import one_in
 
 from epson_driver.aio import ArgumentError, Recording, Robot, RobotError
 from epson_driver.motion import Trajectory
@@ -41,9 +42,7 @@ def apart(rows, others):
     return max(np.abs(way - row).max(axis=1).min() for row in rows)
 
 
-@pytest.mark.parametrize(
-    'profile', [pytest.param('rc620', marks=pytest.mark.slow), 'generic', 'motoman']
-)
+@pytest.mark.parametrize('profile', one_in(3, ['generic', 'rc620', 'motoman']))
 def test_a_replay_goes_the_recorded_way_in_its_time_and_rests_where_it_rested(profile):
     async def scenario():
         async with robot_cell(profile=profile, smooth=profile != 'generic') as (robot, _):

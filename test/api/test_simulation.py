@@ -74,6 +74,7 @@ def test_a_robot_that_is_not_simulated_has_no_such_hand(ports):
         robot.simulation.estop()
 
 
+@pytest.mark.slow
 def test_a_trace_is_written_from_the_connection_to_its_end(tmp_path):
     file = tmp_path / 'runs' / 'today.pcap'
     robot = Robot.simulated(settings=Settings(trace_file=str(file)))

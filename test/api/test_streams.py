@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support.api_harness import robot_cell
 from support.event_loop import now
+from support.examples import one_in
 
 from benchmark.exact_extrema import Recorded, exact_extrema
 from benchmark.policy_lag import behind, policy
@@ -50,7 +51,7 @@ async def at_rest(robot):
 
 
 @pytest.mark.invariant(2)
-@pytest.mark.parametrize('rate', [10.0, pytest.param(30.0, marks=pytest.mark.slow), 500.0])
+@pytest.mark.parametrize('rate', one_in(3, [10.0, 30.0, 500.0]))
 async def test_positions_are_followed_at_any_rate_and_the_arm_rests_at_the_last(rate):
     async with robot_cell(smooth=True) as (robot, _):
         seen = []
@@ -66,6 +67,7 @@ async def test_positions_are_followed_at_any_rate_and_the_arm_rests_at_the_last(
 
 
 @pytest.mark.invariant(2)
+@pytest.mark.slow
 async def test_a_policy_at_30_hz_is_followed_inside_every_limit_of_the_controller(monkeypatch):
     """What is executed is taken apart into its polynomials: no sample misses a peak."""
     executed = []
@@ -103,7 +105,7 @@ async def test_velocities_are_followed_and_silence_brakes():
         assert np.abs(there[1:]).max() < 1e-3
 
 
-@pytest.mark.parametrize('frame', ['base_link', 'tool'])
+@pytest.mark.parametrize('frame', one_in(2, ['tool', 'base_link']))
 async def test_a_velocity_of_the_tool_is_a_line_in_its_frame(frame):
     async with robot_cell(smooth=True) as (robot, _):
         await robot.move_joints(BENT)
@@ -149,7 +151,7 @@ async def test_a_tool_that_cannot_move_so_is_not_moved():
 
 
 @pytest.mark.invariant(3, 4)
-@pytest.mark.parametrize('how', ['stop', 'E-stop', 'disable'])
+@pytest.mark.parametrize('how', one_in(3, ['E-stop', 'stop', 'disable']))
 async def test_after_a_stop_a_stream_that_goes_on_is_refused_until_it_was_let_go(how):
     async with robot_cell(smooth=True) as (robot, controller):
         await streamed(lambda time: robot.servo(sine(time)), 1.0)

@@ -37,6 +37,7 @@ def four_members(name: str) -> families.FamilyFigures:
     return figures
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', HARD)
 def test_all_limits_are_kept_and_the_arm_does_not_stop(name: str) -> None:
     figures = four_members(name)
@@ -59,6 +60,7 @@ def test_time_that_steps_too_small_for_theirs_take_is_made_up_for() -> None:
     assert figures.stops == figures.failed == 0
 
 
+@pytest.mark.slow
 def test_a_long_way_between_steps_of_a_milliradian_is_not_taken_at_their_pace() -> None:
     """A start so slow was given up for a rest at the first point."""
     figures, _ = families.run_family('mixed_sizes', (9003, 109))

@@ -264,6 +264,7 @@ def trajectories() -> Trajectories:
     return {trajectory.name: trajectory for trajectory in benchmark_set()}
 
 
+@pytest.mark.slow
 def test_the_set_is_the_same_every_time(trajectories: Trajectories) -> None:
     for one, other in zip(benchmark_set(), trajectories.values(), strict=True):
         assert np.array_equal(one.positions, other.positions)

@@ -13,6 +13,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from support.examples import one_in
 from support.interrupts import obey_interrupts
 
 from epson_driver.cli import __main__ as main
@@ -306,7 +307,7 @@ LOADED = [
 ]
 
 
-@pytest.mark.parametrize(('name', 'module'), LOADED)
+@pytest.mark.parametrize(('name', 'module'), one_in(7, LOADED, several=True))
 def test_ctrl_c_while_an_executable_is_loaded_ends_it_without_a_traceback(
     name: str, module: str
 ) -> None:
@@ -412,6 +413,7 @@ def line_with(process: subprocess.Popen[str], text: str) -> str:
 
 
 @pytest.mark.invariant(9)
+@pytest.mark.slow
 def test_more_of_ctrl_c_while_controller_and_client_end(
     started: Callable[..., subprocess.Popen[str]],
 ) -> None:
@@ -429,6 +431,7 @@ def test_more_of_ctrl_c_while_controller_and_client_end(
 
 
 @pytest.mark.invariant(9)
+@pytest.mark.slow
 def test_more_of_ctrl_c_while_the_demo_ends_leaves_nothing_running(
     started: Callable[..., subprocess.Popen[str]], tmp_path: Path
 ) -> None:

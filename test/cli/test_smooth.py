@@ -49,6 +49,7 @@ def without_times(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_the_fastest_path_bends_more_than_the_spline_which_can_be_kept(run, tmp_path):
     motions = {}
     for name, more in (('fast', []), ('spline', ['--keep-spline'])):

@@ -251,6 +251,7 @@ def test_run_prints_reads_what_is_typed_and_ends_with_the_program(
     ]
 
 
+@pytest.mark.slow
 def test_two_fast_runs_print_the_same(tmp_path: Path) -> None:
     """Nothing depends on the computer: the times of motions and statements neither."""
     (tmp_path / 'main.prg').write_text(

@@ -326,6 +326,7 @@ async def test_a_lost_motion_link_ends_the_goal_and_does_not_blur_the_status():
 
 
 @pytest.mark.invariant(4, 6)
+@pytest.mark.slow
 def test_inv4_inv6_a_killed_controller_that_comes_back_moves_nothing(tmp_path):
     """docs/invariants.md, 4 and 6."""
 

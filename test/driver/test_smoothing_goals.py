@@ -244,6 +244,7 @@ async def test_no_process_without_smoothing_and_none_is_left():
     assert ready.returncode is not None
 
 
+@pytest.mark.slow
 def test_joint_states_go_on_while_a_long_plan_is_made(monkeypatch):
     plan_in_real_time(monkeypatch)  # however long the machine takes for so many points
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from support.driver_harness import MODEL, simulated
 from support.event_loop import run as run_loop
+from support.examples import quickly
 
 from epson_driver.doctor.controller_checks import Question
 from epson_driver.doctor.findings import Findings
@@ -255,8 +256,15 @@ HABITS = [
 ]
 """Twelve habits: the step in which each shows, the controller, and how it is named."""
 
+LONG = (['points'], ['STOP'])
+"""Steps that take long."""
 
-@pytest.mark.parametrize(('only', 'options', 'habit'), HABITS, ids=[each[2] for each in HABITS])
+
+@pytest.mark.parametrize(
+    ('only', 'options', 'habit'),
+    quickly([each for each in HABITS if each[0] not in LONG], HABITS),
+    ids=[each[2] for each in HABITS],
+)
 def test_the_one_habit_of_a_controller_is_named(tmp_path, only, options, habit):
     book = first_day(tmp_path, only=only, **options)['book']
     entries = {name: (each.state, each.why) for name, each in book.entries.items()}

@@ -4,13 +4,14 @@
 
 import numpy as np
 import pytest
+from support.examples import one_in
 from support.smoother_harness import ARM
 
 from benchmark.clocks import CLOCKS, clock_errors, clocked, off_the_clock
 from benchmark.exact_extrema import Recorded, exact_extrema
 from epson_driver.motion.smoother import Mode, Smoother
 
-SEEDS = (100, 101, pytest.param(102, marks=pytest.mark.slow))
+SEEDS = one_in(3, (101, 100, 102))
 LITTLE_S = 0.3
 RUNS = [(kind, np.inf) for kind in CLOCKS]
 RUNS += [(kind, LITTLE_S) for kind in CLOCKS if kind != 'irregular']

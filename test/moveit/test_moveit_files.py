@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 
 import pytest
 import yaml
+from support.examples import one_in
 
 from epson_driver.bringup import move_group_parameters, rviz_parameters
 from epson_driver.node.parameters import JOINTS, TABLE
@@ -187,7 +188,7 @@ def test_a_scara_has_its_four_joints_and_a_solver_that_keeps_the_turn() -> None:
     assert values['ompl'] == {**load('ompl_planning.yaml'), 'totg': {'path_tolerance': 0.01}}
 
 
-@pytest.mark.parametrize('model', ['c4_a901s', 'gx8_c552s'])
+@pytest.mark.parametrize('model', one_in(2, ['gx8_c552s', 'c4_a901s']))
 def test_a_package_of_ones_own_has_what_moveit_configs_builder_looks_for(
     model: str, tmp_path: Path
 ) -> None:

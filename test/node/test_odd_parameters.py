@@ -104,7 +104,7 @@ PARTS = 4
 @pytest.mark.parametrize(
     'part', [0, *(pytest.param(part, marks=pytest.mark.slow) for part in range(1, PARTS))]
 )
-@pytest.mark.parametrize('name', one_in(27, ROWS))
+@pytest.mark.parametrize('name', one_in(54, ROWS))
 def test_a_value_holds_or_is_refused_in_a_sentence_that_names_the_parameter(
     name, part, monkeypatch
 ):

@@ -41,6 +41,7 @@ def test_every_task_has_pillars_and_its_places_apart():
         assert drawn.pick[1, 3] * drawn.place[1, 3] < 0.0  # one on each side
 
 
+@pytest.mark.slow
 def test_a_seed_is_one_plan(plan):
     plan_task(draw_task(3, MODEL), MODEL)  # what was planned before makes no difference
     again = plan_task(draw_task(plan.task.seed, MODEL), MODEL)
@@ -80,6 +81,7 @@ def test_the_motion_keeps_its_distance(plan):
         assert check.path_valid(dense(motion.expected.positions))
 
 
+@pytest.mark.slow
 def test_the_same_motion_without_the_pillar_in_mind_hits_it():
     free = plan_task(task(), MODEL)
     world = scene(PILLAR)

@@ -58,7 +58,7 @@ async def followed(harness, stream, *, held):
 @pytest.mark.parametrize(
     ('stream', 'held'),
     quickly(
-        [('positions', False), ('positions with velocities', True), ('windows', False)],
+        [('positions with velocities', True)],
         product(STREAMS, [False, True]),
     ),
 )
@@ -87,6 +87,7 @@ async def test_a_stream_that_does_not_stall_leaves_nobody_behind(caplog):
     assert not [each for each in caplog.messages if 'left the arm' in each]
 
 
+@pytest.mark.slow
 async def test_who_wants_it_faster_says_so():
     async with cell(smooth=True) as (harness, _):
         servo = harness.driver.servo

@@ -92,8 +92,9 @@ STREAMS = {
     ('streams', 'stop'),
     quickly(
         [
-            *((streams, only_stopped) for streams in STREAMS),
-            *product(('a key and an idle stick', 'windows'), STOPS[1:]),
+            ('a key and an idle stick', only_stopped),
+            ('positions', disabled_and_back),
+            *product(('windows',), (estop_and_back, cut_and_back)),
         ],
         product(STREAMS, STOPS),
     ),

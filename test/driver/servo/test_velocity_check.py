@@ -7,6 +7,7 @@ import asyncio
 import numpy as np
 import pytest
 from support.driver_harness import HOME, JOINTS, LIMITS, cell, pose
+from support.examples import one_in
 from support.streams import PERIOD, going_on, positions
 
 from epson_driver.driver.servo.stream import CHECK_MEMORY_S, TRUSTED_AFTER_S, VelocityCheck
@@ -60,7 +61,7 @@ def test_a_stream_that_agrees_again_is_trusted_again():
 
 
 @pytest.mark.invariant(2)
-@pytest.mark.parametrize('velocity', [0.3, 1.0, 7.0, 10.0, 57.3, 1e308])
+@pytest.mark.parametrize('velocity', one_in(3, [0.3, 1.0, 7.0, 57.3, 10.0, 1e308]))
 async def test_inv2_velocities_that_no_position_bears_out_lead_nowhere(velocity):
     """What went 0.1 to 0.45 rad away from positions of 0."""
     async with cell(smooth=True) as (harness, _):

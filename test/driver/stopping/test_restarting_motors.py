@@ -103,6 +103,7 @@ async def test_a_program_that_a_person_has_stopped_is_started_by_enable():
         await assert_moves(harness)
 
 
+@pytest.mark.slow
 async def test_a_reset_stops_the_program_so_the_arm_must_be_enabled_again():
     async with spel_cell() as (harness, controller, _):
         await harness.commands.enable()

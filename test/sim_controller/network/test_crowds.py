@@ -114,6 +114,7 @@ def test_invariant_9_what_keeps_a_port_from_accepting_is_said_and_it_goes_on(
 
 @pytest.mark.invariant(7)
 @on_sockets
+@pytest.mark.slow
 async def test_invariant_7_one_client_is_heard_in_a_turn_of_the_loop(served):
     """So what comes between two looks at the clock is bounded, and everybody has his turn."""
     loop = asyncio.get_running_loop()

@@ -9,6 +9,7 @@ import subprocess
 import numpy as np
 import pytest
 from support.controller_harness import FAILURE, MODEL, STOP, SUCCESS, point, split
+from support.examples import one_in
 from support.longer_arm import arm_model
 from support.sim_process import COMMAND
 from support.spel_program_harness import STEP_S, OurProgramHarness
@@ -307,12 +308,16 @@ def test_a_scara_goes_where_it_is_sent_and_says_where_it_is():
 
 @pytest.mark.parametrize(
     ('arguments', 'words'),
-    [
-        (['--motion', 'ptp'], '--motion: a SPEL+ program moves as its statements say'),
-        (['--state-period', '0.01'], '--state-period: a SPEL+ program sends when'),
-        (['--define', 'FULLPOWER=1'], "no file of the project has a line #define 'FULLPOWER'"),
-        (['--define', 'FULL_POWER'], 'must be NAME=VALUE'),
-    ],
+    one_in(
+        2,
+        [
+            (['--motion', 'ptp'], '--motion: a SPEL+ program moves as its statements say'),
+            (['--define', 'FULL_POWER'], 'must be NAME=VALUE'),
+            (['--define', 'FULLPOWER=1'], "no file of the project has a line #define 'FULLPOWER'"),
+            (['--state-period', '0.01'], '--state-period: a SPEL+ program sends when'),
+        ],
+        several=True,
+    ),
 )
 def test_arguments_that_do_not_fit_a_program_are_refused(arguments, words):
     process = subprocess.run(

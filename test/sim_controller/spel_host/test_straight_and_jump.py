@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.examples import one_in
 from support.spel_program_harness import STEP_S, SpelProgramHarness
 
 from epson_driver.robots import load_robot_model
@@ -340,7 +341,7 @@ def across_and_up(caplog, statement, power):
     return gone / gone[-1], heights
 
 
-@pytest.mark.parametrize('statement', ['Jump', 'Jump3', 'Jump3CP'])
+@pytest.mark.parametrize('statement', one_in(2, ['Jump', 'Jump3', 'Jump3CP']))
 def test_an_arch_at_low_power_is_lower(caplog, statement):
     """P474, p479: "When speed is lower, the trajectory will be lower"."""
     fast, slow = (across_and_up(caplog, statement, power) for power in (HIGH, ''))
@@ -383,8 +384,14 @@ def arch_of(caplog, name, low_power):
 
 
 @pytest.mark.invariant(2)
-@pytest.mark.parametrize('name', ['jump3', 'jump3cp'])
-@pytest.mark.parametrize('low_power', [False, True])
+@pytest.mark.parametrize(
+    ('name', 'low_power'),
+    one_in(
+        2,
+        [('jump3', False), ('jump3', True), ('jump3cp', True), ('jump3cp', False)],
+        several=True,
+    ),
+)
 def test_inv2_an_arch_and_a_stop_on_it_keep_every_limit(caplog, name, low_power):
     """At full speed, where two motions of the same joints overlap (p479)."""
     robot, motion = arch_of(caplog, name, low_power)
