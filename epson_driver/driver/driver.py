@@ -14,6 +14,7 @@ from typing import Protocol
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery_factory import make_delivery
 from epson_driver.driver.delivery.statements import StatementDelivery
+from epson_driver.driver.goal.controller_speed import ControllerSpeed
 from epson_driver.driver.goal.goal import GoalSettings
 from epson_driver.driver.goal.goal_queue import GoalQueue
 from epson_driver.driver.goal.planned_speed import PlannedSpeed
@@ -208,7 +209,7 @@ class Driver:
             self.motors,
             self._on_alarm,
             lambda: self.goal_queue.on_rest(),
-            self._heartbeat.before_point,
+            self._before_point,
         )
         self.goal_queue = GoalQueue(
             configuration.limits,
@@ -230,6 +231,15 @@ class Driver:
             self.goal_queue,
             self._on_broken_off,
         )
+        self._controller_speed: ControllerSpeed | None = None
+        if configuration.delivery.scales_speed:
+            scaling = self.goal_queue.scaling
+            scaling.at_once, scaling.on_set = True, self._tell_speed
+            self._controller_speed = ControllerSpeed(
+                self.motion_link,
+                lambda: 1.0 if self.servo.active else scaling.target,
+                self.fault,
+            )
         self.goal_queue.occupied = self.servo.occupation
         self.goal_queue.closed = self._why_closed
         self.goal_queue.held = self.held
@@ -243,7 +253,7 @@ class Driver:
         self._dialect_known = asyncio.Event()
         if order is not None:
             self._dialect_known.set()
-        self.stop_due = False
+        self.stop_due = self._greeting_due = False
         kind = configuration.configured_as
         self._reports = {link.name: LinkReports(link, kind) for link in self.links}
 
@@ -546,6 +556,7 @@ class Driver:
     def _on_motion_link(self, state: LinkState, why: str) -> None:
         if state is LinkState.CONNECTED:
             self.stop_due = self.stopper.goes_on
+            self._greeting_due = True
             self._stop_first()
         else:
             self.stopper.link_lost()
@@ -558,9 +569,26 @@ class Driver:
         then, which show it. So does all else, as nothing is sent to a controller without a state.
         If the joints show another one later, the connection is opened again (Link.follow).
         """
-        if self.stop_due and self._dialect_known.is_set():
+        if not self._dialect_known.is_set():
+            return
+        if self.stop_due:
             self.stop_due = False
             self.stopper.stop()
+        if self._greeting_due:
+            self._greeting_due = False
+            if self._controller_speed is not None:
+                self._controller_speed.greet()
+
+    def _before_point(self) -> None:
+        """Make sure that a point may be sent. Raises ConnectionError with a clause."""
+        self._heartbeat.before_point()
+        if self._controller_speed is not None:
+            self._controller_speed.before_point()
+
+    def _tell_speed(self) -> None:
+        """Tell the controller of another speed scaling if that is for what it has."""
+        if self._controller_speed is not None and self.goal_queue.busy:
+            self._controller_speed.update()
 
     def _on_link(self, link: Link, why: str) -> None:
         if link.state is LinkState.BACKING_OFF and link.statistics.connections:

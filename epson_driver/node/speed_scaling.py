@@ -56,6 +56,8 @@ class SpeedScalingInterface:
             self._ramp.cancel()
         self._ramp = asyncio.create_task(self._publish())
         self._ramp.add_done_callback(report_task_error)
+        if self._scaling.at_once:
+            return f'the controller goes at {factor:g} of the planned speed from now on'
         if factor == 0.0:
             return 'pausing: no more points are sent; what the controller has taken runs on'
         return f'points are sent at {factor:g} of the planned speed from now on'

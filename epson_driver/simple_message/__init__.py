@@ -74,6 +74,7 @@ from epson_driver.simple_message.messages import (
     MotionReply,
     Opaque,
     Ping,
+    SpeedShare,
     Status,
     joint_data,
 )
@@ -162,6 +163,7 @@ __all__ = [
     'ReplyCode',
     'SimpleMessageError',
     'SpecialSequence',
+    'SpeedShare',
     'Status',
     'TriState',
     'ValidFields',

@@ -34,7 +34,8 @@ class DeliveryRules:
 
     motoman: its points need Motoman's commands. uses: which fields of a JOINT_TRAJ_PT count;
     speed: a fraction, of a controller that uses none of them. buffer, dead_time (s per point): of
-    a download. power: what statements ask for. All as in the profile (docs/controllers.md).
+    a download. power: what statements ask for. scales_speed:
+    its smoother slows down what it has. All as in the profile (docs/controllers.md).
     """
 
     interface: Literal['streaming', 'download', 'statements'] = 'streaming'
@@ -45,6 +46,7 @@ class DeliveryRules:
     buffer: int = 1000
     dead_time: float = 0.0
     power: Literal['high', 'low'] = 'low'
+    scales_speed: bool = False
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,7 @@ def delivery_rules(profile: ControllerProfile, interface: str, message: str) -> 
         buffer=download.buffer,
         dead_time=download.dead_time,
         power=profile.motion.power,
+        scales_speed=profile.program.scales_speed and interface == 'streaming' and not full,
     )
 
 

@@ -465,7 +465,8 @@ class GoalExecution:
 
         `said`: the controller says so.
         """
-        if self.paused:  # it may have a rest of the way to go
+        pace = self._scaling.pace(now)
+        if self.paused or not pace:  # it may have a rest of the way to go
             return
         if self._plan_time < self.goal.trajectory.duration:
             return  # what is planned may be yet to come, however short a way
@@ -476,7 +477,7 @@ class GoalExecution:
                 text += self._other_speed(self.timing)
             self._step(GoalEvent.AT_GOAL)
             self._on_end(Outcome(End.SUCCEEDED, ErrorCode.SUCCESSFUL, text))
-        elif now - max(self._standstill.alive, self._due) > SETTLE_TIME_S:
+        elif now - max(self._standstill.alive, self._due) > SETTLE_TIME_S / pace:
             self.fault(self._arrival.shortfall(), ErrorCode.GOAL_TOLERANCE_VIOLATED)
 
     def _other_speed(self, timing: Timing) -> str:
@@ -541,6 +542,8 @@ class GoalExecution:
         if clock is not None:
             runs = moves and not self._pause.interrupted
             clock.advance(sample.measured, running=runs)
+            if runs and self._scaling.at_once:
+                clock.follow(sample.positions)
             if runs and self._lead is not None:
                 desired, velocity = clock.desired()
                 self._lead.see(desired - sample.positions, velocity)
@@ -550,7 +553,7 @@ class GoalExecution:
             return
         if self._schedule.waits and self.state is GoalState.STREAMING:
             self._send_point(now)
-        if moves and (self.paused or clock.held):
+        if moves and (self.paused or clock.held or not self._scaling.pace(now)):
             self._standstill.alive = now
         if moves and self._schedule.ahead(self.target):
             self._due = max(self._due, now)

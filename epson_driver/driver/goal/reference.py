@@ -8,13 +8,15 @@ Rules:
 2. In a segment whose end was sent, it runs at the factor with which that point was sent: what the
    controller has acknowledged is not changed by a later factor. Beyond, it runs at the factor of
    the moment; while points are held back, it stops.
+   A controller that scales the speed itself goes at the factor of the moment everywhere. How it
+   gets to another one is seen: the clock stays as far ahead of the arm as it was before.
 3. While the controller is paused, and once the goal is being stopped, it stands.
 """
 
 import math
 from array import array
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
@@ -29,8 +31,14 @@ from epson_driver.simple_message import JointTrajPt, JointTrajPtFull, Message
 RAMP_PER_S = 2.0
 """How fast the factor changes, 1/s: half a second from a pause to full speed."""
 
+SETTLING_S = 3.0
+"""How long a controller may take that goes to another factor by itself, s."""
+
 MIN_FACTOR = 0.01
 """The smallest factor but 0. Below it, points would take longer than anybody waits."""
+
+MIN_SQUARE = 1e-4
+"""Of a plan's velocity, (rad/s)²: a slower one does not show how far the arm is."""
 
 M = TypeVar('M', bound=Message)
 
@@ -47,7 +55,11 @@ class SpeedScaling:
         self._fixed = fixed
         self._from = 1.0
         self._target = 1.0
-        self._since = 0.0
+        self._since = -math.inf
+        self.at_once = False
+        """The controller goes at the factor of any moment: points are sent as they are planned."""
+        self.on_set: Callable[[], None] = lambda: None
+        """Called when another factor was asked for."""
 
     @property
     def target(self) -> float:
@@ -63,6 +75,20 @@ class SpeedScaling:
         if self._fixed and factor != 1.0:
             raise ValueError(f'factor = {factor:g}: {self._fixed}')
         self._from, self._target, self._since = self.factor(now), factor, now
+        self.on_set()
+
+    def pace(self, now: float) -> float:
+        """Return the factor at which the controller goes with what it has."""
+        return self.factor(now) if self.at_once else 1.0
+
+    def between(self, now: float) -> tuple[float, float] | None:
+        """Return the least and the greatest speed of a controller that gets to another factor.
+
+        It takes a ramp of its own for that. None: it is there.
+        """
+        if now > self._since + SETTLING_S:
+            return None
+        return min(self._from, self._target), max(self._from, self._target)
 
     def factor(self, now: float) -> float:
         """Return the factor at a moment after the last `set`."""
@@ -183,6 +209,9 @@ class GoalClock:
         self._times = trajectory.times
         self._factors = array('d', sent)  # a list would take four times the memory
         self._now = now
+        self._passed = 0.0
+        self._behind = 0.0
+        """How far the arm is behind it while the factor does not change, s of its time."""
 
     def sent(self, factor: float) -> None:
         """Record the speed factor of the point just sent."""
@@ -191,12 +220,13 @@ class GoalClock:
     def advance(self, now: float, *, running: bool = True) -> None:
         """Let the time since the last call pass."""
         left, self._now = now - self._now, max(now, self._now)
+        self._passed = max(left, 0.0)
         if not running or left < 0.0:
             self.rate = 0.0
             return
         while left > 0.0:
             segment = int(np.searchsorted(self._times, self.time, side='right'))
-            if segment >= len(self._factors):
+            if self._scaling.at_once or segment >= len(self._factors):
                 self.rate = 0.0 if self.held else self._scaling.factor(now)
                 self.time += left * self.rate
                 return
@@ -208,6 +238,21 @@ class GoalClock:
                 return
             self.time = end
             left -= needed
+
+    def follow(self, actual: Array) -> None:
+        """Keep to an arm that is at `actual`, shape (n,), rad, on its way to another factor."""
+        planned, velocity = self.planned()
+        square = float(velocity @ velocity)
+        if square < MIN_SQUARE:
+            return
+        behind = float((planned - actual) @ velocity) / square
+        bounds = self._scaling.between(self._now)
+        if bounds is None:
+            self._behind = behind / self.rate if self.rate else 0.0
+            return
+        wanted = self._behind * self.rate - behind
+        least, most = ((bound - self.rate) * self._passed for bound in bounds)
+        self.time += min(max(wanted, least), most)
 
     @property
     def seen(self) -> float:
@@ -293,6 +338,8 @@ class PointSchedule:
         planned = max(self._times[index] - before, MIN_DURATION_S)
         begin = max(now, self.sent_until)  # it runs after what was sent before
         takes = self._scaling.time_for(planned, begin)
+        if self._scaling.at_once:
+            takes = planned if self._scaling.factor(now) or self._scaling.target else None
         self.clock.held = takes is None
         self.waits = takes is None or self._enough(index)
         if takes is None or self.waits:
