@@ -30,9 +30,9 @@ would reach the trajectory's end too late so; and how closely that ratio is look
 LATE_END_SHARE = 0.02
 """What is too late, of the time that is left for the way there."""
 
-LATER_SHARE = 0.3
+LATER_SHARE, LATER_AT_REST_SHARE = 0.3, 0.5
 """By how much of A/J a plan is later than the speed profile, which knows no jerk, after a start
-from rest (and of less time than A/J by the same share); and by how much more at its end."""
+from rest (and of less time than A/J by the same share), and by how much more at its end."""
 
 FULL_CATCH_UP_DELAY_S, MAX_DELAY_RATIO = 0.05, 2.4
 """A delay (s) from which on this is used in full; up to so many times of it, in proportion, where
@@ -81,8 +81,7 @@ def _late_end(request: Request, path: Path, limits: JointLimits, profile: SpeedP
     """Return whether a plan about as fast as a profile reaches the end of the path too late."""
     now, end = np.interp([request.state[0], path.end], path.knots.u, request.clock)
     left = float(end - now)
-    taken = float(_later(request, profile.times[-1:], limits)[0])
-    taken += LATER_SHARE * float(np.max(limits.acceleration / limits.jerk))
+    taken = float(_arrivals(request, profile, np.array([path.end]), limits)[0])
     return request.lag + taken - left > LATE_END_SHARE * left
 
 
@@ -107,7 +106,7 @@ def _catch_up(request: Request, path: Path, limits: JointLimits, profile: SpeedP
     now = float(np.interp(request.state[0], knots, clock))
     # faster where the profile, which is faster all the way, is not in time
     ahead = knots > request.state[0]
-    arrival = _later(request, np.interp(knots[ahead], profile.positions, profile.times), limits)
+    arrival = _arrivals(request, profile, knots[ahead], limits)
     late = np.zeros(len(knots))
     late[ahead] = np.maximum(request.lag + arrival - (clock[ahead] - now) - IN_TIME_S, 0.0)
     late[~ahead] = np.maximum(max(request.lag - IN_TIME_S, 0.0), late[ahead][:1])
@@ -131,12 +130,16 @@ def _catch_up(request: Request, path: Path, limits: JointLimits, profile: SpeedP
     return bounded
 
 
-def _later(request: Request, times: Array, limits: JointLimits) -> Array:
-    """Return about when a plan is where a speed profile is at times, s."""
-    if request.state[1] > 0.0:
-        return times
+def _arrivals(
+    request: Request, profile: SpeedProfile, places: Array, limits: JointLimits
+) -> Array:
+    """Return about when a plan is at places of which the last is its end, s, shape (k,)."""
     ramp = float(np.max(limits.acceleration / limits.jerk))
-    return times + LATER_SHARE * np.minimum(times, ramp)
+    times: Array = np.interp(places, profile.positions, profile.times)
+    if request.state[1] == 0.0:
+        times += LATER_SHARE * np.minimum(times, ramp)
+    times[-1] += LATER_AT_REST_SHARE * ramp
+    return times
 
 
 def stopping_time(limits: JointLimits) -> float:
