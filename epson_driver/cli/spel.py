@@ -36,7 +36,9 @@ FOUND = 1
 CONTROLLERS = ('rc620', 'rc700a', 'rc90', 't', 'vt', 'rc800')
 ADDRESS = Rule(lambda text: str(IPv4Address(text)), 'must be an IPv4 address')
 VERSION = Rule(count(VERSIONS[0], VERSIONS[-1]).read, 'must be 6, 7 or 8')
-_FILES = 'a project folder, or .prg files (with the .inc files beside them), or -: stdin'
+_FILES = (
+    'a project folder or its .sprj, or .prg files (with the .inc files beside them), or -: stdin'
+)
 STDIN = 'stdin.prg'
 
 
@@ -121,7 +123,9 @@ def _parser() -> argparse.ArgumentParser:
     _add_surroundings(testing)
     testing.set_defaults(run=_test)
     running = commands.add_parser('run', help='run a program on a simulated controller')
-    running.add_argument('program', type=Path, metavar='FILE', help='a project folder, or a .prg')
+    running.add_argument(
+        'program', type=Path, metavar='FILE', help='a project folder, its .sprj or a .prg'
+    )
     running.add_argument('--robot', default='c3_a601s', help='robot model (%(default)s)')
     running.add_argument('--controller', default='rc620', help='controller profile (%(default)s)')
     running.add_argument(

@@ -64,26 +64,29 @@ class ProjectData:
 def read_project(path: Path) -> dict[str, str]:
     """Return the texts of a project by file name: a folder, or one .prg with what is beside it.
 
-    Of a folder with a .sprj, that and what it lists, if all programs are there: point files of
-    robot 1 with its default one first. Raises InputError for what cannot be read.
+    Of a .sprj, or a folder with one, that and what it lists, if all programs are there: point
+    files of robot 1 with its default one first. Raises InputError for what cannot be read.
     """
     folder = path if path.is_dir() else path.parent
     there = {
         each.name.lower(): each for each in sorted(folder.iterdir() if folder.is_dir() else [])
     }
     projects = [each for name, each in there.items() if name.endswith(PROJECT)]
+    if path.name.lower().endswith(PROJECT) and not path.is_dir():
+        projects = [path]
+    whole = path.is_dir() or projects == [path]
     names: list[str] = []
-    if path.is_dir() and projects:
+    if whole and projects:
         text = decoded(read_file(projects[0], LARGEST_FILE))
         with suppress(RcFileError):  # project_data tells of it
             names = [*listed_files(parsed(projects[0].name, text)), projects[0].name]
     programs = [name.lower() for name in names if name.lower().endswith(PROGRAM)]
     if not programs or not there.keys() >= set(programs):
-        endings = (INCLUDE, POINTS, PROJECT, *([PROGRAM] if path.is_dir() else []))
+        endings = (INCLUDE, POINTS, PROJECT, *([PROGRAM] if whole else []))
         names = [name for name in there if name.endswith(endings)] + [ERRORS, IO_LABELS]
     found = (there[name.lower()] for name in names if name.lower() in there)
     contents = {each.name: read_file(each, LARGEST_FILE) for each in found if each.is_file()}
-    if not path.is_dir():
+    if not whole:
         contents[path.name] = read_file(path, LARGEST_FILE)
     files = _decoded_together(contents)
     if not any(name.lower().endswith(PROGRAM) for name in files):

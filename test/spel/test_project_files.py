@@ -142,6 +142,7 @@ def test_only_what_the_project_lists_is_read(tmp_path: Path) -> None:
     assert list(read_project(tmp_path)) == [
         'main.prg', 'a.inc', 'robot1.pts', 'old.pts', 'IOLabels.dat', 'p.sprj'
     ]  # fmt: skip
+    assert read_project(tmp_path / 'p.sprj') == read_project(tmp_path)
     (tmp_path / 'main.prg').unlink()
     assert 'copy.prg' in read_project(tmp_path)
     (tmp_path / 'copy.prg').unlink()
