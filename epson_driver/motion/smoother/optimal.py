@@ -28,8 +28,8 @@ from epson_driver.motion.smoother.time_parametrisation import TimeParametrisatio
 NODE_SPACING_S = 0.008
 """Time between the spline's nodes, s, of the timing to start from."""
 
-MAX_RAMP_TIME_S = 0.024
-"""The longest ramp of constant jerk from or to rest, s."""
+MAX_RAMP_TIME_S, SHORT_RAMP_TIME_S = 0.024, 0.008
+"""The longest ramp of constant jerk from or to rest, s; what to try when there is no timing so."""
 
 RAMP_VIEW = 3.0
 """How far from an end its path is looked at, in times of its ramp."""
@@ -72,13 +72,17 @@ _ALONG_RAMP = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 
 
 def propose(
-    problem: Problem, bounds: SpeedBounds, tolerance: float = RELATIVE_TOLERANCE
+    problem: Problem,
+    bounds: SpeedBounds,
+    ramp_time: float = MAX_RAMP_TIME_S,
+    tolerance: float = RELATIVE_TOLERANCE,
 ) -> TimeParametrisation | None:
     """Return a verified timing faster than most, or None if none was found.
 
-    tolerance: how much more time it may take than the best one, relative.
+    ramp_time: the longest ramp of constant jerk from or to rest, s. tolerance: how much more time
+    it may take than the best one, relative.
     """
-    ramps = _ramps(problem, bounds)
+    ramps = _ramps(problem, bounds, ramp_time)
     if ramps is None:
         return None
     profile = bounds.profile()
@@ -113,24 +117,24 @@ def propose(
     return None
 
 
-def _ramps(problem: Problem, bounds: SpeedBounds) -> tuple[Ramp, Ramp] | None:
+def _ramps(problem: Problem, bounds: SpeedBounds, ramp_time: float) -> tuple[Ramp, Ramp] | None:
     """Return the ramps from the start (none if it moves) and to the end."""
     way = problem.end - problem.start[0]
     ramps = []
     for end, inward in ((problem.start[0], 1.0), (problem.end, -1.0)):
         jerk = np.inf
         for _ in range(2):  # at the end, and on the way there from as far as the ramp would begin
-            back = inward * min(jerk * (RAMP_VIEW * MAX_RAMP_TIME_S) ** 3 / 6.0, way / 2.0)
+            back = inward * min(jerk * (RAMP_VIEW * ramp_time) ** 3 / 6.0, way / 2.0)
             places = end + (0.0 if jerk == np.inf else back * _ALONG_RAMP)
             _, first, _, _ = problem.path.sample(np.atleast_1d(places))
             with np.errstate(divide='ignore'):
                 slopes = problem.limits.jerk / np.abs(first)
             jerk = (1.0 - JERK_RESERVE_SHARE) * float(np.min(slopes))
         # what the ramp begins must end below the bounds that are near
-        near = np.abs(bounds.positions - end) < 2.0 * jerk * MAX_RAMP_TIME_S**3
+        near = np.abs(bounds.positions - end) < 2.0 * jerk * ramp_time**3
         speed = float(bounds.speeds[near].min(initial=np.inf))
         longest = min((0.4 * speed / jerk) ** 0.5, (0.6 * way / jerk) ** (1.0 / 3.0))
-        time = float(np.clip(longest, NODE_SPACING_S, MAX_RAMP_TIME_S))
+        time = float(np.clip(longest, NODE_SPACING_S, ramp_time))
         ramp = Ramp(min(jerk, 0.6 * speed / time**2), time)
         ramps.append(_allowed_ramp(problem, ramp, end, inward))
     if problem.start[1] > 0.0:

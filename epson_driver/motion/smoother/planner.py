@@ -60,6 +60,8 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
     for share in () if at_rest else BRANCH_SHARES:
         if found is None:
             found = _branch(request, share, limits, effort)
+    if found is None and not effort.used_up:
+        found = _fresh(request, first, limits, effort, 1.0, optimal.SHORT_RAMP_TIME_S)
     if at_rest and found is not None and _crawls(request, found, limits):
         found = None
     if found is None and request.urgent:
@@ -93,14 +95,19 @@ def _crawls(request: Request, plan_: Plan, limits: JointLimits) -> bool:
 
 
 def _fresh(
-    request: Request, first: Path, limits: JointLimits, effort: Effort, share: float
+    request: Request,
+    first: Path,
+    limits: JointLimits,
+    effort: Effort,
+    share: float,
+    ramp_time: float = optimal.MAX_RAMP_TIME_S,
 ) -> Plan | None:
     """Return a plan as if there were none so far, by a share of the effort that is left."""
     fresh = effort.part(share)
     path, problem, bounds = within_horizon(request, first, limits, fresh)
     timing = None
     if not _leaves_range(path, request.state[0], limits):
-        timing = optimal.propose(problem, bounds)
+        timing = optimal.propose(problem, bounds, ramp_time)
     effort.back(fresh)
     return None if timing is None else Plan(request.start, path.knots, timing, OPTIMAL)
 
