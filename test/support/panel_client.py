@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from websockets.exceptions import ConnectionClosed
+from websockets.exceptions import ConnectionClosed, ConnectionClosedOK
 
 from epson_driver.motion import Trajectory
 from epson_driver.processes import processes
@@ -207,16 +207,17 @@ class PanelClient:
                     self.lives.set()
 
     def _read(self) -> None:
-        for frame in self._socket:
-            parts = json.loads(frame)
-            with self._news:
-                self.notifications += parts.pop('notes', [])
-                if 'robots' in parts:
-                    self._choose(parts['robots'])
-                if parts.pop('robot') != self.robot:  # of the one that was shown before
-                    parts = {key: parts[key] for key in ('robots', 'alarms') if key in parts}
-                self.parts |= parts
-                self._news.notify_all()
+        with contextlib.suppress(ConnectionClosedOK):  # what is asked as it closes goes nowhere
+            for frame in self._socket:
+                parts = json.loads(frame)
+                with self._news:
+                    self.notifications += parts.pop('notes', [])
+                    if 'robots' in parts:
+                        self._choose(parts['robots'])
+                    if parts.pop('robot') != self.robot:  # of the one that was shown before
+                        parts = {key: parts[key] for key in ('robots', 'alarms') if key in parts}
+                    self.parts |= parts
+                    self._news.notify_all()
 
     def show(self, robot: str) -> None:
         """Show another robot, by its label."""
