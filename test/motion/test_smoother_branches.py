@@ -74,10 +74,11 @@ def test_where_there_is_no_new_way_on_a_plan_branches_off_the_one_so_far() -> No
     assert branched
     for request, plan in branched:
         assert request.former is not None
+        assert request.older is not None
         begin = plan.timing.at(0.0)
         assert begin == pytest.approx(request.state)
         assert limit_usage(Path(plan.knots), plan.timing, member.limits).allowed
-        assert len(plan.knots.u) > request.reached, 'it goes on'
+        assert len(plan.knots.u) > len(request.older.u), 'it goes on'
 
 
 def test_a_request_says_for_how_many_before_it_no_plan_was_found() -> None:

@@ -67,8 +67,8 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
     if found is None and request.urgent:
         urgent.back(effort)  # what is left of it, or was used too much
         found = _simple(request, first, limits, urgent)
-    if at_rest and (found is None or _crawls(request, found, limits)):
-        return _straight(request, limits)
+        if at_rest and (found is None or _crawls(request, found, limits)):
+            return _straight(request, limits)
     return found
 
 

@@ -273,7 +273,6 @@ class Replanning:
             urgent,
             former,
             route[-1].rest is not None,
-            0 if plan is None else sum(way.index <= plan.route[-1].index for way in route),
             self._failures,
             self._catch_up,
         )

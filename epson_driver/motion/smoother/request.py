@@ -27,7 +27,6 @@ class Request:
     ahead a plan looks at most (nearly), s. urgent: whether a slow plan is better than none.
     former: what the plan so far does from the state on, with all of its knots in `older`.
     whole: whether the trajectory ends at the last of the points.
-    reached: how many of the kept knots and points that plan goes to.
     failures: for how many requests in a row, just before, no plan was found; from rest, of those
     from there.
     catch_up: how many times as fast as commanded the motion may be, to make up for lost time.
@@ -46,7 +45,6 @@ class Request:
     urgent: bool
     former: TimeParametrisation | None = None
     whole: bool = False
-    reached: int = 0
     failures: int = 0
     catch_up: float = math.inf
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The third proposer: one jerk-limited Ruckig move along the path.
+"""The second proposer: one jerk-limited Ruckig move along the path.
 
 The simplest timing there is. It always finds one from rest, since any path can be followed slowly.
 """
