@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.api_harness import robot_cell
 from support.driver_harness import simulated
-from support.event_loop import run, until
+from support.event_loop import real_time, run, until
 from support.remote_peer import RemotePeer
 
 from epson_driver import Robot, aio
@@ -334,7 +334,10 @@ def test_plans_of_points_are_refused_by_name(what):
     async def scenario():
         async with remote_cell() as (robot, controller):
             await robot.move_joints(START)
-            with pytest.raises(MotionError, match=r'a plan of \d+ points: by Remote Ethernet'):
+            with (
+                real_time(),  # a worker plans
+                pytest.raises(MotionError, match=r'a plan of \d+ points: by Remote Ethernet'),
+            ):
                 await REFUSED[what](robot)
             await stands(controller)
 
