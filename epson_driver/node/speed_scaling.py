@@ -56,10 +56,13 @@ class SpeedScalingInterface:
             self._ramp.cancel()
         self._ramp = asyncio.create_task(self._publish())
         self._ramp.add_done_callback(report_task_error)
-        if self._scaling.at_once:
-            return f'the controller goes at {factor:g} of the planned speed from now on'
+        at_once = self._scaling.at_once
         if factor == 0.0:
+            if at_once:
+                return 'pausing: the arm comes to rest on its way'
             return 'pausing: no more points are sent; what the controller has taken runs on'
+        if at_once:
+            return f'the controller goes at {factor:g} of the planned speed from now on'
         return f'points are sent at {factor:g} of the planned speed from now on'
 
     async def _publish(self) -> None:

@@ -3,8 +3,8 @@
 """A complete RC+ project: programs, and every file that RC+ expects beside them.
 
 The layout is that of projects that RC+ 7.0.5 and 6.0.0 have written; 52 public ones were compared.
-Newer versions convert them, as they do EPSON's own samples, which are as old. RC+ itself has not
-opened one of these yet.
+Newer versions are expected to convert them, as they have to with EPSON's own samples, which are as
+old. RC+ itself has not opened one of these yet.
 """
 
 import uuid
