@@ -150,7 +150,8 @@ class Arm:
         """Whether it has stood since nobody wants motion any more."""
         self._true: deque[tuple[float, Array]] = deque()
         self._commanded: Array = controller.arm.commanded.copy()
-        self._rest = self._commanded
+        self._rest, self._hold = self._commanded, HOLD_RAD
+        """Where it stands then, and how near to that, rad, in each joint."""
         limits = controller.model.limits
         self._fastest = limits.velocity * (1.0 + 1e-6)
         self._low, self._high = limits.position_min - 1e-9, limits.position_max + 1e-9
@@ -191,10 +192,10 @@ class Arm:
             self._unwanted_since, self._rested = now, False
         if not self._rested:
             self._rested = self.still and now - self._unwanted_since > REACTION_S
-            self._rest = self._commanded
+            self._rest, self._hold = self._commanded, HOLD_RAD
         if not moves:
             return
-        if self._rested and np.abs(self._commanded - self._rest).max() <= HOLD_RAD:
+        if self._rested and np.abs(self._commanded - self._rest).max() <= self._hold:
             return  # it is held where its encoders say that it is
         if self._rested:
             raise BrokenError(
@@ -207,9 +208,13 @@ class Arm:
                 'wanted it was told, or stopped it'
             )
 
-    def rest(self) -> None:
-        """Judge that it stands from now on: a goal has succeeded, and nobody wants anything."""
-        self._unwanted_since, self._rested, self._rest = self._now(), True, self._commanded
+    def rest(self, target: Array, away: float) -> None:
+        """Judge that it gets no farther from a target from now on, where a goal has succeeded.
+
+        It may have the last point yet to do, if that is so near.
+        """
+        self._unwanted_since, self._rested = self._now(), True
+        self._rest, self._hold = target, away + HOLD_RAD
 
     def client_came(self) -> None:
         """Expect old points to be gone on with until STOP has arrived (docs/safety.md)."""

@@ -18,7 +18,7 @@ from epson_driver.driver.io.io_driver import IoUnavailableError
 from epson_driver.driver.outcome import End, Outcome
 from epson_driver.driver.servo.setpoint import Setpoint, Window
 from epson_driver.motion import Array, JointLimits, Trajectory
-from simulation.oracles import HOLD_RAD, RELEASE_S, Arm, BrokenError, Outputs, Wishes
+from simulation.oracles import RELEASE_S, Arm, BrokenError, Outputs, Wishes
 from simulation.processes import TOLERANCE_RAD, DiedError, NodeProcess, RobotProcess
 from simulation.virtual_loop import VirtualLoop
 
@@ -30,6 +30,10 @@ REACH_RAD = 0.6
 
 READ_RAD = 2e-3
 """How far the arm may be from where its encoders say that it is, rad."""
+
+SETTLED_RAD = 1e-3
+"""An arm that is so near to a goal that has succeeded gets no farther away, rad. One that is
+farther, within the tolerance, may have the last of its points yet to do, in its own way."""
 
 LATEST_S = 1.0
 """So long after it was stopped or canceled a goal may still succeed, s: it was there already."""
@@ -196,8 +200,8 @@ class Users:
         if now < soonest:
             text = f'5: goal {number} succeeded {soonest - now:.3f} s before it can have'
             self._world.break_(BrokenError(text))
-        if away < HOLD_RAD and not wishes.any(now):  # else it may have a last point yet to do
-            arm.rest()
+        if target is not None and away < SETTLED_RAD and not wishes.any(now):
+            arm.rest(target, away)
 
     async def cancel(self) -> None:
         """Cancel the newest goal."""
