@@ -160,10 +160,14 @@ class RosRobot:
 
     def close(self) -> None:
         """Let go of a driver that is gone."""
-        self._give_up_asking()
-        self._points.close()
         for subscription, _ in self._topics:
             self._sampled.destroy_subscription(subscription)
+        # in the executor's thread, which must not wait for what is just being destroyed
+        self._executor.create_task(self._destroy)
+
+    def _destroy(self) -> None:
+        self._give_up_asking()
+        self._points.close()
         self._action.destroy()
         clients = [*self._triggers.values(), self._set_speed, self._write_io, self._get_parameters]
         for client in clients:

@@ -325,6 +325,13 @@ def test_a_driver_that_is_gone_is_let_go_of_after_a_while_and_found_again(
     rclpy.init(context=context, domain_id=domain)
     failed: list[BaseException] = []
     discovery = RosDiscovery([], None, lambda _what, error: failed.append(error))
+    remove = Node.remove_waitable
+
+    def remove_late(node: Node, waitable: Any) -> None:
+        time.sleep(0.1)  # rclpy has destroyed it already: a thread that served it now would fail
+        remove(node, waitable)
+
+    monkeypatch.setattr(Node, 'remove_waitable', remove_late)
 
     def look(now: float, there: bool) -> None:
         until = time.monotonic() + PATIENCE
