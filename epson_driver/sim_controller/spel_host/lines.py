@@ -3,9 +3,9 @@
 """Joints along a line or an arc of the tool, past singularities as AvoidSingularity is at first.
 
 The N series keeps to the way, and turns its joints as far as that takes (SING_VSD, p158). Other
-six-axis arms pass a wrist singularity by another way (SING_THRU, p157): the manual does not say by
-which. Here the tool's place stays on its line, and its orientation leaves it, while joint 5 goes
-straight through 0.
+six-axis arms pass a singularity of the wrist or the hand by another way (SING_THRU, p158): the
+manual does not say by which. Here the tool's place stays on its line, and its orientation leaves
+it, while joint 5, or the wrist's distance from joint 1's axis, goes straight through 0.
 """
 
 import math
@@ -31,6 +31,9 @@ MAX_JOINT_STEP = 0.3
 NEAR_WRIST_RAD = math.radians(10.0)
 """Joint 5 this near to 0 is near a singularity: SingularityAngle until it is set (p158)."""
 
+NEAR_HAND_M = 0.03
+"""The wrist this near to joint 1's axis: SingularityDist until it is set (p158)."""
+
 MOST_TURN_RAD = 2.0 * NEAR_WRIST_RAD
 """The tool is turned by no more beside its way."""
 
@@ -41,7 +44,7 @@ JOINT_5 = 4
 def joints_along(kinematics: Kinematics, path: PosePath, start: Array, through: bool) -> Array:
     """Return joints at even shares of a way, from those that are at its begin: shape (k, n).
 
-    through: whether a wrist singularity is passed by another way. Raises ValueError that says why
+    through: whether a singularity is passed by another way. Raises ValueError that says why
     there are none, and KinematicsError.
     """
     longest = max(path.length / STEP_M, path.angle / STEP_RAD)
@@ -64,6 +67,7 @@ class _Looks:
         self._kinematics = kinematics
         self._poses = [path.pose(share) for share in np.linspace(0.0, 1.0, looks + 1).tolist()]
         self._rows = [start]
+        self._behind = 0  # so far singularities are passed
 
     def joints(self, through: bool) -> Array:
         while (place := len(self._rows)) < len(self._poses):
@@ -74,37 +78,47 @@ class _Looks:
                 raise ValueError(f'it is out of reach {at}')
             if np.max(np.abs(found[0] - near)) <= MAX_JOINT_STEP:
                 self._rows.append(found[0])
-            elif not (
-                through
-                and abs(near[JOINT_5]) < NEAR_WRIST_RAD + MAX_JOINT_STEP
-                and self._passed_wrist(place)
-            ):
+            elif not (through and self._passed()):
                 raise _JumpError(f'a joint would have to jump {at}')
         return np.array(self._rows)
 
-    def _passed_wrist(self, place: int) -> bool:
-        """Go on to where the wrist is away from its singularity, and return if that was done."""
-        begin = place - 1
-        while begin and abs(self._rows[begin][JOINT_5]) < NEAR_WRIST_RAD:
+    def _passed(self) -> bool:
+        """Return whether the arm can go through the last singularity, and make it do so."""
+        begin = len(self._rows) - 1
+        while begin > self._behind and not self._near(self._rows[begin]):
+            begin -= 1
+        if not self._near(self._rows[begin]):
+            return False
+        while begin > self._behind and self._near(self._rows[begin]):
             begin -= 1
         entry = self._rows[begin]
-        for end in range(place, len(self._poses)):
+        side = self._sides(entry)
+        for end in range(begin + 2, len(self._poses)):
             found = self._kinematics.inverse(self._poses[end], entry)
             if not len(found):
                 return False
-            near = abs(found[0][JOINT_5]) < NEAR_WRIST_RAD and end < len(self._poses) - 1
-            if near or abs(found[0] - entry)[3] > np.pi / 2.0:
+            near = self._near(found[0]) and end < len(self._poses) - 1
+            beyond = np.any(self._sides(found[0]) * side <= 0.0)
+            if near or not beyond or np.max(np.abs(found[0] - entry)) > np.pi / 2.0:
                 continue
             rows = [entry, *self._between(begin, end, entry, found[0])]
             fits = len(rows) > end - begin
             fits = fits and np.max(np.abs(np.diff(rows, axis=0))) <= MAX_JOINT_STEP
             if fits:
-                self._rows[begin:] = rows
+                self._rows[begin:], self._behind = rows, end
             return bool(fits)
         return False
 
+    def _sides(self, joints: Array) -> Array:
+        hand, _, wrist = self._kinematics.sides(joints)
+        return np.array([hand, wrist])
+
+    def _near(self, joints: Array) -> bool:
+        return bool(np.any(np.abs(self._sides(joints)) < (NEAR_HAND_M, NEAR_WRIST_RAD)))
+
     def _between(self, begin: int, end: int, entry: Array, leave: Array) -> Iterator[Array]:
-        """Yield joints with the tool's place on its line, and the wrist's evenly between two."""
+        """Yield joints with the tool's place on its line, nearly evenly between two."""
+        limits = self._kinematics.model.limits
         for index in range(begin + 1, end):
             joints = entry + (leave - entry) * (index - begin) / (end - begin)
             for _ in range(TRIES):
@@ -112,10 +126,12 @@ class _Looks:
                 off = self._poses[index][:3, 3] - tool[:3, 3]
                 if np.max(np.abs(off)) < ON_LINE_M:
                     break
-                slope = self._kinematics.jacobian(joints)[:3, :3]
-                joints[:3] += np.linalg.lstsq(slope, off, rcond=None)[0]
+                slope = self._kinematics.jacobian(joints)[:3]
+                joints += np.linalg.lstsq(slope, off, rcond=None)[0]
+            outside = np.any((joints < limits.position_min) | (joints > limits.position_max))
             turned = np.trace(self._poses[index][:3, :3].T @ tool[:3, :3])
-            if np.max(np.abs(off)) >= ON_LINE_M or (turned - 1.0) / 2.0 < math.cos(MOST_TURN_RAD):
+            twisted = (turned - 1.0) / 2.0 < math.cos(MOST_TURN_RAD)
+            if outside or twisted or np.max(np.abs(off)) >= ON_LINE_M:
                 return
             yield joints
         yield leave

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Lines past a wrist singularity, as AvoidSingularity has them until it is set (p157, p158)."""
+"""Lines past a singularity of wrist or hand, as AvoidSingularity has them at first (p157)."""
 
 import logging
 
@@ -13,46 +13,65 @@ from epson_driver.robots.kinematics import Kinematics
 from epson_driver.sim_controller.spel_host.lines import (
     MAX_JOINT_STEP,
     MOST_TURN_RAD,
+    NEAR_HAND_M,
     NEAR_WRIST_RAD,
 )
 from epson_driver.sim_controller.spel_host.robot_points import RobotPoints
 from epson_driver.spel import Point, SpelError
 
 
-def random_lines(name, count):
-    """Yield the joints along lines near a wrist singularity, and where the tool should be."""
+def across(arm, random, side):
+    """Return joints on both sides of a singularity: of the wrist (4), or of the hand (0)."""
+    while True:
+        begin = random.uniform(-0.5, 0.5, 6)
+        begin[4] = random.choice([-0.3, 0.3])
+        end = begin + random.uniform(-0.6, 0.6, 6)
+        if side == 4:
+            end[4] = -begin[4]
+            return begin, end
+        begin[1:3], end[1:3] = random.uniform((-1.0, 0.5), (0.5, 2.5), (2, 2))
+        one, other = arm.sides(begin)[0], arm.sides(end)[0]
+        if one * other < 0.0 and max(abs(one), abs(other)) < 0.15:
+            return begin, end
+
+
+def random_lines(name, count, side):
+    """Yield the joints along lines past a singularity, and where the tool should be."""
     model = load_robot_model(name)
     points, random = RobotPoints(model), np.random.default_rng(7)
     arm = Kinematics(model)
     for _ in range(count):
-        begin = random.uniform(-0.5, 0.5, 6)
-        begin[4] = random.choice([-0.3, 0.3])
-        end = begin + random.uniform(-0.6, 0.6, 6)
-        end[4] = -begin[4]
+        begin, end = across(arm, random, side)
         place = points.place(end)
         try:
             joints, path = points.path_to(Point('xy', place.values, ('ljm',)), begin)
-        except SpelError:  # out of reach, or a singularity of another joint
+        except SpelError:  # out of reach, or too far from the singularity to go through it
             continue
         shares = np.linspace(0.0, 1.0, len(joints)).tolist()
         wanted = np.array([path.pose(share) for share in shares])
         yield joints, wanted, np.array([arm.forward(each) for each in joints])
 
 
+@pytest.mark.parametrize(('side', 'most'), [(0, NEAR_HAND_M), (4, NEAR_WRIST_RAD)])
 @pytest.mark.parametrize('name', ['c4_a601s', 'vt6_a901s', 'cx4_a601sr', 'n2_a450sr'])
-def test_the_tool_stays_on_its_line_and_only_its_orientation_leaves_it(name):
+def test_the_tool_stays_on_its_line_and_only_its_orientation_leaves_it(name, side, most):
     passed = 0
-    for joints, wanted, got in random_lines(name, 15):
+    arm = Kinematics(load_robot_model(name))
+    limits = arm.model.limits
+    for joints, wanted, got in random_lines(name, 6, side):
         assert np.max(np.abs(np.diff(joints, axis=0))) <= MAX_JOINT_STEP + 1e-12
+        assert np.all((joints >= limits.position_min) & (joints <= limits.position_max))
         np.testing.assert_allclose(got[:, :3, 3], wanted[:, :3, 3], atol=1e-8)
         np.testing.assert_allclose(got[[0, -1]], wanted[[0, -1]], atol=1e-8)
         cosine = (np.einsum('kij,kij->k', got[:, :3, :3], wanted[:, :3, :3]) - 1.0) / 2.0
         turned = np.arccos(np.clip(cosine, -1.0, 1.0))
         assert np.max(turned) <= MOST_TURN_RAD
         beside = turned > 1e-6
-        passed += beside.any()
-        near = np.abs(joints[:, 4]) < NEAR_WRIST_RAD
-        assert np.all(near[1:-1][beside[1:-1]] | near[:-2][beside[1:-1]] | near[2:][beside[1:-1]])
+        through = [arm.sides(each)[side // 2] for each in joints]
+        passed += beside.any() and through[0] * through[-1] < 0.0
+        near = np.abs(through) < most
+        if side == 4:
+            assert np.all((near[1:-1] | near[:-2] | near[2:])[beside[1:-1]])
     assert passed == 0 if name.startswith('n2') else passed > 0
 
 
