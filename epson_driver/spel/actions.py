@@ -136,10 +136,11 @@ def _other(task: Task, which: int | str) -> Task:
 
 
 def quit_task(task: Task, which: int | str | None) -> None:
-    """Quit n|f|All: All leaves the background tasks."""
+    """Quit n|f|All: All leaves the background tasks. A task that has ended has (p65)."""
     world = task.world
     if which is not None:
-        world.end(_other(task, which))
+        if (found := world.task(which)) is not None:
+            world.end(found)
         return
     for each in list(world.tasks.values()):
         if each.type is not TaskType.BACKGROUND:

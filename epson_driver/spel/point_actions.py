@@ -56,7 +56,10 @@ def list_points(task: Task, first: int | None = None, last: int | None = None) -
     for number in range(first or 0, last + 1):
         found = task.world.points.get(number)
         if found is not None:
-            values = ', '.join(f'{value:8.3f}' for value in found.values)
+            turns = found.values[4:]
+            scara = not any(turns) and {'a', 'b'}.isdisjoint(found.flags)
+            shown = found.values[:4] if scara else found.values
+            values = ', '.join(f'{value:8.3f}' for value in shown)
             flags = ''.join(f' /{flag.upper()}' for flag in found.flags if not flag.isdigit())
             text = f'P{number} = XY({values} ){flags} /{local_of(found)}\n'
             print_terminal(task, text)

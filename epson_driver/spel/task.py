@@ -187,6 +187,7 @@ class World:
         self.command: Callable[[str], Linked]  # makes a function of what Eval executes
         self.g: list[object] = [blank(variable) for variable in program.variables]
         self.tasks: dict[int, Task] = {}
+        self.mover: Task | None = None
         self.aborted: dict[int, TaskError] = {}
         self.ports = {number: Port(each) for number, each in around.ports.items()}
         self.stubs = around.new_stubs()
@@ -556,7 +557,15 @@ class Task:
     ) -> None:
         """Execute a statement of the robot."""
         self.may(name, words)
-        self.wait_for(self.world.host.command(name, arguments, words))
+        try:
+            completion = self.world.host.command(name, arguments, words)
+        except SpelError as error:
+            mover = self.world.mover
+            if name != 'abortmotion' or mover is None or mover is self or mover.frame is None:
+                raise
+            mover.fail(error)  # the task that moved the robot before gets it (p65)
+            return
+        self.wait_for(completion)
 
     def stored(self, name: str) -> Callable[[], bool]:
         """Return the condition of the last Till, Find or Sense. Raises SpelError."""
@@ -591,6 +600,7 @@ class Task:
             raise SpelError(ErrorNumber.ARGUMENT, f'C{arch:g}: must be C0 to C{GATE}')
         request = MotionRequest(name, placed, words=words, numbers=numbers, **modifiers)
         completion = self.world.host.move(request)
+        self.world.mover = self
         if beside is None:
             self.wait_for(completion)
             return

@@ -330,7 +330,7 @@ STATEMENTS_AT_WORK = {
     'plabel': ('P1 = XY(1,2,3,4)\nPLabel 1, "a"\nPrint PLabel$(1), PNumber("A")', ['a 1']),
     'plist': (
         'P1 = XY(200,0,-20,0) /L\nPList 1',
-        ['P1 = XY( 200.000,    0.000,  -20.000,    0.000,    0.000,    0.000 ) /L /0'],
+        ['P1 = XY( 200.000,    0.000,  -20.000,    0.000 ) /L /0'],
     ),
     'clearpoints': ('P1 = XY(1,2,3,4)\nClearPoints\nPrint PDef(1)', ['0']),
     'loadpoints': (

@@ -216,7 +216,7 @@ def test_an_error_in_the_condition_of_a_trap_is_the_error_of_its_task() -> None:
         ('Print Mid$("a", 0)', ErrorNumber.ARGUMENT, 4, 'Mid$: 0 is below 1'),
         ('Print Err(7)', ErrorNumber.NO_SUCH_TASK, 4, 'task 7 does not exist'),
         ('Print TaskState(999)', ErrorNumber.TASK_NUMBER, 4, 'not in 1..'),
-        ('Quit 7', ErrorNumber.NO_SUCH_TASK, 4, 'task 7 does not exist'),
+        ('Halt 7', ErrorNumber.NO_SUCH_TASK, 4, 'task 7 does not exist'),
         ('Xqt 1, main', ErrorNumber.TASK_NUMBER, 4, 'task 1 is running'),
         ('Xqt 40, main', ErrorNumber.TASK_NUMBER, 4, 'task 40 is not in 1..32'),
         ('Wait -1', ErrorNumber.ARGUMENT, 4, 'Wait: -1 is not in 0..10000000'),

@@ -18,6 +18,11 @@ PROGRAMS = {
         'Function main\n  Xqt 4, t\n  TaskWait 4\n  Print "over"\nFend',
         't|over',
     ),
+    'p65 a task that has ended can be quit': (
+        'Function t\n  Print "t"\nFend\n'
+        'Function main\n  Xqt t\n  Wait 0.1\n  Quit t\n  Quit 7\n  Print "over"\nFend',
+        't|over',
+    ),
     'p316 Eval executes what the type of its task may': (
         'Function t\n  Print Eval("Motor On"), Eval("On 1"), Motor, Oport(1)\nFend\n'
         'Function main\n  Xqt 2, t, NoEmgAbort\n  Wait 1\nFend',

@@ -95,6 +95,8 @@ def _line(
     if max(path.length, path.angle) < SHORTEST_PATH:
         return JointLeg(robot, start, start)
     turning = 'rot' in request.words and path.angle > SHORTEST_PATH  # SpeedS has no effect (p105)
+    if 'rot' in request.words and not turning and request.name == 'move':
+        raise bad(name, f'the orientation does not change to {point}: without ROT')  # p551
     leg = StraightLeg(robot, point, samples, path, turning=turning)
     try:
         leg.motion(start, low_power=False)

@@ -151,15 +151,18 @@ class RobotPoints:
         return u + FULL_TURN * round((total - u) / FULL_TURN)
 
     def stored(self, point: Point) -> Point:
-        """Return a point as P0, P1, … hold it: a place in space with its posture.
+        """Return a point as P0, P1, … hold it: a place in space with all of its posture.
 
         Joint angles that are made a point lose the turns of joints 4 and 6 (p79).
         """
-        if point.kind == 'xy':
-            return point
-        place = self.place(self._angles(point, np.zeros(len(self._model.joint_names))))
-        flags = tuple(flag for flag in place.flags if not flag.startswith(('j4f', 'j6f')))
-        return replace(place, flags=flags)
+        if point.kind != 'xy':
+            point = self.place(self._angles(point, np.zeros(len(self._model.joint_names))))
+            flags = (flag for flag in point.flags if not flag.startswith(('j4f', 'j6f')))
+            point = replace(point, flags=tuple(flags))
+        names = ('hand', 'elbow', 'wrist', 'j6flag', 'j4flag')
+        groups = [POSTURES[name] for name in names[: 1 if self._model.kind == SCARA else None]]
+        told = [next((f for f in point.flags if f in group), group[0]) for group in groups]
+        return replace(point, flags=(*told, *(f for f in point.flags if f not in told)))
 
     def coordinate(self, point: Point, axis: str) -> float:
         """Return x, y, z in mm, or u, v, w in degrees."""

@@ -107,6 +107,20 @@ def test_more_values_than_a_scara_has_joints_must_be_0(caplog):
     assert '6 values for 4 joints' in sentence
 
 
+@pytest.mark.parametrize(
+    ('model', 'point', 'listed'),
+    [
+        (SCARA, 'XY(200, 0, -20, 0)', ' ) /R /0'),
+        (SCARA, 'XY(200, 0, -20, 0) /1 /L', ' ) /L /1'),
+        (MODEL, 'XY(200, 0, -20, 0) /F /J6F1', ',    0.000,    0.000 ) /R /A /F /J6F1 /J4F0 /0'),
+    ],
+)
+def test_a_point_has_all_of_its_posture_and_of_a_scara_four_values(caplog, model, point, listed):
+    """What is left out is the usual; PList shows it (p632)."""
+    harness = ran(caplog, f'  P1 = {point}\n  PList', model=model)
+    assert harness.printed == ['P1 = XY( 200.000,    0.000,  -20.000,    0.000' + listed]
+
+
 def test_go_pulse_goes_to_the_encoder_pulses(caplog):
     per_degree = MODEL.pulses_per_unit * np.pi / 180.0
     pulses = ', '.join(f'{round(each)}' for each in per_degree * [4.0, -3.0, 2.0, 0.0, 1.0, -1.0])

@@ -262,6 +262,29 @@ def test_abort_motion_ends_the_go_with_2999(caplog):
     assert harness.within_limits()[1] <= 1.01
 
 
+def test_abort_motion_ends_a_wait_of_the_task_that_has_moved_the_robot(caplog):
+    """It is the task's error, not that of who aborts (p65)."""
+    source = """
+    Function main
+      OnErr GoTo failed
+      Motor On
+      Go AglToPls(1, 0, 0, 0, 0, 0)
+      Xqt 2, stopper, NoEmgAbort
+      Wait Sw(1)
+    failed:
+      Print "main", Err
+    Fend
+    Function stopper
+      Wait 0.4
+      AbortMotion 1
+      Print "stopper"
+    Fend
+    """
+    harness = SpelProgramHarness(source, caplog)
+    harness.until(lambda: len(harness.printed) == 2)
+    assert set(harness.printed) == {'main 2998', 'stopper'}
+
+
 def test_out_of_range_is_4001_before_the_arm_moves(caplog):
     source = """
     Function main

@@ -162,6 +162,20 @@ def test_only_the_orientation_turns_with_rot(caplog):
     assert_limits_kept(harness)
 
 
+def test_rot_without_a_turn_is_an_error(caplog):
+    """When the distance is not 0 (p551)."""
+    source = """
+    Function main
+      Motor On
+      Move Here +X(20) ROT
+    Fend
+    """
+    harness = six_axis(caplog, source)
+    harness.until(lambda: harness.controller.error_number)
+    assert 'the orientation does not change' in caplog.text
+    assert not np.any(np.diff(harness.positions, axis=0))
+
+
 @pytest.mark.parametrize('power', ['High', 'Low'])
 def test_rot_makes_speedr_the_speed_of_a_line(caplog, power):
     """SpeedS has no effect (p105), but at low power the tool is as slow as ever."""
