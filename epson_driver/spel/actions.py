@@ -216,24 +216,25 @@ def set_trap(
     event: str,
     number: int | None,
     test: Test | None,
-    target: Linked | None,
+    target: Linked | int | None,
     action: str,
 ) -> None:
     """Trap n, condition … or Trap event Xqt f, disarmed without a target.
 
-    With Call the task stands until the function is over, with Xqt it goes on.
+    GoTo and Call end the statement that the task is in. With Call it stands until the function is
+    over, with Xqt it goes on.
     """
     task.may('trap')
     world = task.world
     if event:
         world.event_traps.pop(event, None)
-        if target is not None:
+        if isinstance(target, Linked):
             world.event_traps[event] = target
         return
     index = within('Trap', number or 0, 1, 4)
     world.traps.pop(index, None)
     if target is not None and test is not None:
-        world.traps[index] = Trap(task, test, target, action)
+        world.traps[index] = Trap(task, test, target, action, task.frame)
 
 
 def store_condition(task: Task, name: str, test: Test) -> None:

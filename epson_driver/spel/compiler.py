@@ -587,6 +587,10 @@ class Compiler:
         if statement.condition is not None:
             before, test = condition(statement.condition, made)
             test = f'lambda: {test}'
+        if statement.action == 'goto':
+            target = self._label(statement.target, statement.at)
+            self._fall_through(f"{before}s_trap(v[0], '', {number}, {test}, {target}, 'goto')")
+            return
         code = self._codes.get(statement.target.lower())
         if statement.target and code is None:  # its Function line could not be read
             text = f'there is no function {statement.target}'

@@ -300,7 +300,7 @@ class _Lint:
             return _Root(
                 node.function.lower(), TaskType.BACKGROUND if background else own, node.at
             )
-        if isinstance(node, Trap) and node.target:
+        if isinstance(node, Trap) and node.target and node.action != 'goto':
             after = node.event in ('abort', 'finish')
             own = TaskType.NO_PAUSE if after else TaskType.NO_EMG_ABORT
             return _Root(node.target.lower(), own if node.event else TaskType.TRAP, node.at)
@@ -312,7 +312,7 @@ class _Lint:
         roots = [root.function for root in self._roots()]
         reached = {root: self._reached(root) for root in roots}
         yield from unused(self.program, self.files, set(roots))
-        traps = {node.target.lower() for node in self._nodes(Trap)}
+        traps = {node.target.lower() for node in self._nodes(Trap) if node.action != 'goto'}
         tasks = {root: reached[root] for root in roots if not _instead(root) and root not in traps}
         yield from shared(tasks, self.functions)
 

@@ -438,10 +438,15 @@ class Machine:
                 continue
             if holds:
                 del self.world.traps[number]
+                if isinstance(trap.target, int):
+                    if trap.frame in trap.task.frames:
+                        trap.task.go_to(trap.frame, trap.target)
+                    continue
                 if FIRST_TRAP + number - 1 in self.world.tasks:
                     continue
                 started = self.world.add(FIRST_TRAP + number - 1, trap.target, (), TaskType.TRAP)
                 if trap.action == 'call':
+                    trap.task.discontinue()
                     trap.task.held_by = started
 
     def _count(self) -> None:

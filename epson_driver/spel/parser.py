@@ -257,7 +257,7 @@ class Parser(Statements):
         assigned = _assignment(reader, word)
         if assigned is not None:
             return [assigned]
-        if word in TYPES or word == 'global':
+        if word in TYPES or word in ('global', 'static'):
             return [declaration(reader, 'local')]
         rule = COMMANDS.get(word)
         if rule is None or (word in self._functions and not rule.form.startswith('@')):
@@ -528,12 +528,12 @@ def declaration(reader: Reader, scope: str) -> Declaration:
     Static marks the variables of a library (RC+ 8): they are kept as all shared ones are.
     """
     at = reader.here.position
+    if scope == 'local' and reader.sees('global', 'static'):
+        word = reader.here.text
+        raise SyntaxProblem(at, f'{word} stands inside a function: put it above all functions')
     if reader.takes('global'):
-        if scope == 'local':
-            raise SyntaxProblem(at, 'Global stands inside a function: put it above all functions')
         scope = 'preserve' if reader.takes('preserve') else 'global'
-    if scope != 'local':
-        reader.takes('static')
+    reader.takes('static')
     kind = _type(reader)
     variables = []
     while True:

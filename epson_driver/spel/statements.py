@@ -214,10 +214,8 @@ class Statements:
         if not reader.sees('goto', 'call', 'xqt'):
             raise reader.wrong('GoTo, Call or Xqt')
         action = reader.step().lower
-        if action == 'goto':
-            text = 'not simulated: Trap … GoTo. Use Trap … Call or Xqt'
-            raise SyntaxProblem(first.position, text, 'not-simulated')
-        target = self._function_name(reader)
+        goes = action == 'goto'
+        target = reader.name('a label').text if goes else self._function_name(reader)
         return Trap('', number, condition, action, target, first.position)
 
     def _function_name(self, reader: Reader) -> str:

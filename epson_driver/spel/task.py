@@ -4,6 +4,7 @@
 
 import random
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 from enum import IntEnum
@@ -14,7 +15,7 @@ from epson_driver.spel.commands import COMMANDS, TaskType, forbidden
 from epson_driver.spel.errors import ErrorNumber, ProgramError, SpelError, TaskError, meaning
 from epson_driver.spel.frames import Area, in_local, in_world, turned_step
 from epson_driver.spel.functions import FUNCTIONS
-from epson_driver.spel.host import Caller, Completion, Host, MotionRequest, NetSettings
+from epson_driver.spel.host import Caller, Completion, Host, Memory, MotionRequest, NetSettings
 from epson_driver.spel.pallets import Pallet
 from epson_driver.spel.surroundings import Surroundings
 from epson_driver.spel.values import (
@@ -159,12 +160,13 @@ class Counter:
 
 @dataclass(slots=True)
 class Trap:
-    """An armed Trap 1 to 4."""
+    """An armed Trap 1 to 4: a function, or of GoTo an instruction of the call that armed it."""
 
     task: 'Task'
     test: Test
-    target: Linked
+    target: Linked | int
     action: str
+    frame: Frame | None
 
 
 class World:
@@ -486,6 +488,25 @@ class Task:
 
         self.wait(seconds, test, after, scanned)
 
+    def discontinue(self) -> None:
+        """End the wait and the motion of the statement that a Trap interrupts (p852)."""
+        helper = self.world.tasks.get(FIRST_HELPER + self.number)
+        if helper is not None:
+            self.world.end(helper)
+        if self.waiting is not None:
+            self.waiting = None
+            self.current.pc = self.current.linked.code.following[self.current.pc]
+        if self.world.mover is self:
+            with suppress(SpelError):  # nothing moves
+                self.world.host.command('abortmotion', (), ())
+
+    def go_to(self, frame: Frame, target: int) -> None:
+        """Go on at an instruction of a call that the task is in, whatever it does."""
+        self.discontinue()
+        while self.frames[-1] is not frame:
+            self.frames.pop()
+        self.frame, frame.pc = frame, target
+
     def wake(self, timed_out: bool) -> None:
         """Go on behind the statement that waited, or to the error that it ends with."""
         waiting, self.waiting = self.waiting, None
@@ -568,11 +589,11 @@ class Task:
         self.wait_for(completion)
 
     def stored(self, name: str) -> Callable[[], bool]:
-        """Return the condition of the last Till, Find or Sense. Raises SpelError."""
+        """Return the condition of the last Till, Find or Sense: at first Sw(0) = On (p829)."""
         test = self.world.conditions.get(name)
         if test is None:
-            text = f'no {name.capitalize()} has set a condition'
-            raise SpelError(ErrorNumber.ARGUMENT, text)
+            host = self.world.host
+            return lambda: bool(host.read_bits(Memory.INPUT, 0, 1))
         return lambda: bool(test())
 
     def move(

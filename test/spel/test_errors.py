@@ -230,7 +230,6 @@ def test_an_error_in_the_condition_of_a_trap_is_the_error_of_its_task() -> None:
         ('Print ChkNet(5)', ErrorNumber.ARGUMENT, 4, '5 is not in 201..216'),
         ('OpenNet #300 As Server', ErrorNumber.ARGUMENT, 4, '300 is not in 201..216'),
         ('Go P5', 7007, 4, 'P5 is not defined'),
-        ('Go XY(1, 2, 3, 4) Till', ErrorNumber.ARGUMENT, 4, 'no Till has set a condition'),
         ('Go XY(1, 2, 3, 4)', 4031, 4, 'motors off'),
         ('SyncLock 64', ErrorNumber.ARGUMENT, 4, '64 is not in 0..63'),
         ('r = Rnd(1); i = Time(5)', ErrorNumber.ARGUMENT, 4, '5 is not in 0..2'),

@@ -156,3 +156,66 @@ def test_an_event_trap_runs_once_at_a_time() -> None:
     assert made.event('sgopen')
     made.advance(1.1)
     assert host.text == 'door\ndoor\n'
+
+
+def test_a_trap_that_goes_to_a_label_ends_a_wait_and_the_calls_above() -> None:
+    """The manual's example of a global variable as the event (p853)."""
+    source = """
+    Global Integer gi
+    Function main
+      Trap 1, gi = 5 GoTo handle
+      Xqt sub
+      inner
+      Print "never"
+      Exit Function
+    handle:
+      Print "in trap", gi, Tmr(0) < 3
+    Fend
+    Function inner
+      Wait 100
+    Fend
+    Function sub
+      For gi = 0 To 10
+        Wait 0.5
+      Next gi
+    Fend
+    """
+    assert run(source).text == 'in trap 5 -1\n'
+
+
+def test_a_trap_that_goes_to_a_label_ends_with_its_function() -> None:
+    source = """
+    Function main
+      armed
+      MemOn 1
+      Wait 0.1
+      Print "over"
+    Fend
+    Function armed
+      Trap 1, MemSw(1) = On GoTo sprung
+      Exit Function
+    sprung:
+      Print "sprung"
+    Fend
+    """
+    assert run(source).text == 'over\n'
+
+
+def test_a_trap_that_calls_ends_the_wait_it_interrupts() -> None:
+    """When its function is over, the task goes on with the next statement (p852)."""
+    source = """
+    Function main
+      Trap 1, MemSw(1) = On Call handle
+      Xqt other
+      Wait 100
+      Print "next", Tmr(0) < 1
+    Fend
+    Function other
+      Wait 0.2
+      MemOn 1
+    Fend
+    Function handle
+      Print "handle"
+    Fend
+    """
+    assert run(source).text == 'handle\nnext -1\n'

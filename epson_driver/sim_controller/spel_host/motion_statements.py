@@ -87,7 +87,14 @@ def _line(
 ) -> StraightLeg | JointLeg:
     """Return a line to a point, or an arc where the statement has a point between."""
     name = request.name.capitalize()
-    via = _passed(robot, request, start) if request.name in ('arc', 'arc3') else None
+    via = None
+    if request.name in ('arc', 'arc3'):
+        through = not request.numbers.keys() & {'angle', 'path'}
+        for each in request.points if through else request.points[-1:]:
+            if robot.points.other_hand(each, start):
+                text = f'{each} has another hand (/R or /L) than the arm: Go there, or change it'
+                raise bad(name, text)  # p106
+        via = _passed(robot, request, start)
     samples, path = robot.points.path_to(point, start, via, level=request.name == 'arc')
     turns = path.length < SHORTEST_PATH < path.angle
     if turns and 'rot' not in request.words:

@@ -164,6 +164,11 @@ class RobotPoints:
         told = [next((f for f in point.flags if f in group), group[0]) for group in groups]
         return replace(point, flags=(*told, *(f for f in point.flags if f not in told)))
 
+    def other_hand(self, point: Point, joints: Array) -> bool:
+        """Return whether a point says that it is for the other hand than joints, (n,), are."""
+        hands = next(self._posture(joints), POSTURES['hand'])
+        return not {*POSTURES['hand']}.intersection(point.flags) <= {*hands}
+
     def coordinate(self, point: Point, axis: str) -> float:
         """Return x, y, z in mm, or u, v, w in degrees."""
         return self.stored(point).values['xyzuvw'.index(axis)]

@@ -195,6 +195,8 @@ def test_an_arc_in_space_by_its_centre(caplog):
         ('Arc P2, 0', '0 degrees make no arc'),
         ('Arc P2, 360', '360 degrees make no arc'),
         ('Arc P1, 90', 'no arc leads'),
+        ('Arc P2 /L, 90', 'has another hand'),
+        ('Arc3 P1 +Z(9) /L, P2', 'has another hand'),
         ('Arc3 P2, P1 +X(40), ARC_SHORT', 'half a circle needs a point to pass'),
         ('Arc3 P1 +X(40) +Y(40), P2 ECP', 'ECP is not simulated'),
         ('Go P1 SYNC', 'SYNC is not simulated'),

@@ -285,6 +285,49 @@ def test_abort_motion_ends_a_wait_of_the_task_that_has_moved_the_robot(caplog):
     assert set(harness.printed) == {'main 2998', 'stopper'}
 
 
+@pytest.mark.invariant(3)
+def test_inv3_a_trap_that_goes_to_a_label_brakes_the_arm(caplog):
+    """Motion and statement are over, and the next one begins where the arm stands (p852)."""
+    source = """
+    Function main
+      Motor On; Power High
+      Xqt input_3
+      Trap 1, Sw(3) = On GoTo sprung
+      Go AglToPls(60, 0, 0, 0, 0, 0)
+      Print "never"
+    sprung:
+      Wait 1
+      Print Int(Agl(1)) < 60
+      Go AglToPls(0, 0, 0, 0, 0, 0)
+      Print "back"
+    Fend
+    Function input_3
+      Wait 0.3; SetSw 3, On
+    Fend
+    """
+    harness = SpelProgramHarness(source, caplog)
+    harness.until(lambda: len(harness.printed) == 2)
+    assert harness.printed == ['-1', 'back']
+    velocity, acceleration = harness.within_limits()
+    assert velocity <= 1.001
+    assert acceleration <= 1.01
+
+
+def test_till_without_a_condition_looks_at_input_0(caplog):
+    """As it is at power on (p829)."""
+    source = """
+    Function main
+      Motor On
+      SetSw 0, On
+      Go AglToPls(60, 0, 0, 0, 0, 0) Till
+      Print TillOn, Agl(1) < 1
+    Fend
+    """
+    harness = SpelProgramHarness(source, caplog)
+    harness.until(lambda: harness.printed)
+    assert harness.printed == ['-1 -1']
+
+
 def test_out_of_range_is_4001_before_the_arm_moves(caplog):
     source = """
     Function main
