@@ -37,7 +37,7 @@ def test_every_key_has_a_rule_and_every_rule_a_key():
 
 
 def test_there_are_the_profiles_that_are_promised():
-    others = ['rc620', 'rc700a', 'remote', 'spel', 'thesis']
+    others = ['rc620', 'rc700a', 'remote', 'simulated', 'spel', 'thesis']
     assert ['abb', 'fanuc', 'generic', 'motoman', *others] == NAMES
 
 
