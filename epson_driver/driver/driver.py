@@ -624,5 +624,10 @@ class Driver:
 
 
 def _smoother(configuration: Configuration) -> SmoothingProcess | None:
-    smoothing = configuration.smoothing
-    return SmoothingProcess(configuration.limits, smoothing) if smoothing.wanted else None
+    smoothing, delivery = configuration.smoothing, configuration.delivery
+    if not smoothing.wanted:
+        return None
+    scales = smoothing.resamples and delivery.interface == 'streaming'
+    return SmoothingProcess(
+        configuration.limits, smoothing, scales=scales and not delivery.scales_speed
+    )

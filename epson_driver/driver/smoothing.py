@@ -3,11 +3,13 @@
 """Smooth motion through a plan, computed for up to seconds in a process of its own.
 
 Each trajectory has a fresh process, which waits ready-made: it can be killed at any moment, and
-the event loop, on which the links live, only waits for it.
+the event loop, on which the links live, only waits for it. It stays while a motion is executed
+that may change its speed.
 """
 
 import asyncio
 import contextlib
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,9 +18,9 @@ from epson_driver.motion import Array, JointLimits, Trajectory
 from epson_driver.processes.worker import (
     end_worker,
     ending,
+    next_value,
     packed,
     start_worker,
-    unpacked,
     until_done,
 )
 from epson_driver.profiles.profile import ProgramProfile
@@ -48,6 +50,11 @@ class Smoothing:
         """Whether a plan is changed before it is sent."""
         return self.time_optimal or self.resample_period is not None
 
+    @property
+    def resamples(self) -> bool:
+        """Whether points are sent that are equally spaced in time."""
+        return self.resample_period is not None and not self.thin
+
 
 def usual_smoothing(program: ProgramProfile) -> Smoothing:
     """Return a controller's default smoothing."""
@@ -75,6 +82,9 @@ def check_tolerance(smoothing: Smoothing) -> None:
 TIMEOUT_S = 30.0
 """How long the preparation of one trajectory may take, s: longer than any plan should."""
 
+BLOCK_S, BLOCK_TIMEOUT_S = 0.6, 5.0
+"""How much of a motion at another speed is made at a time, s, and how long that may take, s."""
+
 WORKER = 'epson_driver.driver.smoothing_worker'
 
 
@@ -83,9 +93,13 @@ class SmoothingError(RuntimeError):
 
 
 class SmoothingProcess:
-    """Prepares trajectories, one at a time. Lives in the event loop."""
+    """Prepares trajectories, one at a time. Lives in the event loop.
 
-    def __init__(self, limits: JointLimits, smoothing: Smoothing) -> None:
+    `scales`: the speed of a motion may be changed later; for a smoothing that `resamples`.
+    """
+
+    def __init__(self, limits: JointLimits, smoothing: Smoothing, *, scales: bool = False) -> None:
+        self.scales = scales
         self._limits = limits
         self._smoothing = smoothing
         self._next: asyncio.Task[asyncio.subprocess.Process] | None = None
@@ -96,29 +110,23 @@ class SmoothingProcess:
         if self._next is None and not self._closed:
             self._next = asyncio.create_task(start_worker(WORKER))
 
-    async def prepared(self, trajectory: Trajectory, start: Array) -> Trajectory:
+    async def prepared(self, trajectory: Trajectory, start: Array) -> 'SmoothMotion':
         """Return the smooth motion for a checked trajectory of an arm that rests at `start`.
 
-        Raises SmoothingError. When cancelled, the process ends at once.
+        Who has it closes it. Raises SmoothingError. When cancelled, the process ends at once.
         """
-        arguments = packed((trajectory, start, self._limits, self._smoothing))
         process = await self._take()
+        motion: SmoothMotion | None = None
         try:
-            async with asyncio.timeout(TIMEOUT_S):
-                answer, _ = await process.communicate(arguments)
-        except TimeoutError as error:
-            raise SmoothingError(f'no smooth motion was found within {TIMEOUT_S:g} s') from error
+            arguments = (trajectory, start, self._limits, self._smoothing, self.scales)
+            result = await answered(process, arguments, (Trajectory,), TIMEOUT_S)
+            if not isinstance(result, Trajectory):
+                raise SmoothingError(str(result))
+            motion = SmoothMotion(result, self._smoothing.resample_period or 0.0, process)
+            return motion
         finally:
-            await end_worker(process)
-        if process.returncode or not answer:
-            raise SmoothingError(f'the smoother {ending(process.returncode)}')
-        try:
-            result = unpacked(answer, (Trajectory,))
-        except ValueError as error:
-            raise SmoothingError(f'the smoother sent {error}') from error
-        if not isinstance(result, Trajectory):
-            raise SmoothingError(str(result))
-        return result
+            if motion is None or not self.scales:
+                await end_worker(process)
 
     async def _take(self) -> asyncio.subprocess.Process:
         """Return the process that was started for the next trajectory."""
@@ -139,6 +147,65 @@ class SmoothingProcess:
         waiting, self._next = self._next, None
         if waiting is not None:
             await until_done(asyncio.create_task(_end_started(waiting)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Remainder:
+    """A motion from a sample on: some samples, that one the first, and the time left after, s.
+
+    They end at rest with time left if the share is 0.
+    """
+
+    samples: Trajectory
+    left: float
+
+
+class SmoothMotion:
+    """A smooth motion, and the process that made it: it can change its speed, if it `scales`.
+
+    period: time between two points, s, or 0 if that is not the same everywhere.
+    """
+
+    def __init__(
+        self, trajectory: Trajectory, period: float, process: asyncio.subprocess.Process
+    ) -> None:
+        self.trajectory = trajectory
+        self.period = period
+        self._process = process
+
+    async def after(self, index: int, share: float | None) -> Remainder:
+        """Return how it goes on, as `smoothing_worker.ScaledMotion.after` does.
+
+        Raises SmoothingError.
+        """
+        kinds = (Remainder, Trajectory)
+        result = await answered(self._process, (index, share), kinds, BLOCK_TIMEOUT_S)
+        if not isinstance(result, Remainder):
+            raise SmoothingError(str(result))
+        return result
+
+    async def close(self) -> None:
+        """End its process."""
+        await end_worker(self._process)
+
+
+async def answered(
+    process: asyncio.subprocess.Process, value: object, kinds: Collection[type], timeout: float
+) -> object:
+    """Return a worker's answer. Raises SmoothingError, also after `timeout` s."""
+    if process.stdin is None or process.stdout is None:
+        raise ValueError('a process with pipes is needed')
+    try:
+        async with asyncio.timeout(timeout):
+            process.stdin.write(packed(value))
+            try:
+                return await next_value(process.stdout, kinds)
+            except (OSError, EOFError):
+                raise SmoothingError(f'the smoother {ending(await process.wait())}') from None
+    except TimeoutError as error:
+        raise SmoothingError(f'no smooth motion was found within {timeout:g} s') from error
+    except ValueError as error:
+        raise SmoothingError(f'the smoother sent {error}') from error
 
 
 async def _end_started(starting: asyncio.Task[asyncio.subprocess.Process]) -> None:

@@ -58,7 +58,7 @@ class SpeedScalingInterface:
         self._ramp.add_done_callback(report_task_error)
         at_once = self._scaling.at_once
         if factor == 0.0:
-            if at_once:
+            if at_once or self._scaling.in_smoother:
                 return 'pausing: the arm comes to rest on its way'
             return 'pausing: no more points are sent; what the controller has taken runs on'
         if at_once:

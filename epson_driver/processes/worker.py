@@ -103,6 +103,28 @@ def unpacked(data: bytes, kinds: Collection[type]) -> Any:
         raise ValueError(f'{len(data)} bytes that are no value: {error}') from error
 
 
+def read_value(stream: BinaryIO, kinds: Collection[type]) -> Any:
+    """Return the next value of a stream, None at its end. Raises as `unpacked`."""
+    prefix = stream.read(PREFIX.size)
+    if len(prefix) < PREFIX.size:
+        return None
+    body = stream.read(length := body_length(prefix))
+    return unpacked(prefix + body, kinds) if len(body) == length else None
+
+
+def write_value(stream: BinaryIO, value: object) -> None:
+    """Write a value, at once."""
+    stream.write(packed(value))
+    stream.flush()
+
+
+async def next_value(stream: asyncio.StreamReader, kinds: Collection[type]) -> Any:
+    """Return the next value of a stream. Raises EOFError at its end, else as `unpacked`."""
+    prefix = await stream.readexactly(PREFIX.size)
+    body = await stream.readexactly(body_length(prefix))
+    return unpacked(prefix + body, kinds)
+
+
 def _fields(value: Any) -> Any:
     """Return a dataclass by the name of its type, and a number of numpy as Python has it."""
     if isinstance(value, np.generic):

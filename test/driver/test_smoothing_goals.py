@@ -37,23 +37,19 @@ def process_of(harness):
 
 @pytest.fixture
 def slow(monkeypatch):
-    """Let the smoother's process sleep before it begins; return whether it is asked."""
+    """Let no answer of the smoother's process come; return who was asked."""
     asked = []
-    started = smoothing.start_worker
+    answered = smoothing.answered
 
-    async def sleepy(module):
-        process = await started(module)
-        communicate = process.communicate
+    async def seen(process, *arguments):
+        asked.append(process)
+        return await answered(process, *arguments)
 
-        async def delayed(data):
-            asked.append(process)
-            await asyncio.sleep(PATIENCE)
-            return await communicate(data)
+    async def never(stream, kinds):
+        await asyncio.sleep(PATIENCE)
 
-        process.communicate = delayed
-        return process
-
-    monkeypatch.setattr(smoothing, 'start_worker', sleepy)
+    monkeypatch.setattr(smoothing, 'answered', seen)
+    monkeypatch.setattr(smoothing, 'next_value', never)
     return asked
 
 
@@ -207,7 +203,9 @@ async def test_an_arm_that_was_moved_meanwhile_refuses_the_plan(monkeypatch):
 
         async def moved(process, trajectory, start):
             motion = await prepared(process, trajectory, start + 0.5)
-            return Trajectory(motion.joint_names, motion.times, motion.positions + 0.5)
+            plan = motion.trajectory
+            motion.trajectory = Trajectory(plan.joint_names, plan.times, plan.positions + 0.5)
+            return motion
 
         monkeypatch.setattr(SmoothingProcess, 'prepared', moved)
         outcome = await harness.submit(pose(0.5)).end()

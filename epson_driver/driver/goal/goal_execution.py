@@ -109,6 +109,8 @@ class GoalExecution:
         self._rejected_at = 0.0
         self._cause_waited = 0.0
         self._lead = lead
+        self.leavable = True
+        """Whether it may be left on its way."""
         self._planned_speed = planned_speed
         self._successor: Successor | None = None
         self._leave_by = math.inf  # when it should have been left for the successor
@@ -175,12 +177,14 @@ class GoalExecution:
         now: float,
         at: Array | None = None,
         begin_within: float = 0.0,
+        scaled_from: int | None = None,
     ) -> None:
         """Send the first point of a prepared trajectory unless the goal was stopped before.
 
         `trajectory` is what is executed: the goal's own, or what was made of it. `at`: shape
         (n,), rad, where the arm stands, if that is not the first point. `begin_within`: how long
         from now on the controller lets the arm stand before it moves, s; the plan begins then.
+        `scaled_from`: as of the schedule.
         """
         if self.state is not GoalState.PREPARING:
             return
@@ -188,9 +192,30 @@ class GoalExecution:
         start = trajectory.positions[0] if at is None else at
         self._due = now + begin_within
         schedule = PointSchedule(
-            trajectory, points, start, self._scaling, self._due, lead=self._lead
+            trajectory,
+            points,
+            start,
+            self._scaling,
+            self._due,
+            lead=self._lead,
+            scaled_from=scaled_from,
         )
         self._begin(schedule, now)
+
+    @property
+    def schedule(self) -> PointSchedule | None:
+        """The points while some are to be sent, else None."""
+        return self._schedule if self.state is GoalState.STREAMING else None
+
+    def go_on_with(
+        self, trajectory: Trajectory, points: Sequence[Message], known: int, now: float
+    ) -> None:
+        """Execute another trajectory from the points on that were not sent, see PointSchedule."""
+        if self._schedule is not None and self.state is GoalState.STREAMING:
+            self.goal = replace(self.goal, trajectory=trajectory)
+            self._schedule.replace(trajectory, points, known)
+            if self._schedule.waits:
+                self._send_point(now)
 
     def go_on(
         self,
@@ -237,7 +262,7 @@ class GoalExecution:
         It is stopped at once unless it may be left on its way (`lead`, splice.py), and when
         that does not come soon. Until then what ends it ends it, and nobody is called.
         """
-        if self._lead is None:
+        if self._lead is None or not self.leavable:
             self.stop(REPLACED, now)
             return
         reach, latest = self.reach, LATEST_SHARE * self._lead.most

@@ -23,6 +23,7 @@ from epson_driver.driver.goal.lead import Lead
 from epson_driver.driver.goal.planned_speed import PlannedSpeed, Timing
 from epson_driver.driver.goal.planning_scope import PlanningScopes
 from epson_driver.driver.goal.reference import SpeedScaling
+from epson_driver.driver.goal.rescaling import Rescaling
 from epson_driver.driver.goal.splice import (
     SplicePoint,
     begun,
@@ -33,7 +34,7 @@ from epson_driver.driver.goal.splice import (
 from epson_driver.driver.inhibit import PAUSED, Inhibit, not_enabled
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.remedy import Remedy
-from epson_driver.driver.smoothing import SmoothingError, SmoothingProcess
+from epson_driver.driver.smoothing import SmoothingError, SmoothingProcess, SmoothMotion
 from epson_driver.driver.state.robot_state import JointSample, RobotState
 from epson_driver.driver.stopping.arm_gate import ArmGate
 from epson_driver.driver.stopping.stopper import Stopper
@@ -124,7 +125,10 @@ class GoalQueue:
         self._stops: list[str] = []
         self.plans = PlanningScopes()
         """Goals of which there is no trajectory yet. One that is submitted ends them."""
-        self._lead = Lead(limits) if on_the_way else None
+        self._on_the_way = on_the_way
+        self._scales = smoother is not None and smoother.scales
+        self._lead = Lead(limits) if on_the_way or self._scales else None
+        self.scaling.in_smoother = self._scales
         self.joined = 0
         """Goals that have begun on the way of another."""
 
@@ -424,6 +428,7 @@ class GoalQueue:
             self._lead,
             self._planned_speed,
         )
+        handle.execution.leavable = self._on_the_way
         return handle.execution
 
     async def _prepare(
@@ -431,35 +436,55 @@ class GoalQueue:
     ) -> None:
         """Have a goal's motion planned, then execute it, unless the goal was stopped meanwhile.
 
-        The arm must stand then where the motion begins, as when the goal came.
+        The arm must stand then where the motion begins, as when the goal came. While it moves, its
+        speed may be changed.
         """
-        planned: Trajectory | None = None
-        rejection: GoalRejectedError | None = None
         try:
-            try:
-                planned = await smoother.prepared(execution.goal.trajectory, sample.positions)
-            finally:
-                smoother.make_ready()
-            now = await wait_for_fresh_state(
-                self._robot.stale, self._changed, FRESH_POSE_TIMEOUT_S
-            )
-            if execution.state is GoalState.PREPARING:
-                sample = self.standing_sample(now)
-                check_start(planned, sample.positions, self._limits, self.start_tolerance)
+            motion = await smoother.prepared(execution.goal.trajectory, sample.positions)
         except SmoothingError as error:
             self.unsmoothed += 1
-            rejection = GoalRejectedError(ErrorCode.INVALID_GOAL, str(error))
-        except GoalRejectedError as error:
-            rejection = error
+            if execution.state is GoalState.PREPARING:
+                execution.fault(str(error), ErrorCode.INVALID_GOAL)
+            return
+        finally:
+            smoother.make_ready()
+        try:
+            if execution.state is GoalState.PREPARING:
+                await self._begin(execution, motion)
+        finally:
+            await motion.close()
+
+    async def _begin(self, execution: GoalExecution, motion: SmoothMotion) -> None:
+        """Execute a motion, with the speed scaling in it where that can be."""
+        now = await wait_for_fresh_state(self._robot.stale, self._changed, FRESH_POSE_TIMEOUT_S)
         if execution.state is not GoalState.PREPARING:
             return
-        if rejection is not None:
+        try:
+            sample = self.standing_sample(now)
+            start = sample.positions
+            check_start(motion.trajectory, start, self._limits, self.start_tolerance)
+        except GoalRejectedError as rejection:
             execution.fault(str(rejection), rejection.code)
-        elif planned is not None:
-            self._execute(execution, planned, sample)
+            return
+        self._execute(execution, motion.trajectory, sample, scales=self._scales)
+        if not self._scales:
+            return
+        delivery = self._stopper.delivery
+        try:
+            await Rescaling(motion, execution, self.scaling, delivery, start).run()
+        except SmoothingError as error:
+            execution.fault(f'the speed could not be changed any more: {error}')
+        except Exception as error:  # noqa: BLE001 - whatever it is, the rest is held back
+            _log.exception('the speed of a motion could not be changed')
+            execution.fault(f'the speed could not be changed any more: {error!r}')
 
     def _execute(
-        self, execution: GoalExecution, trajectory: Trajectory, sample: JointSample
+        self,
+        execution: GoalExecution,
+        trajectory: Trajectory,
+        sample: JointSample,
+        *,
+        scales: bool = False,
     ) -> None:
         try:
             if self._settings.require_planned_speed:
@@ -471,12 +496,14 @@ class GoalQueue:
         except GoalRejectedError as rejection:
             execution.fault(str(rejection), rejection.code)
             return
+        before = len(prepared.messages) - len(trajectory.times)
         execution.start(
             prepared.trajectory,
             prepared.messages,
             _now(),
             sample.positions,
             prepared.delay,
+            before + 1 if scales else None,
         )
 
     def _on_end(self, handle: GoalHandle, outcome: Outcome) -> None:

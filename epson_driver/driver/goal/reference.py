@@ -58,6 +58,8 @@ class SpeedScaling:
         self._since = -math.inf
         self.at_once = False
         """The controller goes at the factor of any moment: points are sent as they are planned."""
+        self.in_smoother = False
+        """The driver's own smoother acts on the points of goals: those not sent yet."""
         self.on_set: Callable[[], None] = lambda: None
         """Called when another factor was asked for."""
 
@@ -213,6 +215,11 @@ class GoalClock:
         self._behind = 0.0
         """How far the arm is behind it while the factor does not change, s of its time."""
 
+    def replace(self, trajectory: Trajectory, start: Array) -> None:
+        """Go on with another plan, which is the same as far as points were sent."""
+        self._reference = ReferenceTrajectory(trajectory, start)
+        self._times = trajectory.times
+
     def sent(self, factor: float) -> None:
         """Record the speed factor of the point just sent."""
         self._factors.append(factor)
@@ -283,6 +290,9 @@ class PointSchedule:
 
     `sent`: the factors with which its first points were sent already, as those of another goal,
     and `sent_until`: when the last of them is reached, monotonic, s.
+
+    `scaled_from`: the index of the first point that is part of a motion with the scaling in it
+    (rescaling.py).
     """
 
     def __init__(
@@ -296,25 +306,50 @@ class PointSchedule:
         lead: Lead | None = None,
         sent: Sequence[float] = (),
         sent_until: float = 0.0,
+        scaled_from: int | None = None,
     ) -> None:
-        self.clock = GoalClock(trajectory, start, scaling, begins_by, sent)
+        pace = scaling if scaled_from is None else SpeedScaling()
+        self.clock = GoalClock(trajectory, start, pace, begins_by, sent)
         self.duration = max(sent_until - begins_by, 0.0)
         """How long the point that was sent last takes, s, or what was sent before."""
         self.waits = False
         """A point is held back, for the speed scaling or as it is too far ahead of the clock."""
         self.sent_until = max(begins_by, sent_until)
         """When what was sent ends, monotonic, s."""
+        self._start = start
+        self._scaling = scaling
+        self._pace = pace
+        self.scaled_from = scaled_from or 0
+        self._lead = lead
+        self._delay = 0.0
+        self._take(trajectory, messages)
+
+    def _take(self, trajectory: Trajectory, messages: Sequence[Message]) -> None:
         self._times = trajectory.times.data  # gives floats, as an array does not
         self._messages = messages
-        self._count = len(messages)
-        self._scaling = scaling
-        self._lead = lead
-        self._stops = [] if lead is None else lead.stops(trajectory)
-        self._delay = 0.0
+        self._stops = [] if self._lead is None else self._lead.stops(trajectory)
+        self.known = len(messages)
+        """So many points may be sent."""
+
+    def replace(self, trajectory: Trajectory, messages: Sequence[Message], known: int) -> None:
+        """Go on with other points after those that were sent, of which so many are known."""
+        self.clock.replace(trajectory, self._start)
+        self._take(trajectory, messages)
+        self.known = known
+
+    def hold(self, patience: float) -> None:
+        """Send no more points than what the controller has, and what is due in `patience` s."""
+        due = bisect_right(self._times, self.clock.time + patience)
+        self.known = min(max(self.count, due, self.scaled_from), self.known)
 
     def __len__(self) -> int:
-        """How many points there are."""
-        return self._count
+        """How many points there are, so far."""
+        return len(self._messages)
+
+    @property
+    def count(self) -> int:
+        """How many points were sent."""
+        return len(self.clock.factors)
 
     def ahead(self, index: int) -> float:
         """Return how far ahead of the clock a point is, s, or 0 if it is not."""
@@ -332,20 +367,25 @@ class PointSchedule:
     def message(self, index: int, now: float) -> Message | None:
         """Return the point to send now, or None if it is held back.
 
-        That is as long as the factor is 0, and while what was sent reaches far enough ahead.
+        That is as long as the factor is 0, while what was sent reaches far enough ahead, and until
+        it is known.
         """
+        if index >= self.known:
+            self.clock.held = self.waits = True
+            return None
+        scaling = self._scaling if index < self.scaled_from else self._pace
         before = self._times[index - 1] if index else 0.0
         planned = max(self._times[index] - before, MIN_DURATION_S)
         begin = max(now, self.sent_until)  # it runs after what was sent before
-        takes = self._scaling.time_for(planned, begin)
-        if self._scaling.at_once:
-            takes = planned if self._scaling.factor(now) or self._scaling.target else None
+        takes = scaling.time_for(planned, begin)
+        if scaling.at_once:
+            takes = planned if scaling.factor(now) or scaling.target else None
         self.clock.held = takes is None
         self.waits = takes is None or self._enough(index)
         if takes is None or self.waits:
             return None
         message = self._messages[index]
-        factor = max(planned / takes, self._scaling.least(message))
+        factor = max(planned / takes, scaling.least(message))
         takes = planned / factor
         self.sent_until = begin + takes
         self._delay += takes - planned

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The smoother: points in as they come, one smooth motion out."""
 
+import copy
 import dataclasses
 import logging
 import math
@@ -139,6 +140,15 @@ class Smoother:
                 self._execution.clock_start = None
                 self._replanning.start_over()
                 self._execution.pause()
+
+    def copy(self) -> 'Smoother':
+        """Return a smoother that goes on as this one does, and is told things without it.
+
+        The points are theirs together, so that none may be added before they are passed.
+        """
+        waypoints = self._waypoints
+        shared = [self.limits, waypoints.origin, waypoints.last, *waypoints.ahead]
+        return copy.deepcopy(self, {id(each): each for each in shared})
 
     def _forget(self) -> None:
         """Forget all points, and what is planned for them. The motion goes on."""

@@ -15,13 +15,11 @@ from typing import Any
 from epson_driver.motion import JointLimits
 from epson_driver.motion.smoother import PASSED_TYPES, Request
 from epson_driver.processes.worker import (
-    PREFIX,
-    body_length,
     end_worker,
     ending,
+    next_value,
     packed,
     start_worker,
-    unpacked,
 )
 from epson_driver.sim_controller.arm.streaming import Answer
 
@@ -178,9 +176,7 @@ class _Child:
         Raises PlannerError that says how the process has ended, or what is wrong with its bytes.
         """
         try:
-            prefix = await self._answers.readexactly(PREFIX.size)
-            body = await self._answers.readexactly(body_length(prefix))
-            return unpacked(prefix + body, PASSED_TYPES)
+            return await next_value(self._answers, PASSED_TYPES)
         except (OSError, EOFError):
             raise PlannerError(await self._fate()) from None
         except ValueError as error:

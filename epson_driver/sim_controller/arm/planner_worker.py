@@ -10,11 +10,10 @@ import gc
 import os
 import signal
 import sys
-from typing import Any, BinaryIO
 
 from epson_driver.motion import JointLimits
 from epson_driver.motion.smoother import PASSED_TYPES, Smoother, plan
-from epson_driver.processes.worker import PREFIX, answer_file, body_length, packed, unpacked
+from epson_driver.processes.worker import answer_file, read_value, write_value
 
 
 def main() -> None:
@@ -22,17 +21,17 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the controller's to handle
     answers = answer_file()
     requests = sys.stdin.buffer
-    limits = _read(requests)
+    limits = read_value(requests, PASSED_TYPES)
     if limits is None:
         return
     _warm_up(limits)
     gc.collect()
     gc.freeze()
-    _write(answers, None)
-    while (order := _read(requests)) is not None:
+    write_value(answers, None)
+    while (order := read_value(requests, PASSED_TYPES)) is not None:
         request, others = order
         limits = others or limits
-        _write(answers, plan(request, limits))
+        write_value(answers, plan(request, limits))
 
 
 def _warm_up(limits: JointLimits) -> None:
@@ -43,20 +42,6 @@ def _warm_up(limits: JointLimits) -> None:
         smoother.append(limits.position_min + (0.5 + 0.005 * index**2) * span, 0.1)
     while smoother.moving:
         smoother.step(0.05)
-
-
-def _read(stream: BinaryIO) -> Any:
-    """Return the next value, None at the end."""
-    prefix = stream.read(PREFIX.size)
-    if len(prefix) < PREFIX.size:
-        return None
-    body = stream.read(length := body_length(prefix))
-    return unpacked(prefix + body, PASSED_TYPES) if len(body) == length else None
-
-
-def _write(stream: BinaryIO, value: object) -> None:
-    stream.write(packed(value))
-    stream.flush()
 
 
 if __name__ == '__main__':

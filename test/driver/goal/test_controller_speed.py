@@ -11,7 +11,6 @@ from support.driver_harness import (
     LIMITS,
     Harness,
     ScriptedController,
-    Submitted,
     answer,
     cell,
     frame,
@@ -21,6 +20,7 @@ from support.driver_harness import (
 from support.event_loop import now, until
 from support.examples import one_in
 from support.replacement_runs import goal, long_way
+from support.speed_scaling import pace, progress, scale, submit
 from support.streams import positions, send
 
 from epson_driver.driver.delivery.delivery import DeliveryRules
@@ -33,7 +33,7 @@ from epson_driver.sim_controller.condition.states import Event
 from epson_driver.simple_message import ReplyCode, reply
 
 RC620 = load_controller_profile('rc620')
-PROFILE = replace(RC620, program=replace(RC620.program, scales_speed=True))
+PROFILE = load_controller_profile('simulated')
 RULES = DeliveryRules(scales_speed=True)
 RAMP_S = 0.7
 """How long the arm may take to a lower share, s: it is on a plan that leaves room for that."""
@@ -41,33 +41,6 @@ RAMP_S = 0.7
 
 def scaling_cell(**options):
     return cell(smooth=True, profile=PROFILE, delivery=RULES, **options)
-
-
-def submit(harness, some_goal):
-    submitted = Submitted(some_goal)
-    harness.driver.goal_queue.submit(submitted.handle)
-    return submitted
-
-
-def scale(harness, factor):
-    harness.driver.goal_queue.scaling.set(factor, now())
-
-
-def progress(harness, plan, since):
-    """Return when samples were, and where the arm was on its plan then, s, since a time."""
-    fine = np.linspace(0.0, plan.duration, 2001)
-    known = np.concatenate([[0.0], plan.times]) if plan.times[0] else plan.times
-    rows = plan.positions if len(known) == len(plan.times) else np.vstack([pose(), plan.positions])
-    way = np.stack([np.interp(fine, known, column) for column in rows.T], axis=1)
-    found = [(at, each.positions) for at, each in harness.events.samples if at >= since]
-    places = [fine[np.abs(way - position).max(axis=1).argmin()] for _, position in found]
-    return np.array([at for at, _ in found]) - since, np.array(places)
-
-
-def pace(times, places, begin, end):
-    """Return the mean pace between two times."""
-    inside = (times >= begin) & (times <= end)
-    return float(np.polyfit(times[inside], places[inside], 1)[0])
 
 
 @pytest.mark.invariant(2)
