@@ -285,6 +285,12 @@ class Machine:
         self.world.add(number, linked, given, _EVENT_TRAPS[name])
         return True
 
+    def last_event(self, name: str) -> bool:
+        """Start what Trap has for 'abort' or 'finish', and forget all Traps of events (p855)."""
+        begun = self.event(name)
+        self.world.event_traps.clear()
+        return begun
+
     # What can be seen
 
     @property

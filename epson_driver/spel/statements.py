@@ -514,7 +514,10 @@ class Statements:
         arguments: list[Argument] = []
         indices: list[Argument] = []
         while not reader.at_end():
-            if reader.takes(',', 'as', '#', 'to'):
+            if reader.takes(',', 'as', '#', 'to', '!', ';'):
+                continue
+            if reader.sees('p') and reader.look(3).text == ':':
+                arguments += map(Argument, _point_range(reader))
                 continue
             dotted = [reader.here]
             while dotted[0].kind == NAME and reader.look(2 * len(dotted) - 1).text == '.':

@@ -91,7 +91,8 @@ BAD = [
     ('version', 1, 'Function main As Int64\nFend'),
     ('version', 1, 'Function f(a As UShort)\nFend'),
     ('unknown', 3, main('  Foo 1')),
-    ('not-simulated', 3, main('  Curve "a"')),
+    ('not-simulated', 3, main('  Curve "a", O, 0, 4, P1, P2, On 2, P(3:7)')),  # p268
+    ('not-simulated', 3, main('  CVMove "a" CP Till Sw(1) = On !D10; On 1; Wait 0.1; Off 1!')),
     ('type', 3, main('  Print 1 + "a"')),
     ('type', 4, main('  Long n(3)\n  f(ByRef n(1))') + 'Function f(ByRef n As Long)\nFend\n'),
     ('arguments', 3, main('  Print Sin(1, 2)')),

@@ -57,6 +57,12 @@ _STATES = {
 STANDS_S = 0.004
 """How often it is looked at whether the arm stands at the end of a command, s."""
 
+_HELD = {Tasks.PAUSED: 'pause', Tasks.INTERRUPTED: 'sgopen', Tasks.WAIT_RECOVER: 'sgclose'}
+"""What Trap calls it, by what becomes of the tasks."""
+
+MOTION_ERRORS = range(4000, 6000)
+"""Errors with a robot's number in Trap Error (p856)."""
+
 ROUNDING_S = 1e-9
 """Two times that are nearer are the same: the tasks' time does not begin with the clock's."""
 
@@ -200,6 +206,9 @@ class SpelProgram:
         condition = self._controller.condition
         own = self._controller.program is self
         if own and not self.runs and condition.tasks is Tasks.RUNNING:
+            if self._machine.last_event('finish'):
+                self._soon()
+                return
             self._finishing = True
             self._controller.apply(Event.TASKS_FINISHED)
             self._finishing = False
@@ -303,11 +312,15 @@ class SpelProgram:
         def end() -> None:
             self.abort_command('the command was aborted: the tasks were ended')
             if aborted:
+                number = self._controller.error_number
                 if self._controller.condition.estopped:
                     self._machine.event('emergency')
+                else:
+                    self._machine.event('error', number, int(number in MOTION_ERRORS))
                 self._machine.emergency_stop()
             else:
                 self._machine.stop()
+                self._machine.last_event('abort')
 
         self._after_tasks(end)
 
@@ -332,8 +345,15 @@ class SpelProgram:
         self._soon()
 
     def pause(self) -> None:
-        """Hold the tasks that a pause holds."""
-        self._after_tasks(self._machine.pause)
+        """Hold the tasks that a pause holds, and begin what Trap has for it or for the door."""
+        event = _HELD.get(self._controller.condition.tasks)
+
+        def hold() -> None:
+            self._machine.pause()
+            if event is not None:
+                self._machine.event(event)
+
+        self._after_tasks(hold)
 
     def resume(self) -> None:
         """Go on after a pause, and start main if a person has started the program."""

@@ -346,3 +346,46 @@ def test_statements_are_counted_and_frames_are_no_business_of_a_spel_program(cap
     frame = Frame(11, 2, 0, bytes(40), ByteOrder.LITTLE)
     with pytest.raises(RuntimeError, match=r'a SPEL\+ program takes no frame \(11\)'):
         program.receive(frame)
+
+
+@pytest.mark.parametrize(
+    ('statement', 'events', 'sprung'),
+    [
+        ('Wait 9', ['pause', 'continue'], ['pause']),
+        ('Wait 9', ['door open', 'door close'], ['open', 'close']),
+        ('Wait 9', ['stop'], ['abort']),
+        ('Wait 9', ['E-stop press'], ['emergency 261']),
+        ('Error 8005', [], ['error 8005 0 0']),
+        ('Go AglToPls(500, 0, 0, 0, 0, 0)', [], ['error 4001 1 0']),
+        ('Print "over"', [], ['over', 'finish']),
+    ],
+)
+def test_a_trap_of_the_systems_state_starts_its_function(caplog, statement, events, sprung):
+    """Each of the seven (p855)."""
+    words = {'SGOpen': 'open', 'SGClose': 'close', 'Pause': 'pause', 'Abort': 'abort'}
+    words['Finish'] = 'finish'
+    source = f"""
+    Function main
+      Trap Emergency Xqt emergency_stop
+      Trap Error Xqt failed
+      {'; '.join(f'Trap {event} Xqt at_{word}' for event, word in words.items())}
+      Motor On
+      {statement}
+    Fend
+    Function emergency_stop
+      Print "emergency", MyTask
+    Fend
+    Function failed(number As Integer, robot_number As Integer, axis As Integer)
+      Print "error", number, robot_number, axis
+    Fend
+    """
+    for word in words.values():
+        source += f'Function at_{word}\n Print "{word}"\nFend\n'
+    harness = SpelProgramHarness(source, caplog)
+    harness.step(0.2)
+    for event in events:
+        harness.do(event)
+        harness.step(0.2)
+    assert harness.printed == sprung
+    harness.step(1.0)
+    assert harness.printed == sprung
