@@ -102,6 +102,31 @@ async def test_inv2_a_lower_share_acts_behind_what_the_arm_needs_alone(motions, 
     assert motions[0].closed
 
 
+@pytest.mark.invariant(2)
+@pytest.mark.parametrize('seed', one_in(6, range(18)))
+async def test_inv2_no_place_is_reached_sooner_than_at_full_speed(motions, seed):
+    rng = np.random.default_rng([seed, 35])
+    way = long_way(str(rng.choice(['dense', 'planned'])), 2.0)
+    changes = [
+        (float(rng.uniform(0.0, 1.0)), float(rng.choice([0.0, rng.uniform(0.1, 1.0)])))
+        for _ in range(rng.integers(1, 4))
+    ]
+    seen = []
+    for shares in ([], changes):
+        async with resampling_cell() as (harness, _):
+            since = now()
+            first = submit(harness, way)
+            for wait, share in shares:
+                await asyncio.sleep(wait)
+                scale(harness, share)
+            await asyncio.sleep(1.0)
+            scale(harness, 1.0)
+            assert (await first.end()).end is End.SUCCEEDED, first.outcome
+            seen.append(progress(harness, way.trajectory, since))
+    (times, full), (slow_times, slow) = seen
+    assert np.all(slow <= np.interp(slow_times, times, full) + 0.02), changes
+
+
 @pytest.mark.parametrize('delay', [0.0, 0.06, 0.4])
 @pytest.mark.parametrize('shares', [(0.3,), (0.0, 1.0), (0.5, 0.1, 1.0), (0.2, 0.0, 0.6)])
 async def test_the_goals_clock_goes_with_the_arm_and_its_tolerances_hold(
