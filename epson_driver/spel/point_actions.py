@@ -76,7 +76,7 @@ def load_points(task: Task, name: str, words: tuple[str, ...] = ()) -> None:
         raise bad('LoadPoints', f'the project has no point file {name}')
     if 'merge' not in words:
         _clear_points(task)
-    world.points |= file.points
+    world.load(file.points)
     world.point_labels |= file.labels
 
 

@@ -3,7 +3,7 @@
 """Tasks: their calls, what they wait for, their errors, and what they share."""
 
 import random
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -198,7 +198,8 @@ class World:
         self.counters: dict[int, Counter] = {}
         self.locks: dict[int, int] = {}
         self.signals: dict[int, int] = {}
-        self.points: dict[int, Point] = program.data.points
+        self.points: dict[int, Point] = {}
+        self.load(program.data.points)
         self.point_labels = dict(program.data.point_labels)
         self.locals: dict[int, Point] = {}
         self.arches = {number: (30.0 + 10.0 * number,) * 2 for number in range(7)}
@@ -278,6 +279,10 @@ class World:
             named = (each for each in self.tasks.values() if each.function.lower() == which)
             return next(named, None)
         return self.tasks.get(which)
+
+    def load(self, points: Mapping[int, Point]) -> None:
+        """Take the points of a file into memory, as the robot holds them."""
+        self.points |= {number: self.host.stored_point(each) for number, each in points.items()}
 
     def placed(self, arguments: Sequence[Any], steps: bool = False) -> tuple[Any, ...]:
         """Return values with their points, or steps from where the arm is, in Local 0.

@@ -121,6 +121,13 @@ def test_a_point_has_all_of_its_posture_and_of_a_scara_four_values(caplog, model
     assert harness.printed == ['P1 = XY( 200.000,    0.000,  -20.000,    0.000' + listed]
 
 
+def test_a_point_of_a_file_has_all_of_its_posture(caplog):
+    """RC+ writes no J6Flag of 0 as such, and 1 for /A and /NF."""
+    body = '  P1 = XY(0, 400, 400, 0, -90, -90)\n  SavePoints "a.pts"\n  LoadPoints "a.pts"'
+    (listed,) = ran(caplog, f'{body}\n  PList').printed
+    assert listed.endswith(',    0.000,  -90.000,  -90.000 ) /R /A /NF /J6F0 /J4F0 /0')
+
+
 def test_go_pulse_goes_to_the_encoder_pulses(caplog):
     per_degree = MODEL.pulses_per_unit * np.pi / 180.0
     pulses = ', '.join(f'{round(each)}' for each in per_degree * [4.0, -3.0, 2.0, 0.0, 1.0, -1.0])
