@@ -30,7 +30,7 @@ ROOMS = {
     'pages': 'motion numpy robots',
     'tool_motion': 'motion numpy robots',
     'taught_points': 'inputs motion numpy robots tool_motion',
-    'spel': 'inputs share',
+    'spel': 'error_texts inputs share',
     'remote_ethernet': 'inputs socket_errors',
     'link': 'inputs log_lines remote_ethernet simple_message socket_errors',
     'trace': 'inputs link simple_message socket_errors',

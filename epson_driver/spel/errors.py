@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
+from epson_driver.error_texts import load_error_texts
 from epson_driver.inputs import InputError, printable
 
 LISTED = 20
@@ -122,7 +123,8 @@ def meaning(number: int) -> str:
     """Return what an error number means, without the texts of a project."""
     if number in USER_ERRORS:
         return "an error of the program's own: handle it (OnErr), or add it to UserErrors.dat"
-    return TEXTS.get(number, 'see the manual')
+    found = load_error_texts('epson').get(number)
+    return TEXTS.get(number) or (found.meaning if found else 'see the manual')
 
 
 class SpelError(Exception):
