@@ -5,13 +5,11 @@
 import numpy as np
 
 from epson_driver.motion.limits import Array, JointLimits
-from epson_driver.motion.smoother import ruckig_move
 from epson_driver.motion.smoother.effort import OUTSET_US, Effort
 from epson_driver.motion.smoother.path import Path
 from epson_driver.motion.smoother.problem import Problem
 from epson_driver.motion.smoother.request import Request
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds, SpeedProfile
-from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
 UNBOUND_SPEED = 1e6
 """Where no time is commanded: a speed that no limit of a joint allows."""
@@ -152,11 +150,7 @@ def problem_of(
     request: Request, path: Path, limits: JointLimits, factor: Array | float, effort: Effort
 ) -> Problem:
     """Return the problem on a path, with so many times the commanded speed (at each knot)."""
-    commanded = _commanded(request, path, factor)
-    slowing: TimeParametrisation | None = None
-    if request.state[1] > 0.0 and request.timed.any():
-        slowing = ruckig_move.gentle_stop(request.state, path, limits)
-    return Problem(path, request.state, limits, commanded, slowing, effort, request.former)
+    return Problem(path, request.state, limits, _commanded(request, path, factor), effort)
 
 
 def _commanded(request: Request, path: Path, factor: Array | float) -> tuple[Array, Array] | None:

@@ -34,14 +34,3 @@ class Effort:
     def spend(self, effort: float) -> None:
         """Take some."""
         self.left -= effort
-
-    def part(self, share: float) -> 'Effort':
-        """Reserve a share of the rest and return the unused part with `back`."""
-        part = Effort(share * max(self.left, 0.0))
-        self.left -= part.left
-        return part
-
-    def back(self, part: 'Effort') -> None:
-        """Take back what a part has left, or has used too much."""
-        self.left += part.left
-        part.left = 0.0

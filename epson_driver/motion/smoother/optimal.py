@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The first proposer: the (locally) fastest time parametrisation.
+"""The (locally) fastest time parametrisation of a path.
 
 For x(u) = u̇² the limits of a joint with derivatives q′, q″, q‴ by u are
     velocity      |q′| √x ≤ V
@@ -20,7 +20,6 @@ from epson_driver.motion.smoother.effort import ROUND_US
 from epson_driver.motion.smoother.interior_point import RELATIVE_TOLERANCE, Program, minimise
 from epson_driver.motion.smoother.limit_usage import LimitUsage
 from epson_driver.motion.smoother.problem import Problem
-from epson_driver.motion.smoother.ruckig_move import gentle_stop
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.speed_spline import Ramp, SpeedSpline, basis
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
@@ -39,11 +38,11 @@ MIN_NODES, MAX_NODES = 8, 180
 VELOCITY_RESERVE_SHARE, ACCELERATION_RESERVE_SHARE, JERK_RESERVE_SHARE = 5e-4, 1e-2, 4e-2
 """Of the limits: the spline keeps them at its samples, the timing must keep them everywhere."""
 
-START_INTERVALS = 10
-"""Intervals without (jerk: with half) this reserve at the start."""
-
 MAX_KNOTS = 4
 """So many of the path's knots between two nodes have rows of their own."""
+
+START_INTERVALS = 10
+"""Intervals without (jerk: with half) this reserve at the start."""
 
 FINER_RATIO, COARSE_RATIO = 1.03, 1.3
 """A limit exceeded by more than this shows that the nodes are too far apart there: after the first
@@ -87,8 +86,6 @@ def propose(
         return None
     profile = bounds.profile()
     spline = _spline(problem, profile.positions, profile.speeds, profile.times, *ramps)
-    if spline is not None:
-        spline = _slow_enough(problem, spline)
     excess: list[Excess] = []
     for turn in range(MAX_ROUNDS):
         if spline is None:
@@ -242,45 +239,6 @@ def _on_knots(nodes: Array, knots: Array) -> Array:
     moved = nodes.copy()
     moved[nearest[inner]] = knots[inner]
     return moved
-
-
-def _slow_enough(problem: Problem, spline: SpeedSpline) -> SpeedSpline:
-    """Return a spline below another, smooth over the time of a jerk ramp, to begin with.
-
-    The mean of the least around each coefficient; but not below a stop from the start.
-    """
-    ramp = float(np.max(problem.limits.acceleration / problem.limits.jerk))
-    x = spline.coefficients
-    width = int(np.clip(ramp / NODE_SPACING_S / 2.0, 1, len(spline.nodes) // 4))
-    windows = np.lib.stride_tricks.sliding_window_view
-    least = windows(np.pad(x, 2 * width, mode='edge'), 2 * width + 1).min(axis=1)
-    smooth = windows(least, 2 * width + 1).mean(axis=1)
-    if problem.start[1] > 0.0:
-        stop = problem.former or gentle_stop(problem.start, problem.path, problem.limits, 0.8)
-        if stop is not None:
-            smooth = np.maximum(smooth, stop.speeds(_middles(spline.nodes)) ** 2)
-    middles = _middles(spline.nodes)
-    for ramp_, way in (
-        (spline.start_ramp, middles - problem.start[0]),
-        (spline.end_ramp, problem.end - middles),
-    ):
-        smooth = np.maximum(smooth, np.minimum(x, _on_ramp(ramp_, way, smooth)))
-    smooth[:2], smooth[-2:] = x[:2], x[-2:]
-    return dataclasses.replace(spline, coefficients=smooth)
-
-
-def _on_ramp(ramp: Ramp, way: Array, most: Array) -> Array:
-    """Return u̇² at distances from rest along a ramp, 0 beyond its end.
-
-    No more than `most` where that ends.
-    """
-    if ramp.time == 0.0:
-        return np.zeros_like(way)
-    times = np.cbrt(6.0 * np.maximum(way, 0.0) / ramp.jerk)
-    seen = times < RAMP_VIEW * ramp.time
-    end = np.argmin(np.abs(times - RAMP_VIEW * ramp.time))
-    x: Array = np.where(seen, np.minimum((ramp.jerk * times**2 / 2.0) ** 2, most[end]), 0.0)
-    return x
 
 
 def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Program:

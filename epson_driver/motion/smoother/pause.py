@@ -44,7 +44,7 @@ def propose(problem: Problem) -> TimeParametrisation | None:
 
 def _rest_at(problem: Problem, path: Path) -> TimeParametrisation | None:
     """Return the fastest timing to the end of a part of the path."""
-    shorter = dataclasses.replace(problem, path=path, commanded=None, slowing=None)
+    shorter = dataclasses.replace(problem, path=path, commanded=None)
     timing = optimal.propose(shorter, SpeedBounds(shorter))
     if timing is None or not problem.usage(timing).allowed:
         return None

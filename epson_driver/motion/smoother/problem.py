@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a proposer is asked: a fast timing from a moving state to rest, on a path."""
+"""What is to be found: a fast timing from a moving state to rest, on a path."""
 
 from dataclasses import dataclass, field
 
@@ -12,28 +12,20 @@ from epson_driver.motion.smoother.limit_usage import LimitUsage, limit_usage
 from epson_driver.motion.smoother.path import Path
 from epson_driver.motion.smoother.time_parametrisation import State, TimeParametrisation
 
-SLOWING_SLACK_SHARE = 0.02
-"""How much faster than `slowing` a motion may be, relative."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
     """From `start` to rest at the path's end, as fast as the speeds and the limits allow.
 
     commanded: places u, increasing, and the most that u̇² should be there (linear between them),
-    shape (c,) each; None where only the limits count. slowing: a stop from the start: no speed
-    below the stop's is asked for, so that a start that is too fast for `commanded` has time.
-    effort: what may be computed for it. former: what the plan so far does from the start on, if
-    there is one: to search from.
+    shape (c,) each; None where only the limits count. effort: what may be computed for it.
     """
 
     path: Path
     start: State
     limits: JointLimits
     commanded: tuple[Array, Array] | None = None
-    slowing: TimeParametrisation | None = None
     effort: Effort = field(default_factory=Effort)
-    former: TimeParametrisation | None = None
 
     @property
     def end(self) -> float:
@@ -57,11 +49,3 @@ class Problem:
         if self.commanded is None:
             return fastest
         return np.minimum(fastest, np.sqrt(np.interp(us, *self.commanded)))
-
-    def speed_bounds(self, us: Array, first: Array) -> Array:
-        """Return the highest u̇ to plan with at every u, shape (m,): wanted, or slowing down."""
-        wanted = self.wanted(us, first)
-        if self.slowing is None:
-            return wanted
-        slower = (1.0 + SLOWING_SLACK_SHARE) * self.slowing.speeds(us)
-        return np.minimum(self.fastest(first), np.maximum(wanted, slower))

@@ -32,9 +32,6 @@ MIN_POINTS = 3
 RESERVE_IN_STOPPING_TIMES = 2.5
 """A plan that rests later than in so many times the time of a stop need not be replaced yet."""
 
-URGENT_RESERVE_SHARE = 0.4
-"""A plan that rests within this share of the reserve should be replaced by any other."""
-
 SPARE_RESERVE_SHARE = 0.6
 """So much of the reserve should be left of a plan whose speeds get another share."""
 
@@ -89,9 +86,6 @@ class Replanning:
         self._reserve = RESERVE_IN_STOPPING_TIMES * stopping_time(waypoints.limits)
         self._pending: PendingRequest | None = None
         self._asked_at = -np.inf
-        self._failures = 0
-        """For how many requests in a row no plan was found."""
-        self._asked_at_rest = False
 
     def forget(self) -> None:
         """Forget what was asked for and what was planned: it is for points that are no more."""
@@ -134,7 +128,6 @@ class Replanning:
         pending, self._pending = self._pending, None
         if pending is None:
             return False  # forgotten meanwhile
-        self._failures = self._failures + 1 if answer is None else 0
         now = execution.now
         if answer is None or (answer.start is not None and answer.start < now - LATE_TOLERANCE_S):
             self.news = True
@@ -216,15 +209,10 @@ class Replanning:
         execution, waypoints = self._execution, self._waypoints
         horizon = 2.0 * self._reserve
         plan = execution.plan
-        at_rest = plan is None
-        if at_rest and not self._asked_at_rest:
-            self._failures = 0  # what failed was to go on from a motion
-        self._asked_at_rest = at_rest
         start: float | None = None
         older: Knots | None = None
         former: TimeParametrisation | None = None
         lag = 0.0
-        urgent = True
         pause = plan is not None and execution.scale == 0.0
         share = execution.scale
         if plan is not None and (pause or plan.scale > 0.0):
@@ -238,7 +226,6 @@ class Replanning:
             begin = execution.now + (self.latency if pause else self._lead(plan))
             if not execution.paused:
                 start = begin
-                urgent = (plan.end - begin) * share < URGENT_RESERVE_SHARE * self._reserve
             u, v, a = plan.timing.at(begin - plan.begin)
             state = (u, v / share, a / share**2)
             left = plan.timing.part(begin - plan.begin)
@@ -270,10 +257,8 @@ class Replanning:
             lag,
             pause,
             horizon,
-            urgent,
             former,
             route[-1].rest is not None,
-            self._failures,
             self._catch_up,
         )
         return PendingRequest(request, route, more, 0.0 if pause else share)

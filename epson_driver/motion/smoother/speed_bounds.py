@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The fastest speeds on a path without regard to jerk: where every proposer begins.
+"""The fastest speeds on a path without regard to jerk: where `optimal` begins.
 
 One pass backward and one forward over dx/du = 2ü for x = u̇² (Bobrow et al. 1985).
 """
@@ -47,7 +47,7 @@ class SpeedBounds:
             twist = np.min(CURVATURE_SHARE * limits.jerk / np.abs(third), axis=1)
         self.positions = us
         self.speeds = np.minimum(
-            problem.speed_bounds(us, first), np.minimum(np.sqrt(curvature), np.cbrt(twist))
+            problem.wanted(us, first), np.minimum(np.sqrt(curvature), np.cbrt(twist))
         )
         # what curvature leaves for ü, at the bound: conservative below it
         bend = np.abs(second) * self.speeds[:, None] ** 2

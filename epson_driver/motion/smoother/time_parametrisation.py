@@ -111,12 +111,6 @@ class TimeParametrisation:
             self.jerks * share**3,
         )
 
-    def speeds(self, us: Array) -> Array:
-        """Return u̇ at each u of a timing that never turns back, shape (m,), 0 beyond its end."""
-        u, v, _, _ = self.sample(np.linspace(0.0, self.duration, 100))
-        speeds: Array = np.interp(us, np.maximum.accumulate(u), v, right=0.0)
-        return speeds
-
 
 def from_ruckig(trajectory: RuckigTrajectory) -> TimeParametrisation:
     """Return a one-dimensional Ruckig trajectory as a timing."""
