@@ -32,6 +32,7 @@ NAMES = (
     'motoman',
     'rc620',
     'rc700a',
+    'simulated',
     'spel',
     'thesis',
 )
