@@ -249,7 +249,7 @@ async def test_no_other_controller_gets_anything_new(name, timeout):
 
 @pytest.mark.parametrize('name', sorted(path.stem for path in PROFILES.glob('*.yaml')))
 def test_only_programs_of_our_own_get_heartbeats(name):
-    ours = ('rc620', 'rc700a', 'spel')
+    ours = ('rc620', 'rc700a', 'simulated', 'spel')
     expected = TIMEOUT if name in ours else 0.0
     assert load_controller_profile(name).server.client_timeout == expected
 

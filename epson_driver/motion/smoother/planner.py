@@ -13,9 +13,12 @@ import numpy as np
 from epson_driver.motion.limits import JointLimits
 from epson_driver.motion.smoother import optimal, pause, ruckig_move
 from epson_driver.motion.smoother.commanded_times import problem_of, within_horizon
-from epson_driver.motion.smoother.effort import Effort
+from epson_driver.motion.smoother.effort import MAX_EFFORT_US, Effort
 from epson_driver.motion.smoother.path import Knots, Path, line, through
 from epson_driver.motion.smoother.request import Plan, Request
+
+URGENT_SHARE = 0.15
+"""Of the effort of a plan: so much more to take any plan when it is urgent."""
 
 OPTIMAL, BRANCH = 'optimal', 'branch'
 """Names of what finds plans."""
@@ -50,7 +53,11 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
             found = _branch(request, share, limits, effort)
     if found is None and not effort.used_up:
         found = _fresh(request, first, limits, effort, optimal.SHORT_RAMP_TIME_S)
-    return _straight(request, limits) if found is None and at_rest else found
+    if found is None and at_rest:
+        return _straight(request, limits)
+    if found is None and request.urgent:
+        return _simple(request, first, limits)
+    return found
 
 
 def _fresh(
@@ -96,6 +103,14 @@ def _branch(request: Request, share: float, limits: JointLimits, effort: Effort)
     if timing is not None and not problem.usage(timing).allowed:
         timing = None
     return None if timing is None else Plan(request.start, path.knots, timing, BRANCH)
+
+
+def _simple(request: Request, first: Path, limits: JointLimits) -> Plan | None:
+    """Return one move along the path, which may be slow, or None."""
+    effort = Effort(URGENT_SHARE * MAX_EFFORT_US)
+    path, problem, _ = within_horizon(request, first, limits, effort)
+    timing = ruckig_move.propose(problem)
+    return None if timing is None else Plan(request.start, path.knots, timing, 'simple')
 
 
 def _straight(request: Request, limits: JointLimits) -> Plan | None:

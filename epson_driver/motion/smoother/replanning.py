@@ -32,6 +32,9 @@ MIN_POINTS = 3
 RESERVE_IN_STOPPING_TIMES = 2.5
 """A plan that rests later than in so many times the time of a stop need not be replaced yet."""
 
+URGENT_RESERVE_SHARE = 0.4
+"""A plan that rests within this share of the reserve should be replaced by any other."""
+
 SPARE_RESERVE_SHARE = 0.6
 """So much of the reserve should be left of a plan whose speeds get another share."""
 
@@ -213,6 +216,7 @@ class Replanning:
         older: Knots | None = None
         former: TimeParametrisation | None = None
         lag = 0.0
+        urgent = False
         pause = plan is not None and execution.scale == 0.0
         share = execution.scale
         if plan is not None and (pause or plan.scale > 0.0):
@@ -226,6 +230,7 @@ class Replanning:
             begin = execution.now + (self.latency if pause else self._lead(plan))
             if not execution.paused:
                 start = begin
+                urgent = (plan.end - begin) * share < URGENT_RESERVE_SHARE * self._reserve
             u, v, a = plan.timing.at(begin - plan.begin)
             state = (u, v / share, a / share**2)
             left = plan.timing.part(begin - plan.begin)
@@ -257,6 +262,7 @@ class Replanning:
             lag,
             pause,
             horizon,
+            urgent,
             former,
             route[-1].rest is not None,
             self._catch_up,

@@ -24,7 +24,7 @@ class Request:
     clock: when each kept knot and point should be reached, shape (k + m,), s from any time on.
     timed: whether clock counts for the segment before it, shape (k + m,). lag: how late the state
     is on this clock, s. pause: come to rest on the path, wherever that is soon. horizon: how far
-    ahead a plan looks at most (nearly), s.
+    ahead a plan looks at most (nearly), s. urgent: whether a slow plan is better than none.
     former: what the plan so far does from the state on, with all of its knots in `older`.
     whole: whether the trajectory ends at the last of the points.
     catch_up: how many times as fast as commanded the motion may be, to make up for lost time.
@@ -40,6 +40,7 @@ class Request:
     lag: float
     pause: bool
     horizon: float
+    urgent: bool
     former: TimeParametrisation | None = None
     whole: bool = False
     catch_up: float = math.inf

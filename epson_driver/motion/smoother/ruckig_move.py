@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One jerk-limited Ruckig move along the path: to its end from rest, or to a stop."""
+"""One jerk-limited Ruckig move along the path: the simplest timing there is, or a stop."""
 
 import numpy as np
 from ruckig import ControlInterface, InputParameter
@@ -16,9 +16,21 @@ from epson_driver.motion.smoother.time_parametrisation import (
     from_ruckig,
 )
 
-HARDNESS_SHARE = 0.999
-"""Of the acceleration and the jerk that the path's slope allows: what is rounded would exceed them
-with all of it."""
+REACHES_IN_STOPPING_DISTANCES = (0.75, 0.25, 0.08, 0.025, 0.008, 0.0025)
+"""How far to go, in stopping distances of a joint at its velocity limit."""
+
+SLOW_TIME_RATIO = 5.0
+"""A move is slow if it takes so many times longer than the highest speed and a stop would.
+
+One speed for all of it, so one sharp bend, be it short, slows down all the way. A move that ends
+there is better: a plan from there follows.
+"""
+
+HARDNESS_SHARES = (0.999, 0.9, 0.5, 0.2)
+"""Fractions of the acceleration and the jerk that the path's slope alone would allow.
+
+All but a thousandth at first: on a path without bends, what is rounded would exceed the limits.
+"""
 
 SPEED_BISECTIONS = 6
 
@@ -29,11 +41,50 @@ MIN_SPEED_SHARE = 3e-3
 """The least share of the highest speed that is tried."""
 
 
+def propose(problem: Problem) -> TimeParametrisation | None:
+    """Return the verified move that gets on fastest, or None if none was found.
+
+    It may end before the path does. If all are slow, it is the one that ends first from rest, and
+    none while moving: the plan so far rests soon, and from there more is possible.
+    """
+    limits = problem.limits
+    unit = float(
+        np.max(limits.velocity / limits.acceleration) + np.max(limits.acceleration / limits.jerk)
+    )
+    u = problem.start[0]
+    best: TimeParametrisation | None = None
+    best_rank = (-np.inf, 0.0)
+    for reach in REACHES_IN_STOPPING_DISTANCES:
+        end = min(problem.end, u + reach * unit)
+        velocity, acceleration, jerk = slope_bounds(problem, end)
+        for hardness in HARDNESS_SHARES:
+            if problem.effort.used_up:
+                break
+            timing = _fastest(problem, end, velocity, acceleration * hardness, jerk * hardness)
+            if timing is None:
+                continue
+            rank = _rank(timing, SLOW_TIME_RATIO * (unit + (timing.end - u) / velocity))
+            if rank > best_rank:
+                best, best_rank = timing, rank
+        if problem.effort.used_up or (best_rank[0] == 0.0 and end < problem.end):
+            break
+    if best_rank[0] < 0.0 and problem.start[1] > 0.0:
+        return None
+    return best
+
+
 def only_move(problem: Problem) -> TimeParametrisation | None:
     """Return the verified move along a straight path to its end, or None: no timing is faster."""
     velocity, acceleration, jerk = slope_bounds(problem, problem.end)
-    acceleration, jerk = HARDNESS_SHARE * acceleration, HARDNESS_SHARE * jerk
-    return _fastest(problem, problem.end, velocity, acceleration, jerk)
+    hardness = HARDNESS_SHARES[0]
+    return _fastest(problem, problem.end, velocity, acceleration * hardness, jerk * hardness)
+
+
+def _rank(timing: TimeParametrisation, longest: float) -> tuple[float, float]:
+    """Return what is greater for a better move: one that is not slow, then a faster one."""
+    if timing.duration > longest:
+        return -timing.duration, 0.0
+    return 0.0, (timing.end - float(timing.positions[0])) / timing.duration
 
 
 def _fastest(
