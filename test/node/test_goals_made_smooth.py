@@ -1,0 +1,433 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""smooth_goals without ROS, in virtual time (as processes: test/system/test_goals_in_front.py)."""
+
+import asyncio
+from contextvars import copy_context
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from action_msgs.msg import GoalStatus
+from builtin_interfaces.msg import Duration, Time
+from control_msgs.action import FollowJointTrajectory
+from sensor_msgs.msg import JointState
+from support.event_loop import now, until
+
+from epson_driver.driver.goal.planning_scope import PlanningScope
+from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
+from epson_driver.motion import Trajectory
+from epson_driver.motion.interpolation import Interpolation
+from epson_driver.node import downstream, smooth_goals
+from epson_driver.node.downstream import ArmState, Downstream, Sent
+from epson_driver.node.smooth_goals import TABLE, SmoothGoals
+from epson_driver.node.trajectory_messages import trajectory_from_message, trajectory_message
+from epson_driver.robots import load_robot_model
+
+LIMITS = load_robot_model('c3_a601s').limits
+NAMES = LIMITS.names
+START = [0.0, 0.1, 0.2, 0.0, -0.5, 0.0]
+FAR = [1.5, 0.5, -0.3, 0.4, -1.1, 0.6]
+CYCLE_S = 0.05
+NS = 1_000_000_000
+SUCCEEDED = Outcome(End.SUCCEEDED, ErrorCode.SUCCESSFUL, 'Goal reached')
+
+
+def stamped(kind, seconds):
+    sec, nanosec = divmod(round(seconds * NS), NS)
+    return kind(sec=sec, nanosec=nanosec)
+
+
+class Behind:
+    """The driver behind and its arm, which is where it is commanded to be."""
+
+    name = '/behind/follow_joint_trajectory'
+
+    def __init__(self):
+        self.there = self.keeps_stamps = self.tells = self.cancels = True
+        self.refuses, self.silent = [], None
+        self.taken, self.canceled = [], 0
+        self.spline, self.begin, self.held = None, 0.0, None
+
+    def commanded(self):
+        """Return positions and velocities now, shape (n,)."""
+        if self.spline is None or self.held is not None:
+            return np.array(START if self.held is None else self.held), np.zeros(len(NAMES))
+        since, last = now() - self.begin, self.spline.times[-1]
+        positions, velocities, _ = self.spline.at(min(max(since, 0.0), last))
+        return positions, velocities * (since < last)
+
+    def of(self, _names, _oldest):
+        if self.silent is not None:
+            raise GoalRejectedError(ErrorCode.INVALID_GOAL, self.silent)
+        return self.commanded()
+
+    async def send(self, goal, on_feedback, _timeout):
+        if not self.there:
+            raise GoalRejectedError(ErrorCode.INVALID_GOAL, 'nobody serves it')
+        if self.refuses:
+            raise GoalRejectedError(ErrorCode.INVALID_GOAL, self.refuses.pop())
+        before = self.commanded()[0]
+        stamp = goal.trajectory.header.stamp
+        self.begin = stamp.sec + stamp.nanosec / NS or now()
+        points = trajectory_from_message(goal.trajectory, NAMES)
+        self.spline = Interpolation(
+            points.times, points.positions, points.velocities, points.accelerations
+        )
+        assert np.abs(self.commanded()[0] - before).max() < 1e-6, 'what is commanded has jumped'
+        self.taken.append(goal)
+        return Taken(self, on_feedback)
+
+
+class Taken:
+    """A goal that the driver behind executes."""
+
+    def __init__(self, behind, on_feedback):
+        self._behind, self._on_feedback = behind, on_feedback
+        self.result = asyncio.create_task(self._run())
+
+    async def _run(self):
+        behind, spline = self._behind, self._behind.spline
+        while behind.spline is spline and behind.held is None:
+            if now() - behind.begin > spline.times[-1]:
+                return SUCCEEDED
+            if behind.tells:
+                feedback = FollowJointTrajectory.Feedback(joint_names=list(NAMES))
+                feedback.header.stamp = stamped(Time, now())
+                feedback.desired.time_from_start = stamped(Duration, now() - behind.begin)
+                feedback.desired.positions = behind.commanded()[0].tolist()
+                self._on_feedback(feedback)
+            await asyncio.sleep(CYCLE_S)
+        return Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, 'replaced or canceled')
+
+    async def cancel(self, _timeout):
+        self._behind.canceled += 1
+        self._behind.held = self._behind.commanded()[0]
+        return self._behind.cancels
+
+
+class Front:
+    """SmoothGoals in front of Behind, and what it logged."""
+
+    def __init__(self, monkeypatch, **parameters):
+        self.logged, self.failures = [], []
+        self.behind = Behind()
+        values = {row.name: row.default for row in TABLE}
+        values |= {'limits_file': 'c3_a601s', 'period': 0.02} | parameters
+        self.busy = False
+
+        def logs(text):
+            self.logged.append(text)
+
+        logger = SimpleNamespace(info=logs, warning=logs, error=logs)
+        node = SimpleNamespace(
+            get_logger=lambda: logger, get_clock=lambda: None, create_subscription=self._subscribed
+        )
+        for name, stand_in in {
+            'declare_rows': lambda *_: values,
+            'undeclared': lambda _: ['nobody knows `leed`'],
+            'context_of': lambda _: copy_context(),
+            'ArmState': lambda *_: self.behind,
+            'Downstream': lambda *_: self.behind,
+            'LoopBridge': lambda *_: self,
+            'GoalAction': lambda *_: self,
+        }.items():
+            monkeypatch.setattr(smooth_goals, name, stand_in)
+        self.goals = SmoothGoals(node)
+
+    def _subscribed(self, _kind, _topic, callback, *_arguments, **_more):
+        self.describe = callback
+
+    def to_loop(self, function, *arguments):
+        function(*arguments)
+
+    def failed(self, what, error):
+        self.failures.append((what, error))
+
+    def end(self):
+        self.failures.append('ended')
+
+    async def results_sent(self, is_busy, *, busy):
+        assert (is_busy(), busy) == (False, False)
+
+    async def goal(self, *points, **fields):
+        """Hand a goal over and return it, its feedback, and a future of its outcome."""
+        times, positions = zip(*points, strict=True)
+        message = trajectory_message(Trajectory(NAMES, np.array(times), np.array(positions)))
+        request = FollowJointTrajectory.Goal(trajectory=message, **fields)
+        feedback, scope = [], PlanningScope()
+        handle = SimpleNamespace(request=request, publish_feedback=feedback.append)
+        ended = asyncio.get_running_loop().create_future()
+        goal = (await self.goals._prepare(handle, scope))(ended.set_result)
+        self.goals._submit(goal, scope)
+        return SimpleNamespace(goal=goal, feedback=feedback, ended=ended)
+
+    async def under_way(self):
+        await until(lambda: np.abs(self.behind.commanded()[1]).max() > 0.1)
+        await asyncio.sleep(3 * CYCLE_S)
+
+    async def refused(self, *points, **fields):
+        """Return why a goal that moves nothing ended."""
+        try:
+            said = (await (await self.goal(*points, **fields)).ended).text
+        except GoalRejectedError as refusal:
+            said = str(refusal)
+        assert self.behind.taken == []
+        return said
+
+
+async def test_positions_become_a_smooth_motion_that_ends_where_they_do(monkeypatch):
+    front = Front(monkeypatch)
+    assert 'nobody knows `leed`' in front.logged
+    sent = await front.goal((0.0, START), (0.7, np.mean([START, FAR], axis=0)), (1.2, FAR))
+    assert await sent.ended == SUCCEEDED
+    assert np.abs(front.behind.commanded()[0] - FAR).max() < 1e-9
+    assert sent.feedback[-1].joint_names == list(NAMES)
+    (taken,) = front.behind.taken
+    assert all(len(point.accelerations) == 6 for point in taken.trajectory.points)
+
+
+async def test_it_is_as_fast_as_the_limits_allow(monkeypatch):
+    front = Front(monkeypatch, timing='time_optimal')
+    assert await (await front.goal((9.0, FAR))).ended == SUCCEEDED
+    assert front.behind.spline.times[-1] < 3.0
+
+
+@pytest.mark.invariant(2, 3, 5)
+async def test_cancel_brakes_on_the_way_and_nothing_jumps(monkeypatch):
+    front = Front(monkeypatch)
+    sent = await front.goal((0.0, START), (6.0, FAR))
+    await front.under_way()
+    front.goals.cancel(sent.goal)
+    outcome = await sent.ended
+    assert outcome.end is End.CANCELED
+    assert outcome.text == 'canceled; it braked; the arm stands'
+    assert np.abs(front.behind.commanded()[0] - FAR).max() > 0.1
+    assert (len(front.behind.taken), front.behind.canceled) == (2, 0)
+
+
+@pytest.mark.invariant(3, 5)
+async def test_a_newer_goal_begins_when_the_arm_has_braked(monkeypatch):
+    front = Front(monkeypatch, stops='brake')
+    first = await front.goal((0.0, START), (6.0, FAR))
+    await front.under_way()
+    second = await front.goal((3.0, START))
+    outcome = await first.ended
+    assert outcome.end is End.ABORTED
+    assert outcome.text == 'replaced by a newer goal; it braked; the arm stands'
+    assert await second.ended == SUCCEEDED
+    assert np.abs(front.behind.commanded()[0] - START).max() < 1e-9
+
+
+@pytest.mark.invariant(3, 5)
+@pytest.mark.parametrize(
+    ('parameters', 'behind', 'said'),
+    [
+        ({'stops': 'cancel'}, {}, 'stopped it; the arm stands'),
+        ({}, {'keeps_stamps': False}, 'stopped it; the arm stands'),
+        ({}, {'tells': False}, 'stopped it; the arm stands'),
+        ({}, {'refuses': ['no stop']}, 'stopped it; the arm stands'),
+        ({}, {'cancels': False, 'tells': False}, 'DID NOT ANSWER THE CANCEL; the arm stands'),
+    ],
+)
+async def test_where_it_cannot_brake_it_is_canceled(monkeypatch, parameters, behind, said):
+    front = Front(monkeypatch, **parameters)
+    sent = await front.goal((0.0, START), (6.0, FAR))
+    await front.under_way()
+    for name, value in behind.items():
+        setattr(front.behind, name, value)
+    await asyncio.sleep(1.0)
+    front.goals.cancel(sent.goal)
+    outcome = await sent.ended
+    assert outcome.end is End.CANCELED
+    assert outcome.text == f'canceled; {front.behind.name} {said}'
+    assert front.behind.canceled == 1
+    assert any('was not smooth' in text for text in front.logged)
+
+
+@pytest.mark.invariant(5, 6)
+async def test_an_arm_that_nobody_hears_of_is_stopped(monkeypatch):
+    front = Front(monkeypatch)
+    sent = await front.goal((0.0, START), (6.0, FAR))
+    await front.under_way()
+    front.behind.silent = 'where joint_1 is, nobody says'
+    assert 'where joint_1 is, nobody says; it braked' in (await sent.ended).text
+    front.behind.silent = None
+    again = await front.goal((6.0, FAR))
+    await front.under_way()
+    front.behind.there = front.behind.tells = False
+    await asyncio.sleep(1.0)
+    assert 'is not served any more; nothing can be sent to its driver' in (await again.ended).text
+
+
+async def test_a_goal_near_its_end_is_left_to_come_to_it(monkeypatch):
+    front = Front(monkeypatch)
+    sent = await front.goal((0.0, START), (3.0, FAR))
+    await front.under_way()
+    spline = front.behind.spline
+    await until(lambda: now() - front.behind.begin > spline.times[-1] - 0.08)
+    front.goals.cancel(sent.goal)
+    assert (await sent.ended).text == 'canceled; it had come to its end; the arm stands'
+
+
+@pytest.mark.invariant(1, 5)
+async def test_what_cannot_be_is_refused_and_moves_nothing(monkeypatch):
+    front = Front(monkeypatch)
+    elsewhere = [*START[:5], 0.5]
+    assert 'joint_6' in await front.refused((0.0, elsewhere), (1.0, FAR))
+    assert 'joint_1' in await front.refused((1.0, [50.0, *START[1:]]))
+    short = Duration(nanosec=1)
+    assert 'inside the limits it takes' in await front.refused(
+        (0.0, START), (0.05, FAR), goal_time_tolerance=short
+    )
+    front.behind.silent = 'where joint_1 is, nobody says'
+    said = await front.refused((1.0, FAR))
+    assert said == 'where joint_1 is, nobody says: a goal begins where the arm stands'
+    front.behind.silent = None
+    monkeypatch.setattr(front.behind, 'commanded', lambda: (np.array(START), np.full(6, 0.5)))
+    assert 'joint_1 moves at 0.5 /s' in await front.refused((1.0, FAR))
+
+
+async def test_limits_come_from_the_robot_description_and_what_it_lacks_is_assumed(monkeypatch):
+    front = Front(monkeypatch, limits_file='')
+    assert 'joint_1: no position min limit is known' in await front.refused((1.0, FAR))
+    front.describe(SimpleNamespace(data='<robot'))
+    assert any('robot_description is not used' in text for text in front.logged)
+    joint = '<joint name="{}" type="revolute"><parent link="a"/><child link="b"/>' + (
+        '<limit lower="-3" upper="3" velocity="2" effort="1"/></joint>'
+    )
+    front.describe(SimpleNamespace(data=f'<robot>{"".join(map(joint.format, NAMES))}</robot>'))
+    assert await (await front.goal((0.0, START), (3.0, FAR))).ended == SUCCEEDED
+    assert sum('no limit is known, and assumed is' in text for text in front.logged) == 12
+
+
+@pytest.mark.invariant(5)
+async def test_when_it_ends_goals_are_left_and_no_new_one_begins(monkeypatch):
+    front = Front(monkeypatch)
+    sent = await front.goal((0.0, START), (6.0, FAR))
+    await front.under_way()
+    await front.goals.shut_down()
+    assert (await sent.ended).text == 'smooth_goals ends; it braked; the arm stands'
+    assert (await (await front.goal((1.0, START))).ended).text == 'smooth_goals ends'
+    front.goals.end()
+    assert front.failures == ['ended']
+
+
+@pytest.mark.invariant(9)
+async def test_feedback_that_cannot_be_passed_on_is_told(monkeypatch):
+    front = Front(monkeypatch)
+    sent = await front.goal((0.0, START), (1.0, FAR))
+
+    def fails(_feedback):
+        raise ZeroDivisionError
+
+    sent.goal.on_feedback = fails
+    await sent.ended
+    assert front.failures[0][0] == 'passing feedback on'
+
+
+# --- the driver behind, as ROS has it -----------------------------------------------------------
+
+
+class Answer:
+    """A future of rclpy that is done, or will be."""
+
+    def __init__(self, value=None, error=None):
+        self._value, self._error = value, error
+
+    def add_done_callback(self, callback):
+        callback(self)
+
+    def exception(self):
+        return self._error
+
+    def result(self):
+        return self._value
+
+
+def client(monkeypatch, *, ready=True, **requests):
+    """Return a Downstream whose action client answers requests so."""
+    action = SimpleNamespace(server_is_ready=lambda: ready, **requests)
+    monkeypatch.setattr(downstream, 'ActionClient', lambda *_, **__: action)
+    node = SimpleNamespace(
+        resolve_topic_name=lambda name: f'/{name}',
+        executor=SimpleNamespace(create_task=lambda work: work()),
+        get_service_names_and_types=lambda: [('/jtc/query_state', ['some/type'])],
+    )
+    return Downstream(node, 'jtc/follow', None)
+
+
+async def test_it_is_told_who_serves_the_action_and_what_it_answers(monkeypatch):
+    assert client(monkeypatch).keeps_stamps
+    with pytest.raises(GoalRejectedError, match='nobody serves the action /jtc/follow'):
+        await client(monkeypatch, ready=False).send(None, None, 1.0)
+    no = Answer(SimpleNamespace(accepted=False))
+    with pytest.raises(GoalRejectedError, match='refused the smooth trajectory'):
+        await client(monkeypatch, send_goal_async=lambda *_: no).send(None, None, 1.0)
+    broken = client(monkeypatch, send_goal_async=lambda *_: Answer(error=OSError('x')))
+    with pytest.raises(OSError, match='x'):
+        await broken.send(None, None, 1.0)
+    with pytest.raises(ZeroDivisionError):
+        await broken.asked(lambda: 1 / 0)
+
+
+async def test_a_goal_that_is_taken_too_late_is_canceled(monkeypatch, caplog):
+    waiting, canceled = [], []
+    late = SimpleNamespace(add_done_callback=waiting.append)
+    behind = client(monkeypatch, send_goal_async=lambda *_: late)
+    with pytest.raises(GoalRejectedError, match='did not answer within 1 s'):
+        await behind.send(None, None, 1.0)
+
+    def cancel():
+        canceled.append(True)
+        return Answer()
+
+    waiting[0](Answer(SimpleNamespace(accepted=True, cancel_goal_async=cancel)))
+    await until(lambda: canceled)
+    await asyncio.sleep(0.1)
+    assert 'took a goal too late' in caplog.text
+
+
+@pytest.mark.parametrize(
+    ('status', 'code', 'text', 'expected'),
+    [
+        (GoalStatus.STATUS_SUCCEEDED, 0, 'done', (End.SUCCEEDED, 0, 'done')),
+        (GoalStatus.STATUS_CANCELED, 0, '', (End.ABORTED, 0, 'goal: without a reason')),
+        (GoalStatus.STATUS_ABORTED, 77, 'x', (End.ABORTED, -1, 'goal: x (error code 77)')),
+    ],
+)
+async def test_its_result_is_passed_on(monkeypatch, status, code, text, expected):
+    result = SimpleNamespace(error_code=code, error_string=text)
+    handle = SimpleNamespace(
+        get_result_async=lambda: Answer(SimpleNamespace(status=status, result=result)),
+        cancel_goal_async=Answer,
+    )
+    sent = Sent(client(monkeypatch), handle)
+    assert await sent.cancel(1.0)
+    outcome = await sent.result
+    end, number, said = expected
+    assert (outcome.end, int(outcome.code)) == (end, number)
+    assert outcome.text.endswith(said)
+    silent = SimpleNamespace(add_done_callback=lambda _callback: None)
+    handle.cancel_goal_async = lambda: silent
+    assert not await sent.cancel(1.0)
+
+
+async def test_joints_are_known_for_a_while_and_velocities_found_where_none_are_told():
+    subscribed = []
+    node = SimpleNamespace(
+        create_subscription=lambda *arguments, **_: subscribed.append(arguments)
+    )
+    arm = ArmState(node, None)
+    tell = subscribed[0][2]
+    for seconds, position in ((1.0, 0.0), (1.5, 0.1), (1.5, 0.1)):
+        message = JointState(name=['a'], position=[position])
+        message.header.stamp = stamped(Time, seconds)
+        tell(message)
+    positions, velocities = arm.of(['a'], 1.0)
+    assert (positions[0], velocities[0]) == (0.1, pytest.approx(0.2))
+    tell(JointState(name=['a'], position=[0.3], velocity=[0.7]))
+    assert arm.of(['a'], 1.0)[1][0] == 0.7
+    await asyncio.sleep(2.0)
+    with pytest.raises(GoalRejectedError, match='where a is, joint_states did not say'):
+        arm.of(['a'], 1.0)
