@@ -17,6 +17,7 @@ from support.api_patience import be_patient
 from support.controller_harness import do
 from support.driver_harness import simulated
 from support.event_loop import run, until
+from support.examples import one_in
 from support.sim_process import wait_for
 
 from epson_driver import Robot, RobotError, aio
@@ -168,7 +169,7 @@ WHILE_PLANNED = {
 }
 
 
-@pytest.mark.parametrize('what', WHILE_PLANNED)
+@pytest.mark.parametrize('what', one_in(2, WHILE_PLANNED))
 @pytest.mark.invariant(4, 5)
 def test_a_motion_that_was_being_planned_never_begins_after_what_ended_it(what, monkeypatch):
     """It is said at once, though the thread that plans goes on, and the arm is enabled again."""

@@ -65,6 +65,7 @@ def test_a_cell_that_runs_twice_closes_the_first_robot(ports):
     first.close()
 
 
+@pytest.mark.slow
 @pytest.mark.invariant(3, 9)
 def test_a_program_that_ends_without_closing_stops_the_arm(ports):
     code = f"""

@@ -89,7 +89,7 @@ def test_ros_really_cannot_be_imported_there(module: str) -> None:
 @pytest.mark.parametrize(
     'words',
     one_in(
-        3,
+        7,
         [
             ('robots',),
             ('robots', 'c3_a601s'),

@@ -107,6 +107,7 @@ def test_a_controller_that_is_gone_in_mid_move_ends_the_motion_and_the_robot_com
     again.wait(PATIENCE)
 
 
+@pytest.mark.slow
 @pytest.mark.invariant(3, 9)
 @pytest.mark.parametrize('error', one_in(2, [ZeroDivisionError, KeyboardInterrupt]))
 def test_an_exception_in_the_block_stops_the_arm(ports, error):
@@ -220,6 +221,7 @@ with Robot.simulated() as robot:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.invariant(3)
 def test_ctrl_c_stops_the_motion_that_is_waited_for():
     process = program(INTERRUPTED, start_new_session=True)
@@ -284,6 +286,7 @@ def test_moves_leave_threads_and_tasks_flat_and_closing_leaves_none(ports, count
     assert threading.active_count() == before
 
 
+@pytest.mark.slow
 def test_closing_from_a_callback_and_from_a_thread_that_waits(ports):
     ended = []
     robot = robot_at(ports).connect()

@@ -68,6 +68,7 @@ def test_what_is_no_fault_or_input_is_said():
         robot.simulation.estop()
 
 
+@pytest.mark.slow
 def test_a_robot_that_is_not_simulated_has_no_such_hand(ports):
     robot = Robot(**{f'{name}_port': ports[name] for name in ports})
     with robot, pytest.raises(RobotError, match='this controller is not simulated'):

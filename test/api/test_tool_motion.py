@@ -273,6 +273,7 @@ async def test_a_line_is_as_straight_as_documented(model, start, speed, accelera
         assert ('away from its path' in motion.text) == (away > ACCURACY)
 
 
+@pytest.mark.slow
 async def test_a_motion_that_left_its_path_says_how_far():
     async with robot_cell(model='gx4_c251s', smooth=True) as (robot, _):
         await robot.move_joints(SCARA_READY, speed=1.0)

@@ -53,6 +53,7 @@ def test_plans_are_found(name: str) -> None:
     assert four_members(name).failed_share <= 0.02
 
 
+@pytest.mark.slow
 def test_time_that_steps_too_small_for_theirs_take_is_made_up_for() -> None:
     """Also by a motion that is a little early before them."""
     figures, _ = families.run_family('mixed_sizes', (9003, 9005))

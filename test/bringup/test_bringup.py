@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from support.examples import one_in
 
 from epson_driver.bringup import (
     DEFAULT_MODEL,
@@ -77,7 +78,7 @@ def test_client_and_simulated_controller_agree_on_the_remote_port(remote_port: s
     assert words[words.index('--remote-port') + 1] == '5000'
 
 
-@pytest.mark.parametrize('controller', ['rc700a', 'spel'])
+@pytest.mark.parametrize('controller', one_in(2, ['spel', 'rc700a']))
 def test_the_simulated_controller_takes_its_command_line(tmp_path: Path, controller: str) -> None:
     values = VALUES | {
         'robot_ip': '127.0.0.1',

@@ -126,6 +126,7 @@ def test_a_client_that_does_something_else_is_told_apart(recorded):
     assert 'the client closed the motion port before 2 requests' in errors
 
 
+@pytest.mark.slow
 def test_an_unrecorded_request_has_no_answer_and_ctrl_c_ends_with_the_report(recorded):
     path, _, _ = recorded
     with playing(path) as (process, again):

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from support.examples import one_in
 from support.here import run_here
 from support.longer_arm import arm_file
 from support.sim_process import FREE, connect, receive
@@ -83,7 +84,8 @@ def test_a_signal_ends_it_with_0_while_clients_are_connected_and_the_arm_moves(
 
 @pytest.mark.quick
 @pytest.mark.parametrize(
-    'arguments', [['--start', '-1.5,0.25,0,0,-0.5,6'], ['--start=-1.5,0.25,0,0,-0.5,6']]
+    'arguments',
+    one_in(2, [['--start', '-1.5,0.25,0,0,-0.5,6'], ['--start=-1.5,0.25,0,0,-0.5,6']]),
 )
 def test_the_arm_starts_where_it_is_told_to(start, arguments):
     _, ports = start(*arguments)
@@ -101,7 +103,7 @@ def test_big_endian_and_another_period(start):
 
 
 @pytest.mark.quick
-@pytest.mark.parametrize('motion', ['smooth', 'ptp'])
+@pytest.mark.parametrize('motion', one_in(2, ['smooth', 'ptp']))
 def test_a_killed_client_stops_the_arm_and_a_new_one_can_go_on(start, motion):
     _, ports = start('--motion', motion)
     script = (
@@ -170,7 +172,6 @@ def test_a_log_that_nobody_reads_stops_nothing(start):
     assert process.wait(timeout=120) == 0
 
 
-@pytest.mark.quick
 def test_a_port_in_use_is_named(start):
     _, ports = start()
     arguments = list(FREE)

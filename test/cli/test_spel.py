@@ -13,6 +13,7 @@ from xml.etree import ElementTree as Xml
 
 import pytest
 from support.controller_harness import do
+from support.examples import one_in
 from support.here import run_here
 
 from epson_driver.cli import spel
@@ -236,7 +237,7 @@ def run_with_input(typed: str, *arguments: str | Path) -> subprocess.CompletedPr
     )
 
 
-@pytest.mark.parametrize('how', [[], ['--fast']], ids=['real time', 'fast'])
+@pytest.mark.parametrize('how', one_in(2, [[], ['--fast']]), ids=['real time', 'fast'])
 def test_run_prints_reads_what_is_typed_and_ends_with_the_program(
     tmp_path: Path, how: list[str]
 ) -> None:
@@ -322,6 +323,7 @@ Fend
 """
 
 
+@pytest.mark.slow
 def test_run_takes_what_the_robot_manager_keeps_and_has_all_boards(tmp_path: Path) -> None:
     (tmp_path / 'main.prg').write_text(HOMES)
     (tmp_path / 'robot.pts').write_text('sVersion="2.0.0"\nnNumberOfPoints=0\n')

@@ -207,6 +207,7 @@ def test_a_person_who_ends_the_questions_interrupts_it(called, monkeypatch):
     assert asked == ['Jog J1']
 
 
+@pytest.mark.slow
 def test_a_controller_is_examined_and_the_text_is_saved(tmp_path):
     process, ports = started()
     try:

@@ -438,6 +438,7 @@ def test_the_remote_port_tells_what_status_does_not(prepare, about, said):
     assert 'Remote Ethernet answers: ' in told(findings, Level.OK)['remote port']
 
 
+@pytest.mark.slow
 def test_tasks_that_a_door_has_paused_are_no_other_profile():
     """A START that has no answer until the tasks go on told of a program that knows none."""
 

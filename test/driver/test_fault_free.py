@@ -61,6 +61,7 @@ async def test_a_goal_that_begins_at_a_small_factor_succeeds_when_the_arm_is_the
         assert now() - began < 14.0
 
 
+@pytest.mark.slow
 async def test_a_goal_that_is_slow_for_a_moment_succeeds_after_a_stream():
     async with cell() as (harness, _):
         harness.driver.servo.take(velocities([0.2, *[0.0] * (JOINTS - 1)]))
@@ -72,6 +73,7 @@ async def test_a_goal_that_is_slow_for_a_moment_succeeds_after_a_stream():
         await succeeds(harness, goal)
 
 
+@pytest.mark.slow
 async def test_a_goal_after_canceled_ones_with_slow_points_succeeds():
     """The next point waits, as those before it are slow: no reply is missing then."""
     first = [0.1914, -0.0509, -0.2106, 0.226, 0.2207, 0.1201]
@@ -96,7 +98,7 @@ async def test_a_goal_after_canceled_ones_with_slow_points_succeeds():
 # --- as long as the plan rests -----------------------------------------------------------------
 
 
-@pytest.mark.parametrize('smooth', [False, True])
+@pytest.mark.parametrize('smooth', one_in(2, [False, True]))
 @pytest.mark.parametrize('rest', one_in(2, [[7.0], [0.5] * 14]), ids=['one segment', 'many'])
 async def test_a_plan_that_rests_for_longer_than_the_patience_succeeds(smooth, rest):
     async with cell(smooth=smooth) as (harness, _):

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.examples import one_in
 from support.smoother_harness import ARM, SLOW
 
 from benchmark.baselines import stop_and_go
@@ -75,7 +76,8 @@ def cases() -> dict[str, tuple[Array, JointLimits, float]]:
 
 
 @pytest.mark.parametrize(
-    ('most', 'least'), [(60, 24), pytest.param(1000, 28, marks=pytest.mark.slow)]
+    ('most', 'least'),
+    [(40, 14), *(pytest.param(*each, marks=pytest.mark.slow) for each in ((60, 24), (1000, 28)))],
 )
 def test_it_is_as_fast_as_the_optimum_of_another_solver(most: int, least: int) -> None:
     ratios = []
@@ -96,7 +98,9 @@ def test_it_is_as_fast_as_the_optimum_of_another_solver(most: int, least: int) -
 @pytest.mark.parametrize(
     'seeds', [range(31_000, 31_001), pytest.param(range(32_000, 32_010), marks=pytest.mark.slow)]
 )
-@pytest.mark.parametrize('family', [name for name in FAMILIES if name not in LONG_FAMILIES])
+@pytest.mark.parametrize(
+    'family', one_in(3, [name for name in FAMILIES if name not in LONG_FAMILIES])
+)
 def test_there_is_one_through_whatever_points(family: str, seeds: range) -> None:
     for member in members(family, seeds):
         waypoints = merged(member.positions)
@@ -108,7 +112,9 @@ def test_there_is_one_through_whatever_points(family: str, seeds: range) -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('family', [name for name in FAMILIES if name not in LONG_FAMILIES])
+@pytest.mark.parametrize(
+    'family', one_in(3, [name for name in FAMILIES if name not in LONG_FAMILIES])
+)
 def test_it_is_faster_than_on_the_spline(family: str) -> None:
     for member in members(family, range(32_000, 32_003)):
         every = Trajectory(
@@ -162,7 +168,9 @@ def test_between_the_waypoints_it_bends_little_more_than_the_spline() -> None:
         assert bend <= 1.02 * max(BEND_RATIO * allowed, MIN_BEND)
 
 
-@pytest.mark.parametrize('name', ['around_pillar_fast_100ms-half', 'moveit_10_percent-half'])
+@pytest.mark.parametrize(
+    'name', one_in(2, ['around_pillar_fast_100ms-half', 'moveit_10_percent-half'])
+)
 def test_the_more_it_may_pass_beside_the_points_the_faster_it_is(name: str) -> None:
     positions, limits, _ = cases()[name]
     waypoints, before = merged(positions), np.inf
@@ -226,6 +234,7 @@ def test_a_search_that_cannot_go_on_leaves_the_motion_on_the_spline(
         assert smooth(ZIGZAG, SLOW).positions.tolist() == spline.positions.tolist()
 
 
+@pytest.mark.slow
 def test_a_look_ahead_or_the_spline_leave_no_choice() -> None:
     settings: list[dict[str, Any]] = [{'look_ahead': 1.0}, {'refine': False}]
     for given in settings:

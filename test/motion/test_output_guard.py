@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from support.examples import one_in
 from support.smoother_harness import ARM, random_run
 
 from epson_driver.motion import Array, JointLimits
@@ -65,7 +66,7 @@ def assert_kept(positions: list[Array], limits: JointLimits = ARM) -> None:
     assert np.all((q >= limits.position_min) & (q <= limits.position_max))
 
 
-@pytest.mark.parametrize('which', [1, 4])
+@pytest.mark.parametrize('which', one_in(2, [1, 4]))
 @pytest.mark.parametrize('fault', FAULTS)
 def test_a_wrong_plan_ends_in_braking_within_all_limits(
     fault: str, which: int | None, caplog: pytest.LogCaptureFixture

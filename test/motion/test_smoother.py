@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.examples import one_in
 
 from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.point_to_point import go
@@ -101,7 +102,7 @@ def test_one_way_takes_about_its_time() -> None:
     assert len(rest(smoother)[0]) * DT == pytest.approx(2.0, rel=0.1)
 
 
-@pytest.mark.parametrize('known', range(1, 12))
+@pytest.mark.parametrize('known', one_in(4, range(1, 12)))
 def test_a_stream_that_dies_leaves_the_arm_at_rest_at_the_last_point(known: int) -> None:
     smoother = Smoother(LIMITS, HOME, latency=0.02)
     points = arc(12)
@@ -147,7 +148,7 @@ def test_stop_comes_to_rest_on_the_path() -> None:
     assert np.array_equal(position[-1], HOME)
 
 
-@pytest.mark.parametrize('when', range(50, 900, 50))
+@pytest.mark.parametrize('when', one_in(3, range(50, 900, 50)))
 def test_stop_at_any_time_stays_inside(when: int) -> None:
     smoother = Smoother(LIMITS, HOME, Mode.TIME_OPTIMAL)
     target = LIMITS.position_max - 1e-3
@@ -207,7 +208,7 @@ def test_pause_and_resume_stay_on_the_path() -> None:
     assert near(path, np.array([m.position for m in motions])) < 2e-3
 
 
-@pytest.mark.parametrize('known', [3, 40])
+@pytest.mark.parametrize('known', one_in(2, [3, 40]))
 @pytest.mark.parametrize('steps', [0, 1, 2])
 def test_an_arm_at_rest_does_not_begin_in_a_pause(steps: int, known: int) -> None:
     smoother = Smoother(LIMITS, HOME, latency=0.002)
@@ -393,7 +394,7 @@ def test_a_step_within_the_merge_tolerance_is_made_only_if_it_is_slow(
     assert np.max(np.abs(positions[-1] - (HOME + 2.0 * along))) < 1e-9
 
 
-@pytest.mark.parametrize('known', [0.2, 0.3, 0.5])
+@pytest.mark.parametrize('known', one_in(3, [0.2, 0.3, 0.5]))
 def test_an_end_that_points_were_merged_into_is_reached_without_a_rest_before(
     known: float,
 ) -> None:

@@ -4,6 +4,7 @@
 
 import numpy as np
 import pytest
+from support.examples import one_in
 from support.smoother_harness import LIMITS, PLAN
 
 from epson_driver.motion import Trajectory
@@ -39,7 +40,7 @@ def largest(points: Trajectory) -> list[float]:
 
 @pytest.mark.invariant(2, 3)
 @pytest.mark.parametrize('mode', Mode)
-@pytest.mark.parametrize('share', [0.0, 0.03, 0.2, 0.5, 0.77, 0.97, 1.0])
+@pytest.mark.parametrize('share', one_in(3, [0.0, 0.03, 0.2, 0.5, 0.77, 0.97, 1.0]))
 def test_the_motion_and_its_stop_are_one_motion_inside_the_limits(
     mode: Mode, share: float
 ) -> None:

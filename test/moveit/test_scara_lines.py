@@ -72,7 +72,7 @@ def ready(arm: Kinematics) -> tuple[Array, Array]:
     return arm.forward(shown), shown
 
 
-@pytest.mark.parametrize('name', one_in(4, SCARAS))
+@pytest.mark.parametrize('name', one_in(12, SCARAS))
 def test_a_line_is_followed_and_the_turn_of_the_tool_kept(name: str) -> None:
     arm = Kinematics(load_robot_model(name))
     begin, joints = ready(arm)

@@ -6,13 +6,14 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from support.examples import one_in
 
 from epson_driver.bringup import servo_parameters
 from epson_driver.robots import load_robot_model, robot_models
 from epson_driver.robots.kinematics import Kinematics, conditions, singularity_thresholds
 from epson_driver.robots.urdf import srdf
 
-each = pytest.mark.parametrize('name', robot_models())
+each = pytest.mark.parametrize('name', one_in(5, robot_models()))
 
 
 @each

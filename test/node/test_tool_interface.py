@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from geometry_msgs.msg import Pose
+from support.examples import one_in
 
 from epson_driver import aio
 from epson_driver.node.static_frames import link_prefix, links
@@ -67,7 +68,7 @@ def test_a_name_that_is_no_word_is_refused(name: str) -> None:
         named_tool(MODEL, GOOD, name)
 
 
-@pytest.mark.parametrize('model', robot_models())
+@pytest.mark.parametrize('model', one_in(5, robot_models()))
 def test_no_link_of_the_urdf_can_be_a_tool(model: str) -> None:
     """A frame with two parents would take tf apart."""
     known = load_robot_model(model)

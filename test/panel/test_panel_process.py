@@ -147,7 +147,6 @@ def test_any_window_stops_the_arm_at_once(cell: Cell, panel: PanelProcess) -> No
     back(cell)
 
 
-@pytest.mark.quick
 @pytest.mark.invariant(3)
 def test_a_window_that_is_gone_takes_its_goal_with_it(cell: Cell, panel: PanelProcess) -> None:
     moving(cell, panel).close()

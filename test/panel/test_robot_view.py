@@ -160,7 +160,7 @@ def test_the_tool_is_shown_in_the_numbers_of_the_pendant(made: Made) -> None:
     assert_allclose(made.part('pose')['tool'], wanted, atol=0.006)
 
 
-@pytest.mark.parametrize('name', one_in(6, robot_models()))
+@pytest.mark.parametrize('name', one_in(25, robot_models()))
 def test_every_arm_is_drawn_with_its_tool_and_told_what_nobody_has_confirmed(name: str) -> None:
     model = load_robot_model(name)
     made = Made(model)

@@ -38,6 +38,7 @@ def test_the_way_found_goes_around_it():
     assert (finer <= MODEL.limits.position_max).all()
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_way_whatever_came_before():
     ways = [find_path(LEFT, RIGHT, MODEL.limits, FREE.valid, seed) for seed in (1, 2, 1)]
     assert np.array_equal(ways[0], ways[2])

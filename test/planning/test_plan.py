@@ -171,6 +171,7 @@ def test_the_verdict_on_the_motion_as_planned(plan):
         assert verdict.clearances.shape == motion.expected.times.shape
 
 
+@pytest.mark.slow
 def test_the_verdict_sees_a_pillar_between_two_joint_states():
     plan = plan_task(task(PILLAR), MODEL)
     motion = plan.motions[1]

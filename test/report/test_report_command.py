@@ -212,7 +212,7 @@ def test_a_name_cannot_break_out_of_the_page(tmp_path):
     assert data_of(text)['runs'][0]['figures']['source'] == evil.source
 
 
-@pytest.mark.parametrize('name', one_in(6, robot_models()))
+@pytest.mark.parametrize('name', one_in(25, robot_models()))
 def test_every_robot_can_be_drawn(name):
     model = load_robot_model(name)
     count = len(model.joint_names)

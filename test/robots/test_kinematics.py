@@ -88,7 +88,7 @@ def test_the_urdf_has_tool0_where_the_pendant_would_show_it(
         assert turned(pose[:3, :3], rotation_of_uvw(np.radians(angles))) < CLOSE
 
 
-@pytest.mark.parametrize('model', SIX_AXIS, ids=names)
+@pytest.mark.parametrize('model', one_in(3, SIX_AXIS), ids=names)
 def test_the_chain_in_python_is_that_of_the_urdf(model: RobotModel) -> None:
     read = pinocchio.buildModelFromXML(urdf(model.file))
     data, arm = read.createData(), Kinematics(model)
@@ -125,7 +125,7 @@ def test_the_elbow_of_the_c8_is_offset() -> None:
     )
 
 
-@pytest.mark.parametrize('model', one_in(3, ARMS), ids=names)
+@pytest.mark.parametrize('model', one_in(6, ARMS), ids=names)
 def test_the_inverse_has_the_joints_that_made_the_pose_first_and_only_true_ones(
     model: RobotModel,
 ) -> None:
@@ -142,7 +142,7 @@ def test_the_inverse_has_the_joints_that_made_the_pose_first_and_only_true_ones(
             np.testing.assert_allclose(arm.forward(other), pose, atol=EXACT)
 
 
-@pytest.mark.parametrize('model', ARMS, ids=names)
+@pytest.mark.parametrize('model', one_in(3, ARMS), ids=names)
 def test_every_solution_within_the_limits_is_found(model: RobotModel) -> None:
     """The flipped wrist and whole turns, from the one solution that is known."""
     arm, limits = Kinematics(model), model.limits

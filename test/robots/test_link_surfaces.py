@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from support.examples import one_in
 
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel, load_robot_model, robot_models
@@ -15,7 +16,7 @@ from epson_driver.robots.link_surfaces import box, cylinder, link_surfaces
 from epson_driver.robots.urdf import srdf
 
 NAMES = robot_models()
-each_model = pytest.mark.parametrize('model', [*map(load_robot_model, NAMES)], ids=NAMES)
+each_model = pytest.mark.parametrize('model', one_in(5, map(load_robot_model, NAMES)), ids=NAMES)
 
 
 def volume(corners: Array) -> float:

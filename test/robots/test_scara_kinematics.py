@@ -25,7 +25,9 @@ def hanging(model):
     return dataclasses.replace(model, name='hanging', chain=turned, tool0=tool0)
 
 
-@pytest.mark.parametrize('model', one_in(4, [hanging(GX4), *MODELS]), ids=lambda model: model.name)
+@pytest.mark.parametrize(
+    'model', one_in(12, [hanging(GX4), *MODELS]), ids=lambda model: model.name
+)
 def test_each_pose_has_the_joints_it_came_from_and_all_solutions_give_it(model):
     arm, limits = Kinematics(model), model.limits
     random = np.random.default_rng(18)

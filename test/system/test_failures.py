@@ -313,7 +313,6 @@ def serving(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
     robot.close()
 
 
-@pytest.mark.quick
 @pytest.mark.parametrize('name', quick(REQUESTS, ['~/stop', '~/write_io']))
 def test_a_service_that_fails_says_so_and_the_arm_stops(serving: Robot, name: str) -> None:
     kind, request = REQUESTS[name]

@@ -63,7 +63,6 @@ def assert_works_after_enable(cell: Cell) -> None:
     assert ended == 'succeeded', text
 
 
-@pytest.mark.quick
 @pytest.mark.invariant(4)
 def test_invariant_4_nothing_moves_before_the_first_enable(cell: Cell) -> None:
     """This one is the first of the file: the cell is as it was started."""
@@ -157,7 +156,6 @@ def test_controller_killed_in_mid_motion_and_restarted(cell: Cell) -> None:
     assert_works_after_enable(cell)
 
 
-@pytest.mark.quick
 def test_client_killed_in_mid_motion_and_restarted(cell: Cell) -> None:
     peer = enabled_at_start(cell)
     peer.goal(far_away())

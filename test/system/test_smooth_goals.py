@@ -34,7 +34,6 @@ def go_back(cell: Cell) -> None:
     assert np.abs(cell.peer.assert_still() - START).max() < 1e-6
 
 
-@pytest.mark.quick
 def test_a_plan_is_executed_to_its_end(smooth_cell: Cell) -> None:
     peer = smooth_cell.peer
     plan = read_trajectory(share_file('config', 'trajectories', 'around_pillar_11_points.yaml'))

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from support.examples import one_in
 
 from epson_driver.driver.goal.goal import Goal, checked_goal
 from epson_driver.driver.outcome import GoalRejectedError
@@ -16,7 +17,7 @@ from epson_driver.motion import Array, Trajectory
 from epson_driver.robots import RobotModel, load_robot_model, robot_models
 from epson_driver.robots.urdf import urdf
 
-each_model = pytest.mark.parametrize('name', robot_models())
+each_model = pytest.mark.parametrize('name', one_in(5, robot_models()))
 
 MOST = {'rad': 1e-4, 'm': 1e-5}
 """The URDF's limits may be so much wider than the arm's."""

@@ -93,8 +93,7 @@ STREAMS = {
     quickly(
         [
             ('a key and an idle stick', only_stopped),
-            ('positions', disabled_and_back),
-            *product(('windows',), (estop_and_back, cut_and_back)),
+            ('windows', estop_and_back),
         ],
         product(STREAMS, STOPS),
     ),

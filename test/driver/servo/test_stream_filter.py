@@ -88,7 +88,7 @@ def test_a_sine_is_followed_closely_and_quietly(step, given, most, noise):
     assert jerks[times > 2.0].mean() < 0.2
 
 
-@pytest.mark.parametrize('given', [False, True])
+@pytest.mark.parametrize('given', one_in(2, [False, True]))
 def test_noise_of_a_stream_that_holds_still_hardly_moves_the_arm(given):
     times, ways, _ = followed(still, 20.0, given=given, noise=1e-3)
     assert ways[times > 2.0].std() < 2e-4  # 1.25e-3 before
@@ -98,7 +98,7 @@ def test_noise_of_a_stream_that_holds_still_hardly_moves_the_arm(given):
 @pytest.mark.parametrize('step', STEPS)
 @pytest.mark.parametrize(
     ('speed', 'phase'),
-    quickly([(0.5, 0.05), (1.0, 0.3), (1.0, 0.8)], product([0.5, 1.0], [0.05, 0.3, 0.55, 0.8])),
+    quickly([(0.5, 0.05), (1.0, 0.8)], product([0.5, 1.0], [0.05, 0.3, 0.55, 0.8])),
 )
 def test_a_ramp_that_ends_at_once_is_not_passed(speed, step, given, phase):
     """By 19 to 97 mrad before."""

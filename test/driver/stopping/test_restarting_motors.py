@@ -90,6 +90,7 @@ async def test_after_an_estop_nothing_moves_until_enable_starts_the_program_agai
         await assert_moves(harness)
 
 
+@pytest.mark.slow
 async def test_a_program_that_a_person_has_stopped_is_started_by_enable():
     async with spel_cell() as (harness, controller, ports):
         await harness.commands.enable()
@@ -128,6 +129,7 @@ async def test_disable_stops_the_program_and_switches_the_motors_off():
         assert await harness.rests()
 
 
+@pytest.mark.slow
 @pytest.mark.invariant(4)
 async def test_enable_of_an_enabled_arm_does_not_restart_a_paused_program():
     """Invariant: what is paused by a person goes on by a person; its goal is not lost."""

@@ -19,6 +19,7 @@ from support.controller_harness import (
     frame,
     point,
 )
+from support.examples import one_in
 
 from epson_driver.sim_controller.arm.streaming import MAX_ATTEMPTS
 from epson_driver.sim_controller.condition.states import Motors
@@ -374,7 +375,7 @@ def test_invariant_1_no_plan_from_before_a_stop_moves_the_arm():
 # ---- pauses and power
 
 
-@pytest.mark.parametrize('seconds', [0.02, 0.3, 0.7, 1.2])
+@pytest.mark.parametrize('seconds', one_in(3, [0.02, 0.3, 0.7, 1.2]))
 def test_a_pause_brakes_on_the_path_and_continue_goes_on_to_the_same_points(seconds):
     harness = smooth_harness(0.012, look_ahead=0.3)
     points = way(80)

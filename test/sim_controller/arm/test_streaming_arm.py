@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from support.examples import one_in
 from support.streaming_harness import (
     HOME,
     LIMITS,
@@ -40,7 +41,7 @@ def low_harness(low=True, **values):
     return harness
 
 
-@pytest.mark.parametrize('period', [0.0, 0.02])
+@pytest.mark.parametrize('period', one_in(2, [0.0, 0.02]))
 def test_low_power_caps_every_joint_and_the_tool(period):
     harness = low_harness()
     points = way(25, 0.2)
@@ -72,7 +73,7 @@ def test_power_changes_from_one_trajectory_to_the_next():
     assert not harness.failures
 
 
-@pytest.mark.parametrize('low', [False, True])
+@pytest.mark.parametrize('low', one_in(2, [False, True]))
 def test_a_change_of_power_in_motion_counts_from_the_next_rest_on(low):
     harness = low_harness(not low)
     points = way(15, 0.1)

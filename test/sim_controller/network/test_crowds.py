@@ -205,6 +205,7 @@ def client():
     return harness.controller.connect('remote', Peer())
 
 
+@pytest.mark.slow
 @pytest.mark.invariant(7)
 def test_invariant_7_refused_remote_commands_have_a_pace_and_the_rest_is_counted(log, client):
     client.receive(b'$Nothing\n' * MANY)

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from support.examples import one_in
 from support.program_harness import (
     FAILURE,
     HOME,
@@ -539,7 +540,7 @@ def test_fanuc_acknowledges_before_it_moves():
 
 
 @pytest.mark.invariant(2, 7)
-@pytest.mark.parametrize('name', ['rc620', 'thesis', 'fanuc', 'abb', 'generic'])
+@pytest.mark.parametrize('name', one_in(2, ['rc620', 'thesis', 'fanuc', 'abb', 'generic']))
 def test_invariants_2_and_7_whatever_comes_in_whatever_order(name):
     random = np.random.default_rng(7)
     harness = ProgramHarness(name, pending_limit=20)

@@ -82,7 +82,11 @@ def status(state):
 
 @pytest.mark.parametrize(
     ('name', 'slower', 'deviation'),
-    [('around_pillar_11_points', 1.1, 0.01), ('pick_and_place_20ms', 1.2, 0.02)],
+    one_in(
+        2,
+        [('around_pillar_11_points', 1.1, 0.01), ('pick_and_place_20ms', 1.2, 0.02)],
+        several=True,
+    ),
 )
 def test_a_plan_is_one_smooth_motion_near_its_points_and_within_limits(name, slower, deviation):
     """Invariant 2; no interior stop, in little more than the planned time."""
@@ -309,7 +313,7 @@ def test_a_scara_goes_where_it_is_sent_and_says_where_it_is():
 @pytest.mark.parametrize(
     ('arguments', 'words'),
     one_in(
-        2,
+        4,
         [
             (['--motion', 'ptp'], '--motion: a SPEL+ program moves as its statements say'),
             (['--define', 'FULL_POWER'], 'must be NAME=VALUE'),

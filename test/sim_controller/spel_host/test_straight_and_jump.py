@@ -319,7 +319,7 @@ def beside(places, begin, end):
 
 
 @pytest.mark.invariant(2)
-@pytest.mark.parametrize('statement', ['Jump3', 'Jump3CP'])
+@pytest.mark.parametrize('statement', one_in(2, ['Jump3', 'Jump3CP']))
 @pytest.mark.parametrize(
     ('more', 'rise', 'fall'),
     [('C1', 15.0, 25.0), ('C0', 30.0, 30.0), ('C7', 60.83, 70.0), ('', 60.83, 70.0),
@@ -355,7 +355,7 @@ def across_and_up(caplog, statement, power):
     return gone / gone[-1], heights
 
 
-@pytest.mark.parametrize('statement', one_in(2, ['Jump', 'Jump3', 'Jump3CP']))
+@pytest.mark.parametrize('statement', one_in(3, ['Jump', 'Jump3', 'Jump3CP']))
 def test_an_arch_at_low_power_is_lower(caplog, statement):
     """P474, p479: "When speed is lower, the trajectory will be lower"."""
     fast, slow = (across_and_up(caplog, statement, power) for power in (HIGH, ''))
@@ -401,7 +401,7 @@ def arch_of(caplog, name, low_power):
 @pytest.mark.parametrize(
     ('name', 'low_power'),
     one_in(
-        2,
+        4,
         [('jump3', False), ('jump3', True), ('jump3cp', True), ('jump3cp', False)],
         several=True,
     ),
