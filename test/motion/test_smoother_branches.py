@@ -180,6 +180,31 @@ def test_from_rest_there_is_a_plan_though_no_path_that_bends_can_be_followed(
     assert limit_usage(Path(found.knots), found.timing, ARM).allowed
 
 
+def test_from_a_pause_the_arm_goes_on_along_its_path_whatever_the_search_finds(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    smoother = Smoother(ARM, np.zeros(6))
+    for turn in (0.2, 0.4, 0.3):
+        smoother.append(np.full(6, turn), 0.5)
+    smoother.finish()
+    while smoother.points_ahead > 2:
+        smoother.step(CYCLE_S)
+    smoother.scale = 0.0
+    while not smoother.at_rest:
+        smoother.step(CYCLE_S)
+        assert smoother.now < MAX_MOTION_S
+    smoother.scale = 1.0
+    request = smoother.request()
+    assert request is not None
+    assert len(request.kept.u) == 2, 'it rests between two knots'
+    monkeypatch.setattr(planner.optimal, 'propose', lambda *_, **__: None)
+    found = planner.plan(request, ARM)
+    assert found is not None
+    assert found.proposer == 'simple'
+    assert found.timing.at(0.0) == request.state
+    assert limit_usage(Path(found.knots), found.timing, ARM).allowed
+
+
 def test_from_rest_there_is_a_plan_though_the_first_way_took_all_of_the_effort(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

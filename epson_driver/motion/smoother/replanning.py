@@ -216,7 +216,7 @@ class Replanning:
         older: Knots | None = None
         former: TimeParametrisation | None = None
         lag = 0.0
-        urgent = False
+        urgent = True
         pause = plan is not None and execution.scale == 0.0
         share = execution.scale
         if plan is not None and (pause or plan.scale > 0.0):
