@@ -472,11 +472,13 @@ class GoalQueue:
         delivery = self._stopper.delivery
         try:
             await Rescaling(motion, execution, self.scaling, delivery, start).run()
-        except SmoothingError as error:
-            execution.fault(f'the speed could not be changed any more: {error}')
         except Exception as error:  # noqa: BLE001 - whatever it is, the rest is held back
-            _log.exception('the speed of a motion could not be changed')
-            execution.fault(f'the speed could not be changed any more: {error!r}')
+            why = str(error)
+            if not isinstance(error, SmoothingError):
+                _log.exception('the speed of a motion could not be changed')
+                why = repr(error)
+            if execution.schedule is not None:  # else it is being stopped for another reason
+                execution.fault(f'the speed could not be changed any more: {why}')
 
     def _execute(
         self,

@@ -244,6 +244,23 @@ async def test_inv9_a_smoother_that_is_gone_stops_the_goal_at_another_share(monk
         assert await harness.rests()
 
 
+@pytest.mark.invariant(5)
+async def test_inv5_a_smoother_that_is_gone_changes_nothing_in_how_a_canceled_goal_ends(motions):
+    async def gone(index, share):
+        await asyncio.sleep(0.05)
+        raise SmoothingError('the smoother was ended')
+
+    async with resampling_cell() as (harness, _):
+        first = submit(harness, long_way('dense', 3.0))
+        await harness.until_moving()
+        motions[0].after = gone
+        scale(harness, 0.5)
+        await asyncio.sleep(0.02)
+        harness.driver.goal_queue.cancel(first.handle)
+        assert (await first.end()).end is End.CANCELED
+        assert await harness.rests()
+
+
 @pytest.mark.parametrize(
     ('smoothing', 'rules', 'scales'),
     [
