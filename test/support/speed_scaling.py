@@ -2,10 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Goals whose speed is scaled on the way, and how fast the arm was on them."""
 
+import asyncio
+
 import numpy as np
 
+from epson_driver.driver.outcome import End
 from support.driver_harness import Submitted, pose
 from support.event_loop import now
+from support.replacement_runs import long_way
 
 
 def submit(harness, some_goal):
@@ -33,3 +37,24 @@ def pace(times, places, begin, end):
     """Return the mean pace between two times."""
     inside = (times >= begin) & (times <= end)
     return float(np.polyfit(times[inside], places[inside], 1)[0])
+
+
+async def slowed_on_the_way(cell, seed):
+    """Return a share that a goal was slowed down to, and `progress` from then until near its end.
+
+    Share, moment and goal are drawn.
+    """
+    rng = np.random.default_rng(seed)
+    share, moment = float(rng.uniform(0.15, 0.6)), float(rng.uniform(0.3, 1.2))
+    way = long_way(str(rng.choice(['dense', 'planned'])), 3.0)
+    async with cell as (harness, _):
+        first = submit(harness, way)
+        await harness.until_moving()
+        await asyncio.sleep(moment)
+        scale(harness, share)
+        since = now()
+        assert (await first.end()).end is End.SUCCEEDED
+        times, places = progress(harness, way.trajectory, since)
+    assert np.all(np.diff(places) > -0.01)
+    inside = places < 2.8
+    return share, times[inside], places[inside]
