@@ -111,6 +111,8 @@ class GoalExecution:
         self._lead = lead
         self.leavable = True
         """Whether it may be left on its way."""
+        self.on_sent: Callable[[], None] = lambda: None
+        """Called when a point was sent."""
         self._planned_speed = planned_speed
         self._successor: Successor | None = None
         self._leave_by = math.inf  # when it should have been left for the successor
@@ -626,6 +628,8 @@ class GoalExecution:
             self._send(message, partial(self.on_reply, index))
         except ConnectionError as error:
             self.fault(f'{self._name(index)} could not be sent: {error}')
+        else:
+            self.on_sent()
 
     def _step(self, event: GoalEvent) -> None:
         self.aftermath = AFTERMATH.get((self.state, event), UNKNOWN)

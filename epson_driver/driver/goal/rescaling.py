@@ -28,9 +28,6 @@ ANSWER_S = 0.1
 RESERVE_S = 0.3
 """The next block is asked for when less than this is known beyond what was sent, s."""
 
-LOOK_S = 0.01
-"""How often to look whether there is something to do, s."""
-
 
 class Rescaling:
     """Changes the speed of a goal from `start`, shape (n,), rad, that executes a smooth motion."""
@@ -56,10 +53,17 @@ class Rescaling:
         self._changed = False
         self._goes_on = False
         """Whether more samples follow on those that are known."""
+        self._news = asyncio.Event()
+        """A point was sent, or another factor asked for."""
+        execution.on_sent = scaling.on_set = self._news.set
 
     async def run(self) -> None:
-        """Keep what was not sent at the factor of the moment. Raises SmoothingError."""
+        """Keep what was not sent at the factor of the moment, until it is cancelled.
+
+        Raises SmoothingError.
+        """
         while (schedule := self._execution.schedule) is not None:
+            self._news.clear()
             share = self._scaling.target
             if share != self._share:
                 begun = schedule.count > schedule.scaled_from
@@ -69,7 +73,7 @@ class Rescaling:
                 await self._replan(schedule, schedule.count, share)
             elif not self._changed:
                 await self._keep_up(schedule)
-            await asyncio.sleep(LOOK_S)
+            await self._news.wait()
 
     async def _keep_up(self, schedule: PointSchedule) -> None:
         """Have the smoother go where the points are, so that it need not when that is urgent."""
