@@ -41,12 +41,18 @@ def set_label(task: Task, number: int, label: str) -> None:
         del labels[key]
     if label:
         labels[label.lower()] = number
+        task.world.spelling[label.lower()] = label
 
 
 def label_of(task: Task, number: int) -> str:
     """Return PLabel$."""
-    found = (key for key, value in task.world.point_labels.items() if value == number)
-    return next(found, '')
+    return _written_labels(task).get(number, '')
+
+
+def _written_labels(task: Task) -> dict[int, str]:
+    """Return labels as they were written, by the numbers of their points."""
+    world = task.world
+    return {number: world.spelling.get(key, key) for key, number in world.point_labels.items()}
 
 
 def list_points(task: Task, first: int | None = None, last: int | None = None) -> None:
@@ -78,6 +84,7 @@ def load_points(task: Task, name: str, words: tuple[str, ...] = ()) -> None:
         _clear_points(task)
     world.load(file.points)
     world.point_labels |= file.labels
+    world.spelling |= file.spelling
 
 
 def save_points(task: Task, name: str) -> None:
@@ -86,7 +93,7 @@ def save_points(task: Task, name: str) -> None:
         raise bad('SavePoints', f'{name}: a name without blanks that ends in .pts')
     world = task.world
     when = datetime(2000, 1, 1, tzinfo=UTC)
-    text = points_of(world.points, world.point_labels, when)
+    text = points_of(world.points, _written_labels(task), when)
     world.files.write(name, text.encode('latin-1', 'replace'))
 
 

@@ -31,10 +31,11 @@ _J_ANGLES = ('J1', 'J4')
 
 @dataclass(frozen=True, slots=True)
 class PointFile:
-    """The points of a .pts file by number, and their labels in lower case."""
+    """The points of a .pts file by number, their labels in lower case, and these as written."""
 
     points: dict[int, Point]
     labels: dict[str, int]
+    spelling: dict[str, str]
 
 
 @dataclass
@@ -50,6 +51,8 @@ class ProjectData:
     point_files: dict[str, PointFile] = field(default_factory=dict)
     """By name in lower case."""
     point_labels: dict[str, int] = field(default_factory=dict)
+    spelling: dict[str, str] = field(default_factory=dict)
+    """Labels of points in lower case, and as they are written."""
     io_labels: dict[tuple[int, int, int], str] = field(default_factory=dict)
     """By kind (input 0, output 1, memory 2), width and number, as they are written."""
     unlabelled: set[str] = field(default_factory=set)
@@ -188,6 +191,7 @@ def project_data(files: Mapping[str, str], problems: list[Problem]) -> ProjectDa
             elif lower.endswith(POINTS):
                 data.point_files[lower] = points = _points(block)
                 data.point_labels |= {**points.labels, **data.point_labels}
+                data.spelling |= {**points.spelling, **data.spelling}
             elif lower == IO_LABELS:
                 data.io_labels = _io_labels(block)
                 data.labels |= {name.lower(): at[2] for at, name in data.io_labels.items()}
@@ -207,17 +211,18 @@ def _points(block: Block) -> PointFile:
     """Raises RcFileError for a number that is none, or out of range."""
     points: dict[int, Point] = {}
     labels: dict[str, int] = {}
+    spelling: dict[str, str] = {}
     for each in block.blocks('Point'):
         number = int(each.number('nNumber', -1))
         if not 0 <= number <= LAST_POINT:
             raise each.fault('nNumber', f'point number {number} is not in 0..{LAST_POINT}')
-        if each.text('sLabel'):
-            labels[each.text('sLabel').lower()] = number
+        if label := each.text('sLabel'):
+            labels[label.lower()], spelling[label.lower()] = number, label
         if int(each.number('nUndefined')) & 0xF:  # X, Y, Z, U: a label without a place
             continue
         values = tuple(each.number(f'r{axis}') for axis in 'XYZUVW')
         points[number] = Point('xy', values, tuple(_flags(each)))
-    return PointFile(points, labels)
+    return PointFile(points, labels, spelling)
 
 
 def point_file(name: str, content: bytes) -> PointFile:
@@ -228,9 +233,8 @@ def point_file(name: str, content: bytes) -> PointFile:
         raise bad('LoadPoints', str(error)) from error
 
 
-def points_of(points: Mapping[int, Point], labels: Mapping[str, int], when: datetime) -> str:
+def points_of(points: Mapping[int, Point], labels: Mapping[int, str], when: datetime) -> str:
     """Return the text of a .pts file."""
-    names = {number: label for label, number in labels.items()}
     body = Block('', [('sVersion', '"2.0.0"'), ('nNumberOfPoints', str(len(points)))])
     for turn, (number, point) in enumerate(sorted(points.items()), 1):
         axes = zip('XYZUVW', (*point.values, *[0.0] * 6), strict=False)
@@ -239,7 +243,7 @@ def points_of(points: Mapping[int, Point], labels: Mapping[str, int], when: date
                 f'Point{turn}',
                 [
                     ('nNumber', str(number)),
-                    ('sLabel', quoted(names.get(number, ''))),
+                    ('sLabel', quoted(labels.get(number, ''))),
                     ('sDescription', '""'),
                     ('nUndefined', '0'),
                     *((f'r{axis}', f'{value:.3f}') for axis, value in axes),

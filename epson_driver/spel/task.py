@@ -201,6 +201,7 @@ class World:
         self.points: dict[int, Point] = {}
         self.load(program.data.points)
         self.point_labels = dict(program.data.point_labels)
+        self.spelling = dict(program.data.spelling)
         self.locals: dict[int, Point] = {}
         self.arches = {number: (30.0 + 10.0 * number,) * 2 for number in range(7)}
         """The arch table: depart and approach distance, mm (p111)."""

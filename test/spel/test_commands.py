@@ -327,17 +327,17 @@ STATEMENTS_AT_WORK = {
     'jump3cp': ('Motor On\nP1 = XY(1,2,3,4)\nJump3CP P1, P1, P1\nPrint CX(Here)', ['1']),
     'here': ('P1 = XY(9,9,9,9)\nHere P1\nPrint CX(P1)', ['0']),
     'pdel': ('P1 = XY(1,2,3,4)\nP2 = P1\nPDel 1, 2\nPrint PDef(1), PDef(P2)', ['0 0']),
-    'plabel': ('P1 = XY(1,2,3,4)\nPLabel 1, "a"\nPrint PLabel$(1), PNumber("A")', ['a 1']),
+    'plabel': ('P1 = XY(1,2,3,4)\nPLabel 1, "Pi"\nPrint PLabel$(1), PNumber("PI")', ['Pi 1']),
     'plist': (
         'P1 = XY(200,0,-20,0) /L\nPList 1',
         ['P1 = XY( 200.000,    0.000,  -20.000,    0.000 ) /L /0'],
     ),
     'clearpoints': ('P1 = XY(1,2,3,4)\nClearPoints\nPrint PDef(1)', ['0']),
     'loadpoints': (
-        'P1 = XY(1,2,3,4) /L /2\nPLabel P1, "pick"\nSavePoints "a.pts"\nClearPoints\n'
+        'P1 = XY(1,2,3,4) /L /2\nPLabel P1, "Pick"\nSavePoints "a.pts"\nClearPoints\n'
         'P5 = XY(5,5,5,5)\nLoadPoints "A.PTS", Merge\n'
-        'Print P1, PNumber("pick"), PDef(5)\nLoadPoints "a.pts"\nPrint PDef(5), Hand(P1)',
-        [' X:    1.000 Y:    2.000 Z:    3.000 U:    4.000 V:    0.000 W:    0.000 /L /2 1 -1',
+        'Print P1, PLabel$(PNumber("pick")), PDef(5)\nLoadPoints "a.pts"\nPrint PDef(5), Hand(P1)',
+        [' X:    1.000 Y:    2.000 Z:    3.000 U:    4.000 V:    0.000 W:    0.000 /L /2 Pick -1',
          '0 2'],
     ),
     'savepoints': ('SavePoints "a.pts"\nPrint FileExists("a.pts")', ['-1']),
