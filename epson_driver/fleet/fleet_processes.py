@@ -49,10 +49,13 @@ def discovery_server(
 ) -> Process:
     """Start a server on an address of this machine, with the words `run` before the command.
 
-    Nobody has to wait for it: who asks it asks again. Raises RunError if there is no such program.
+    Nobody has to wait for it: who asks it asks again. It uses no shared memory: what killed
+    processes leave in /dev/shm, at the ports that all servers and their clients share, can keep
+    its answers from them. Raises RunError if there is no such program.
     """
     arguments = ['-i', '0', '-l', address, '-p', str(port)]
     environment = {name: value for name, value in os.environ.items() if name != VARIABLE}
+    environment['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
     return Process(program(), arguments, log, environment, run)
 
 

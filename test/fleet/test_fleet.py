@@ -233,6 +233,21 @@ def test_ctrl_c_while_a_fleet_starts_leaves_nothing_running() -> None:
     assert left_running() == []
 
 
+@pytest.mark.slow
+def test_a_discovery_server_uses_no_shared_memory(tmp_path: Path) -> None:
+    """What killed processes leave there has kept a fleet from being heard."""
+    port = fleet_processes.free_port()
+    server = fleet_processes.discovery_server(tmp_path / 'log', fleet_processes.ADDRESS, port)
+    try:
+        until = time.monotonic() + PATIENCE_S
+        while f':{port:04X} ' not in Path('/proc/net/udp').read_text('ascii'):
+            assert time.monotonic() < until
+            time.sleep(0.05)
+        assert '/dev/shm/fastrtps' not in Path(f'/proc/{server.process_id}/maps').read_text()
+    finally:
+        server.kill()
+
+
 # --- without a fleet --------------------------------------------------------------------------
 
 
