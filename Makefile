@@ -11,7 +11,7 @@ PACKAGE_FILES := setup.py setup.cfg pyproject.toml package.xml \
 # Processes with one thread for matrices each: tests of real processes mostly wait, others compute, and each process
 # takes 7 s to find all tests. Each file stays in one of them, so that what its tests share is started once.
 SPREAD := --dist loadfile --no-loadscope-reorder
-QUICK_TESTS := --numprocesses 3 $(SPREAD)
+QUICK_TESTS := --numprocesses 4 $(SPREAD)
 ALL_TESTS := --numprocesses 6 $(SPREAD)
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
 

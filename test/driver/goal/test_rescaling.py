@@ -117,7 +117,7 @@ async def test_inv2_no_place_is_reached_sooner_than_at_full_speed(motions, seed)
 
 @pytest.mark.parametrize('delay', one_in(3, [0.06, 0.0, 0.4]))
 @pytest.mark.parametrize(
-    'shares', one_in(2, [(0.3,), (0.0, 1.0), (0.2, 0.0, 0.6), (0.5, 0.1, 1.0)])
+    'shares', one_in(4, [(0.3,), (0.0, 1.0), (0.2, 0.0, 0.6), (0.5, 0.1, 1.0)])
 )
 async def test_the_goals_clock_goes_with_the_arm_and_its_tolerances_hold(
     monkeypatch, shares, delay
