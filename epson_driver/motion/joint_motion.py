@@ -92,7 +92,7 @@ class JointMotion:
         _, velocity, acceleration = self.states
         t, j = np.diff(self.times, axis=1), self.jerks
         p, v, a = self.states[:, :, :-1]
-        with np.errstate(divide='ignore', invalid='ignore'):
+        with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
             fastest = _between(-a / j, t)
         speeds = np.concatenate([velocity, _after(fastest, p, v, a, j)[1]], axis=1)
         return (
@@ -106,7 +106,7 @@ class JointMotion:
         """The lowest and the highest place of each joint, shapes (n,), rad."""
         t, j = np.diff(self.times, axis=1), self.jerks
         p, v, a = self.states[:, :, :-1]
-        with np.errstate(divide='ignore', invalid='ignore'):
+        with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
             # both zeros of v + a t + j t² / 2
             root = -(a + np.copysign(np.sqrt(np.maximum(a * a - 2.0 * j * v, 0.0)), a))
             turns = (_between(root / j, t), _between(2.0 * v / root, t))

@@ -57,6 +57,18 @@ def assert_within(motion: JointMotion, limits: JointLimits, start: Array) -> Non
     assert max(found.position_jump, found.velocity_jump, found.acceleration_jump) <= 1e-9
 
 
+def test_a_jerk_that_is_nearly_none_turns_nowhere() -> None:
+    """As searches find; 1 / 1e-310 is no finite number."""
+    state, limits = (np.zeros(1), np.ones(1), np.full(1, -1.0)), limit_set('full')
+    for jerk in (1e-310, -1e-310):
+        motion = JointMotion(state, np.ones((1, 1)), np.full((1, 1), jerk))
+        with np.errstate(all='raise', under='ignore'):
+            (lowest,), (highest,) = motion.extent
+            speed, _, _ = motion.uses(limits)
+        assert (lowest, highest) == pytest.approx((0.0, 0.5))
+        assert speed == pytest.approx(1.0 / limits.velocity.min())
+
+
 def passes(motion: JointMotion, waypoints: Array) -> Array:
     """Return how far from each waypoint a node is, in their order, shape (k,)."""
     nodes = motion.states[0].T
