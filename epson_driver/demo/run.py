@@ -31,6 +31,7 @@ from epson_driver.robots import RobotModel, load_robot_model
 from epson_driver.simple_message import LITTLE_ENDIAN, Ping, encode, request
 
 PINGS = 50
+TIMEOUT_S = 5.0
 
 TITLES = {'ptp': 'point to point', 'smooth': 'smooth', 'spel': 'SPEL+ program'}
 
@@ -218,10 +219,25 @@ def _judged(console: Console, faults: list[str], missed: int, gap: float) -> int
 
 
 def _ping(ports: Ports) -> list[float]:
-    """Return the round-trip times of PINGs to the controller's I/O port, s, sorted."""
+    """Return the round-trip times of PINGs to the controller's I/O port, s, sorted.
+
+    A SPEL+ program closes the port behind a client that has left, and opens it for the next one:
+    who was early has to connect again. Raises RunError if it goes on closing, and OSError.
+    """
+    until = time.monotonic() + TIMEOUT_S
+    while True:
+        try:
+            return _round_trips(ports.io)
+        except ConnectionError as error:
+            if time.monotonic() >= until:
+                raise RunError(f'the controller closed its I/O port: {error}') from error
+            time.sleep(0.1)
+
+
+def _round_trips(port: int) -> list[float]:
     frame = encode(request(Ping()), LITTLE_ENDIAN)
     times = []
-    with socket.create_connection(('127.0.0.1', ports.io), timeout=5.0) as connection:
+    with socket.create_connection(('127.0.0.1', port), timeout=TIMEOUT_S) as connection:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         for _ in range(PINGS):
             sent = time.perf_counter()
@@ -230,7 +246,7 @@ def _ping(ports: Ports) -> list[float]:
             while len(answer) < len(frame):
                 chunk = connection.recv(len(frame) - len(answer))
                 if not chunk:
-                    raise RunError('the controller closed its I/O port')
+                    raise ConnectionAbortedError('it ended the connection')
                 answer += chunk
             times.append(time.perf_counter() - sent)
     return sorted(times)

@@ -5,7 +5,6 @@
 import os
 import shutil
 import signal
-import socket
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -34,14 +33,6 @@ def program() -> str:
             'ros-jazzy-fastrtps)'
         )
     return found
-
-
-def free_port(address: str = '127.0.0.1') -> int:
-    """Return a free UDP port of this machine."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind((address, 0))
-        port: int = probe.getsockname()[1]
-    return port
 
 
 def discovery_server(
@@ -117,7 +108,7 @@ def running_fleet(
         discovery = None
         os.environ.pop(VARIABLE, None)
         if server:
-            port = free_port(ADDRESS)
+            port = processes.port_beside(domain)
             log = folder / 'discovery_server.log'
             discovery = start(partial(discovery_server, log, ADDRESS, port))
             environment[VARIABLE] = f'{ADDRESS}:{port}'

@@ -61,7 +61,7 @@ def free_ros_domain() -> int:
     MAX_CLAIMS others.
     """
     for domain in random.sample(SAFE_DOMAINS, len(SAFE_DOMAINS)):
-        first = 7400 + 250 * domain
+        first = _first_port(domain)
         try:
             claim = _bound('127.0.0.1', first + 5)
         except OSError:
@@ -76,6 +76,18 @@ def free_ros_domain() -> int:
             claims.popleft().close()
         return domain
     raise RunError('every ROS domain from 1 to 101 is in use on this machine')
+
+
+def port_beside(domain: int) -> int:
+    """Return a UDP port for a program that serves a domain: nobody else's while it is claimed.
+
+    It is one of the domain's that DDS leaves unused, below those that the system hands out.
+    """
+    return _first_port(domain) + 6
+
+
+def _first_port(domain: int) -> int:
+    return 7400 + 250 * domain
 
 
 def _bound(address: str, port: int) -> socket.socket:

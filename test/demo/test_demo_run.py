@@ -5,8 +5,11 @@
 import dataclasses
 import io
 import socket
+import struct
 import sys
 import threading
+from contextlib import suppress
+from itertools import chain, repeat
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -152,20 +155,49 @@ def test_a_report_that_cannot_be_written_hides_no_verdict(monkeypatch, hung, exp
     assert 'goal aborted: E-stop' in said
 
 
-def test_a_controller_that_closes_its_io_port_is_told():
+def pinged(*handlers):
+    """Ping a port where each client in turn gets its own handler, the last one gets the rest."""
     with socket.create_server(('127.0.0.1', 0)) as server:
-        port = server.getsockname()[1]
 
-        def once():
-            connection, _ = server.accept()
-            with connection:
-                connection.recv(4096)
+        def serve():
+            for handler in chain(handlers[:-1], repeat(handlers[-1])):
+                try:
+                    connection, _ = server.accept()
+                except OSError:  # the test has ended
+                    return
+                with connection, suppress(ConnectionError):
+                    handler(connection)
 
-        thread = threading.Thread(target=once)
+        thread = threading.Thread(target=serve)
         thread.start()
-        with pytest.raises(RunError, match='the controller closed its I/O port'):
-            run._ping(Ports(0, 0, port, 0))
-        thread.join()
+        try:
+            return run._ping(Ports(0, 0, server.getsockname()[1], 0))
+        finally:
+            server.shutdown(socket.SHUT_RDWR)
+            thread.join()
+
+
+def leaves(connection):
+    connection.recv(4096)
+
+
+def resets(connection):
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack('ii', 1, 0))
+
+
+def echoes(connection):
+    while said := connection.recv(4096):
+        connection.sendall(said)
+
+
+def test_a_controller_that_closes_its_io_port_is_told(monkeypatch):
+    monkeypatch.setattr(run, 'TIMEOUT_S', 0.3)
+    with pytest.raises(RunError, match='the controller closed its I/O port: it ended the'):
+        pinged(leaves)
+
+
+def test_a_ping_that_comes_before_the_port_is_open_again_is_repeated():
+    assert len(pinged(resets, leaves, echoes)) == run.PINGS
 
 
 # --- --panel and --stay -----------------------------------------------------------------------

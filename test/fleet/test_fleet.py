@@ -236,7 +236,7 @@ def test_ctrl_c_while_a_fleet_starts_leaves_nothing_running() -> None:
 @pytest.mark.slow
 def test_a_discovery_server_uses_no_shared_memory(tmp_path: Path) -> None:
     """What killed processes leave there has kept a fleet from being heard."""
-    port = fleet_processes.free_port()
+    port = processes.port_beside(processes.free_ros_domain())
     server = fleet_processes.discovery_server(tmp_path / 'log', fleet_processes.ADDRESS, port)
     try:
         until = time.monotonic() + PATIENCE_S

@@ -31,6 +31,7 @@ from epson_driver.processes.processes import (
     RunError,
     ended_at_exit,
     free_ros_domain,
+    port_beside,
     ros_environment,
     sim_controller,
 )
@@ -120,6 +121,12 @@ def test_domains_lie_below_the_ephemeral_ports():
     assert min(SAFE_DOMAINS) >= 1  # 0 is everybody's
     assert domain_port(highest) + 240 < 32768 + 250
     assert free_ros_domain() in SAFE_DOMAINS
+
+
+def test_a_port_beside_a_domain_is_no_participant_s_and_no_claim():
+    domain = free_ros_domain()
+    assert domain_port(domain) - 10 < port_beside(domain) < domain_port(domain)
+    processes._bound('127.0.0.1', port_beside(domain)).close()
 
 
 def test_the_environment_keeps_to_this_machine_and_domain(monkeypatch):
