@@ -45,7 +45,10 @@ def model_name(name: str) -> str:
     """
     if name.endswith('.yaml'):
         return name
-    models = {_plain(each): each for each in robot_models()}
+    listed = robot_models()
+    if name in listed:
+        return name
+    models = {_plain(each): each for each in listed}
     wanted = _plain(name)
     begin = [each for plain, each in models.items() if wanted and plain.startswith(wanted)]
     if wanted in models or wanted + 's' in models:

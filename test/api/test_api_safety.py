@@ -66,7 +66,7 @@ async def recover(robot, controller):
     await robot.enable()
 
 
-@pytest.mark.parametrize('trouble', TROUBLE)
+@pytest.mark.parametrize('trouble', one_in(2, TROUBLE))
 @pytest.mark.invariant(3, 4, 5)
 async def test_whatever_ends_a_motion_the_arm_rests_and_moves_only_when_enabled_again(trouble):
     happens, said = TROUBLE[trouble]

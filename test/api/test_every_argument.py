@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from support.api_harness import robot_cell
 from support.event_loop import run
+from support.examples import one_in
 
 from epson_driver import EpsonPoint, GripperWiring, RobotError, Settings, aio
 from epson_driver.aio import ArgumentError
@@ -234,7 +235,7 @@ WITHOUT = {
 """Methods that need no connection."""
 
 
-@pytest.mark.parametrize(('owner', 'name'), list(methods()))
+@pytest.mark.parametrize(('owner', 'name'), one_in(4, methods(), several=True))
 def test_a_robot_that_is_closed_says_so(owner: str, name: str) -> None:
     """Each method needs a connection, and says so, or none, and does what it says."""
     if name in WITHOUT.get(owner, '').split() or name == 'connect' or owner == 'motion':

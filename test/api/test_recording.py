@@ -61,6 +61,7 @@ def test_a_replay_goes_the_recorded_way_in_its_time_and_rests_where_it_rested(pr
     run(scenario())
 
 
+@pytest.mark.slow
 def test_from_elsewhere_the_arm_goes_to_the_begin_first_and_a_file_does_as_well(tmp_path):
     async def scenario():
         async with robot_cell(smooth=True) as (robot, _):

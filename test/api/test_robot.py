@@ -76,6 +76,7 @@ def test_an_estop_ends_the_motion_and_a_callback_may_use_the_robot(ports):
 
 
 @pytest.mark.invariant(3, 4, 5)
+@pytest.mark.slow
 def test_a_controller_that_is_gone_in_mid_move_ends_the_motion_and_the_robot_comes_back():
     links = []
     process, numbers = sim_process.started()
@@ -254,6 +255,7 @@ def children(pid):
 
 @pytest.mark.skipif(sys.platform != 'linux', reason='reads /proc')
 @pytest.mark.invariant(9)
+@pytest.mark.slow
 def test_a_program_that_is_killed_leaves_no_simulated_controller_behind():
     code = (
         'import time\nfrom epson_driver import Robot\n'

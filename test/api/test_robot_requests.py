@@ -236,6 +236,7 @@ def test_a_controller_that_does_not_start_is_an_error_in_its_words(instead, scri
     asyncio.run(scenario())
 
 
+@pytest.mark.slow
 def test_a_controller_with_a_program_of_its_own_can_be_simulated():
     with Robot.simulated(controller='spel') as robot:
         robot.enable()

@@ -99,13 +99,8 @@ def bound(robot, ends, path, speed):
 
 
 @WITH_SCARA_IF_SLOW
-@pytest.mark.parametrize(
-    'count',
-    [
-        3,
-        pytest.param(15, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize('count', [3, 15])
 def test_lines_and_arcs_are_driven_within_a_tenth_of_a_millimetre_and_the_servos_lag(arm, count):
     robot, ready = arm
     random = np.random.default_rng(count)

@@ -15,11 +15,7 @@ from benchmark import families, family_members
 pytestmark = pytest.mark.invariant(2)
 
 
-HARD = (
-    'single_joint',
-    pytest.param('zigzag', marks=pytest.mark.slow),
-    pytest.param('near_limits', marks=pytest.mark.slow),
-)
+HARD = ('single_joint', 'zigzag', 'near_limits')
 
 
 @cache
@@ -48,6 +44,7 @@ def test_all_limits_are_kept_and_the_arm_does_not_stop(name: str) -> None:
     assert 0.0 < figures.commanded_ratio <= 1.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', HARD)
 def test_plans_are_found(name: str) -> None:
     assert four_members(name).failed_share <= 0.02

@@ -241,6 +241,7 @@ def test_a_learned_profile_drives_the_simulated_controller(tmp_path):
     assert process.wait() == 0
 
 
+@pytest.mark.slow
 def test_nobody_there_is_one_wrong_line_and_exit_code_1(tmp_path):
     learned = tmp_path / 'x.yaml'
     run = doctor('127.0.0.1', '--state-port', '1', '--learn', str(learned))

@@ -47,7 +47,8 @@ async def succeeds(harness, goal):
 # --- as slow as a point was sent ---------------------------------------------------------------
 
 
-@pytest.mark.parametrize('factor', one_in(2, [0.1, 0.01]))
+@pytest.mark.slow
+@pytest.mark.parametrize('factor', [0.1, 0.01])
 async def test_a_goal_that_begins_at_a_small_factor_succeeds_when_the_arm_is_there(factor):
     """The point is sent with the smallest velocity that there is, and the clock knows."""
     async with cell() as (harness, _):

@@ -179,6 +179,7 @@ async def more_statuses(harness, count):
     await until(lambda: len(harness.events.statuses) >= seen + count)
 
 
+@pytest.mark.slow
 def test_a_loop_that_stood_still_reads_before_it_calls_anything_too_old(tmp_path):
     """A false alarm under load stops a robot in production; the controller has sent all along."""
 

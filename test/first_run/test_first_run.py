@@ -262,7 +262,7 @@ LONG = (['points'], ['STOP'])
 
 @pytest.mark.parametrize(
     ('only', 'options', 'habit'),
-    quickly([each for each in HABITS if each[0] not in LONG], HABITS),
+    quickly([each for each in HABITS if each[0] not in LONG][::3], HABITS),
     ids=[each[2] for each in HABITS],
 )
 def test_the_one_habit_of_a_controller_is_named(tmp_path, only, options, habit):

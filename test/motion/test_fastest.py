@@ -111,7 +111,7 @@ def test_it_is_as_fast_as_the_optimum_of_another_solver(most: int, least: int) -
     'seeds', [range(31_000, 31_001), pytest.param(range(32_000, 32_010), marks=pytest.mark.slow)]
 )
 @pytest.mark.parametrize(
-    'family', one_in(3, [name for name in FAMILIES if name not in LONG_FAMILIES])
+    'family', one_in(6, [name for name in FAMILIES if name not in LONG_FAMILIES])
 )
 def test_there_is_one_through_whatever_points(family: str, seeds: range) -> None:
     for member in members(family, seeds):
@@ -125,7 +125,7 @@ def test_there_is_one_through_whatever_points(family: str, seeds: range) -> None
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    'family', one_in(3, [name for name in FAMILIES if name not in LONG_FAMILIES])
+    'family', one_in(6, [name for name in FAMILIES if name not in LONG_FAMILIES])
 )
 def test_it_is_faster_than_on_the_spline(family: str) -> None:
     for member in members(family, range(32_000, 32_003)):

@@ -5,6 +5,8 @@
 import subprocess
 import sys
 
+import pytest
+
 OWN_THREADS = """
 import time
 import numpy as np
@@ -28,6 +30,7 @@ for trajectory in benchmark_set():
 """
 
 
+@pytest.mark.slow
 def test_planning_takes_no_other_threads_of_a_users_process() -> None:
     """Those of BLAS would wait for more in a loop."""
     run = subprocess.run(

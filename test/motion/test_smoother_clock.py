@@ -18,7 +18,7 @@ RUNS += [(kind, LITTLE_S) for kind in CLOCKS if kind != 'irregular']
 """Where points are seconds apart, little is one point: it does not tell how the motion goes on."""
 
 
-@pytest.mark.parametrize(('kind', 'known'), one_in(3, RUNS, several=True))
+@pytest.mark.parametrize(('kind', 'known'), one_in(6, RUNS, several=True))
 @pytest.mark.parametrize('seed', SEEDS)
 def test_no_point_is_passed_much_before_or_after_its_time(
     kind: str, seed: int, known: float

@@ -181,6 +181,7 @@ def test_the_verdict_sees_a_pillar_between_two_joint_states():
     assert verdict.collides
 
 
+@pytest.mark.slow
 def test_the_verdict_sees_a_collision_a_missed_pose_and_a_stop():
     plan = plan_task(task(PILLAR), MODEL)
     motion = plan.motions[1]

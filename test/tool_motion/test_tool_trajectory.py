@@ -133,6 +133,7 @@ def test_random_paths_are_refused_with_the_reason_or_keep_every_limit(count):
 
 
 @pytest.mark.invariant(2)
+@pytest.mark.slow
 def test_the_smooth_motion_through_the_points_stays_on_the_path():
     random = np.random.default_rng(5)
     worst = []

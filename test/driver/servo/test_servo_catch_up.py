@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from support.driver_harness import cell
 from support.event_loop import now, stand_still
-from support.examples import quickly
 from support.streams import positions, window
 
 from epson_driver.driver.servo.servo import LEFT_BEHIND_S
@@ -55,13 +54,8 @@ async def followed(harness, stream, *, held):
     return beside, faster
 
 
-@pytest.mark.parametrize(
-    ('stream', 'held'),
-    quickly(
-        [('positions with velocities', True)],
-        product(STREAMS, [False, True]),
-    ),
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(('stream', 'held'), product(STREAMS, [False, True]))
 async def test_after_a_stall_the_arm_is_not_much_faster_than_its_stream(stream, held, caplog):
     caplog.set_level(logging.WARNING)
 
@@ -77,6 +71,7 @@ async def test_after_a_stall_the_arm_is_not_much_faster_than_its_stream(stream, 
     assert '1.5 times as fast as it goes itself (servo.catch_up)' in line
 
 
+@pytest.mark.slow
 async def test_a_stream_that_does_not_stall_leaves_nobody_behind(caplog):
     async with cell(smooth=True) as (harness, _):
         begin = now()

@@ -91,10 +91,7 @@ STREAMS = {
 @pytest.mark.parametrize(
     ('streams', 'stop'),
     quickly(
-        [
-            ('a key and an idle stick', only_stopped),
-            ('windows', estop_and_back),
-        ],
+        [('windows', estop_and_back)],
         product(STREAMS, STOPS),
     ),
 )

@@ -56,6 +56,7 @@ def test_low_power_caps_every_joint_and_the_tool(period):
     assert all(limits is LOW for limits in harness.planner.limits)
 
 
+@pytest.mark.slow
 def test_power_changes_from_one_trajectory_to_the_next():
     harness = low_harness()
     points = way(15, 0.1)
