@@ -156,7 +156,9 @@ class NodeProcess(Process):
         return None if self.died.done() or self.hangs else self.driver.gate.reason is None
 
     async def leave(self, *, lost: bool) -> None:
-        """End as by SIGTERM."""
+        """End as by SIGTERM: stop the arm, then all work."""
+        with contextlib.suppress(DiedError, TimeoutError):  # as node/client_process.py has it
+            await self.ask(self.driver.shut_down)
         self.call(self._running.cancel)
         await asyncio.wait([self._running, self.died], return_when=asyncio.FIRST_COMPLETED)
         self.die()

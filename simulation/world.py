@@ -40,10 +40,10 @@ PROFILES = (
 )
 """Those that cost most of the processor's time are rarer."""
 
-SLOWEST_S = 700.0
+SLOWEST_S = 2500.0
 """How long a goal may take at the lowest speed, s."""
 
-SETTLE_S = {'fanuc': SLOWEST_S, 'abb': SLOWEST_S, 'motoman': 10.0, 'generic': 10.0, 'remote': 15.0}
+SETTLE_S = {'fanuc': 700.0, 'abb': SLOWEST_S, 'motoman': 10.0, 'generic': 10.0, 'remote': 15.0}
 """How long an arm may go on when nobody wants that any more, s: some controllers go to the points
 they have (docs/safety.md), at the speed that was set: 1 % at least."""
 

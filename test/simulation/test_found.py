@@ -114,6 +114,18 @@ FAR = {'step': 0.05, 'offsets': [[0.2] * 6, [-0.2] * 6] * 3, 'from_here': False}
                 Event(0.084, 'enable', {}),
             ],
         ),
+        (
+            '2460008114.150',
+            [
+                Event(10.3845, 'scale', {'factor': 0.01}),
+                Event(
+                    1.3603,
+                    'goal',
+                    NOWHERE | {'step': 4.0, 'offsets': [[0.004] * 6, [-0.004] * 6] * 3},
+                ),
+                Event(1.2438, 'driver_leaves', {'seconds': 4.0, 'lost': False}),
+            ],
+        ),
     ],
     ids=[
         'braking after a new client',
@@ -125,6 +137,7 @@ FAR = {'step': 0.05, 'offsets': [[0.2] * 6, [-0.2] * 6] * 3, 'from_here': False}
         'bits that were wrong while somebody hung',
         'where a stream had not come while the driver hung',
         'a goal that is there before it begins',
+        'who ends in good order has stopped the arm',
     ],
 )
 def test_what_is_right_is_not_taken_for_wrong(seed, events):
