@@ -55,7 +55,7 @@ async def followed(harness, stream, *, held):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('stream', 'held'), product(STREAMS, [False, True]))
+@pytest.mark.parametrize(('stream', 'held'), [*product(STREAMS, [False, True])])
 async def test_after_a_stall_the_arm_is_not_much_faster_than_its_stream(stream, held, caplog):
     caplog.set_level(logging.WARNING)
 
