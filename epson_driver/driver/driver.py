@@ -505,6 +505,8 @@ class Driver:
             self.gate.see_motors_on()
         self.stopper.see(now)
         found = self.condition_inhibit(status)
+        if found is None and self.busy and self.robot.main_ended:  # what was sent may come after
+            found = main_ended(status, self.robot.errors)  # a person has started it again
         if found is not None and found.cause is not Cause.PAUSED:
             self.fault(found.text, motors_off=found.cause is Cause.MOTORS_OFF)
         else:

@@ -10,6 +10,7 @@ import pytest
 from support.driver_harness import (
     Harness,
     ScriptedController,
+    answer,
     cell,
     pose,
     scripted_cell,
@@ -26,6 +27,7 @@ from epson_driver.sim_controller.condition.states import Event
 
 POSSIBLE = (1, 0, 0, 0, 0, 2, 1)
 NOT_POSSIBLE = (1, 0, 0, 0, 0, 2, 0)
+MAIN_ENDED = (1, 0, 2261, 0, 0, 2, 0)
 UNKNOWN = (1, 0, 0, 0, 0, 2, -1)
 DELIVERIES = ('rc620', 'abb', 'motoman')
 
@@ -120,6 +122,24 @@ async def test_an_error_without_a_reason_to_close_the_gate_is_no_pause():
     async with scripted_cell() as (harness, scripted):
         await tell(harness, scripted, (1, 0, 4031, -1, 0, 2, 0))
         assert not harness.driver.robot.paused
+
+
+@pytest.mark.invariant(4)
+async def test_inv4_a_goal_ends_with_the_controllers_program_not_when_that_runs_again():
+    """What is still under way to it would move the arm when a person has started it again."""
+    async with scripted_cell(lambda number: answer(1, number) if number < 0 else b'') as (
+        harness,
+        scripted,
+    ):
+        await tell(harness, scripted, POSSIBLE)
+        goal = harness.submit(pose(0.5))
+        await until(lambda: scripted.received)
+        await tell(harness, scripted, MAIN_ENDED)
+        assert (await goal.end()).end is End.ABORTED
+        assert 'error 2261' in goal.outcome.text
+        await tell(harness, scripted, POSSIBLE)
+        assert 'error 2261' in harness.gate
+        assert 'not enabled' in harness.submit(pose(0.1)).outcome.text
 
 
 # --- a goal that runs -------------------------------------------------------------------------

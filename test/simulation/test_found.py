@@ -32,6 +32,19 @@ def test_the_first_thing_that_a_line_has_held_up_in_a_page_is_late_too():
     )
 
 
+@pytest.mark.invariant(4)
+def test_a_goal_does_not_outlive_the_program_that_a_person_has_stopped():
+    """Its points are held up until the program has been started again."""
+    World('832062190').play(
+        [
+            Event(1.4664, 'goal', {'step': 0.1, 'offsets': [[0.004] * 6] * 2, 'from_here': True}),
+            Event(0.0003, 'pendant', {'event': 'STOP'}),
+            Event(0.0103, 'network_stall', {'port': 'motion', 'seconds': 0.681}),
+            Event(0.0003, 'mend', {}),
+        ]
+    )
+
+
 STEADY = {'publisher': 0, 'kind': 'positions', 'speed': [0.2] * 6, 'period': 0.02, 'zero_each': 3}
 NOWHERE = {'offsets': [[0.0] * 6], 'from_here': True}
 FROM_HERE = {
