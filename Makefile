@@ -46,7 +46,7 @@ help:
 	@echo "make coverage      report which statements the tests run (with the slow tests: ARGS=all)"
 	@echo "make lint          run ruff, mypy and codespell"
 	@echo "make docs          build the documentation as a site that needs no network (build/site/index.html)"
-	@echo "make bench         measure the driver beside programs that do the least (docs/performance.md), and the CPU time of"
+	@echo "make bench         measure the driver beside programs that do the least (docs/reliability.md), and the CPU time of"
 	@echo "                   drivers (ARGS=--quick: only the former)"
 	@echo "make bench-motion  compare the smoother with stop-and-go, splines and optima (ARGS=--quick: a part; ARGS=--help);"
 	@echo "                   tables and pictures go to build/benchmark"
@@ -115,7 +115,7 @@ bench-motion: $(VENV)/.driver
 optimum: $(VENV)/.driver $(VENV)/.optimum
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.optimum $(ARGS)
 
-# figures go to build/benchmark, tables to docs/invariants.md
+# figures go to build/benchmark, tables to docs/reliability.md
 soak-motion: $(VENV)/.driver $(VENV)/.dev
 	$(BIN)/python -m benchmark.soak_motion $(ARGS)
 

@@ -4,7 +4,7 @@
 
 `python -m benchmark.faults` runs all cells of test/support/fault_cells.py: real driver, simulated
 controller and TCP in virtual time, so its times do not depend on the machine. It writes
-build/benchmark/faults.json, and the table of docs/invariants.md. Exit code 1 if anything did
+build/benchmark/faults.json, and the table of docs/reliability.md. Exit code 1 if anything did
 not hold. `--only PATTERN` runs the cells whose names match, and writes nothing unless `--results`
 is there, too.
 """

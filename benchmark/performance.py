@@ -4,7 +4,7 @@
 
 Part of `make bench`. Ratios of what was measured side by side, each against what is required: the
 medians of three runs. Writes performance.json, performance.md and performance.png to
-build/benchmark, and the newest figures into docs/performance.md (--quick: one run, to
+build/benchmark, and the newest figures into docs/reliability.md (--quick: one run, to
 build/performance, and the docs stay).
 Exit code 0, unless --check is given and a required value is missed. Linux only.
 """
@@ -33,7 +33,7 @@ from benchmark import (
 from benchmark.performance_report import Bar, docs_page, medians, picture, report
 from benchmark.results_file import rounded
 
-DOCS = ROOT / 'docs' / 'performance.md'
+DOCS = ROOT / 'docs' / 'reliability.md'
 COMMAND = 'make bench'
 MIN_DOWNLOAD_SPEED_UP = 50.0
 MAX_GROWTH = 1.5

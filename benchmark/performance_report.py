@@ -73,7 +73,7 @@ def report(data: dict[str, Any]) -> str:
 
 
 def newest(data: dict[str, Any]) -> str:
-    """Return the tables that docs/performance.md keeps."""
+    """Return the tables that docs/reliability.md keeps."""
     machine = data['machine']
     load = ' and '.join(f'{value:.1f}' for value in machine['load'])
     parts = [

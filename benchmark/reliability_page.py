@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The measured part of docs/invariants.md: each table is made of one run, and says of which."""
+"""Tables of docs/reliability.md: each table is made of one run, and says of which."""
 
 import json
 import os
@@ -48,7 +48,7 @@ def _processor() -> str:
     return names[0] if names else platform.machine()
 
 
-PAGE = ROOT / 'docs' / 'invariants.md'
+PAGE = ROOT / 'docs' / 'reliability.md'
 
 FAULTS, SOAK, FUZZ = 'faults.json', 'soak.json', 'fuzz.json'
 

@@ -7,7 +7,7 @@ controller, and a user who sends goals, cancels and replaces them, streams setpo
 services, changes parameters, presses the E-stop and cuts the cable, at random moments. Every goal
 must end once, with the true outcome; between the episodes the memory of both processes, and the
 descriptors, threads and asyncio tasks of the client must be what they were after the warm-up.
-Writes build/benchmark/soak.json and the table of docs/invariants.md. Exit code 1 if
+Writes build/benchmark/soak.json and the table of docs/reliability.md. Exit code 1 if
 anything does not hold. Linux only.
 """
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Play worlds, and tell the first thing that did not hold (docs/invariants.md)."""
+"""Play worlds, and tell the first thing that did not hold (docs/reliability.md)."""
 
 import argparse
 import hashlib

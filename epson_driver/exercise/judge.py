@@ -38,7 +38,8 @@ class Observed:
 
     `code` is its exit code, None if it had to be killed after `seconds`; `said` its last line.
     `trajectories`: how many it had sent to the controller. `end`: where the arm stood then.
-    `refused`: why the controller did not take the fault, empty if it did.
+    `refused`: why the controller did not take the fault, empty if it did. `aborted`: why the
+    driver aborted a goal, the last one, empty if it aborted none.
     """
 
     case: str
@@ -51,6 +52,7 @@ class Observed:
     moved_after_stop: bool = False
     fault_began: float | None = None
     refused: str = ''
+    aborted: str = ''
 
 
 @dataclass(frozen=True, slots=True)

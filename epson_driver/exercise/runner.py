@@ -37,6 +37,8 @@ AFTERWARDS_S = 2.0
 """The arm is watched for so long after the person has done it, or the program has ended, s."""
 
 KILL_TIMEOUT_S = 10.0
+ABORTED = 'goal aborted: '
+"""A line of the driver's log says so, and why."""
 MAX_SAID_CHARACTERS = 200
 
 
@@ -71,18 +73,11 @@ def run_case(exercise: Exercise, case: Case, folder: Path, usual: Observed | Non
         enabled=exercise.enabled,
     ) as cell:
         seen = _watch(exercise, case, cell, chance, usual)
-    trajectories = _trajectories(cell.trace, exercise.robot)
-    return Observed(
-        case=case.name,
-        code=seen.code,
-        seconds=seen.seconds,
-        said=seen.said,
-        trajectories=trajectories,
-        end=seen.end,
-        moved=seen.moved,
+    return replace(
+        seen,
+        trajectories=_trajectories(cell.trace, exercise.robot),
         moved_after_stop=case.stops and seen.moved_after_stop,
-        fault_began=seen.fault_began,
-        refused=seen.refused,
+        aborted=_aborted(folder / 'client.log'),
     )
 
 
@@ -184,6 +179,13 @@ def _last_line(log: Path) -> str:
     text = log.read_bytes()[-20_000:].decode(errors='replace')
     lines = [printable(line.strip()) for line in text.splitlines() if line.strip()]
     return lines[-1][:MAX_SAID_CHARACTERS] if lines else ''
+
+
+def _aborted(log: Path) -> str:
+    """Return why the driver aborted a goal, the last one, or '' if it aborted none."""
+    lines = log.read_text(encoding='utf-8', errors='replace').splitlines()
+    reasons = [line.partition(ABORTED)[2] for line in lines if ABORTED in line]
+    return printable(reasons[-1]) if reasons else ''
 
 
 def _trajectories(trace: Path, robot: str) -> int:

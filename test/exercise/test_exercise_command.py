@@ -12,12 +12,15 @@ import pytest
 from support.sim_process import vacant_port
 
 from epson_driver.cli import exercise
+from epson_driver.driver.outcome import End, ErrorCode, Outcome
 from epson_driver.exercise import cell as cell_module
 from epson_driver.exercise import runner
 from epson_driver.exercise.cases import CASES
 from epson_driver.exercise.cell import SimulatedCell
 from epson_driver.exercise.judge import Observed
 from epson_driver.exercise.observer import standstill
+from epson_driver.inputs import printable
+from epson_driver.node.goal_action import outcome_line
 from epson_driver.processes import processes
 from epson_driver.processes.interrupt import INTERRUPTED
 from epson_driver.processes.processes import Ports, RunError
@@ -66,6 +69,35 @@ def test_a_program_that_does_not_finish_without_a_fault_is_not_judged(called, ch
     assert code == 2
     assert f'without a fault it must finish: {said}' in ' '.join(output.split())
     assert len(asked) == 1
+
+
+@pytest.mark.parametrize('aborted', [1, 2, 3])
+def test_a_run_without_a_fault_in_which_a_goal_was_aborted_is_no_measure(called, aborted):
+    asked = []
+
+    def case(_exercise, what, folder, _usual):
+        asked.append(folder.name)
+        if len(asked) <= aborted:
+            return replace(USUAL, trajectories=2, aborted='no joint state for 0.4 s')
+        return replace(USUAL, case=what.name)
+
+    code, output = called(case, '--fault=cut')
+    assert code == 0
+    assert asked == [*['no_fault', 'no_fault_2', 'no_fault_3'][: aborted + 1], 'cut']
+    assert output.count('a goal was aborted: no joint state for 0.4 s') == aborted
+    assert f'{2 if aborted == 3 else 1} trajectories' in output
+
+
+def test_what_the_driver_aborted_is_read_from_its_log(tmp_path):
+    log = tmp_path / 'client.log'
+    lines = [
+        outcome_line(Outcome(End(end), ErrorCode.SUCCESSFUL, text))
+        for end, text in (('aborted', 'cut'), ('aborted', 'late\x1b'), ('succeeded', 'there'))
+    ]
+    log.write_text(lines[-1])
+    assert runner._aborted(log) == ''
+    log.write_text('\n'.join(f'[WARN] [1.5] [epson_driver]: {line}' for line in lines))
+    assert runner._aborted(log) == printable('late\x1b')
 
 
 @pytest.mark.parametrize('error', [RunError('~/enable: the E-stop is pressed'), OSError(28, 'x')])
