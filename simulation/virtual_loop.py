@@ -145,7 +145,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
         self.hanging.clear()
         self._held += self._buried
         self.go_on('')
-        while left := asyncio.all_tasks(self):
+        while left := sorted(asyncio.all_tasks(self), key=_number):
             for task in left:
                 task.cancel()
             ending = asyncio.gather(*left, return_exceptions=True)
@@ -242,3 +242,8 @@ class VirtualLoop(asyncio.BaseEventLoop):
 
     async def shutdown_default_executor(self, *_: Any) -> None:
         """There is none."""
+
+
+def _number(task: asyncio.Task[Any]) -> int:
+    """Return the how-manieth a task is: a set of tasks has another order in another Python."""
+    return int(task.get_name().removeprefix('Task-'))

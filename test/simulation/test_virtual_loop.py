@@ -53,3 +53,21 @@ def test_a_task_that_spins_is_said(monkeypatch):
 
     with pytest.raises(NothingLeftError, match='comes for ever'):
         run(scenario())
+
+
+def test_what_is_left_ends_in_the_order_in_which_it_began():
+    ended = []
+
+    async def wait(number):
+        try:
+            await asyncio.Event().wait()
+        finally:
+            ended.append(number)
+
+    async def scenario():
+        tasks = [asyncio.create_task(wait(number)) for number in range(50)]
+        await asyncio.sleep(1.0)
+        return tasks
+
+    run(scenario())
+    assert ended == list(range(50))

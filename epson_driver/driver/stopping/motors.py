@@ -286,6 +286,8 @@ class SerializedMotors:
 
     def _done(self, task: asyncio.Task[None]) -> None:
         self._tasks.pop(task, None)
+        if task is self._given:
+            self._given = None  # its error refers to frames of who called
         if not task.cancelled() and (error := task.exception()) is not None:
             _log.debug('%s', error)  # and raised, to who still waits for it
 

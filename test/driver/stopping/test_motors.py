@@ -4,6 +4,8 @@
 
 import asyncio
 import contextlib
+import gc
+import weakref
 
 import pytest
 from support.driver_harness import Harness, ScriptedController, frame, pose, simulated
@@ -257,6 +259,22 @@ async def test_inv4_closing_gives_up_commands_on_their_way_and_those_that_wait()
     for error in await asyncio.gather(*both, return_exceptions=True):
         assert isinstance(error, MotorsError), 'nobody has cancelled who waits'
         assert 'the driver has ended' in str(error)
+
+
+async def test_a_refused_command_keeps_nothing_of_who_gave_it():
+    """A Robot that is lost after a refused reset must close (simulation: 2274 on Python 3.13)."""
+    motors, kept = SerializedMotors(MotorsByHand('no remote port')), []
+
+    async def give():
+        mine = set()
+        kept.append(weakref.ref(mine))
+        await motors.act(Action.RESET, 1.0)
+
+    with contextlib.suppress(MotorsError):
+        await give()
+    await asyncio.sleep(0.0)
+    gc.collect()
+    assert kept[0]() is None
 
 
 @pytest.mark.invariant(3)
