@@ -24,6 +24,9 @@ OUTPUTS = 3
 CALM_SHARE = 0.25
 """In how many worlds nothing goes wrong."""
 
+CLOCK_SHARE = 0.25
+"""In how many worlds a clock is set or drifts."""
+
 SCALES = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 1.0, 1.0)
 DISTANCES_RAD = (0.0, 2e-4, 0.005, 0.1, 0.3)
 """How far goals go in each joint at most: some stay within their tolerance."""
@@ -189,6 +192,14 @@ def _step(rng: Rng) -> Parameters:
     return _hand(rng) | {'size': round(float(rng.choice([0.001, 0.02, 0.1, 0.4])), 3)}
 
 
+def _set(rng: Rng) -> Parameters:
+    return {'seconds': float(rng.choice([-3600.0, -1.0, -0.3, -0.05, 0.05, 0.3, 1.0, 1e8]))}
+
+
+def _rate(rng: Rng) -> Parameters:
+    return {'rate': 1.0 + float(rng.choice([-5e-4, -1e-4, 1e-4, 5e-4]))}
+
+
 def _pause(rng: Rng) -> Parameters:
     return {'seconds': round(float(rng.choice([0.1, 0.5, 1.0, 1.7, 3.0])), 3)}
 
@@ -230,8 +241,10 @@ KINDS: dict[str, tuple[float, Callable[[Rng], Parameters]]] = {
     'panel_line_stalls': (0.7, _pause),
     'panel_page_freezes': (1.2, _pause),
     'panel_page_closes': (0.3, _no_parameters),
+    'clock_set': (0.0, _set),
+    'clock_drifts': (0.0, _rate),
 }
-"""Kind of event → how often it is drawn, and from what its parameters are."""
+"""Kind of event → how often it is drawn, and from what its parameters are. 0: see CLOCK_SHARE."""
 
 
 Plan = tuple[tuple[float, str, Parameters], ...]
@@ -314,6 +327,17 @@ SITUATIONS: tuple[Plan, ...] = (
 )
 """Orders in which things were wrong once, or could be; they are mixed with what is drawn."""
 
+CLOCK_SITUATION: Plan = (
+    (1.0, 'mend', {}),
+    (0.3, 'enable', {}),
+    (1.5, 'stream', STICK | {'period': 0.02, 'zero_each': 0}),
+    (1.0, 'driver_hangs', {'seconds': 0.3}),
+    (0.2, 'clock_set', {}),
+    (0.02, 'end_stream', {'publisher': 0}),
+    LATER,
+)
+"""What waits to be read was received by a clock that is set before it is read."""
+
 PATIENT: Plan = ((1.0, 'enable', {}), (2.0, 'goal', {'step': 4.0}), LATER)
 """Somebody waits for a goal, which may have the arm stand for long."""
 
@@ -330,6 +354,8 @@ CALM_KINDS = frozenset(
         'end_stream',
         'move_tool',
         'wrong_setpoint',
+        'clock_set',
+        'clock_drifts',
     )
 )
 """What happens where nothing goes wrong: none of it may close the gate."""
@@ -342,6 +368,7 @@ def events_of(seed: str) -> list[Event]:
     kinds = CALM_KINDS if rng.random() < CALM_SHARE else KINDS.keys()
     events = [draw(rng, kinds) for _ in range(int(rng.integers(MIN_EVENTS, MAX_EVENTS + 1)))]
     _put_situations(events, np.random.default_rng([first, 3]), calm=kinds is CALM_KINDS)
+    _put_clocks(events, np.random.default_rng([first, 4]), calm=kinds is CALM_KINDS)
     for other in others:
         events = varied(events, np.random.default_rng([first, other, 1]))
     return events
@@ -352,11 +379,25 @@ def _put_situations(events: list[Event], rng: Rng, *, calm: bool) -> None:
         return
     for _ in range(1 if calm else int(rng.integers(1, 5))):
         plan = SITUATIONS[int(rng.integers(len(SITUATIONS)))]
+        _put(events, rng, PATIENT if calm else ((1.0, 'mend', {}), *plan))
+
+
+def _put(events: list[Event], rng: Rng, plan: Plan) -> None:
+    at = int(rng.integers(len(events) + 1))
+    events[at:at] = [
+        Event(round(float(rng.uniform(0.0, most)), 4), kind, KINDS[kind][1](rng) | given)
+        for most, kind, given in plan
+    ]
+
+
+def _put_clocks(events: list[Event], rng: Rng, *, calm: bool) -> None:
+    if rng.random() >= CLOCK_SHARE:
+        return
+    for kind in ('clock_drifts', *('clock_set',) * int(rng.integers(0, 6))):
         at = int(rng.integers(len(events) + 1))
-        events[at:at] = [
-            Event(round(float(rng.uniform(0.0, most)), 4), kind, KINDS[kind][1](rng) | given)
-            for most, kind, given in (PATIENT if calm else ((1.0, 'mend', {}), *plan))
-        ]
+        events.insert(at, Event(0.0, kind, KINDS[kind][1](rng)))
+    if not calm:
+        _put(events, rng, CLOCK_SITUATION)
 
 
 def draw(rng: Rng, kinds: Collection[str]) -> Event:

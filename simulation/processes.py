@@ -25,6 +25,7 @@ from epson_driver.driver.goal.goal_queue import FRESH_POSE_TIMEOUT_S, GoalHandle
 from epson_driver.driver.goal.planning_scope import PlanningEndedError, PlanningScope
 from epson_driver.driver.io.io_driver import IoAnswer, IoUnavailableError
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
+from epson_driver.driver.servo.arrivals import came_at
 from epson_driver.driver.servo.setpoint import Setpoint
 from epson_driver.driver.tasks import wait_for_fresh_state
 from epson_driver.motion import Array, Trajectory
@@ -172,9 +173,12 @@ class NodeProcess(Process):
         """Take a speed scaling. Raises ValueError."""
         self.driver.goal_queue.scaling.set(factor, self._world.loop.time())
 
-    def take(self, setpoint: Setpoint, came: float, missed: bool) -> None:
-        """Take a setpoint. missed: its publisher had sent before the process was there."""
-        self.driver.servo.take(setpoint, came, missed=missed)
+    def take(self, setpoint: Setpoint, received: int, missed: bool) -> None:
+        """Take a setpoint that the middleware received, ns of the system clock.
+
+        missed: its publisher had sent before the process was there.
+        """
+        self.driver.servo.take(setpoint, came_at(received), missed=missed)
 
     def hand_in(self, number: int, trajectory: Trajectory, on_end: OnEnd) -> None:
         """Take a goal."""
@@ -345,7 +349,7 @@ class RobotProcess(Process):
         except RobotError as error:
             raise ValueError(str(error)) from error
 
-    def take(self, setpoint: Setpoint, _came: float, _missed: bool) -> None:
+    def take(self, setpoint: Setpoint, _received: int, _missed: bool) -> None:
         """Call `servo` or `servo_velocity`."""
         with contextlib.suppress(RobotError):
             if setpoint.positions is not None:

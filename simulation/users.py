@@ -79,6 +79,9 @@ class Surroundings(Protocol):
     person: float
     """How long a person at the controller takes, s: STATUS has told the driver by then."""
 
+    def system_time(self) -> float:
+        """Return the system clock of the driver's machine, s."""
+
     def say(self, text: str) -> None:
         """Write a line of the log."""
 
@@ -431,7 +434,8 @@ class Users:
         process = self._world.process
         missed = self._heard.get(setpoint.source, process.name) != process.name
         self._heard[setpoint.source] = process.name
-        process.call(partial(process.take, setpoint, self.loop.time(), missed))
+        received = int(self._world.system_time() * 1e9) + 1  # what is read at once has not waited
+        process.call(partial(process.take, setpoint, received, missed))
 
     async def end_stream(self, publisher: int) -> None:
         """Let a publisher send no more."""

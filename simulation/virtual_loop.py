@@ -14,6 +14,7 @@ import heapq
 from collections import deque
 from collections.abc import Callable
 from contextvars import Context, copy_context
+from dataclasses import dataclass
 from itertools import count
 from typing import Any
 
@@ -64,6 +65,16 @@ class Call:
         return self.gone
 
 
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """The clock of a process: since when it goes at a rate, and what it showed then, s."""
+
+    process: str
+    rate: float
+    since: float
+    shown: float
+
+
 class VirtualLoop(asyncio.BaseEventLoop):
     """Runs callbacks in virtual time, over a network in memory."""
 
@@ -78,6 +89,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
         self.thread_s = thread_s
         """How long what is done in a thread takes, s."""
         self.network = network
+        self._drift: Drift | None = None
         self.hanging: set[str] = set()
         self.dead: set[str] = set()
         self._held: list[Call] = []
@@ -86,8 +98,20 @@ class VirtualLoop(asyncio.BaseEventLoop):
         self._numbers = count()
 
     def time(self) -> float:
-        """Return the virtual time, s."""
-        return self.now
+        """Return the virtual time, s, by the clock of who asks."""
+        drift = self._drift
+        if drift is None or PROCESS.get() != drift.process:
+            return self.now
+        return drift.shown + (self.now - drift.since) * drift.rate
+
+    def drift(self, process: str, rate: float) -> None:
+        """Let a process's clock go on at a rate, 1 for the true one. One process's clock does."""
+        shown = copy_context().run(self._shown, process)
+        self._drift = Drift(process, rate, self.now, shown)
+
+    def _shown(self, process: str) -> float:
+        PROCESS.set(process)
+        return self.time()
 
     def _write_to_self(self) -> None:
         """No other thread calls."""
@@ -226,6 +250,9 @@ class VirtualLoop(asyncio.BaseEventLoop):
         self, when: float, callback: Callable[..., Any], *args: Any, context: Context | None = None
     ) -> Call:
         """Call at a time, s; of several at the same time first what was asked for first."""
+        drift = self._drift
+        if drift is not None and PROCESS.get() == drift.process:
+            when = drift.since + (when - drift.shown) / drift.rate
         call = Call(callback, args, context).at(max(when, self.now + SOON_S))
         self._add(call)
         return call
@@ -238,7 +265,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
         context: Context | None = None,
     ) -> Call:
         """Call after a time, s."""
-        return self.call_at(self.now + delay, callback, *args, context=context)
+        return self.call_at(self.time() + delay, callback, *args, context=context)
 
     async def shutdown_default_executor(self, *_: Any) -> None:
         """There is none."""

@@ -112,6 +112,8 @@ class World:
         self.in_python = bool(self.rng.random() < PROGRAM_SHARE and program.smoothing == 'none')
         self.network = Network(lambda: self.delay * (0.5 + self.rng.random()))
         self.loop = VirtualLoop(self.network, float(self.rng.choice(PLANNING_S)))
+        self.clock_off = 0.0
+        """How far the system clock of the driver's machine was set, s."""
         self.wishes = Wishes()
         self.events = 0
         self.users = Users(self)
@@ -137,6 +139,8 @@ class World:
             with (
                 patch('socket.create_server', self.network.create_server),
                 patch('time.thread_time', lambda: 0.0),
+                patch('time.time', self.system_time),
+                patch('time.monotonic', self.loop.time),
             ):
                 self.loop.run_until_complete(self._play(happenings))
         except BrokenError as error:
@@ -196,10 +200,11 @@ class World:
         self.servers = ControllerServers(self.controller, spel=spel and spel.network)
         self.ports = await self.servers.open(HOST, Ports(0, 0, 0, 0))
         settle = SETTLE_S.get(self.profile_name, SETTLE_OTHERS_S)
-        self.arm = Arm(self.controller, self.loop.time, self.wishes, settle)
+        now = lambda: self.loop.now  # noqa: E731 - not the controller's, that may drift
+        self.arm = Arm(self.controller, now, self.wishes, settle)
         if self.profile.server.lost_client == 'keep':
             self.at_controller.keeps_points()
-        self.outputs = Outputs(self.controller.io, self.loop.time, self.break_)
+        self.outputs = Outputs(self.controller.io, now, self.break_)
         running = asyncio.create_task(self.servers.run())
         running.add_done_callback(self.process_over)
         PROCESS.reset(token)
@@ -335,6 +340,8 @@ class World:
     async def driver_leaves(self, seconds: float, lost: bool) -> None:
         """End the driver's process, or the program's robot, in good order, for a while."""
         await asyncio.sleep(SOON_S)  # what was asked for at this moment has been begun
+        if isinstance(self.process, RobotProcess) and not self.process.linked:
+            return  # it has nothing yet to let go of
         if self.process.name not in self.loop.hanging:  # who hangs ends when he goes on
             self.wishes.closed(self.loop.time())
         await self.process.leave(lost=lost)
@@ -353,6 +360,18 @@ class World:
             self.process.come_back()
         else:
             self.start_process()
+
+    def system_time(self) -> float:
+        """Return the system clock of the driver's machine, s: somebody may have set it."""
+        return self.loop.now + self.clock_off
+
+    async def clock_set(self, seconds: float) -> None:
+        """Let the system clock of the driver's machine jump."""
+        self.clock_off += seconds
+
+    async def clock_drifts(self, rate: float) -> None:
+        """Let the controller's clock go on at a rate."""
+        self.loop.drift('controller', rate)
 
     def process_over(self, task: asyncio.Task[None]) -> None:
         """Judge how the work of a process ended."""
@@ -386,7 +405,7 @@ class World:
 
     def say(self, text: str) -> None:
         """Write a line of the log."""
-        self.log.append(f'{self.loop.time():.6f} {text}')
+        self.log.append(f'{self.loop.now:.6f} {text}')
 
     def _situation(self, happening: Happening) -> None:
         users = '+'.join(

@@ -45,6 +45,22 @@ def test_a_goal_does_not_outlive_the_program_that_a_person_has_stopped():
     )
 
 
+def test_a_program_that_connects_yet_does_not_leave():
+    """It was judged as one that had left, and its stream as one that nobody wanted."""
+    stream = {'publisher': 1, 'kind': 'from here', 'period': 0.05, 'zero_each': 25}
+    speed = [0.0, -0.189, -0.298, 0.141, 0.105, -0.12]
+    mends = [Event(after, 'mend', {}) for after in (0.1897, 2.2283, 0.1139, 3.8999)]
+    World('3653905395').play(
+        [
+            Event(2.8317, 'stream', stream | {'speed': speed}),
+            *mends,
+            Event(2.125, 'driver_leaves', {'seconds': 4.0, 'lost': True}),
+            Event(0.105, 'mend', {}),
+            Event(0.01, 'driver_leaves', {'seconds': 2.0, 'lost': False}),
+        ]
+    )
+
+
 STEADY = {'publisher': 0, 'kind': 'positions', 'speed': [0.2] * 6, 'period': 0.02, 'zero_each': 3}
 NOWHERE = {'offsets': [[0.0] * 6], 'from_here': True}
 FROM_HERE = {

@@ -3,12 +3,13 @@
 """The order of a world is that of its timers, whatever passes on what has happened."""
 
 import asyncio
+from contextvars import copy_context
 
 import pytest
 
 from simulation import virtual_loop
-from simulation.network import Network
-from simulation.virtual_loop import NothingLeftError, VirtualLoop
+from simulation.network import PROCESS, Network
+from simulation.virtual_loop import START_S, NothingLeftError, VirtualLoop
 
 
 def run(scenario):
@@ -53,6 +54,33 @@ def test_a_task_that_spins_is_said(monkeypatch):
 
     with pytest.raises(NothingLeftError, match='comes for ever'):
         run(scenario())
+
+
+@pytest.mark.parametrize('rate', [0.5, 1.0, 2.0])
+def test_a_clock_that_drifts_is_its_processs_own(rate):
+    async def scenario():
+        loop, seen = asyncio.get_running_loop(), []
+
+        async def sleep_twice():
+            for _ in range(2):
+                begun = loop.time()
+                await asyncio.sleep(1.0)
+                seen.append((loop.time() - begun, loop.now - START_S))
+
+        drifting = copy_context()
+        drifting.run(PROCESS.set, 'controller')
+        task = drifting.run(asyncio.create_task, sleep_twice())
+        await asyncio.sleep(0.0)
+        loop.drift('controller', rate)  # its first timer was set before
+        await asyncio.sleep(10.0)
+        assert loop.time() == START_S + 10.0
+        await task
+        assert drifting.run(loop.time) == pytest.approx(START_S + 10.0 * rate)
+        return seen
+
+    first, second = run(scenario())
+    assert first == pytest.approx((rate, 1.0))
+    assert second == pytest.approx((1.0, 1.0 + 1.0 / rate))
 
 
 def test_what_is_left_ends_in_the_order_in_which_it_began():

@@ -2,13 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Worlds of fixed seeds hold; the same seed is the same run; a failure is made short."""
 
+import contextlib
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
 from epson_driver.driver.stopping.stopper import Stopper
+from simulation import processes
 from simulation.events import Event, events_of
 from simulation.oracles import BrokenError
 from simulation.shrink import shrunk
@@ -37,6 +40,18 @@ def test_a_world_holds_what_is_promised(block):
 def test_a_seed_that_was_varied_is_another_world_with_the_same_controller():
     assert events_of('7.3') != events_of('7')
     assert World('7.3').profile_name == World('7').profile_name
+
+
+@pytest.mark.parametrize('believed', [False, True])
+def test_a_system_clock_that_is_set_moves_no_arm(monkeypatch, believed):
+    """Where a driver believed it, a stream would go on for as long as the clock was set back."""
+    if believed:
+        waited = lambda received: time.time() - received * 1e-9  # noqa: E731
+        monkeypatch.setattr(
+            processes, 'came_at', lambda received: time.monotonic() - waited(received)
+        )
+    with pytest.raises(BrokenError, match='3: ') if believed else contextlib.nullcontext():
+        World('683').play(events_of('683'))
 
 
 def test_the_same_seed_is_the_same_run_in_every_process():
