@@ -75,7 +75,7 @@ class AtController:
 
     def __init__(self, world: Surroundings) -> None:
         self._world = world
-        self._now: Callable[[], float] = lambda: world.loop.now
+        self._now: Callable[[], float] = world.loop.true_time
         self._unsure_until = self._read_from = 0.0
         self._closing = -world.person
         self._shut: dict[str, float] = {}

@@ -74,6 +74,14 @@ class Drift:
     since: float
     shown: float
 
+    def shows(self, now: float) -> float:
+        """Return what it shows at a true time, s."""
+        return self.shown + (now - self.since) * self.rate
+
+    def true(self, shown: float) -> float:
+        """Return at which true time it shows something, s."""
+        return self.since + (shown - self.shown) / self.rate
+
 
 class VirtualLoop(asyncio.BaseEventLoop):
     """Runs callbacks in virtual time, over a network in memory."""
@@ -102,16 +110,16 @@ class VirtualLoop(asyncio.BaseEventLoop):
         drift = self._drift
         if drift is None or PROCESS.get() != drift.process:
             return self.now
-        return drift.shown + (self.now - drift.since) * drift.rate
+        return drift.shows(self.now)
+
+    def true_time(self) -> float:
+        """Return the virtual time, s, whoever asks."""
+        return self.now
 
     def drift(self, process: str, rate: float) -> None:
-        """Let a process's clock go on at a rate, 1 for the true one. One process's clock does."""
-        shown = copy_context().run(self._shown, process)
+        """Let the clock of a process, one in a world, go on at a rate: 1 for the true one."""
+        shown = self.now if self._drift is None else self._drift.shows(self.now)
         self._drift = Drift(process, rate, self.now, shown)
-
-    def _shown(self, process: str) -> float:
-        PROCESS.set(process)
-        return self.time()
 
     def _write_to_self(self) -> None:
         """No other thread calls."""
@@ -252,7 +260,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
         """Call at a time, s; of several at the same time first what was asked for first."""
         drift = self._drift
         if drift is not None and PROCESS.get() == drift.process:
-            when = drift.since + (when - drift.shown) / drift.rate
+            when = drift.true(when)
         call = Call(callback, args, context).at(max(when, self.now + SOON_S))
         self._add(call)
         return call

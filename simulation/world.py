@@ -200,11 +200,10 @@ class World:
         self.servers = ControllerServers(self.controller, spel=spel and spel.network)
         self.ports = await self.servers.open(HOST, Ports(0, 0, 0, 0))
         settle = SETTLE_S.get(self.profile_name, SETTLE_OTHERS_S)
-        now = lambda: self.loop.now  # noqa: E731 - not the controller's, that may drift
-        self.arm = Arm(self.controller, now, self.wishes, settle)
+        self.arm = Arm(self.controller, self.loop.true_time, self.wishes, settle)
         if self.profile.server.lost_client == 'keep':
             self.at_controller.keeps_points()
-        self.outputs = Outputs(self.controller.io, now, self.break_)
+        self.outputs = Outputs(self.controller.io, self.loop.true_time, self.break_)
         running = asyncio.create_task(self.servers.run())
         running.add_done_callback(self.process_over)
         PROCESS.reset(token)

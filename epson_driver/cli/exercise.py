@@ -26,7 +26,7 @@ from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import load_robot_model
 
 USUAL_ATTEMPTS = 3
-"""A busy machine may hold up controller or driver, so that a goal is aborted without a fault."""
+"""Runs without a fault at most: a busy machine may hold up controller or driver in one."""
 
 COLOURS = {Verdict.FINISHED: 'green', Verdict.GAVE_UP: 'cyan'}
 

@@ -45,11 +45,12 @@ def test_a_seed_that_was_varied_is_another_world_with_the_same_controller():
 @pytest.mark.parametrize('believed', [False, True])
 def test_a_system_clock_that_is_set_moves_no_arm(monkeypatch, believed):
     """Where a driver believed it, a stream would go on for as long as the clock was set back."""
+
+    def believing(received):
+        return time.monotonic() - (time.time() - received * 1e-9)
+
     if believed:
-        waited = lambda received: time.time() - received * 1e-9  # noqa: E731
-        monkeypatch.setattr(
-            processes, 'came_at', lambda received: time.monotonic() - waited(received)
-        )
+        monkeypatch.setattr(processes, 'came_at', believing)
     with pytest.raises(BrokenError, match='3: ') if believed else contextlib.nullcontext():
         World('683').play(events_of('683'))
 
