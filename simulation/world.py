@@ -61,6 +61,9 @@ PROGRAM_SHARE = 0.2
 BRAKING_S = 1.0
 """How long an arm may take to notice a silent driver late, and to brake, s."""
 
+MAX_ENDS = 8
+"""Of connections, where all is calm again: a driver has one at each of four ports."""
+
 RECOVERY_S = 60.0
 """Within which the arm must work again once the faults are over, s."""
 
@@ -250,6 +253,8 @@ class World:
                 raise BrokenError(f'9: the arm does not work again after {RECOVERY_S:g} s: {said}')
         await self._until(lambda: not self.users.goals, ANSWER_S, 'every goal has ended')
         await asyncio.sleep(0.7)
+        few = f'at most {MAX_ENDS // 2} connections are left'
+        await self._until(lambda: len(self.network.ends) <= MAX_ENDS, ANSWER_S, few)
 
     async def _outcome(self) -> Outcome:
         """Return how a small motion ends."""

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Worlds of fixed seeds hold; the same seed is the same run; a failure is made short."""
 
+import asyncio
 import contextlib
 import subprocess
 import sys
@@ -12,7 +13,9 @@ import pytest
 
 from epson_driver.driver.stopping.stopper import Stopper
 from simulation import processes
+from simulation.at_controller import AtController
 from simulation.events import Event, events_of
+from simulation.network import HOST
 from simulation.oracles import BrokenError
 from simulation.shrink import shrunk
 from simulation.world import World
@@ -53,6 +56,18 @@ def test_a_system_clock_that_is_set_moves_no_arm(monkeypatch, believed):
         monkeypatch.setattr(processes, 'came_at', believing)
     with pytest.raises(BrokenError, match='3: ') if believed else contextlib.nullcontext():
         World('683').play(events_of('683'))
+
+
+def test_connections_that_become_more_are_told(monkeypatch):
+    kept = []
+
+    async def stay(self, port, _seconds):
+        number = self._number_of(port)
+        kept.extend([await asyncio.open_connection(HOST, number) for _ in range(5)])
+
+    monkeypatch.setattr(AtController, '_stranger', stay)
+    with pytest.raises(BrokenError, match='at most 4 connections are left'):
+        World('1').play([Event(0.5, 'second_client', {'port': 'state', 'seconds': 0.1})])
 
 
 def test_the_same_seed_is_the_same_run_in_every_process():
