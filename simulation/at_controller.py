@@ -20,6 +20,7 @@ from epson_driver.sim_controller.condition.states import (
 from epson_driver.sim_controller.faults.faults import ANSWER_TIME_S, FaultError, parse
 from simulation.network import HOST, Network
 from simulation.oracles import Arm, Wishes
+from simulation.planner import PlannerChild
 from simulation.users import Users
 from simulation.virtual_loop import VirtualLoop
 
@@ -65,6 +66,7 @@ class Surroundings(Protocol):
     controller: Any
     servers: Any
     ports: Any
+    planner: PlannerChild | None
 
     def say(self, text: str) -> None:
         """Write a line of the log."""
@@ -190,6 +192,18 @@ class AtController:
         """End the faults."""
         with self._world.servers.pacer.present():
             self._world.controller.faults.clear()
+
+    async def planner_dies(self) -> None:
+        """Let the process that plans smooth motion end."""
+        if self._world.planner is not None:
+            self._world.wishes.closed_meanwhile = True
+            self._world.planner.die('died')
+
+    async def planner_hangs(self) -> None:
+        """Let it answer no more."""
+        if self._world.planner is not None:
+            self._world.wishes.closed_meanwhile = True
+            self._world.planner.hang()
 
     # --- the network -------------------------------------------------------------------------
 

@@ -27,6 +27,14 @@ CALM_SHARE = 0.25
 CLOCK_SHARE = 0.25
 """In how many worlds a clock is set or drifts."""
 
+SMOOTH_SHARE = 0.1
+"""In how many worlds the built-in controller goes smoothly through points."""
+
+PLANNER_SHARE = 0.4
+"""In how many of these the process that plans dies, and in how many it hangs."""
+
+SMOOTH_PROFILES = ('simulated', 'simulated', 'rc620', 'rc700a', 'generic', 'motoman')
+
 SCALES = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 1.0, 1.0)
 DISTANCES_RAD = (0.0, 2e-4, 0.005, 0.1, 0.3)
 """How far goals go in each joint at most: some stay within their tolerance."""
@@ -243,8 +251,10 @@ KINDS: dict[str, tuple[float, Callable[[Rng], Parameters]]] = {
     'panel_page_closes': (0.3, _no_parameters),
     'clock_set': (0.0, _set),
     'clock_drifts': (0.0, _rate),
+    'planner_dies': (0.0, _no_parameters),
+    'planner_hangs': (0.0, _no_parameters),
 }
-"""Kind of event → how often it is drawn, and from what its parameters are. 0: see CLOCK_SHARE."""
+"""Kind of event → how often it is drawn, and from what its parameters are. 0: see `events_of`."""
 
 
 Plan = tuple[tuple[float, str, Parameters], ...]
@@ -369,6 +379,8 @@ def events_of(seed: str) -> list[Event]:
     events = [draw(rng, kinds) for _ in range(int(rng.integers(MIN_EVENTS, MAX_EVENTS + 1)))]
     _put_situations(events, np.random.default_rng([first, 3]), calm=kinds is CALM_KINDS)
     _put_clocks(events, np.random.default_rng([first, 4]), calm=kinds is CALM_KINDS)
+    if smooth_profile(seed):
+        _put_planner(events, np.random.default_rng([first, 6]), calm=kinds is CALM_KINDS)
     for other in others:
         events = varied(events, np.random.default_rng([first, other, 1]))
     return events
@@ -398,6 +410,21 @@ def _put_clocks(events: list[Event], rng: Rng, *, calm: bool) -> None:
         events.insert(at, Event(0.0, kind, KINDS[kind][1](rng)))
     if not calm:
         _put(events, rng, CLOCK_SITUATION)
+
+
+def _put_planner(events: list[Event], rng: Rng, *, calm: bool) -> None:
+    if calm:
+        return
+    _put(events, rng, ((1.0, 'mend', {}), (2.0, 'goal', FAR), (0.7, 'scale', {})))
+    for kind in ('planner_dies', 'planner_hangs'):
+        if rng.random() < PLANNER_SHARE:
+            _put(events, rng, ((1.0, 'mend', {}), (1.5, 'goal', FAR), (0.7, kind, {})))
+
+
+def smooth_profile(seed: str) -> str:
+    """Return whose controller goes smoothly through points in the world of a seed; '': none."""
+    rng = np.random.default_rng([int(seed.partition('.')[0]), 5])
+    return str(rng.choice(SMOOTH_PROFILES)) if rng.random() < SMOOTH_SHARE else ''
 
 
 def draw(rng: Rng, kinds: Collection[str]) -> Event:

@@ -19,17 +19,19 @@ from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.outcome import End, Outcome
 from epson_driver.profiles.profile import ControllerProfile, load_controller_profile
 from epson_driver.robots import load_robot_model
+from epson_driver.sim_controller.arm.planner_process import PlannerProcess
 from epson_driver.sim_controller.assembly import SpelSource, new_controller, program_network
 from epson_driver.sim_controller.faults.faults import FaultError
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 from epson_driver.sim_controller.spel_host.profile_project import profile_project
 from epson_driver.spel import Program, build
 from simulation.at_controller import AtController
-from simulation.events import CALM_KINDS, KINDS, number_of
+from simulation.events import CALM_KINDS, KINDS, number_of, smooth_profile
 from simulation.events import Event as Happening
 from simulation.network import HOST, PROCESS, Network
 from simulation.oracles import Arm, BrokenError, Outputs, Wishes
 from simulation.panel_user import PanelUser
+from simulation.planner import PlannerChild
 from simulation.processes import NodeProcess, RobotProcess
 from simulation.users import ANSWER_S, Users
 from simulation.virtual_loop import SOON_S, VirtualLoop
@@ -92,7 +94,11 @@ class World:
         self.log: list[str] = []
         self.situations: set[tuple[str, str, str, str]] = set()
         self.broken: BrokenError | None = None
-        self.profile_name = str(self.rng.choice(PROFILES))
+        drawn, smooth = str(self.rng.choice(PROFILES)), smooth_profile(seed)
+        self.profile_name = smooth or drawn
+        self.smooth = bool(smooth)
+        self.planner: PlannerChild | None = None
+        """The process that plans smooth motion."""
         self.profile: ControllerProfile = load_controller_profile(self.profile_name)
         program = self.profile.program
         self.statements = program.interface == 'statements'
@@ -144,6 +150,7 @@ class World:
                 patch('time.thread_time', lambda: 0.0),
                 patch('time.time', self.system_time),
                 patch('time.monotonic', self.loop.time),
+                patch(f'{PlannerProcess.__module__}._Child.started', self._planner_starts),
             ):
                 self.loop.run_until_complete(self._play(happenings))
         except BrokenError as error:
@@ -162,6 +169,7 @@ class World:
         self.say(
             f'{self.profile_name}, state each {self.state_period:g} s, network '
             f'{self.delay:g} s{", Remote Ethernet" if self.remote else ""}'
+            f'{", smooth" if self.smooth else ""}'
             f'{", goals on the way" if self.on_the_way else ""}'
             f'{", a program in Python" if self.in_python else ""}'
         )
@@ -192,15 +200,17 @@ class World:
         if self.profile.spel.project:
             spel = SpelSource(_program(self.profile_name), program_network(self.profile))
         token = PROCESS.set('controller')
+        planner = PlannerProcess(LIMITS) if self.smooth else None
         self.controller = new_controller(
             MODEL,
             self.profile,
             start=START,
             state_period=self.state_period,
+            planner=planner,
             spel=spel,
             seed=int(self.rng.integers(2**31)),
         )
-        self.servers = ControllerServers(self.controller, spel=spel and spel.network)
+        self.servers = ControllerServers(self.controller, planner, spel and spel.network)
         self.ports = await self.servers.open(HOST, Ports(0, 0, 0, 0))
         settle = SETTLE_S.get(self.profile_name, SETTLE_OTHERS_S)
         self.arm = Arm(self.controller, self.loop.true_time, self.wishes, settle)
@@ -217,6 +227,10 @@ class World:
             running.cancel()
             await asyncio.gather(running, return_exceptions=True)
             await self.servers.close()
+
+    async def _planner_starts(self) -> PlannerChild:
+        self.planner = PlannerChild(self.rng)
+        return self.planner
 
     async def _recover(self) -> None:
         """End all faults, and do what a person would until the arm works again."""

@@ -346,10 +346,16 @@ class Controller:
         self.errors.enter(rejection)
 
     def planner_failed(self, reason: str) -> None:
-        """Brake and end the trajectory, as there is no planner now."""
+        """Brake and end the trajectory, as there is no planner now.
+
+        Where STATUS shows nothing else that is an alarm: points were answered that are lost.
+        """
         self.timing.planner_failures += 1
+        alarm = self.moving and self.profile.state.errors == 'alarms'
         self.show(Rejection(ErrorNumber.PLANNER_FAILED, f'the motion planner: {reason}'))
         self.program.restart()
+        if alarm:
+            self.raise_error(ErrorNumber.PLANNER_FAILED)
 
     def tasks(self) -> Iterable[TaskRow]:
         """Yield the tasks there are, as people see them."""
