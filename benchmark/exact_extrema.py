@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from epson_driver.motion import Array
+from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.joint_motion import JointMotion
 from epson_driver.motion.smoother import Smoother
 from epson_driver.motion.smoother.active_plan import ActivePlan
@@ -63,6 +63,26 @@ class Extrema:
         for name, value in values.items():
             setattr(self, name, max(getattr(self, name), value))
 
+    def extend(self, spans: Spans, limits: JointLimits, state: State) -> State:
+        """Take what comes after a state into account, and return the state at its end."""
+        durations, derivatives, first, last = spans
+        self.add(
+            position_jump=float(np.max(np.abs(first[0] - state[0]))),
+            velocity_jump=float(np.max(np.abs(first[1] - state[1]) / limits.velocity)),
+            acceleration_jump=float(np.max(np.abs(first[2] - state[2]) / limits.acceleration)),
+        )
+        q, v, a, j = derivatives(durations[:, None] * _S)
+        outside = np.maximum(_largest(q - limits.position_max), _largest(limits.position_min - q))
+        self.add(
+            outside=outside,
+            velocity=max(_largest(v / limits.velocity), _largest(-v / limits.velocity)),
+            acceleration=max(
+                _largest(a / limits.acceleration), _largest(-a / limits.acceleration)
+            ),
+            jerk=max(_largest(j / limits.jerk), _largest(-j / limits.jerk)),
+        )
+        return last
+
     @property
     def worst(self) -> float:
         """The largest multiple of a limit."""
@@ -72,39 +92,27 @@ class Extrema:
 def exact_extrema(smoother: Recorded, start: Array) -> Extrema:
     """Return the extrema of all that was executed since the arm rested at `start`, shape (n,)."""
     found = Extrema()
-    limits = smoother.limits
-    zeros = np.zeros(len(limits.names))
+    zeros = np.zeros(len(smoother.limits.names))
     state: State = (start, zeros, zeros)
     ends = [begin for begin, _ in smoother.executed[1:]] + [smoother.now]
     for (begin, what), end in zip(smoother.executed, ends, strict=True):
-        if what is None:
-            if end > begin:
-                state = (state[0], zeros, zeros)
-            continue
-        if isinstance(what, ActivePlan):
-            spans = _plan_spans(what, begin - what.begin, end - what.begin)
-        else:
-            spans = _joint_spans(what, end - begin)
-        if spans is None:
-            continue
-        durations, derivatives, first, last = spans
-        found.add(
-            position_jump=float(np.max(np.abs(first[0] - state[0]))),
-            velocity_jump=float(np.max(np.abs(first[1] - state[1]) / limits.velocity)),
-            acceleration_jump=float(np.max(np.abs(first[2] - state[2]) / limits.acceleration)),
-        )
-        state = last
-        q, v, a, j = derivatives(durations[:, None] * _S)
-        outside = np.maximum(_largest(q - limits.position_max), _largest(limits.position_min - q))
-        found.add(
-            outside=outside,
-            velocity=max(_largest(v / limits.velocity), _largest(-v / limits.velocity)),
-            acceleration=max(
-                _largest(a / limits.acceleration), _largest(-a / limits.acceleration)
-            ),
-            jerk=max(_largest(j / limits.jerk), _largest(-j / limits.jerk)),
-        )
+        if what is None and end > begin:
+            state = (state[0], zeros, zeros)
+        spans = executed_spans(what, begin, end)
+        if spans is not None:
+            state = found.extend(spans, smoother.limits, state)
     return found
+
+
+def executed_spans(
+    what: ActivePlan | JointMotion | None, begin: float, end: float
+) -> Spans | None:
+    """Return the spans of what was executed from `begin` to `end`, s; None: there are none."""
+    if what is None:
+        return None
+    if isinstance(what, ActivePlan):
+        return _plan_spans(what, begin - what.begin, end - what.begin)
+    return _joint_spans(what, end - begin)
 
 
 def _largest(values: Array) -> float:
@@ -200,7 +208,7 @@ def _plan_spans(active: ActivePlan, begin: float, end: float) -> Spans | None:
         q, q1, q2, q3 = of_u
         return q, q1 * x, q1 * y + q2 * x**2, q1 * z + 3 * q2 * x * y + q3 * x**3
 
-    return durations, derivatives, *_both_ends(durations, derivatives)
+    return durations, derivatives, *both_ends(durations, derivatives)
 
 
 def _joint_spans(motion: JointMotion, end: float) -> Spans | None:
@@ -231,10 +239,10 @@ def _joint_spans(motion: JointMotion, end: float) -> Spans | None:
         )  # fmt: skip
 
     durations = np.diff(cuts)
-    return durations, derivatives, *_both_ends(durations, derivatives)
+    return durations, derivatives, *both_ends(durations, derivatives)
 
 
-def _both_ends(durations: Array, derivatives: Derivatives) -> tuple[State, State]:
+def both_ends(durations: Array, derivatives: Derivatives) -> tuple[State, State]:
     """Return the states at the start of the first span and at the end of the last one."""
     at_start = derivatives(np.zeros((len(durations), 1)))
     at_end = derivatives(durations[:, None])

@@ -132,10 +132,13 @@ class Wishes:
 
 
 class Arm:
-    """Watches every step of the controller's arm."""
+    """Watches every step of the controller's arm. `look`: at what that executes."""
 
-    def __init__(self, controller: Any, now: Any, wishes: Wishes, settle: float) -> None:
+    def __init__(
+        self, controller: Any, now: Any, wishes: Wishes, settle: float, look: Callable[[Any], None]
+    ) -> None:
         self._controller = controller
+        self._look = look
         self._now = now
         self._wishes = wishes
         self._settle = settle
@@ -170,6 +173,7 @@ class Arm:
     def step(self, seconds: float) -> None:
         """Let time pass, and look at what the arm did. Raises BrokenError."""
         self._step(seconds)
+        self._look(self._controller.arm)
         now, wishes, moves = self._now(), self._wishes, False
         commanded, before = self._controller.arm.commanded, self._commanded
         if commanded.tobytes() != before.tobytes():  # sooner done than an array's !=

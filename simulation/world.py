@@ -20,11 +20,13 @@ from epson_driver.driver.outcome import End, Outcome
 from epson_driver.profiles.profile import ControllerProfile, load_controller_profile
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.arm.planner_process import PlannerProcess
+from epson_driver.sim_controller.arm.streaming import Streaming
 from epson_driver.sim_controller.assembly import SpelSource, new_controller, program_network
 from epson_driver.sim_controller.faults.faults import FaultError
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 from epson_driver.sim_controller.spel_host.profile_project import profile_project
 from epson_driver.spel import Program, build
+from simulation.arm_limits import ArmLimits
 from simulation.at_controller import AtController
 from simulation.events import CALM_KINDS, KINDS, number_of, smooth_profile
 from simulation.events import Event as Happening
@@ -124,6 +126,7 @@ class World:
         self.clock_off = 0.0
         """How far the system clock of the driver's machine was set, s."""
         self.wishes = Wishes()
+        self.arm_limits = ArmLimits(self.break_)
         self.events = 0
         self.users = Users(self)
         self.at_controller = AtController(self)
@@ -150,6 +153,7 @@ class World:
                 patch('time.thread_time', lambda: 0.0),
                 patch('time.time', self.system_time),
                 patch('time.monotonic', self.loop.time),
+                patch(f'{Streaming.__module__}.Smoother', self.arm_limits.smoother),
                 patch(f'{PlannerProcess.__module__}._Child.started', self._planner_starts),
             ):
                 self.loop.run_until_complete(self._play(happenings))
@@ -213,7 +217,8 @@ class World:
         self.servers = ControllerServers(self.controller, planner, spel and spel.network)
         self.ports = await self.servers.open(HOST, Ports(0, 0, 0, 0))
         settle = SETTLE_S.get(self.profile_name, SETTLE_OTHERS_S)
-        self.arm = Arm(self.controller, self.loop.true_time, self.wishes, settle)
+        look = self.arm_limits.look
+        self.arm = Arm(self.controller, self.loop.true_time, self.wishes, settle, look)
         if self.profile.server.lost_client == 'keep':
             self.at_controller.keeps_points()
         self.outputs = Outputs(self.controller.io, self.loop.true_time, self.break_)

@@ -592,6 +592,12 @@ class Driver:
         if self._controller_speed is not None and self.goal_queue.busy:
             self._controller_speed.update()
 
+    def tell_again(self) -> None:
+        """Tell or ask the controller once more what it has not confirmed: somebody enables."""
+        self._heartbeat.ask_again()
+        if self._controller_speed is not None and not self._greeting_due:
+            self._controller_speed.tell_again()
+
     def _on_link(self, link: Link, why: str) -> None:
         if link.state is LinkState.BACKING_OFF and link.statistics.connections:
             self.fault(f'the {link.name} link was lost: {why}')

@@ -4,6 +4,7 @@
 
 from epson_driver.link.connection import WireEvent
 from epson_driver.link.link import Link, LinkStatistics
+from epson_driver.link.replies import PendingRequest
 from epson_driver.link.states import LinkState
 
-__all__ = ['Link', 'LinkState', 'LinkStatistics', 'WireEvent']
+__all__ = ['Link', 'LinkState', 'LinkStatistics', 'PendingRequest', 'WireEvent']

@@ -26,7 +26,8 @@ from epson_driver.link import WireEvent
 from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
 from epson_driver.share import share_file
-from epson_driver.simple_message import MessageType
+from epson_driver.sim_controller.core import Controller
+from epson_driver.simple_message import GetVersion, MessageType
 
 TIMEOUT = 0.5
 BRAKING = 0.35
@@ -221,6 +222,14 @@ async def test_heartbeats_go_before_the_first_point_and_then_five_times_in_the_t
     assert all(each[4] == MessageType.JOINT_POSITION for each in answers)
     ((stopped, _),) = [(at, data) for at, data in frames if data[16:20] == STOP]
     assert beats[-1] < stopped + 0.3
+
+
+async def test_a_version_that_was_read_wrongly_is_asked_for_again_by_an_enable(monkeypatch):
+    monkeypatch.setattr(Controller, 'version', lambda _: GetVersion((0, 1, 0)))
+    async with cell('from point to point') as (harness, _, _arm):
+        monkeypatch.undo()
+        await harness.commands.enable()
+        assert (await harness.submit(FAR, step=4.0).end()).end is End.SUCCEEDED
 
 
 @pytest.mark.parametrize(

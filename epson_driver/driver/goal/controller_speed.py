@@ -7,7 +7,8 @@ then, so that the arm must never get one before it knows the share:
 
 1. The share is told first on each connection. No point is sent on it before the controller has
    confirmed that it can do this; what follows is in order, as all goes over one connection.
-2. A share that is refused, or not answered in time, stops everything: the arm gate closes.
+2. A share that is refused, or not answered in time, stops everything: the arm gate closes. It is
+   told again when somebody enables the arm.
 3. A stream's setpoints are scaled where they are made: for them the share is 1.
 """
 
@@ -16,7 +17,7 @@ from collections.abc import Callable
 from functools import partial
 
 from epson_driver.driver.delivery.reply_rejection import reply_rejection
-from epson_driver.link import Link
+from epson_driver.link import Link, PendingRequest
 from epson_driver.simple_message import Packet, SpeedShare
 
 TIMEOUT_S = 1.0
@@ -59,14 +60,20 @@ class ControllerSpeed:
             return
         self._told = None
         try:
-            self._link.post(SpeedShare(share), partial(self._on_reply, self._asked + 1, share))
+            on_reply = partial(self._on_reply, self._asked + 1, share)
+            waiting = self._link.post(SpeedShare(share), on_reply)
         except ConnectionError as error:
             if self._link.connected:
                 self._fail(f'the speed scaling {share:g} could not be sent: {error}')
             return
         self._asked += 1
         self._told = share
-        self._look(self._asked, LOOKS)
+        self._look(self._asked, waiting, LOOKS)
+
+    def tell_again(self) -> None:
+        """Tell the share once more if it was not confirmed."""
+        if self._told is None:
+            self.update()
 
     def before_point(self) -> None:
         """Make sure that a point may be sent. Raises ConnectionError with a clause."""
@@ -92,14 +99,15 @@ class ControllerSpeed:
             why = 'it confirms another one'
         self._fail(f'the controller refused the speed scaling {share:g} ({why})')
 
-    def _look(self, number: int, left: int) -> None:
+    def _look(self, number: int, waiting: PendingRequest, left: int) -> None:
         if number <= self._answered:
             return
         if left:
             loop = asyncio.get_running_loop()
-            loop.call_later(TIMEOUT_S / LOOKS, self._look, number, left - 1)
+            loop.call_later(TIMEOUT_S / LOOKS, self._look, number, waiting, left - 1)
             return
         self._answered = number
+        self._link.give_up(waiting)
         self._fail(f'the controller did not answer the speed scaling within {TIMEOUT_S:g} s')
 
     def _fail(self, why: str) -> None:

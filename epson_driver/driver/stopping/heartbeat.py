@@ -3,8 +3,9 @@
 """Heartbeats for a controller that stops the arm when its motion client hangs.
 
 Only for one whose profile says so, and whose program does too: its version is asked for on the
-state port. Other programs get nothing new on the motion port, whatever the profile: the published
-one for EPSON's C3 would end there. It does not read its state port.
+state port, and by each enable until it has said so. Other programs get nothing new on the motion
+port, whatever the profile: the published one for EPSON's C3 would end there. It does not read its
+state port.
 
 A heartbeat is a PING as a topic: REP-I0006 has nobody answer that, so it takes part in no matching
 of replies. The first one goes before the first point; then one follows every BEAT of the time-out,
@@ -18,7 +19,7 @@ import asyncio
 import contextlib
 from collections.abc import Callable
 
-from epson_driver.link import Link
+from epson_driver.link import Link, PendingRequest
 from epson_driver.simple_message import GetVersion, Packet, Ping, ReplyCode
 
 BEAT = 0.2
@@ -48,20 +49,26 @@ class Heartbeat:
         self._timeout = timeout
         self._wanted = wanted
         self._on_hung = on_hung
-        self._asked = False
+        self._asked: PendingRequest | None = None
         self._watched = False
         self._sent = 0.0
 
     def ask(self) -> None:
         """Ask the controller, once on each state connection, whether it has a watchdog."""
-        if self._timeout and not self._asked:
-            self._asked = True
+        if self._timeout and self._asked is None:
             with contextlib.suppress(ConnectionError):
-                self._state.post(GetVersion(), self._on_version)
+                self._asked = self._state.post(GetVersion(), self._on_version)
+
+    def ask_again(self) -> None:
+        """Ask once more if it has not answered that it has one: bits may have been changed."""
+        if self._asked is not None and not self._watched:
+            self._state.give_up(self._asked)
+            self._asked = None
+            self.ask()
 
     def forget(self) -> None:
         """Take note that the state link is gone: another controller may answer next."""
-        self._asked = self._watched = False
+        self._asked, self._watched = None, False
 
     def before_point(self) -> None:
         """Make sure that a point may be sent. Raises ConnectionError if the loop hung before."""

@@ -23,6 +23,7 @@ from support.replacement_runs import goal, long_way
 from support.speed_scaling import pace, progress, scale, slowed_on_the_way, submit
 from support.streams import positions, send
 
+from epson_driver.driver.arm_commands import CommandError
 from epson_driver.driver.delivery.delivery import DeliveryRules
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.controller_speed import ControllerSpeed
@@ -194,10 +195,11 @@ async def test_a_controller_that_cannot_is_told_so_and_moves_nothing():
         Harness(ports, delivery=RULES) as harness,
     ):
         await harness.ready()
-        await harness.commands.enable()
+        with pytest.raises(CommandError, match='refused the speed scaling'):
+            await harness.commands.enable()
         outcome = await submit(harness, goal([0.5], pose(0.3))).end()
         assert outcome.end is End.ABORTED
-        assert 'has not confirmed that it scales the speed' in outcome.text
+        assert 'the arm is not enabled' in outcome.text
         assert await harness.rests()
 
 
@@ -247,6 +249,23 @@ async def test_a_controller_that_does_not_answer_at_all_gets_no_point():
         outcome = await submit(harness, goal([0.0, 3.0], [pose(), pose(0.3)])).end()
         assert 'has not confirmed that it scales the speed' in outcome.text
         assert 0 not in scripted.received
+
+
+async def test_a_share_that_was_not_answered_is_told_again_by_an_enable():
+    answers = [b'', share_reply(1, 1.0)]
+
+    def reply(sequence):
+        return answers.pop(0) if sequence > 1_000_000_000 else answer(1, sequence)
+
+    async with (
+        ScriptedController(reply) as scripted,
+        Harness(scripted.ports, delivery=RULES) as harness,
+    ):
+        await harness.ready()
+        await asyncio.sleep(2.0)  # it counts as refused by now
+        await harness.commands.enable()
+        submit(harness, goal([0.0, 3.0], [pose(), pose(0.3)]))
+        await until(lambda: 0 in scripted.received)
 
 
 class NotRead:

@@ -1,0 +1,232 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Whether the arm keeps its limits at every instant, by the exact extrema of its polynomials.
+
+What is looked at is what the simulated arm has executed, not what was planned or verified.
+"""
+
+from collections.abc import Callable
+from typing import Any, SupportsIndex
+
+import numpy as np
+
+from benchmark.exact_extrema import Extrema, Spans, State, both_ends, executed_spans
+from epson_driver.motion import Array, JointLimits
+from epson_driver.motion.joint_motion import JointMotion
+from epson_driver.motion.joint_moves import JointMoves
+from epson_driver.motion.joint_stop import JointStop
+from epson_driver.motion.smoother import Smoother
+from epson_driver.motion.smoother.active_plan import ActivePlan
+from epson_driver.sim_controller.arm.executor import Motion
+from epson_driver.sim_controller.arm.point_to_point import PointToPoint, Segment
+from epson_driver.tool_motion.curve_motion import CurveMotion
+from simulation.oracles import BrokenError
+
+SHARE = 1e-5
+"""Of a limit, that is rounding: pieces that are shorter than SHORT_S are taken into others."""
+
+JUMP_SHARE = 1e-4
+"""The same for a jump of velocity or acceleration: a start may be taken back within 1 us."""
+
+OUTSIDE_RAD = 1e-8
+SHORT_S = 1e-7
+
+HALVINGS = 50
+
+At = Callable[[float], State]
+"""From a time, s, to position, velocity and acceleration, shapes (n,)."""
+
+
+class ArmLimits:
+    """Judges executors of a controller; `break_` gets what did not hold."""
+
+    def __init__(self, break_: Callable[[BrokenError], object]) -> None:
+        self._break = break_
+        self._segments: dict[PointToPoint, Segments] = {}
+        self._recovery: object = None
+
+    def smoother(self, *args: Any, **named: Any) -> Smoother:
+        """Return a smoother whose motion is judged."""
+        executed = Executed(self)
+        executed.smoother = Smoother(*args, observer=executed, **named)
+        return executed.smoother
+
+    def look(self, arm: Any) -> None:
+        """Look at what the arm executes now, and at what begins off its path."""
+        executor = arm.executor
+        if isinstance(executor, PointToPoint):
+            if executor not in self._segments:
+                self._segments[executor] = Segments(self, executor)
+            self._segments[executor].look()
+        motion = arm._recovery and arm._recovery._motion  # noqa: SLF001 - nobody else needs them
+        if motion is not self._recovery:
+            self._recovery = motion
+            if motion is not None:
+                self.judge_whole(motion, executor.limits, None)
+
+    def judge_whole(
+        self, motion: Motion | JointStop, limits: JointLimits, before: State | None
+    ) -> None:
+        """Judge a motion that goes on until it rests."""
+        if motion.duration > SHORT_S:
+            spans = spans_of(motion.at, cuts(motion, 0.0, 0.0, motion.duration))
+            self.judge(spans, limits, before)
+
+    def judge(self, spans: Spans, limits: JointLimits, before: State | None) -> State:
+        """Judge what was executed after a state; None: it is not known. Return the state then."""
+        found = Extrema()
+        after = found.extend(spans, limits, before or spans[2])
+        if found.worst > 1.0 + SHARE or found.outside > OUTSIDE_RAD:
+            self._break(BrokenError(f'2: beyond its limits at an instant: {found}'))
+        if max(found.velocity_jump, found.acceleration_jump) > JUMP_SHARE:
+            self._break(BrokenError(f'2: its motion jumps: {found}'))
+        return after
+
+
+class Executed:
+    """Takes what a smoother executes."""
+
+    smoother: Smoother
+
+    def __init__(self, oracle: ArmLimits) -> None:
+        self._oracle = oracle
+        self._since = 0.0
+        self._what: ActivePlan | JointMotion | None = None
+        self._state: State | None = None
+
+    def __call__(self, now: float, what: ActivePlan | JointMotion | None) -> None:
+        """Judge what was executed until now, s, and take what is executed from now on."""
+        spans = executed_spans(self._what, self._since, now)
+        if spans is not None:
+            self._state = self._oracle.judge(spans, self.smoother.limits, self._state)
+        if what is None and self._state is not None:
+            rest = np.zeros_like(self._state[1])
+            self._state = (self._state[0], rest, rest)
+        self._since, self._what = now, what
+
+
+class Segments(list[Segment]):
+    """What an arm that goes from point to point has of moves, which are judged as they end."""
+
+    def __init__(self, oracle: ArmLimits, executor: PointToPoint) -> None:
+        super().__init__(executor._segments)  # noqa: SLF001
+        executor._segments = self  # noqa: SLF001
+        self._oracle, self._executor = oracle, executor
+        self._since = executor._now  # noqa: SLF001
+        self._state: State | None = None
+        self._brake: object = None
+
+    def append(self, segment: Segment) -> None:
+        """Take a move, which begins now or later."""
+        self._judge()
+        if not self:
+            rest = np.zeros_like(segment.motion.end)
+            self._since = self._executor._now  # noqa: SLF001
+            self._state = (segment.motion.origin, rest, rest)
+        super().append(segment)
+
+    def pop(self, index: SupportsIndex = -1) -> Segment:
+        """Let go of a move that has ended."""
+        self._judge()
+        return super().pop(index)
+
+    def clear(self) -> None:
+        """Let go of all."""
+        self._judge()
+        super().clear()
+
+    def look(self) -> None:
+        """Judge a brake that has begun: it is never ended before it has come to rest."""
+        brake = self._executor._brake  # noqa: SLF001
+        if brake is self._brake:
+            return
+        self._brake = brake
+        if brake is not None:
+            self._oracle.judge_whole(brake.motion, self._executor.limits, self._state)
+
+    def _judge(self) -> None:
+        """Judge what was executed until now."""
+        now = self._executor._now  # noqa: SLF001
+        if not self or now - self._since <= SHORT_S:
+            return
+        first, *others = self
+
+        def at(time: float) -> State:
+            position, velocity, acceleration = first.motion.at(time - first.begin)
+            for segment in others:
+                p, v, a = segment.motion.at(time - segment.begin)
+                position = position + p - segment.motion.origin
+                velocity, acceleration = velocity + v, acceleration + a
+            return position, velocity, acceleration
+
+        instants = [cuts(each.motion, each.begin, self._since, now) for each in self]
+        spans = spans_of(at, np.concatenate(instants))
+        self._since = now
+        self._state = self._oracle.judge(spans, self._executor.limits, self._state)
+
+
+def spans_of(at: At, instants: Array) -> Spans:
+    """Return the spans between instants, s, at which the jerk may jump.
+
+    The first and the last are farther apart than SHORT_S.
+    """
+    instants = np.unique(instants)
+    kept = instants[np.append(True, np.diff(instants) > SHORT_S)]
+    kept[-1] = instants[-1]
+    begins = kept[:-1]
+
+    def derivatives(t: Array) -> tuple[Array, Array, Array, Array]:
+        times = (begins[:, None] + t).ravel()
+        states = np.array([at(time) for time in times.tolist()])
+        q, v, a = states.reshape(*t.shape, 3, -1).transpose(2, 0, 1, 3)
+        if t.shape[1] == 1:
+            return q, v, a, np.zeros_like(a)
+        j = np.diff(a, axis=1) / np.diff(t, axis=1)[..., None]
+        return q, v, a, np.concatenate([j, j[:, -1:]], axis=1)
+
+    durations = np.diff(kept)
+    return durations, derivatives, *both_ends(durations, derivatives)
+
+
+def cuts(motion: Motion | JointStop, begin: float, since: float, until: float) -> Array:
+    """Return both ends, and the instants between at which its jerk may jump, s."""
+    found = begin + np.array(_jumps(motion))
+    return np.concatenate([[since], found[(found > since) & (found < until)], [until]])
+
+
+def _jumps(motion: Any) -> list[float]:
+    """Return when the jerk of a motion may jump, s since its begin."""
+    if motion.duration == 0.0:
+        return []
+    if isinstance(motion, JointMoves):
+        return [
+            part.begin + time
+            for part in motion._parts  # noqa: SLF001
+            for time in [*_jumps(part.move), 0.0, part.move.duration]
+        ]
+    if isinstance(motion, JointStop):
+        profiles = [trajectory.profiles[0][0] for trajectory in motion.trajectories]
+        return [
+            float(time)
+            for each in profiles
+            for time in np.cumsum([*each.brake.t, *each.t])
+        ]
+    if isinstance(motion, CurveMotion):
+        return _passages(motion)
+    times: list[float] = motion.pieces.times.tolist()
+    return times
+
+
+def _passages(motion: CurveMotion) -> list[float]:
+    """Return when a motion passes its curve's knots, s, and when its timing's jerk jumps."""
+    curve, pieces = motion._curve, motion._timing.pieces  # noqa: SLF001
+    shares = np.linspace(0.0, 1.0, len(curve.samples))
+    low, high = np.zeros_like(shares), np.full_like(shares, motion.duration)
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2.0
+        piece = np.clip(pieces.times.searchsorted(middle, side='right') - 1, 0, 6)
+        t = middle - pieces.times[piece]
+        v, a, j = pieces.velocities[piece], pieces.accelerations[piece], pieces.jerks[piece]
+        before = pieces.ways[piece] + t * (v + t * (a / 2.0 + t * j / 6.0)) < shares
+        low, high = np.where(before, middle, low), np.where(before, high, middle)
+    return [*pieces.times.tolist(), *high.tolist()]
