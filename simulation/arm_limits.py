@@ -9,8 +9,9 @@ from collections.abc import Callable
 from typing import Any, SupportsIndex
 
 import numpy as np
+from numpy.polynomial import chebyshev
 
-from benchmark.exact_extrema import Extrema, Spans, State, both_ends, executed_spans
+from benchmark.exact_extrema import NODES, Extrema, Spans, State, both_ends, executed_spans
 from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.joint_motion import JointMotion
 from epson_driver.motion.joint_moves import JointMoves
@@ -31,6 +32,15 @@ JUMP_SHARE = 1e-4
 OUTSIDE_RAD = 1e-8
 SHORT_S = 1e-7
 
+EVEN_S = 1e-3
+"""In less the jerk counts as constant, s: what SHORT_S leaves of another piece would show in it."""
+
+SLOPES = (
+    chebyshev.chebvander(NODES, len(NODES) - 2)
+    @ chebyshev.chebder(np.linalg.inv(chebyshev.chebvander(NODES, len(NODES) - 1)))
+)
+"""From the values at the nodes to the slopes there, over -1 … 1."""
+
 HALVINGS = 50
 
 At = Callable[[float], State]
@@ -38,18 +48,17 @@ At = Callable[[float], State]
 
 
 class ArmLimits:
-    """Judges executors of a controller; `break_` gets what did not hold."""
+    """Judges executors of a controller by an arm's limits; `break_` gets what did not hold."""
 
-    def __init__(self, break_: Callable[[BrokenError], object]) -> None:
+    def __init__(self, limits: JointLimits, break_: Callable[[BrokenError], object]) -> None:
+        self._limits = limits
         self._break = break_
         self._segments: dict[PointToPoint, Segments] = {}
         self._recovery: object = None
 
     def smoother(self, *args: Any, **named: Any) -> Smoother:
         """Return a smoother whose motion is judged."""
-        executed = Executed(self)
-        executed.smoother = Smoother(*args, observer=executed, **named)
-        return executed.smoother
+        return Smoother(*args, observer=Executed(self), **named)
 
     def look(self, arm: Any) -> None:
         """Look at what the arm executes now, and at what begins off its path."""
@@ -62,20 +71,18 @@ class ArmLimits:
         if motion is not self._recovery:
             self._recovery = motion
             if motion is not None:
-                self.judge_whole(motion, executor.limits, None)
+                self.judge_whole(motion, None)
 
-    def judge_whole(
-        self, motion: Motion | JointStop, limits: JointLimits, before: State | None
-    ) -> None:
+    def judge_whole(self, motion: Motion | JointStop, before: State | None) -> None:
         """Judge a motion that goes on until it rests."""
         if motion.duration > SHORT_S:
             spans = spans_of(motion.at, cuts(motion, 0.0, 0.0, motion.duration))
-            self.judge(spans, limits, before)
+            self.judge(spans, before)
 
-    def judge(self, spans: Spans, limits: JointLimits, before: State | None) -> State:
+    def judge(self, spans: Spans, before: State | None) -> State:
         """Judge what was executed after a state; None: it is not known. Return the state then."""
         found = Extrema()
-        after = found.extend(spans, limits, before or spans[2])
+        after = found.extend(spans, self._limits, before or spans[2])
         if found.worst > 1.0 + SHARE or found.outside > OUTSIDE_RAD:
             self._break(BrokenError(f'2: beyond its limits at an instant: {found}'))
         if max(found.velocity_jump, found.acceleration_jump) > JUMP_SHARE:
@@ -85,8 +92,6 @@ class ArmLimits:
 
 class Executed:
     """Takes what a smoother executes."""
-
-    smoother: Smoother
 
     def __init__(self, oracle: ArmLimits) -> None:
         self._oracle = oracle
@@ -98,7 +103,7 @@ class Executed:
         """Judge what was executed until now, s, and take what is executed from now on."""
         spans = executed_spans(self._what, self._since, now)
         if spans is not None:
-            self._state = self._oracle.judge(spans, self.smoother.limits, self._state)
+            self._state = self._oracle.judge(spans, self._state)
         if what is None and self._state is not None:
             rest = np.zeros_like(self._state[1])
             self._state = (self._state[0], rest, rest)
@@ -142,7 +147,7 @@ class Segments(list[Segment]):
             return
         self._brake = brake
         if brake is not None:
-            self._oracle.judge_whole(brake.motion, self._executor.limits, self._state)
+            self._oracle.judge_whole(brake.motion, self._state)
 
     def _judge(self) -> None:
         """Judge what was executed until now."""
@@ -162,7 +167,7 @@ class Segments(list[Segment]):
         instants = [cuts(each.motion, each.begin, self._since, now) for each in self]
         spans = spans_of(at, np.concatenate(instants))
         self._since = now
-        self._state = self._oracle.judge(spans, self._executor.limits, self._state)
+        self._state = self._oracle.judge(spans, self._state)
 
 
 def spans_of(at: At, instants: Array) -> Spans:
@@ -173,7 +178,7 @@ def spans_of(at: At, instants: Array) -> Spans:
     instants = np.unique(instants)
     kept = instants[np.append(True, np.diff(instants) > SHORT_S)]
     kept[-1] = instants[-1]
-    begins = kept[:-1]
+    begins, durations = kept[:-1], np.diff(kept)
 
     def derivatives(t: Array) -> tuple[Array, Array, Array, Array]:
         times = (begins[:, None] + t).ravel()
@@ -181,10 +186,10 @@ def spans_of(at: At, instants: Array) -> Spans:
         q, v, a = states.reshape(*t.shape, 3, -1).transpose(2, 0, 1, 3)
         if t.shape[1] == 1:
             return q, v, a, np.zeros_like(a)
-        j = np.diff(a, axis=1) / np.diff(t, axis=1)[..., None]
-        return q, v, a, np.concatenate([j, j[:, -1:]], axis=1)
+        j = SLOPES @ a * (2.0 / durations[:, None, None])
+        mean = (a[:, -1:] - a[:, :1]) / (t[:, -1:] - t[:, :1])[..., None]
+        return q, v, a, np.where(durations[:, None, None] < EVEN_S, mean, j)
 
-    durations = np.diff(kept)
     return durations, derivatives, *both_ends(durations, derivatives)
 
 

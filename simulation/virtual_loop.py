@@ -11,7 +11,7 @@ callbacks.
 
 import asyncio
 import heapq
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from contextvars import Context, copy_context
 from dataclasses import dataclass
@@ -209,7 +209,20 @@ class VirtualLoop(asyncio.BaseEventLoop):
         else:
             heapq.heappush(self._scheduled, (when, next(self._numbers), call))
 
+    def left(self) -> Counter[str]:
+        """Return how many tasks and timers each process has that is not dead."""
+        found = Counter(_process(task) for task in asyncio.all_tasks(self))
+        found.update(
+            call.context.get(PROCESS, '') for _, _, call in self._scheduled if not call.gone
+        )
+        return found
+
     # --- what asyncio asks of a loop -----------------------------------------------------------
+
+    def create_task(self, coro: Any, *, name: str | None = None, **given: Any) -> Any:
+        """Begin a task, with its process and its number as its name."""
+        number = next(self._numbers)
+        return super().create_task(coro, name=f'{PROCESS.get("")}#{number}', **given)
 
     async def create_connection(  # type: ignore[override]
         self,
@@ -281,4 +294,8 @@ class VirtualLoop(asyncio.BaseEventLoop):
 
 def _number(task: asyncio.Task[Any]) -> int:
     """Return the how-manieth a task is: a set of tasks has another order in another Python."""
-    return int(task.get_name().removeprefix('Task-'))
+    return int(task.get_name().rpartition('#')[2])
+
+
+def _process(task: asyncio.Task[Any]) -> str:
+    return task.get_name().rpartition('#')[0]

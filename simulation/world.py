@@ -68,6 +68,9 @@ BRAKING_S = 1.0
 MAX_ENDS = 8
 """Of connections, where all is calm again: a driver has one at each of four ports."""
 
+MORE = 4
+"""Tasks and timers, where all is calm again: the I/O link waits now and then, or is there."""
+
 RECOVERY_S = 60.0
 """Within which the arm must work again once the faults are over, s."""
 
@@ -126,7 +129,7 @@ class World:
         self.clock_off = 0.0
         """How far the system clock of the driver's machine was set, s."""
         self.wishes = Wishes()
-        self.arm_limits = ArmLimits(self.break_)
+        self.arm_limits = ArmLimits(LIMITS, self.break_)
         self.events = 0
         self.users = Users(self)
         self.at_controller = AtController(self)
@@ -182,6 +185,7 @@ class World:
             if not self.in_python and any(kind.startswith('panel_') for kind in kinds):
                 self.panel = PanelUser(self.users, MODEL)
             await self._until(lambda: self.process.linked, 10.0, 'the driver finds its controller')
+            first = self._at_work
             if self.rng.random() < 0.8:
                 self.at_controller.mend()
                 await self.users.asked('enable')
@@ -194,7 +198,10 @@ class World:
                 await ACTS[happening.kind](self, **happening.parameters)
                 self._look_at_gate()
             await self._recover()
-            self._raise()
+            few = f'at most {MAX_ENDS // 2} connections are left'
+            await self._until(lambda: len(self.network.ends) <= MAX_ENDS, ANSWER_S, few)
+            few = f'about {first} tasks and timers of driver and controller are left, as at first'
+            await self._until(lambda: self._at_work <= first + MORE, ANSWER_S, few)
             self.process.die()
             self._over = True
 
@@ -272,8 +279,13 @@ class World:
                 raise BrokenError(f'9: the arm does not work again after {RECOVERY_S:g} s: {said}')
         await self._until(lambda: not self.users.goals, ANSWER_S, 'every goal has ended')
         await asyncio.sleep(0.7)
-        few = f'at most {MAX_ENDS // 2} connections are left'
-        await self._until(lambda: len(self.network.ends) <= MAX_ENDS, ANSWER_S, few)
+        self._raise()
+
+    @property
+    def _at_work(self) -> int:
+        """How many tasks and timers there are of the driver and its controller."""
+        left = self.loop.left()
+        return left['controller'] + left[self.process.name]
 
     async def _outcome(self) -> Outcome:
         """Return how a small motion ends."""

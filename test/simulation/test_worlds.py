@@ -17,6 +17,7 @@ from simulation.at_controller import AtController
 from simulation.events import Event, events_of
 from simulation.network import HOST
 from simulation.oracles import BrokenError
+from simulation.processes import NodeProcess
 from simulation.shrink import shrunk
 from simulation.world import World
 
@@ -68,6 +69,26 @@ def test_connections_that_become_more_are_told(monkeypatch):
     monkeypatch.setattr(AtController, '_stranger', stay)
     with pytest.raises(BrokenError, match='at most 4 connections are left'):
         World('1').play([Event(0.5, 'second_client', {'port': 'state', 'seconds': 0.1})])
+
+
+@pytest.mark.parametrize('what', ['task', 'timer'])
+def test_work_that_becomes_more_is_told(monkeypatch, what):
+    submit, kept = NodeProcess._submit, []
+
+    async def forever():
+        await asyncio.get_running_loop().create_future()
+
+    def leave_work(*given):
+        submit(*given)
+        loop = asyncio.get_running_loop()
+        kept.append(
+            asyncio.create_task(forever()) if what == 'task' else loop.call_later(1e6, print)
+        )
+
+    monkeypatch.setattr(NodeProcess, '_submit', leave_work)
+    still = {'step': 1.0, 'offsets': [[0.0] * 6], 'from_here': True}
+    with pytest.raises(BrokenError, match='tasks and timers of driver and controller are left'):
+        World('1').play([Event(0.5, 'goal', still)] * 6)
 
 
 def test_the_same_seed_is_the_same_run_in_every_process():
