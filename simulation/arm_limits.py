@@ -33,11 +33,10 @@ OUTSIDE_RAD = 1e-8
 SHORT_S = 1e-7
 
 EVEN_S = 1e-3
-"""In less the jerk counts as constant, s: what SHORT_S leaves of another piece would show in it."""
+"""In less the jerk counts as constant, s: a rest of another piece would show in it."""
 
-SLOPES = (
-    chebyshev.chebvander(NODES, len(NODES) - 2)
-    @ chebyshev.chebder(np.linalg.inv(chebyshev.chebvander(NODES, len(NODES) - 1)))
+SLOPES = chebyshev.chebvander(NODES, len(NODES) - 2) @ chebyshev.chebder(
+    np.linalg.inv(chebyshev.chebvander(NODES, len(NODES) - 1))
 )
 """From the values at the nodes to the slopes there, over -1 … 1."""
 
@@ -211,11 +210,7 @@ def _jumps(motion: Any) -> list[float]:
         ]
     if isinstance(motion, JointStop):
         profiles = [trajectory.profiles[0][0] for trajectory in motion.trajectories]
-        return [
-            float(time)
-            for each in profiles
-            for time in np.cumsum([*each.brake.t, *each.t])
-        ]
+        return [float(time) for each in profiles for time in np.cumsum([*each.brake.t, *each.t])]
     if isinstance(motion, CurveMotion):
         return _passages(motion)
     times: list[float] = motion.pieces.times.tolist()

@@ -219,7 +219,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
 
     # --- what asyncio asks of a loop -----------------------------------------------------------
 
-    def create_task(self, coro: Any, *, name: str | None = None, **given: Any) -> Any:
+    def create_task(self, coro: Any, *, name: object = None, **given: Any) -> Any:
         """Begin a task, with its process and its number as its name."""
         number = next(self._numbers)
         return super().create_task(coro, name=f'{PROCESS.get("")}#{number}', **given)

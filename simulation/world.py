@@ -7,6 +7,7 @@ import contextlib
 import gc
 import logging
 from collections.abc import Awaitable, Callable, Iterator
+from dataclasses import replace
 from functools import cache
 from typing import Any
 from unittest.mock import patch
@@ -75,7 +76,9 @@ RECOVERY_S = 60.0
 """Within which the arm must work again once the faults are over, s."""
 
 MODEL = load_robot_model('c3_a601s')
-LIMITS = MODEL.limits
+SLOW = replace(MODEL, limits=replace(MODEL.limits, velocity=0.08 * MODEL.limits.velocity))
+"""Which reaches its highest speeds on the way to goals that are as near as those here."""
+
 START = np.array([0.0, 0.2, 0.2, 0.0, -1.9, 0.0])
 """Where the arm stands at first, rad: a place from which its tool can go in every direction."""
 
@@ -91,7 +94,6 @@ class World:
     """
 
     start = START
-    limits = LIMITS
     process: NodeProcess | RobotProcess
 
     def __init__(self, seed: str) -> None:
@@ -124,12 +126,14 @@ class World:
             self.rng.random() < 0.4 and self.profile_name in ('rc620', 'spel')
         )
         self.in_python = bool(self.rng.random() < PROGRAM_SHARE and program.smoothing == 'none')
+        self.model = SLOW if self.smooth and not self.in_python else MODEL
+        self.limits = self.model.limits
         self.network = Network(lambda: self.delay * (0.5 + self.rng.random()))
         self.loop = VirtualLoop(self.network, float(self.rng.choice(PLANNING_S)))
         self.clock_off = 0.0
         """How far the system clock of the driver's machine was set, s."""
         self.wishes = Wishes()
-        self.arm_limits = ArmLimits(LIMITS, self.break_)
+        self.arm_limits = ArmLimits(self.limits, self.break_)
         self.events = 0
         self.users = Users(self)
         self.at_controller = AtController(self)
@@ -183,7 +187,7 @@ class World:
         async with self._controller():
             self.start_process()
             if not self.in_python and any(kind.startswith('panel_') for kind in kinds):
-                self.panel = PanelUser(self.users, MODEL)
+                self.panel = PanelUser(self.users, self.model)
             await self._until(lambda: self.process.linked, 10.0, 'the driver finds its controller')
             first = self._at_work
             if self.rng.random() < 0.8:
@@ -211,9 +215,9 @@ class World:
         if self.profile.spel.project:
             spel = SpelSource(_program(self.profile_name), program_network(self.profile))
         token = PROCESS.set('controller')
-        planner = PlannerProcess(LIMITS) if self.smooth else None
+        planner = PlannerProcess(self.limits) if self.smooth else None
         self.controller = new_controller(
-            MODEL,
+            self.model,
             self.profile,
             start=START,
             state_period=self.state_period,
@@ -314,9 +318,9 @@ class World:
         """Start the process at the controller."""
         self._processes += 1
         if self.in_python:
-            self.process = RobotProcess(self, self._processes, self._robot, MODEL)
+            self.process = RobotProcess(self, self._processes, self._robot, self.model)
         else:
-            self.process = NodeProcess(self, self._processes, self._configuration(), MODEL)
+            self.process = NodeProcess(self, self._processes, self._configuration(), self.model)
         self._lives.append(self.process)
 
     def _robot(self) -> Robot:
@@ -343,7 +347,7 @@ class World:
             usual_byte_order=profile.byte_order,
             state_timeout=STATE_TIMEOUT_S,
             state_period=self.state_period,
-            limits=LIMITS,
+            limits=self.limits,
             delivery=delivery_rules(profile, program.interface, program.point_message),
             client_timeout=profile.server.client_timeout,
             motors=program.motors,

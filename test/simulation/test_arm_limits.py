@@ -16,8 +16,9 @@ from epson_driver.tool_motion.curve_motion import Curve, CurveSpeed, go_along
 from simulation.arm_limits import cuts, spans_of
 from simulation.events import Event
 from simulation.oracles import BrokenError
-from simulation.world import LIMITS, START, World
+from simulation.world import MODEL, START, World
 
+LIMITS = MODEL.limits
 FAR = START + np.array([2.0, -0.5, 0.4, 0.1, 0.2, 0.3])
 AWAY = {'step': 0.2, 'offsets': [[0.3, -0.2, 0.3, 0.1, 0.2, 0.3]], 'from_here': True}
 ASKED = [Event(0.1, 'mend', {}), Event(1.0, 'goal', AWAY)]
@@ -93,9 +94,7 @@ def test_an_arm_that_is_moved_by_other_limits_is_found(monkeypatch, smooth):
     """By thrice the limits it is still below its speed between two steps."""
 
     def thrice(limits):
-        return replace(
-            limits, acceleration=3.0 * limits.acceleration, jerk=3.0 * limits.jerk
-        )
+        return replace(limits, acceleration=3.0 * limits.acceleration, jerk=3.0 * limits.jerk)
 
     bounds, placed = point_to_point._bounds_along, Streaming.__init__
     monkeypatch.setattr(
