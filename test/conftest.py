@@ -57,12 +57,15 @@ WHOLE_PROCESSES = {
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with tests of whole processes; those not marked `quick` are left to the slow ones."""
+    """Begin with the longest file, then with tests of whole processes, which mostly wait.
+
+    Those not marked `quick` are left to the slow ones.
+    """
 
     def whole(item: pytest.Item) -> bool:
         return not WHOLE_PROCESSES.isdisjoint(item.path.parts)
 
-    items.sort(key=lambda item: not whole(item))
+    items.sort(key=lambda item: (item.path.name != 'test_worlds.py', not whole(item)))
     for item in items:
         if whole(item) and item.get_closest_marker('quick') is None:
             item.add_marker(pytest.mark.slow)
