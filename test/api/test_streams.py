@@ -221,6 +221,7 @@ async def test_what_cannot_be_followed_is_one_sentence_and_nothing_moves(method,
         getattr(robot, method)(value)
 
 
+@pytest.mark.slow
 @pytest.mark.invariant(2)
 async def test_hostile_actions_break_no_limit_and_end_at_rest():
     async with robot_cell(smooth=True) as (robot, _):

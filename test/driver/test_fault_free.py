@@ -16,7 +16,7 @@ from epson_driver.driver.goal.goal import Goal
 from epson_driver.driver.outcome import End
 from epson_driver.motion import Trajectory
 
-SEQUENCES, BLOCK, QUICK_BLOCKS, SLOW_BLOCKS = 2000, 4, 1, 75
+SEQUENCES, BLOCK, SLOW_BLOCKS = 2000, 4, 75
 """How many are played, so many one after the other with the same arm."""
 
 LONGEST = 300.0
@@ -122,13 +122,8 @@ async def test_a_plan_that_ends_with_a_long_rest_succeeds():
 @pytest.mark.parametrize(
     'block',
     [
-        *range(QUICK_BLOCKS),
-        *(
-            pytest.param(
-                block, marks=pytest.mark.slow if block < SLOW_BLOCKS else pytest.mark.soak
-            )
-            for block in range(QUICK_BLOCKS, SEQUENCES // BLOCK)
-        ),
+        pytest.param(block, marks=pytest.mark.slow if block < SLOW_BLOCKS else pytest.mark.soak)
+        for block in range(SEQUENCES // BLOCK)
     ],
 )
 def test_inv5_whatever_is_asked_for_the_gate_stays_open_and_the_next_goal_succeeds(block):

@@ -31,7 +31,7 @@ def extrema(motion):
     return [found.velocity, found.acceleration, found.jerk]
 
 
-def sampled(motion, count=50001):
+def sampled(motion, count=20001):
     """What differences of positions, velocities and accelerations show: nearly as much."""
     times = np.linspace(0.0, motion.duration, count)
     q, v, a = np.array([motion.at(time) for time in times.tolist()]).transpose(1, 0, 2)

@@ -331,7 +331,6 @@ async def stop_somehow(harness, controller, random):
 @pytest.mark.parametrize(
     ('seed', 'sequences'),
     [
-        (0, 50),
         pytest.param(1, 1000, marks=pytest.mark.slow),
         *(pytest.param(seed, 1000, marks=pytest.mark.soak) for seed in range(2, 11)),
     ],

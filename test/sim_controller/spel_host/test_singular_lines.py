@@ -54,7 +54,7 @@ def random_lines(name, count, side):
 
 
 @pytest.mark.parametrize(('side', 'most'), [(0, NEAR_HAND_M), (4, NEAR_WRIST_RAD)])
-@pytest.mark.parametrize('name', one_in(3, ['vt6_a901s', 'c4_a601s', 'cx4_a601sr', 'n2_a450sr']))
+@pytest.mark.parametrize('name', one_in(4, ['vt6_a901s', 'c4_a601s', 'cx4_a601sr', 'n2_a450sr']))
 def test_the_tool_stays_on_its_line_and_only_its_orientation_leaves_it(name, side, most):
     passed = 0
     arm = Kinematics(load_robot_model(name))
