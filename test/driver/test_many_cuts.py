@@ -184,7 +184,7 @@ class CutCell:
 
 @pytest.mark.invariant(4)
 @pytest.mark.slow
-def test_a_hundred_cuts_are_as_many_clean_outcomes():
+def test_so_many_cuts_are_so_many_clean_outcomes():
     """docs/invariants.md, 4: and nothing moves before enable.
 
     A link tries again at most `max(BACK_OFF)` s after the attempt before; the test shows that the
