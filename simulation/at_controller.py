@@ -20,9 +20,9 @@ from epson_driver.sim_controller.condition.states import (
 from epson_driver.sim_controller.faults.faults import ANSWER_TIME_S, FaultError, parse
 from simulation.network import HOST, Network
 from simulation.oracles import Arm, Wishes
-from simulation.planner import PlannerChild
 from simulation.users import Users
 from simulation.virtual_loop import VirtualLoop
+from simulation.workers import Workers
 
 CLOSING = ('ESTOP_PRESS', 'MOTORS_OFF', 'DOOR_OPEN', 'MODE_MANUAL')
 """What a person does at the controller after which the arm must be enabled again."""
@@ -66,7 +66,7 @@ class Surroundings(Protocol):
     controller: Any
     servers: Any
     ports: Any
-    planner: PlannerChild | None
+    workers: Workers
 
     def say(self, text: str) -> None:
         """Write a line of the log."""
@@ -193,17 +193,17 @@ class AtController:
         with self._world.servers.pacer.present():
             self._world.controller.faults.clear()
 
-    async def planner_dies(self) -> None:
-        """Let the process that plans smooth motion end."""
-        if self._world.planner is not None:
-            self._world.wishes.closed_meanwhile = True
-            self._world.planner.die('died')
+    async def worker_dies(self, which: str) -> None:
+        """Let a process that plans end."""
+        self._world.wishes.closed_meanwhile = True
+        if (worker := self._world.workers.last(which)) is not None:
+            worker.end(1)
 
-    async def planner_hangs(self) -> None:
+    async def worker_hangs(self, which: str) -> None:
         """Let it answer no more."""
-        if self._world.planner is not None:
-            self._world.wishes.closed_meanwhile = True
-            self._world.planner.hang()
+        self._world.wishes.closed_meanwhile = True
+        if (worker := self._world.workers.last(which)) is not None:
+            worker.hangs = True
 
     # --- the network -------------------------------------------------------------------------
 

@@ -30,7 +30,10 @@ CLOCK_SHARE = 0.25
 SMOOTH_SHARE = 0.1
 """In how many worlds the built-in controller goes smoothly through points."""
 
-PLANNER_SHARE = 0.4
+PREPARES_SHARE = 0.1
+"""In how many the node makes goals smooth before it executes them, though it need not."""
+
+WORKER_SHARE = 0.4
 """In how many of these the process that plans dies, and in how many it hangs."""
 
 SMOOTH_PROFILES = ('simulated', 'simulated', 'rc620', 'rc700a', 'generic', 'motoman')
@@ -208,6 +211,10 @@ def _rate(rng: Rng) -> Parameters:
     return {'rate': 1.0 + float(rng.choice([-5e-4, -1e-4, 1e-4, 5e-4]))}
 
 
+def _worker(rng: Rng) -> Parameters:
+    return {'which': str(rng.choice(['planner', 'smoothing']))}
+
+
 def _pause(rng: Rng) -> Parameters:
     return {'seconds': round(float(rng.choice([0.1, 0.5, 1.0, 1.7, 3.0])), 3)}
 
@@ -251,8 +258,8 @@ KINDS: dict[str, tuple[float, Callable[[Rng], Parameters]]] = {
     'panel_page_closes': (0.3, _no_parameters),
     'clock_set': (0.0, _set),
     'clock_drifts': (0.0, _rate),
-    'planner_dies': (0.0, _no_parameters),
-    'planner_hangs': (0.0, _no_parameters),
+    'worker_dies': (0.0, _worker),
+    'worker_hangs': (0.0, _worker),
 }
 """Kind of event → how often it is drawn, and from what its parameters are. 0: see `events_of`."""
 
@@ -381,6 +388,8 @@ def events_of(seed: str) -> list[Event]:
     _put_clocks(events, np.random.default_rng([first, 4]), calm=kinds is CALM_KINDS)
     if smooth_profile(seed):
         _put_planner(events, np.random.default_rng([first, 6]), calm=kinds is CALM_KINDS)
+    if prepared(seed):
+        _put_smoothing(events, np.random.default_rng([first, 8]), calm=kinds is CALM_KINDS)
     for other in others:
         events = varied(events, np.random.default_rng([first, other, 1]))
     return events
@@ -416,15 +425,36 @@ def _put_planner(events: list[Event], rng: Rng, *, calm: bool) -> None:
     if calm:
         return
     _put(events, rng, ((1.0, 'mend', {}), (2.0, 'goal', FAR), (0.7, 'scale', {})))
-    for kind in ('planner_dies', 'planner_hangs'):
-        if rng.random() < PLANNER_SHARE:
-            _put(events, rng, ((1.0, 'mend', {}), (1.5, 'goal', FAR), (0.7, kind, {})))
+    _put_worker(events, rng, 'planner', 0.7)
+
+
+def _put_smoothing(events: list[Event], rng: Rng, *, calm: bool) -> None:
+    if calm:
+        return
+    for ends in ('stop', 'cancel', 'goal', 'scale', 'driver_dies'):
+        if rng.random() < WORKER_SHARE:  # while its motion is prepared, or after that
+            _put(events, rng, ((1.0, 'mend', {}), (1.5, 'goal', {}), (1.0, ends, {})))
+    _put_worker(events, rng, 'smoothing', 1.2)
+
+
+def _put_worker(events: list[Event], rng: Rng, which: str, most: float) -> None:
+    for kind in ('worker_dies', 'worker_hangs'):
+        if rng.random() < WORKER_SHARE:
+            ends = (most, kind, {'which': which})
+            _put(events, rng, ((1.0, 'mend', {}), (1.5, 'goal', FAR), ends))
 
 
 def smooth_profile(seed: str) -> str:
     """Return whose controller goes smoothly through points in the world of a seed; '': none."""
     rng = np.random.default_rng([int(seed.partition('.')[0]), 5])
     return str(rng.choice(SMOOTH_PROFILES)) if rng.random() < SMOOTH_SHARE else ''
+
+
+def prepared(seed: str) -> str:
+    """Return how the node makes goals smooth in the world of a seed, if at all: '' else."""
+    rng = np.random.default_rng([int(seed.partition('.')[0]), 7])
+    how = str(rng.choice(['resample', 'resample', 'thin', 'time_optimal']))
+    return how if rng.random() < PREPARES_SHARE else ''
 
 
 def draw(rng: Rng, kinds: Collection[str]) -> Event:

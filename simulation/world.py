@@ -18,7 +18,12 @@ from epson_driver.aio import Robot
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.outcome import End, Outcome
-from epson_driver.profiles.profile import ControllerProfile, load_controller_profile
+from epson_driver.driver.smoothing import Smoothing, SmoothingProcess, usual_smoothing
+from epson_driver.profiles.profile import (
+    ControllerProfile,
+    ProgramProfile,
+    load_controller_profile,
+)
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.arm.planner_process import PlannerProcess
 from epson_driver.sim_controller.arm.streaming import Streaming
@@ -29,15 +34,15 @@ from epson_driver.sim_controller.spel_host.profile_project import profile_projec
 from epson_driver.spel import Program, build
 from simulation.arm_limits import ArmLimits
 from simulation.at_controller import AtController
-from simulation.events import CALM_KINDS, KINDS, number_of, smooth_profile
+from simulation.events import CALM_KINDS, KINDS, number_of, prepared, smooth_profile
 from simulation.events import Event as Happening
 from simulation.network import HOST, PROCESS, Network
 from simulation.oracles import Arm, BrokenError, Outputs, Wishes
 from simulation.panel_user import PanelUser
-from simulation.planner import PlannerChild
 from simulation.processes import NodeProcess, RobotProcess
 from simulation.users import ANSWER_S, Users
 from simulation.virtual_loop import SOON_S, VirtualLoop
+from simulation.workers import Workers
 
 PROFILES = (
     *('rc620', 'rc700a', 'generic', 'motoman', 'remote') * 2,
@@ -104,15 +109,14 @@ class World:
         drawn, smooth = str(self.rng.choice(PROFILES)), smooth_profile(seed)
         self.profile_name = smooth or drawn
         self.smooth = bool(smooth)
-        self.planner: PlannerChild | None = None
-        """The process that plans smooth motion."""
         self.profile: ControllerProfile = load_controller_profile(self.profile_name)
         program = self.profile.program
         self.statements = program.interface == 'statements'
         self.streams = (
             program.interface == 'streaming' and program.point_message == 'joint_traj_pt'
         )
-        self.timed = self.profile_name not in OWN_PACE
+        self.smoothing = _smoothing(prepared(seed), program)
+        self.timed = self.profile_name not in OWN_PACE and not self.smoothing.time_optimal
         self.state_period = float(self.rng.choice(STATE_PERIODS_S))
         if self.statements:
             self.state_period = self.profile.state.period
@@ -120,7 +124,10 @@ class World:
         status = 1 + self.profile.state.joint_positions_per_status
         self.person = max(PERSON_S, status * self.state_period + 3.0 * self.delay)
         self.on_the_way = bool(
-            self.rng.random() < 0.3 and program.joins_goals and program.interface == 'streaming'
+            self.rng.random() < 0.3
+            and program.joins_goals
+            and program.interface == 'streaming'
+            and not self.smoothing.wanted
         )
         self.remote = bool(self.profile.ports.remote) or bool(
             self.rng.random() < 0.4 and self.profile_name in ('rc620', 'spel')
@@ -132,6 +139,7 @@ class World:
         self.loop = VirtualLoop(self.network, float(self.rng.choice(PLANNING_S)))
         self.clock_off = 0.0
         """How far the system clock of the driver's machine was set, s."""
+        self.workers = Workers(self.rng)
         self.wishes = Wishes()
         self.arm_limits = ArmLimits(self.limits, self.break_)
         self.events = 0
@@ -161,7 +169,8 @@ class World:
                 patch('time.time', self.system_time),
                 patch('time.monotonic', self.loop.time),
                 patch(f'{Streaming.__module__}.Smoother', self.arm_limits.smoother),
-                patch(f'{PlannerProcess.__module__}._Child.started', self._planner_starts),
+                patch(f'{PlannerProcess.__module__}.start_worker', self.workers.start),
+                patch(f'{SmoothingProcess.__module__}.start_worker', self.workers.start),
             ):
                 self.loop.run_until_complete(self._play(happenings))
         except BrokenError as error:
@@ -182,6 +191,7 @@ class World:
             f'{self.delay:g} s{", Remote Ethernet" if self.remote else ""}'
             f'{", smooth" if self.smooth else ""}'
             f'{", goals on the way" if self.on_the_way else ""}'
+            f'{f", {self.smoothing}" if self.smoothing.wanted else ""}'
             f'{", a program in Python" if self.in_python else ""}'
         )
         async with self._controller():
@@ -243,10 +253,6 @@ class World:
             running.cancel()
             await asyncio.gather(running, return_exceptions=True)
             await self.servers.close()
-
-    async def _planner_starts(self) -> PlannerChild:
-        self.planner = PlannerChild(self.rng)
-        return self.planner
 
     async def _recover(self) -> None:
         """End all faults, and do what a person would until the arm works again."""
@@ -352,6 +358,7 @@ class World:
             client_timeout=profile.server.client_timeout,
             motors=program.motors,
             on_the_way=self.on_the_way,
+            smoothing=self.smoothing,
         )
 
     async def driver_hangs(self, seconds: float) -> None:
@@ -488,6 +495,18 @@ class World:
             if self.loop.time() > ends:
                 raise BrokenError(f'9: after {patience:g} s it does not hold that {what}')
             await asyncio.sleep(0.02)
+
+
+def _smoothing(how: str, program: ProgramProfile) -> Smoothing:
+    """Return how the node prepares goals: as the controller's profile has it, or otherwise."""
+    if not how or program.interface != 'streaming':
+        return usual_smoothing(program)
+    return Smoothing(
+        program.resample_period,
+        time_optimal=how == 'time_optimal',
+        thin=how == 'thin',
+        deviation=program.thin_deviation,
+    )
 
 
 @cache

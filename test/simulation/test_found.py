@@ -48,7 +48,7 @@ def test_a_goal_does_not_outlive_the_program_that_a_person_has_stopped():
 @pytest.mark.invariant(5, 9)
 def test_a_motoman_that_cannot_plan_any_more_says_so():
     """It had answered all points; its goal waited for ever, as if somebody had paused it."""
-    World('20').play([Event(4.5819, 'planner_hangs', {})])
+    World('20').play([Event(4.5819, 'worker_hangs', {'which': 'planner'})])
 
 
 def test_a_program_that_connects_yet_does_not_leave():

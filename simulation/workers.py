@@ -1,0 +1,126 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The processes that plan: for smooth motion in the controller, and for goals in the driver.
+
+They are without a process here: they take their time, hang and die. What starts, watches and ends
+them is the package's own, and so are the bytes between.
+"""
+
+import asyncio
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from epson_driver.driver.smoothing import Smoothing
+from epson_driver.driver.smoothing_worker import ScaledMotion, smoothed_trajectory
+from epson_driver.motion import JointLimits, Trajectory
+from epson_driver.motion.smoother import PASSED_TYPES, plan
+from epson_driver.processes.worker import packed, unpacked
+
+STARTS_S = 0.3
+PLANS_S = (0.005, 0.012, 0.012, 0.03, 0.15)
+"""How long a plan takes: mostly as measured (docs/smoother.md), or on a busy machine."""
+
+PREPARES_S = (0.02, 0.1, 0.1, 1.0)
+"""How long a goal's motion takes."""
+
+
+class Worker:
+    """Has what is asked of a process with pipes; it is its own stdin."""
+
+    pid = 0
+
+    def __init__(self, work: Callable[[Any], Any], takes: Callable[[], float]) -> None:
+        self._work, self._takes = work, takes
+        self._loop = asyncio.get_running_loop()
+        self._ended: asyncio.Future[int] = self._loop.create_future()
+        self.stdin, self.stdout, self.stderr = self, asyncio.StreamReader(), asyncio.StreamReader()
+        self.hangs = False
+
+    @property
+    def returncode(self) -> int | None:
+        """How it has ended, if it has."""
+        return self._ended.result() if self._ended.done() else None
+
+    def write(self, data: bytes) -> None:
+        """Take a value, and answer it later."""
+        value = unpacked(data, {*PASSED_TYPES, JointLimits, Trajectory, Smoothing})
+        self._loop.call_later(self._takes(), self._answer, packed(self._work(value)))
+
+    def _answer(self, data: bytes) -> None:
+        if not self.hangs and not self._ended.done():
+            self.stdout.feed_data(data)
+
+    def kill(self) -> None:
+        """End as by SIGKILL."""
+        self.end(-9)
+
+    def end(self, code: int) -> None:
+        """End with an exit code."""
+        if not self._ended.done():
+            self._ended.set_result(code)
+            self.stdout.feed_eof()
+            self.stderr.feed_eof()
+
+    async def wait(self) -> int:
+        """Wait until it has ended."""
+        return await asyncio.shield(self._ended)
+
+
+class Workers:
+    """Starts them in the place of `start_worker`, and has those that were started last."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._last: dict[str, Worker] = {}
+
+    async def start(self, module: str, _stderr: int | None = None) -> Worker:
+        """Start one."""
+        await asyncio.sleep(STARTS_S)
+        name = module.rpartition('.')[2].partition('_')[0]
+        work, takes = WORKS[name]
+        worker = Worker(work(), lambda: float(self._rng.choice(takes)))
+        self._last[name] = worker
+        return worker
+
+    def last(self, name: str) -> Worker | None:
+        """Return the one of a kind that was started last, `planner` or `smoothing`."""
+        return self._last.get(name)
+
+
+def _planning() -> Callable[[Any], Any]:
+    limits: JointLimits | None = None
+
+    def work(value: Any) -> Any:
+        nonlocal limits
+        if isinstance(value, JointLimits):
+            limits = value
+            return None
+        request, others = value
+        limits = others or limits
+        assert limits is not None
+        return plan(request, limits)
+
+    return work
+
+
+def _smoothing() -> Callable[[Any], Any]:
+    motion: ScaledMotion | None = None
+
+    def work(value: Any) -> Any:
+        nonlocal motion
+        try:
+            if motion is not None:
+                return motion.after(*value)
+            *arguments, scales = value
+            trajectory = smoothed_trajectory(*arguments)
+            motion = ScaledMotion(*arguments) if scales else None
+        except ValueError as error:
+            return str(error)
+        return trajectory
+
+    return work
+
+
+WORKS = {'planner': (_planning, PLANS_S), 'smoothing': (_smoothing, PREPARES_S)}
