@@ -18,7 +18,12 @@ from epson_driver.aio import Robot
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.outcome import End, Outcome
-from epson_driver.driver.smoothing import Smoothing, SmoothingProcess, usual_smoothing
+from epson_driver.driver.smoothing import (
+    TIMEOUT_S,
+    Smoothing,
+    SmoothingProcess,
+    usual_smoothing,
+)
 from epson_driver.profiles.profile import (
     ControllerProfile,
     ProgramProfile,
@@ -287,9 +292,14 @@ class World:
                     self.users.cancel_all()
             if self.loop.time() - begun > RECOVERY_S:
                 raise BrokenError(f'9: the arm does not work again after {RECOVERY_S:g} s: {said}')
-        await self._until(lambda: not self.users.goals, ANSWER_S, 'every goal has ended')
+        await self._until(lambda: not self.users.goals, self._patience, 'every goal has ended')
         await asyncio.sleep(0.7)
         self._raise()
+
+    @property
+    def _patience(self) -> float:
+        """How long a goal that takes no time may last, s: a process that prepares it may hang."""
+        return ANSWER_S + (TIMEOUT_S if self.smoothing.wanted else 0.0)
 
     @property
     def _at_work(self) -> int:
@@ -306,7 +316,7 @@ class World:
             from_here=not self.in_python,
             on_end=lambda _, outcome: ended.append(outcome),
         )
-        await self._until(lambda: ended, ANSWER_S, f'goal {number} ends')
+        await self._until(lambda: ended, self._patience, f'goal {number} ends')
         return ended[0]
 
     def _look_at_gate(self) -> None:
