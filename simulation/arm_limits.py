@@ -24,13 +24,16 @@ from epson_driver.tool_motion.curve_motion import CurveMotion
 from simulation.oracles import BrokenError
 
 SHARE = 1e-5
-"""Of a limit, that is rounding: pieces that are shorter than SHORT_S are taken into others."""
+"""Of a limit, that is rounding."""
 
 JUMP_SHARE = 1e-4
 """The same for a jump of velocity or acceleration: a start may be taken back within 1 us."""
 
 OUTSIDE_RAD = 1e-8
+"""The same for positions: how far outside of a range, and how far a motion jumps."""
+
 SHORT_S = 1e-7
+"""Pieces that are shorter are none, s."""
 
 EVEN_S = 1e-3
 """In less the jerk counts as constant, s: a rest of another piece would show in it."""
@@ -84,7 +87,8 @@ class ArmLimits:
         after = found.extend(spans, self._limits, before or spans[2])
         if found.worst > 1.0 + SHARE or found.outside > OUTSIDE_RAD:
             self._break(BrokenError(f'2: beyond its limits at an instant: {found}'))
-        if max(found.velocity_jump, found.acceleration_jump) > JUMP_SHARE:
+        jump = max(found.velocity_jump, found.acceleration_jump)
+        if jump > JUMP_SHARE or found.position_jump > OUTSIDE_RAD:
             self._break(BrokenError(f'2: its motion jumps: {found}'))
         return after
 
