@@ -9,7 +9,7 @@ that can; each statement takes its time. Nothing depends on the computer: two ru
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from datetime import datetime
-from functools import lru_cache, partial
+from functools import lru_cache
 from types import CodeType
 from typing import Any, NamedTuple
 
@@ -102,6 +102,10 @@ class TaskView(NamedTuple):
     line: int
 
 
+KEPT_COMMANDS = 64
+"""Of the command window: who asks by $Execute asks the same again and again."""
+
+
 class Machine:
     """Runs a program on a host.
 
@@ -124,6 +128,7 @@ class Machine:
         self._next_scan = 0.0
         self.statements = 0
         """So many statements were executed: a For counts twice for each time it goes round."""
+        self._command = lru_cache(KEPT_COMMANDS)(self._compiled)
         self._link(rounding)
 
     def _link(self, rounding: str) -> None:
@@ -171,7 +176,7 @@ class Machine:
         program = self.world.program
         for portion in program.source:
             exec(_code_of(portion), names)  # noqa: S102 - compiler.py wrote it
-        self.world.command = partial(self._command, evaluated=True)
+        self.world.command = lambda text: self._command(text, True)
         self.world.linked += [self._linked(code) for code in program.functions]
 
     def _linked(self, code: FunctionCode) -> Linked:
@@ -210,7 +215,7 @@ class Machine:
         task.outputs.append([])
         return task.outputs[0]
 
-    def _command(self, text: str, evaluated: bool) -> Linked:
+    def _compiled(self, text: str, evaluated: bool) -> Linked:
         code = command(self.world.program, text, evaluated)
         source = ''.join(code.source)
         exec(compile(source, _SOURCE, 'exec'), self._names)  # noqa: S102 - compiler.py wrote it
