@@ -27,6 +27,7 @@ from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
 from epson_driver.share import share_file
 from epson_driver.sim_controller.core import Controller
+from epson_driver.sim_controller.faults.faults import parse
 from epson_driver.simple_message import GetVersion, MessageType
 
 TIMEOUT = 0.5
@@ -225,9 +226,15 @@ async def test_heartbeats_go_before_the_first_point_and_then_five_times_in_the_t
 
 
 async def test_a_version_that_was_read_wrongly_is_asked_for_again_by_an_enable(monkeypatch):
-    monkeypatch.setattr(Controller, 'version', lambda _: GetVersion((0, 1, 0)))
-    async with cell('from point to point') as (harness, _, _arm):
-        monkeypatch.undo()
+    """The controller has got heartbeats on this motion connection: it stops an arm without."""
+    async with cell('from point to point') as (harness, controller, _arm):
+        assert (await harness.submit(pose(0.1), step=1.0).end()).end is End.SUCCEEDED
+        versions = [(0, 2, 0), (0, 1, 0)]
+        monkeypatch.setattr(Controller, 'version', lambda _: GetVersion(versions.pop()))
+        controller.faults.start(parse('cut port=state for=0.2'))
+        await closed(harness)
+        await until(lambda: harness.driver.state_link.connected)
+        await asyncio.sleep(0.5)
         await harness.commands.enable()
         assert (await harness.submit(FAR, step=4.0).end()).end is End.SUCCEEDED
 
