@@ -8,7 +8,6 @@ EXECUTABLES = {
     'demo': 'both of them, and a planned trajectory executed, with a report',
     'fleet': 'many simulated robots with their drivers, and how they do',
     'panel': 'the robots in a browser: 3D, lamps, curves, log and buttons',
-    'jog': 'move single joints by keys',
     'smooth': 'make a planned trajectory smooth: a file, a report and a picture',
     'smooth_goals': 'the same for goals, in front of any driver: FollowJointTrajectory in and out',
     'exercise': 'your own program against the simulated controller, once per fault',

@@ -262,7 +262,7 @@ def test_inv7_whatever_an_argument_is_it_is_refused_in_a_sentence(
 
 
 @pytest.mark.invariant(7)
-@pytest.mark.parametrize('name', ['client', 'jog', 'panel'])
+@pytest.mark.parametrize('name', ['client', 'panel'])
 @pytest.mark.parametrize('words', [('-r', 'no remapping'), ('-p', 'x'), ('-p', ':=3')])
 def test_inv7_whatever_a_ros_argument_is_it_is_refused_in_a_sentence(
     name: str,

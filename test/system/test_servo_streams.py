@@ -1,11 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Streams through ROS and real processes: MoveIt Servo's, ros2_control's, single points, keys."""
+"""Streams through ROS and real processes: MoveIt Servo's, ros2_control's, single points."""
 
 import math
-import os
-import pty
-import subprocess
 import threading
 import time
 from collections import deque
@@ -24,7 +21,6 @@ from support.ros_peer import JOINTS, PATIENCE, trajectory
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.driver.servo.restart_interlock import RELEASE_S
-from epson_driver.processes import processes
 
 LENIENT = {'servo__timeout': 1.0, 'servo__start_tolerance': 0.5}
 """A process that is not scheduled for a while is not silent."""
@@ -363,43 +359,3 @@ def test_inv4_stop_holds_while_a_key_is_held_and_a_stick_sends_zeros(
         publishers.close()
     print(f'{again} of {RACES} times the key had to be let go of twice')
     go_home(servo_cell)
-
-
-@pytest.mark.slow
-def test_keys_move_a_joint_and_released_they_stop_it(servo_cell: Cell) -> None:
-    peer = servo_cell.peer
-    begin = peer.position()
-    terminal, end = pty.openpty()
-    command = [*processes.EXECUTABLE, 'jog', '--speed', '0.3']
-    environment = processes.ros_environment(servo_cell.domain)
-    with subprocess.Popen(command, stdin=end, stdout=end, env=environment) as jog:
-        os.close(end)
-        try:
-            said = b''
-            while b'x ends' not in said:
-                said += os.read(terminal, 1024)
-            until = time.time() + PATIENCE
-            while peer.joint_states[-1].position[0] < begin[0] + 0.1 and time.time() < until:
-                os.write(terminal, b'1')
-                time.sleep(0.03)
-            position = rest(servo_cell)
-            assert position[0] > begin[0] + 0.1
-            np.testing.assert_allclose(position[1:], begin[1:], atol=1e-3)
-            os.write(terminal, b'x')
-            assert jog.wait(PATIENCE) == 0
-        finally:
-            jog.kill()
-            os.close(terminal)
-    go_home(servo_cell)
-
-
-def test_jog_needs_a_terminal() -> None:
-    run = subprocess.run(
-        [*processes.EXECUTABLE, 'jog'],
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert run.returncode == 1
-    assert 'needs a terminal' in run.stderr
