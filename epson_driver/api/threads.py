@@ -122,9 +122,8 @@ class CallbackThread:
     def __init__(self, name: str, failed: Callable[[Exception], None]) -> None:
         self._name = name
         self._failed = failed
-        self._waiting: queue.Queue[Callable[[], object] | None] = queue.Queue(
-            MAX_WAITING_CALLBACKS
-        )
+        self._waiting: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
+        """Its `put` is reentrant and never blocks, so a finalizer may call it in any thread."""
         self._thread: threading.Thread | None = None
 
     def wrap(self, callback: Callable[..., object]) -> Callable[..., None]:
@@ -134,7 +133,9 @@ class CallbackThread:
         """
 
         def put(*args: object) -> None:
-            self._waiting.put_nowait(partial(callback, *args))
+            if self._waiting.qsize() >= MAX_WAITING_CALLBACKS:
+                raise queue.Full
+            self._waiting.put(partial(callback, *args))
             if self._thread is None:
                 self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
                 self._thread.start()
@@ -150,16 +151,15 @@ class CallbackThread:
 
     def close(self) -> None:
         """End the thread, except from a callback, when the callbacks that wait have run."""
-        thread = self.leave()
+        self.leave()
+        thread, self._thread = self._thread, None
         if thread is not None and thread is not threading.current_thread():
             thread.join()
 
-    def leave(self) -> threading.Thread | None:
-        """End the thread when the callbacks that wait have run and return it at once, if any."""
-        thread, self._thread = self._thread, None
-        if thread is not None:
+    def leave(self) -> None:
+        """End the thread after the waiting callbacks, without waiting for it."""
+        if self._thread is not None:
             self._waiting.put(None)
-        return thread
 
 
 class Session:

@@ -77,7 +77,8 @@ class Receivers:
 class Connection(asyncio.BufferedProtocol):
     """Make it in the event loop, without reading before `begin`.
 
-    `receive_timeout`: s of silence after which it ends (see ReceiveTimeout); None: never.
+    `receive_timeout`: s without a complete frame after which it ends (see ReceiveTimeout), None
+    for no limit.
     """
 
     transport: asyncio.Transport
@@ -99,9 +100,8 @@ class Connection(asyncio.BufferedProtocol):
 
     def begin(self) -> None:
         """Receive from now on."""
-        if self._silence is not None:
-            self._silence.heard(self._loop.time())
-            self._look(READING_TURNS)
+        self._heard()
+        self._look(READING_TURNS)
         self.transport.resume_reading()
 
     def end(self, why: str) -> None:
@@ -165,8 +165,6 @@ class Connection(asyncio.BufferedProtocol):
         """Handle complete frames, yielding to other tasks between many."""
         if self.transport.is_closing():
             return
-        if self._silence is not None:
-            self._silence.heard(self._loop.time())
         try:
             all_handled = self._handle_some()
         except Exception as error:  # noqa: BLE001 - `ended` raises it
@@ -192,10 +190,12 @@ class Connection(asyncio.BufferedProtocol):
                 self.end(str(error))
                 return True
             except SimpleMessageError as error:
+                self._heard()
                 self._receivers.bad_frame(error)
                 continue
             if packet is None:
                 return True
+            self._heard()
             take(packet)
             if closing():  # what was taken has closed it
                 return True
@@ -205,6 +205,10 @@ class Connection(asyncio.BufferedProtocol):
         if self._why is None and not self.ended.done():
             self._receivers.event(WireEvent.ENDED)
             self._finish('closed by the controller')
+
+    def _heard(self) -> None:
+        if self._silence is not None:
+            self._silence.heard(self._loop.time())
 
     def _look(self, turns: int) -> None:
         """Check after a slice whether nothing came, once pending input has been read."""

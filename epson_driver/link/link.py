@@ -81,7 +81,7 @@ class Link:
     in the event loop: `on_packet` with every topic and every reply that nobody waits for,
     `on_state` after each change with the new state and a sentence that says why.
 
-    `receive_timeout` in s closes a connection that has been silent for longer; None
+    `receive_timeout` in s closes a connection on which no complete message came for longer, None
     waits for ever (then only the keepalive notices a peer that vanished). `byte_order` None
     detects the peer's from its first bytes, anew for each connection. The attribute `dialect` is
     how requests are written; it follows what is received, and may be set. `trace` is called with

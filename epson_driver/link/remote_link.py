@@ -26,6 +26,7 @@ from dataclasses import dataclass
 from epson_driver.inputs import printable
 from epson_driver.link import Link, LinkState, WireEvent
 from epson_driver.link.connection import AnyFramer, Connection
+from epson_driver.link.receive_timeout import ReceiveTimeout, silent
 from epson_driver.link.replies import PendingRequest, Statement, StatementReply
 from epson_driver.remote_ethernet.client import (
     MAX_ERROR_DIGITS,
@@ -62,30 +63,25 @@ class LineFramer:
     byte_order: ByteOrder | None = None
 
     def __init__(self) -> None:
-        self._data = bytearray()
-
-    @property
-    def unread(self) -> bytes:
+        self.unread = b''
         """The bytes of a line that is not complete."""
-        return bytes(self._data)
+        self._lines: deque[bytes] = deque()
 
     def receive_data(self, data: bytes) -> None:
-        """Take bytes."""
-        self._data += data.replace(b'\r', b'\n')
+        """Take bytes. The cost is linear in their number, also for empty lines."""
+        *lines, self.unread = (self.unread + data).replace(b'\r', b'\n').split(b'\n')
+        self._lines.extend(filter(None, lines))
 
     def next_packet(self) -> str | None:
         """Return the next line, printable, or None. Raises FrameError for one that is too long."""
-        while True:
-            line, end, rest = self._data.partition(b'\n')
-            if len(line) > MAX_LINE_BYTES:
-                self._data.clear()
-                rule = f'a line has at most {MAX_LINE_BYTES} bytes'
-                raise FrameError('line', f'{len(line)} bytes', rule)
-            if not end:
-                return None
-            self._data = rest
-            if line:
-                return printable(line.decode(errors='replace').strip())
+        complete = bool(self._lines)
+        line = self._lines.popleft() if complete else self.unread
+        if len(line) > MAX_LINE_BYTES:
+            self._lines.clear()
+            self.unread = b''
+            rule = f'a line has at most {MAX_LINE_BYTES} bytes'
+            raise FrameError('line', f'{len(line)} bytes', rule)
+        return printable(line.decode(errors='replace').strip()) if complete else None
 
 
 ABORTED_TIMEOUT_S = 2.0
@@ -122,8 +118,8 @@ class _Question:
 class RemoteLink(Link):
     """A Link to the remote port. `units`: 'rad' or 'm', one per joint.
 
-    What it makes of the state goes to `on_packet` as STATUS and JOINT_POSITION. A controller that
-    says nothing for `timeout` s is lost.
+    What it makes of the state goes to `on_packet` as STATUS and JOINT_POSITION. The link
+    is lost when no request for the state is answered for `timeout` s, whatever else arrives.
     """
 
     def __init__(
@@ -144,8 +140,8 @@ class RemoteLink(Link):
             port,
             on_packet=on_packet,
             on_state=on_state,
-            receive_timeout=max(timeout, 2.0 * period),
         )
+        self._unanswered = ReceiveTimeout(max(timeout, 2.0 * period))
         self._units = tuple(units)
         self._question = joints_question(len(units))
         self._password = password
@@ -240,15 +236,17 @@ class RemoteLink(Link):
 
     async def _serve(self, connection: Connection) -> str:
         connection.begin()
-        talk = asyncio.create_task(self._talk())
+        tasks = [asyncio.create_task(part) for part in (self._talk(), self._watch())]
         moving = False
         try:
-            await asyncio.wait((connection.ended, talk), return_when=asyncio.FIRST_COMPLETED)
-            why = connection.ended.result() if connection.ended.done() else talk.result()
+            ends = (connection.ended, *tasks)
+            await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
+            why = next(each.result() for each in ends if each.done())
         finally:
-            talk.cancel()
+            for task in tasks:
+                task.cancel()
             try:
-                await asyncio.gather(talk, return_exceptions=True)
+                await asyncio.gather(*tasks, return_exceptions=True)
             finally:  # last: what was asked until now would wait for ever, and block what follows
                 moving, established = self.moving, self.connected
                 self._motion, self._aborted, self.joints_withheld = None, None, False
@@ -262,10 +260,15 @@ class RemoteLink(Link):
             why += f' at the login: {ONE_CLIENT}'
         return f'{why}; {GOES_ON}' if moving else why
 
+    async def _watch(self) -> str:
+        """Wait until the state is not answered for the timeout. Return why the link is lost."""
+        await silent(self._unanswered)
+        return f'silent for {self._unanswered.patience:g} s'
+
     async def _talk(self) -> str:
         """Log in, then ask for the state. Return why that cannot go on."""
         try:
-            await self.ask(f'Login,{self._password}')
+            await self._ask_state(f'Login,{self._password}')
             self._establish()
             while True:
                 await self._look()
@@ -278,14 +281,19 @@ class RemoteLink(Link):
         except (RemoteError, ConnectionError) as error:
             return str(error)
 
+    async def _ask_state(self, command: str) -> str:
+        answer = await self.ask(command)
+        self._unanswered.heard(self._now())
+        return answer
+
     async def _look(self) -> None:
         """Ask for the state, and tell it."""
-        self.flags, number = await ask_flags(self.ask)
+        self.flags, number = await ask_flags(self._ask_state)
         flags = self.flags
         told: list[float] | None = None
         if self._motion is None and not _FORBID_EXECUTE.intersection(flags):
             with contextlib.suppress(RemoteError):  # what forbids it is in the next flags
-                told = joints_of(await self.ask(self._question), len(self._units))
+                told = joints_of(await self._ask_state(self._question), len(self._units))
         if self._motion is None:
             self.joints_withheld = told is None
         self._on_packet(topic(_status(flags, number, told, moving=self.moving)))

@@ -32,6 +32,10 @@ CLOSE_TIMEOUT_S = 1.0
 MAX_MESSAGE_BYTES = 10_000
 """Of what a browser sends. Nothing that the page sends is near to it."""
 
+RECEIVE_BUFFER_BYTES = 4096
+"""Receive buffer of each connection: the most of one window that a turn of the loop reads. Linux
+doubles it."""
+
 START_TIMEOUT_S = 10.0
 
 KINDS = {
@@ -159,6 +163,8 @@ class WebServer:
             self._visitors.came(window)
             async for message in connection:
                 self._visitors.received(window, message)
+                window.count(asyncio.get_running_loop().time())
+                await asyncio.sleep(0)  # websockets' queue would hand out all it has in this turn
         except BadMessageError as error:
             await connection.close(POLICY_VIOLATION, str(error)[:100])
         except ConnectionClosed:
@@ -186,6 +192,7 @@ def _listening(host: str, port: int) -> socket.socket:
         raise WebServerError(f'{host}: {error.strerror or error}') from error
     try:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
         listening.bind(address)
         listening.listen()
     except OSError as error:

@@ -25,6 +25,12 @@ HELD_S = 0.07
 """So long after the last request of a held button the arm brakes, s: the page asks each 25 ms
 (hand.js). Without this it would after the driver's `servo.timeout`."""
 
+MAX_MESSAGES_PER_S = 100.0
+"""The page sends 44 during a jog."""
+
+MAX_BURST_S = 10.0
+"""A slow line may deliver the messages of this time, s, together."""
+
 _numbers = itertools.count(1)
 
 
@@ -53,6 +59,7 @@ class Window:
         self._sent: dict[str, str] = {}
         self._notes: deque[str] = deque(maxlen=MAX_NOTES)
         self._news = asyncio.Event()
+        self._paid_until = 0.0
         self._quickest: float | None = None
         self._silence: asyncio.TimerHandle | None = None
 
@@ -79,6 +86,12 @@ class Window:
         with self._lock:
             self._notes.append(text)
         self._wake()
+
+    def count(self, now: float) -> None:
+        """Count a message. Raises BadMessageError for more than a page sends. now: s."""
+        self._paid_until = max(self._paid_until, now) + 1.0 / MAX_MESSAGES_PER_S
+        if self._paid_until > now + MAX_BURST_S:
+            raise BadMessageError(f'more than {MAX_MESSAGES_PER_S:g} messages per second')
 
     def late(self, sent: float, now: float) -> bool:
         """Return whether a message took MAX_LATE_S longer than the quickest one.

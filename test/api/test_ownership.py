@@ -17,6 +17,7 @@ from support.driver_harness import simulated
 from support.sim_process import wait_for
 
 from epson_driver import Robot, RobotError, aio
+from epson_driver.api import threads
 
 PATIENCE = 120.0
 
@@ -49,6 +50,24 @@ def test_a_robot_that_is_lost_stops_the_arm_and_ends_its_threads(ports, caplog):
     assert 'a connected Robot was lost: the arm is stopped' in caplog.text
     gc.collect()  # the motion, which says how it ended as nobody has asked
     assert 'stopped on request; the arm stands' in caplog.text
+
+
+@pytest.mark.invariant(3, 4, 9)
+def test_losing_a_robot_during_a_callback_that_does_not_return_does_not_block(
+    ports, monkeypatch, caplog
+):
+    monkeypatch.setattr(threads, 'MAX_WAITING_CALLBACKS', 3)
+    before, goes_on = threading.active_count(), threading.Event()
+    robots = [moving(ports)]
+    robots[0].on_joints(lambda _sample: goes_on.wait())
+    wait_for(lambda: 'Full' in caplog.text)
+    losing = threading.Thread(target=robots.clear, daemon=True)
+    losing.start()
+    wait_for(lambda: not losing.is_alive())
+    gc.collect()
+    wait_for(lambda: 'a connected Robot was lost: the arm is stopped' in caplog.text)
+    goes_on.set()
+    wait_for(lambda: threading.active_count() == before)
 
 
 @pytest.mark.invariant(3, 4)

@@ -135,16 +135,21 @@ async def test_whatever_ends_the_connection_the_next_one_works(talk, reason):
         ]
 
 
-async def test_bytes_that_come_often_enough_are_no_silence():
+@pytest.mark.parametrize(('between', 'lost'), [(0.002, False), (0.01, True)])
+async def test_complete_messages_are_signs_of_life_and_single_bytes_are_not(between, lost):
+    """The bytes of a message take 0.13 s or 0.64 s, and the time-out is 0.2 s."""
+
     async def dribble(connection):
-        for byte in joints(1.0):
-            await connection.send(bytes([byte]))
-            await asyncio.sleep(0.01)  # 0.6 s for the frame, three times the timeout
-        await connection.stay()
+        while True:
+            for byte in joints(1.0):
+                await connection.send(bytes([byte]))
+                await asyncio.sleep(between)
 
     async with Peer(dribble) as peer, Harness(peer.port, receive_timeout=0.2) as harness:
-        await until(lambda: harness.packets)
-        assert peer.connections == 1
+        await until(lambda: len(harness.packets) > 20 or peer.connections > 1)
+        assert (peer.connections > 1) == lost
+        if lost:
+            assert 'silent for 0.2 s' in harness.reasons('backing_off')[0]
 
 
 async def test_the_keepalive_gives_up_and_the_link_goes_on(monkeypatch):

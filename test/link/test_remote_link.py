@@ -4,12 +4,14 @@
 
 import asyncio
 import contextlib
+import sys
 
 import pytest
 from support.event_loop import run, until
 from support.remote_peer import HOME, READY, RemotePeer
 
 from epson_driver.driver.delivery.trajectory_points import STOP
+from epson_driver.link.connection import READ_SIZE_BYTES
 from epson_driver.link.remote_link import MAX_LINE_BYTES, LineFramer, RemoteLink
 from epson_driver.link.replies import Statement
 from epson_driver.remote_ethernet.client import RemoteError
@@ -212,6 +214,59 @@ def test_lines_come_out_whole_however_they_arrive(cut):
             lines.append(line)
     assert lines == ['#Login,0', '#GetStatus,1', '#Abort,0']
     assert framer.unread == b'#Exe'
+
+
+@pytest.mark.invariant(7)
+@pytest.mark.parametrize('end', [b'\n', b'\r\n'])
+async def test_a_flood_of_empty_lines_costs_a_few_calls_per_read(end):
+    """A mebibyte of it goes before each answer of a state, which all come."""
+    calls = reads = 0
+
+    def count(frame, event, _argument):
+        nonlocal calls, reads
+        if isinstance(frame.f_locals.get('self'), LineFramer):
+            calls += event == 'c_call'
+            reads += event == 'call' and frame.f_code.co_name == 'receive_data'
+
+    peer = RemotePeer()
+    flood = (end * (2**20 // len(end))).decode()
+    peer.answers |= {'Execute': flood + HOME, 'GetStatus': flood + READY}
+    async with peer, Linked(peer.port) as there:
+        sys.setprofile(count)
+        try:
+            await until(lambda: len(there.told_of(JointPosition)) > 1)
+        finally:
+            sys.setprofile(None)
+    assert reads >= 2 * 2**20 / READ_SIZE_BYTES
+    assert calls < 20 * reads
+    assert peer.connections == 1
+
+
+@pytest.mark.invariant(6, 7)
+@pytest.mark.parametrize('answered', ['Login', 'GetStatus', 'Abort'])
+async def test_a_peer_that_sends_without_answering_is_lost_and_may_recover(answered):
+    """It sends empty lines, and answers the login, the flags, or what another part asks."""
+    peer = RemotePeer()
+    usual = dict(peer.answers)
+    order = ['Login', 'GetStatus', 'Abort', 'Execute']
+    peer.answers |= dict.fromkeys(order[order.index(answered) + 1 :])
+    peer.blank = 0.1
+
+    async def ask_on(link):
+        while True:
+            await asyncio.sleep(0.2)
+            with contextlib.suppress(ConnectionError):
+                await link.ask('Abort')
+
+    async with peer, Linked(peer.port) as there:
+        asking = asyncio.create_task(ask_on(there.link))
+        await until(lambda: peer.connections == 2)
+        assert there.why().endswith('silent for 1 s')
+        assert not there.told_of(JointPosition)
+        peer.answers = usual
+        await until(lambda: there.told_of(JointPosition))
+        asking.cancel()
+        await asyncio.gather(asking, return_exceptions=True)
 
 
 @pytest.mark.invariant(7)

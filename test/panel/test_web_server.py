@@ -3,6 +3,7 @@
 """The panel's web server, and who may use it."""
 
 import asyncio
+import contextlib
 import functools
 import http.client
 import json
@@ -26,7 +27,14 @@ from websockets.sync.client import connect
 
 from epson_driver.panel.requests import message_of
 from epson_driver.panel.web_server import WebServer, WebServerError
-from epson_driver.panel.window import HELD_S, MAX_LATE_S, Window
+from epson_driver.panel.window import (
+    HELD_S,
+    MAX_BURST_S,
+    MAX_LATE_S,
+    MAX_MESSAGES_PER_S,
+    BadMessageError,
+    Window,
+)
 
 HERE = '127.0.0.1'
 
@@ -170,6 +178,84 @@ def test_what_no_page_sends_ends_that_connection_alone(
             assert time.monotonic() < until
             time.sleep(0.01)
     assert visitors.failed == []
+
+
+class HeldUp(Visitors):
+    """Each of the first two messages blocks the server until its gate opens."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.begun = threading.Event()
+        self.gates = [threading.Event(), threading.Event()]
+
+    def received(self, window: Window, text: str | bytes) -> None:
+        self.begun.set()
+        for gate in self.gates[len(self.asked) :][:1]:
+            assert gate.wait(PATIENCE)
+        super().received(window, text)
+
+
+def taken(port: int) -> int:
+    """Return how many bytes a connection takes that the server does not read."""
+    with socket.socket() as connection:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
+        connection.connect((HERE, port))
+        connection.setblocking(False)
+        sent = 0
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                sent += connection.send(bytes(1000))
+    return sent
+
+
+@pytest.mark.invariant(3, 7)
+def test_a_window_that_floods_comes_after_the_stop_of_another_and_is_closed() -> None:
+    """The server has read hundreds of its messages when the other one asks for STOP."""
+    visitors, sent, enough = HeldUp(), 0, threading.Event()
+    server = serving(visitors)
+
+    def flood(client: Any) -> None:
+        nonlocal sent
+        with contextlib.suppress(ConnectionClosed):
+            while True:
+                client.send('{"do":"alive"}')
+                sent += 1
+                if sent == 300:
+                    enough.set()
+
+    with opened(server.port) as other, opened(server.port) as client:
+        flooding = threading.Thread(target=flood, args=[client])
+        flooding.start()
+        assert visitors.begun.wait(PATIENCE)
+        assert taken(server.port) < 50_000  # the most that a turn of its loop can read
+        assert enough.wait(PATIENCE)
+        visitors.gates[0].set()
+        while len(visitors.asked) < 1:
+            time.sleep(0.01)
+        other.send('{"do":"stop"}')
+        visitors.gates[1].set()
+        flooding.join(PATIENCE)
+        with pytest.raises(ConnectionClosed) as closed:
+            list(iter(lambda: client.recv(PATIENCE), None))
+        assert closed.value.rcvd is not None
+        assert closed.value.rcvd.code == 1008
+        assert 'messages per second' in closed.value.rcvd.reason
+        other.ping().wait(PATIENCE)
+    server.stop()
+    asked = [each['do'] for each in visitors.asked]
+    assert asked.index('stop') < 20
+    assert visitors.failed == []
+
+
+def test_a_slow_line_may_deliver_the_messages_of_ten_seconds_together() -> None:
+    window = Window(asyncio.new_event_loop())
+    for _ in range(int(MAX_BURST_S * MAX_MESSAGES_PER_S)):
+        window.count(5.0)
+    with pytest.raises(BadMessageError, match='more than 100 messages'):
+        window.count(5.0)
+    for each in range(10_000):  # twice the rate of the page during a jog
+        window.count(20.0 + each / 88.0)
+    window._loop.close()
 
 
 @pytest.mark.invariant(9)

@@ -12,13 +12,15 @@ HOME = '#Execute,"0 0 0 0 0 0 1"'
 class RemotePeer:
     """Answers each line by its name: a text, None for no answer, or a function of the line.
 
-    `delay`: s before each answer. `lines` are those that came, of all connections.
+    `delay`: s before each answer. `blank`: s between empty lines, 0 for none. `lines` are those
+    that came, of all connections.
     """
 
     def __init__(self, delay=0.0, **answers):
         usual = {'Login': '#Login,0', 'GetStatus': READY, 'Execute': HOME, 'Abort': '#Abort,0'}
         self.answers = usual | answers
         self.delay = delay
+        self.blank = 0.0
         self.lines = []
         self.connections = 0
         self._tasks = set()
@@ -44,6 +46,9 @@ class RemotePeer:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
         self.connections += 1
+        if self.blank:
+            blanks = asyncio.create_task(self._send_blanks(writer))
+            task.add_done_callback(lambda _: blanks.cancel())
         with contextlib.suppress(ConnectionError, asyncio.CancelledError):
             while line := (await reader.readline()).decode().strip():
                 self.lines.append(line)
@@ -51,6 +56,11 @@ class RemotePeer:
                 if answer is not None and not writer.is_closing():
                     writer.write(f'{answer}\r\n'.encode())
         writer.close()
+
+    async def _send_blanks(self, writer):
+        while not writer.is_closing():
+            writer.write(b'\r\n')
+            await asyncio.sleep(self.blank)
 
     async def answer(self, line):
         """Return the answer to a line, without its end, or None."""
