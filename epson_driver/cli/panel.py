@@ -16,6 +16,7 @@ from epson_driver.inputs import InputError, printable
 from epson_driver.motion import Trajectory
 from epson_driver.panel import INSTALL, missing
 from epson_driver.panel.access import is_loopback
+from epson_driver.processes.interrupt import ending_signals
 from epson_driver.share import share_folder
 from epson_driver.trajectory_file import read_trajectory
 
@@ -55,7 +56,7 @@ def main() -> int:
     except (WebServerError, InputError, OSError, RuntimeError, ValueError) as error:
         print(f'epson_driver panel: {printable(error)}', file=sys.stderr)
         return 1
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in ending_signals():
         signal.signal(number, lambda _number, _frame: panel.stop())
     print(f'panel {address(options.host, panel.web.port, token)}', flush=True)
     return panel.run()

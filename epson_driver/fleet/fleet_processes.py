@@ -4,7 +4,6 @@
 
 import os
 import shutil
-import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from epson_driver.processes import processes
-from epson_driver.processes.interrupt import interrupts_held
+from epson_driver.processes.interrupt import ending_signals, interrupts_held
 from epson_driver.processes.processes import Process, RunError
 
 PROGRAM = 'fast-discovery-server'
@@ -100,7 +99,7 @@ def running_fleet(
     running: list[Process] = []
 
     def start(make: Callable[[], Process]) -> Process:
-        with interrupts_held((signal.SIGINT, signal.SIGTERM)):
+        with interrupts_held(ending_signals()):
             running.insert(0, make())  # the last are told first: drivers stop their arms
         return running[0]
 

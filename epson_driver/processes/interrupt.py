@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Ctrl-C before an executable has begun, while its event loop runs, and after its end."""
+"""Ctrl-C and its like before an executable begins, while it runs, and after its end."""
 
 import asyncio
 import os
@@ -11,6 +11,16 @@ from typing import NoReturn
 
 INTERRUPTED = 130
 """The exit code after SIGINT, as shells have it: 128 and the number of the signal."""
+
+
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP)
+"""SIGHUP: the terminal was closed, or its connection lost."""
+
+
+def ending_signals() -> list[signal.Signals]:
+    """Return the signals that end an executable: without SIGHUP under nohup."""
+    ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    return [number for number in ENDING if number is not signal.SIGHUP or not ignored]
 
 
 def leave_at_interrupt() -> None:
@@ -24,25 +34,30 @@ def leave_at_interrupt() -> None:
 
 
 def raise_at_interrupt() -> None:
-    """Have SIGINT raise KeyboardInterrupt again, as Python does."""
-    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    """Have the signals that end a process raise KeyboardInterrupt, as SIGINT does in Python.
+
+    A signal that is ignored stays so.
+    """
+    for number in ENDING:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, signal.default_int_handler)
 
 
 def ignore_interrupts() -> None:
-    """Ignore SIGINT from now on: the work is done, and what is left of the process ends by itself.
+    """Ignore what the terminal sends: the work is done, and the process ends by itself.
 
     Nothing else keeps a second Ctrl-C from killing an interpreter that shuts down.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
 
 
 def raise_at_first_signal() -> None:
-    """Have the first SIGINT or SIGTERM raise KeyboardInterrupt, and ignore all that follow.
+    """Have the first signal that ends a process raise KeyboardInterrupt, and ignore the others.
 
     So what was started is always ended. SIGINT too: a shell's `&` passes it on ignored.
     """
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in ending_signals():
         signal.signal(number, _raise_once)
 
 
@@ -69,9 +84,9 @@ def interrupts_held(numbers: Sequence[int]) -> Iterator[None]:
 
 @contextmanager
 def ended_by_signals(loop: asyncio.AbstractEventLoop, end: Callable[[], object]) -> Iterator[None]:
-    """Have SIGINT and SIGTERM call `end` in an event loop until all has been stopped.
+    """Have the signals that end a process call `end` in a loop until all has been stopped.
 
-    SIGINT calls it to the loop's end, and does nothing from then on. (With a handler of the
+    All but SIGTERM call it to the loop's end, and do nothing from then on. (With a handler of the
     loop's own, which it takes back while it closes, another Ctrl-C in that moment would be a
     KeyboardInterrupt wherever the process just is.)
 
@@ -83,8 +98,10 @@ def ended_by_signals(loop: asyncio.AbstractEventLoop, end: Callable[[], object])
             loop.call_soon_threadsafe(end)
 
     loop.add_signal_handler(signal.SIGTERM, end)  # and each signal wakes the loop up
-    signal.signal(signal.SIGINT, interrupt)
-    signal.siginterrupt(signal.SIGINT, False)
+    for number in ending_signals():
+        if number is not signal.SIGTERM:
+            signal.signal(number, interrupt)
+            signal.siginterrupt(number, False)
     try:
         yield
     finally:
@@ -94,7 +111,7 @@ def ended_by_signals(loop: asyncio.AbstractEventLoop, end: Callable[[], object])
 
 
 def _raise_once(_number: int, _frame: object) -> NoReturn:
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
     raise KeyboardInterrupt
 

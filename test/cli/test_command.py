@@ -21,6 +21,7 @@ from epson_driver.cli.arguments import if_in_use
 from epson_driver.processes import processes
 from epson_driver.processes.command import module_command, safe_python
 from epson_driver.processes.executables import EXECUTABLES
+from epson_driver.processes.interrupt import ENDING
 
 
 def command(*arguments: str, before: str = '') -> subprocess.CompletedProcess[str]:
@@ -322,12 +323,13 @@ def test_ctrl_c_while_an_executable_is_loaded_ends_it_without_a_traceback(
     assert (run.returncode, run.stdout, run.stderr) == (130, '', '')
 
 
-def test_ctrl_c_before_an_executable_handles_it_itself() -> None:
+@pytest.mark.parametrize('number', ENDING)
+def test_a_signal_before_an_executable_handles_it_itself(number: signal.Signals) -> None:
     code = (
         'import os, signal, sys\n'
         'from epson_driver.cli import robots\n'
         'from epson_driver.cli.__main__ import main\n'
-        'robots.main = lambda: os.kill(os.getpid(), signal.SIGINT)\n'
+        f'robots.main = lambda: os.kill(os.getpid(), {number.value})\n'
         'sys.exit(main())'
     )
     command = [sys.executable, '-c', code, 'robots']

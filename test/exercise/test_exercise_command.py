@@ -22,7 +22,7 @@ from epson_driver.exercise.observer import standstill
 from epson_driver.inputs import printable
 from epson_driver.node.goal_action import outcome_line
 from epson_driver.processes import processes
-from epson_driver.processes.interrupt import INTERRUPTED
+from epson_driver.processes.interrupt import ENDING, INTERRUPTED
 from epson_driver.processes.processes import Ports, RunError
 from epson_driver.remote_ethernet.client import RemoteError
 from epson_driver.robots import load_robot_model
@@ -34,7 +34,7 @@ USUAL = Observed('no fault', 0, 5.0, 'there', 1, np.zeros(6), moved=True)
 @pytest.fixture
 def called(monkeypatch, capsys):
     """Return a function that calls the command; `case` stands in for a run of the program."""
-    before = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)}
+    before = {each: signal.getsignal(each) for each in ENDING}
 
     def call(case, *words):
         monkeypatch.setattr(exercise, 'run_case', case)
@@ -110,7 +110,7 @@ def test_a_cell_that_does_not_work_is_no_verdict(called, error):
     assert f'exercise failed: {error}' in ' '.join(output.split())
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('number', ENDING)
 def test_a_signal_ends_it_and_another_one_does_not_disturb_the_end(called, number):
     def case(*_):
         try:

@@ -25,7 +25,7 @@ from epson_driver.fleet import table as shown
 from epson_driver.fleet.table import NOTHING, Row, Use, is_up, table
 from epson_driver.fleet.watch import Seen, Watch
 from epson_driver.processes import process_figures, processes
-from epson_driver.processes.interrupt import interrupts_held
+from epson_driver.processes.interrupt import ENDING, interrupts_held
 from epson_driver.processes.processes import RunError
 
 PATIENCE_S = 300.0
@@ -336,14 +336,13 @@ def test_a_fleet_that_cannot_start_says_why(
     def fails(*_: object, **__: object) -> None:
         raise RunError('no ROS domain is free')
 
-    signals = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.getsignal(number) for number in signals]
+    before = [signal.getsignal(number) for number in ENDING]
     monkeypatch.setattr(fleet, 'running_fleet', fails)
     monkeypatch.setattr(sys, 'argv', ['epson_driver fleet'])
     try:
         assert fleet.main() == 1
     finally:
-        for number, handler in zip(signals, before, strict=True):
+        for number, handler in zip(ENDING, before, strict=True):
             signal.signal(number, handler)
     assert 'fleet failed: no ROS domain is free' in capsys.readouterr().out
 

@@ -20,6 +20,7 @@ from support.ros_peer import PATIENCE, trajectory
 from websockets.exceptions import InvalidStatus
 
 from epson_driver.processes import processes
+from epson_driver.processes.interrupt import ENDING
 
 SENT = 'goal sent: swing'
 
@@ -174,7 +175,7 @@ def test_a_page_that_hangs_takes_its_goal_with_it_though_its_connection_stays(
 
 @pytest.mark.invariant(3)
 @pytest.mark.parametrize(
-    'number', [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)]
+    'number', [signal.SIGHUP, *(pytest.param(each, marks=pytest.mark.slow) for each in ENDING[:3])]
 )
 def test_a_panel_that_ends_takes_its_goal_with_it(
     cell: Cell, tmp_path: Path, number: signal.Signals

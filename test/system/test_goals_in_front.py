@@ -126,7 +126,7 @@ def test_a_newer_goal_begins_when_the_arm_has_braked(make: Any) -> None:
 
 
 @pytest.mark.invariant(3, 9)
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_the_end_of_the_process_brakes_the_arm(make: Any, number: signal.Signals) -> None:
     front = make()
     goal = front.peer.goal(trajectory((0.0, START), (LASTS_S, FAR)))

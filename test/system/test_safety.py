@@ -4,6 +4,7 @@
 
 import random
 import signal
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from control_msgs.action import FollowJointTrajectory
+from support import in_terminal
 from support.cell import LASTS, PROGRAMS, START, Cell, cell_with
 from support.ros_peer import RosPeer, trajectory
 
@@ -215,12 +217,21 @@ def test_refused_point_ends_the_goal(make_cell: Any, tmp_path: Any) -> None:
     assert_works_after_enable(cell)
 
 
+@pytest.mark.invariant(3)
 @pytest.mark.parametrize(
-    'number', [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.slow)]
+    ('number', 'run'),
+    [
+        (signal.SIGTERM, ()),
+        pytest.param(signal.SIGINT, (), marks=pytest.mark.slow),
+        (signal.SIGQUIT, ()),
+        (signal.SIGUSR1, (sys.executable, in_terminal.__file__)),
+    ],
+    ids=['SIGTERM', 'SIGINT', 'SIGQUIT', 'terminal closed'],
 )
-def test_client_interrupted_in_mid_motion_stops_the_arm_and_ends_cleanly(
-    cell: Cell, number: int
+def test_inv3_client_interrupted_in_mid_motion_stops_the_arm_and_ends_cleanly(
+    make_cell: Any, number: int, run: tuple[str, ...]
 ) -> None:
+    cell = make_cell(run=run).ready()
     peer = enabled_at_start(cell)
     start = peer.position()
     goal = peer.goal(far_away())
