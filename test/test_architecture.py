@@ -48,7 +48,7 @@ ROOMS = {
     'simple_message trace',
     'bringup': 'inputs profiles robots share yaml',
     'planning': 'coal motion numpy ompl pinocchio robots',
-    'doctor': 'ROS driver error_texts motion numpy processes profiles remote_ethernet robots '
+    'doctor': 'ROS driver error_texts motion node numpy processes profiles remote_ethernet robots '
     'simple_message socket_errors trace yaml',
     'first_run': 'doctor driver error_texts inputs motion numpy profiles robots sim_controller '
     'simple_message trace',
@@ -56,7 +56,7 @@ ROOMS = {
     'tool_motion websockets',
     'pendant': 'driver error_texts processes remote_ethernet sim_controller simple_message',
     'fleet': 'ROS node processes rich',
-    'exercise': 'ROS error_texts inputs motion numpy pendant processes profiles pytest '
+    'exercise': 'ROS error_texts inputs motion node numpy pendant processes profiles pytest '
     'remote_ethernet report robots sim_controller',
     'demo': 'ROS error_texts inputs matplotlib motion node numpy panel planning processes '
     'remote_ethernet report rich robots simple_message',

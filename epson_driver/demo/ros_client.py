@@ -24,6 +24,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from epson_driver.motion import Trajectory
+from epson_driver.node.ros_transport import udp_by_default
 from epson_driver.node.trajectory_messages import trajectory_message
 from epson_driver.processes.processes import RunError
 from epson_driver.report.measure import Recording
@@ -39,10 +40,11 @@ class RosClient:
     """
 
     def __init__(self, joint_names: tuple[str, ...], check: Callable[[], None]) -> None:
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        with udp_by_default():
+            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+            self._node = rclpy.create_node('demo')
         self._joint_names = joint_names
         self._check = check
-        self._node = rclpy.create_node('demo')
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._states: list[Any] = []

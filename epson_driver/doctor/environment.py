@@ -5,12 +5,15 @@
 ROS is looked at in a process of its own: an import that hangs or crashes is a finding, too.
 """
 
+import contextlib
 import json
 import os
 import platform
+import re
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from epson_driver.doctor.findings import Findings
 from epson_driver.processes.command import safe_python
@@ -24,6 +27,9 @@ SAFE_DOMAINS = range(102)
 
 DISTRIBUTIONS = ('jazzy',)
 """Of ROS, those that this package is tested with."""
+
+SHARED, PROCESSES = Path('/dev/shm'), Path('/proc')  # noqa: S108 - Fast DDS' own place
+LOGIND = Path('/etc/systemd/logind.conf')
 
 RANGES = ('SUBNET', 'LOCALHOST', 'OFF', 'SYSTEM_DEFAULT')
 
@@ -105,6 +111,7 @@ def check_environment(findings: Findings, environment: Mapping[str, str] = os.en
         findings.note('ROS', 'no ROS_DISTRO: no ROS workspace is sourced; a pip environment?')
     _check_ros(findings, environment)
     _check_discovery(findings, environment)
+    _check_shared_memory(findings)
 
 
 def _check_ros(findings: Findings, environment: Mapping[str, str]) -> None:
@@ -180,3 +187,24 @@ def _check_discovery(findings: Findings, environment: Mapping[str, str]) -> None
     if environment.get('ROS_LOCALHOST_ONLY', '0') not in ('', '0'):
         text = 'ROS_LOCALHOST_ONLY is set, which overrides the discovery range'
         findings.note('discovery range', text, 'unset it, and set ROS_AUTOMATIC_DISCOVERY_RANGE')
+
+
+def _check_shared_memory(findings: Findings) -> None:
+    """Look for what keeps Fast DDS' shared memory from working. Our own processes use UDP."""
+    about, remedy = 'shared memory', 'start it again, with FASTDDS_BUILTIN_TRANSPORTS=UDPv4'
+    for process in PROCESSES.glob('[0-9]*'):
+        with contextlib.suppress(OSError):  # another user's, or it has ended
+            if re.search(rf'{SHARED}/fast\S* \(deleted\)', (process / 'maps').read_text('utf-8')):
+                text = f'its files of process {process.name} were removed: no message arrives'
+                findings.wrong(about, text, f'{remedy}; keep RemoveIPC=no in {LOGIND}')
+    users = {path.stat().st_uid for path in SHARED.glob('fast*')} - {os.geteuid()}
+    if users:
+        text = f'user {", ".join(map(str, users))} uses it, too: no message passes between users'
+        findings.note(about, text, f'run programs as one user, or {remedy}')
+    files = (LOGIND, *LOGIND.parent.glob('logind.conf.d/*.conf'))
+    if LOGIND.exists() and not any(
+        re.search(r'^RemoveIPC=(no|false|0)', path.read_text('utf-8'), re.MULTILINE)
+        for path in files
+    ):
+        text = f'systemd removes the files of a user who logs out: no RemoveIPC=no in {LOGIND}'
+        findings.note(about, text, 'add it, or keep to UDP, as this driver does')

@@ -17,6 +17,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import GetParameters
 from rclpy.executors import SingleThreadedExecutor
 
+from epson_driver.node.ros_transport import udp_by_default
+
 MOVABLE = ('revolute', 'continuous', 'prismatic')
 
 ARM = ': arm'
@@ -26,8 +28,9 @@ ARM = ': arm'
 def main() -> int:
     """Look around for as many seconds as the first argument says."""
     patience = float(sys.argv[1]) if len(sys.argv) > 1 else 3.0
-    rclpy.init()
-    node = rclpy.create_node('epson_driver_doctor')
+    with udp_by_default():
+        rclpy.init()
+        node = rclpy.create_node('epson_driver_doctor')
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     drivers: dict[str, dict[str, str]] = {}

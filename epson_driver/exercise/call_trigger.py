@@ -13,6 +13,8 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 
+from epson_driver.node.ros_transport import udp_by_default
+
 RETRY_S = 0.5
 
 
@@ -20,8 +22,9 @@ def main() -> int:
     """Call it. Returns 0 once it succeeds."""
     name, seconds = sys.argv[1], float(sys.argv[2])
     until = time.monotonic() + seconds
-    rclpy.init()
-    node = rclpy.create_node('epson_driver_call')
+    with udp_by_default():
+        rclpy.init()
+        node = rclpy.create_node('epson_driver_call')
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     client = node.create_client(Trigger, name)

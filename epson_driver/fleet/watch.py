@@ -15,6 +15,7 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from epson_driver.node.ros_transport import udp_by_default
 from epson_driver.node.sampling import sampled, take_all
 
 KEPT_STATES = 2000
@@ -38,8 +39,9 @@ class Watch:
     """Hears the robots of these namespaces until `close`, in one thread."""
 
     def __init__(self, names: Sequence[str]) -> None:
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-        self._node = rclpy.create_node('fleet')
+        with udp_by_default():
+            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+            self._node = rclpy.create_node('fleet')
         self._counter = rclpy.create_node('fleet_counter')
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)

@@ -20,6 +20,7 @@ from epson_driver.inputs import printable
 from epson_driver.node.node import ClientNode
 from epson_driver.node.ros_log import RosLogHandler
 from epson_driver.node.ros_thread import RosThread
+from epson_driver.node.ros_transport import udp_by_default
 from epson_driver.processes.interrupt import ended_by_signals, ignore_interrupts
 
 DEFAULT_NAME = 'epson_driver'
@@ -50,15 +51,17 @@ def run(namespaces: Sequence[str], make: Make = ClientNode, name: str = DEFAULT_
     valid (no arm is driven then), or if any part failed: a thread, a task or a callback. In that
     case all arms are stopped before the process ends.
     """
-    try:
-        # The signals come to the event loop: results can still be published after Ctrl-C.
-        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-    except (RuntimeError, ValueError) as error:  # from rcl; ValueError: not valid text
-        print(f'{name}: {printable(error)}', file=sys.stderr)
-        return 1
     nodes: list[Node] = []
     try:
-        if not _make_nodes(namespaces, nodes, name):
+        with udp_by_default():
+            # The signals come to the event loop: results can still be published after Ctrl-C.
+            rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+            made = _make_nodes(namespaces, nodes, name)
+    except (OSError, RuntimeError, ValueError) as error:  # from rcl; ValueError: not valid text
+        print(f'{name}: {printable(error)}', file=sys.stderr)
+        return 1
+    try:
+        if not made:
             return 1
         handler = RosLogHandler(nodes[0].get_logger())
         logging.basicConfig(level=logging.INFO, handlers=[handler], format='%(message)s')

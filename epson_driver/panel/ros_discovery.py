@@ -18,6 +18,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from epson_driver.node.ros_thread import RosThread
+from epson_driver.node.ros_transport import udp_by_default
 from epson_driver.node.sampling import level, sampled, take_all
 from epson_driver.panel.robot_state import MAX_EVENTS, Event
 from epson_driver.panel.ros_robot import RosRobot
@@ -58,12 +59,13 @@ class RosDiscovery:
     ) -> None:
         self._context = Context()
         # rclpy's own handler of SIGTERM would only shut ROS down, and leave the page as it is
-        rclpy.init(
-            args=arguments,
-            context=self._context,
-            signal_handler_options=SignalHandlerOptions.NO,
-        )
-        self._node = self._new_node(NAME)
+        with udp_by_default():
+            rclpy.init(
+                args=arguments,
+                context=self._context,
+                signal_handler_options=SignalHandlerOptions.NO,
+            )
+            self._node = self._new_node(NAME)
         self._sampled = self._new_node(f'{NAME}_topics')
         self._diagnostics = sampled(self._sampled, DiagnosticArray, '/diagnostics', MANY)
         self._log = sampled(self._sampled, Log, '/rosout', LOG)

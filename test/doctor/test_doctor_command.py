@@ -67,6 +67,30 @@ def test_what_is_wrong_with_this_machine_is_named(changes, key, said):
     assert found[key].remedy
 
 
+def test_shared_memory_that_is_removed_or_of_another_user_is_found(monkeypatch, tmp_path):
+    for name in ('SHARED', 'PROCESSES', 'LOGIND'):
+        monkeypatch.setattr(environment, name, tmp_path / name)
+    monkeypatch.setattr(os, 'geteuid', lambda: os.getuid() + 1)
+    files = {
+        'SHARED/fastrtps_1': '',
+        'PROCESSES/7/maps': f'0-1 rw-s 0 0 {tmp_path}/SHARED/fastrtps_0 (deleted)\n',
+        'PROCESSES/8/maps': f'0-1 rw-s 0 0 {tmp_path}/SHARED/fastrtps_1\n',
+        'LOGIND': '#RemoveIPC=no\n',
+    }
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    findings = Findings(lambda finding: None)
+    environment._check_shared_memory(findings)
+    lost, foreign, logout = (each.found for each in findings.all)
+    assert 'process 7 were removed' in lost
+    assert f'user {os.getuid()} uses it' in foreign
+    assert 'who logs out' in logout
+    (tmp_path / 'LOGIND').write_text('RemoveIPC=no\n')
+    environment._check_shared_memory(findings)
+    assert len(findings.all) == 5
+
+
 def test_another_package_of_the_same_name_is_found_out(tmp_path):
     package = tmp_path / 'industrial_msgs'
     package.mkdir()

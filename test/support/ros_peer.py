@@ -119,9 +119,15 @@ NUMBERS = itertools.count(1)
 class RosPeer:
     """Subscribes to all that the driver publishes and keeps it."""
 
-    def __init__(self, domain: int, prefix: str = '', node: str = 'epson_driver') -> None:
-        self._domain = domain
-        context = CONTEXTS.take(domain)
+    def __init__(
+        self,
+        domain: int,
+        prefix: str = '',
+        node: str = 'epson_driver',
+        contexts: Contexts = CONTEXTS,
+    ) -> None:
+        self._domain, self._contexts = domain, contexts
+        context = contexts.take(domain)
         self.node = Node(  # with nothing that the executor would look at in each turn for nobody
             f'peer_{next(NUMBERS)}',
             context=context,
@@ -189,7 +195,7 @@ class RosPeer:
         assert not self._thread.is_alive(), 'a callback does not end'
         self._executor.shutdown()
         self.node.destroy_node()
-        CONTEXTS.give(self._domain)
+        self._contexts.give(self._domain)
 
     def _subscribe(
         self, kind: Any, topic: str, store: Callable[[Any], None], qos: QoSProfile | int

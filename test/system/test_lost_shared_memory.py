@@ -1,0 +1,40 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""`~/stop` is heard without Fast DDS' shared memory, in each discovery range."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from support import lost_shared_memory
+
+NAMESPACES = ('unshare', '--mount', '--net')
+ALONE = 'mount -t tmpfs none /dev/shm && ip link set lo up multicast on && exec "$@"'
+
+
+@pytest.mark.invariant(3)
+@pytest.mark.parametrize('how', ['removed', 'second user'])
+@pytest.mark.parametrize(
+    'discovery', [pytest.param('LOCALHOST', marks=pytest.mark.quick), 'SUBNET']
+)
+def test_inv3_stop_is_heard_without_shared_memory(
+    how: str, discovery: str, tmp_path: Path
+) -> None:
+    tmp_path.chmod(0o777)
+    probe = subprocess.run([*NAMESPACES, 'sh', '-c', ALONE, 'sh', 'true'], capture_output=True)
+    if probe.returncode:
+        pytest.skip(f'a namespace of its own is not permitted: {probe.stderr.decode()}')
+    program = [sys.executable, lost_shared_memory.__file__, str(tmp_path), how]
+    user = subprocess.run(
+        [*NAMESPACES, 'sh', '-c', ALONE, 'sh', *program],
+        env=os.environ | {'ROS_AUTOMATIC_DISCOVERY_RANGE': discovery},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert user.returncode == 0, user.stderr
+    said = user.stdout.splitlines()
+    assert said[0].startswith('stop True the running motion ended: stopped on request')
+    assert said[1].startswith('ended')
