@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """From the request of a goal, as it comes from ROS, to a goal for the driver's queue."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,31 +21,46 @@ from epson_driver.node.trajectory_messages import (
     trajectory_from_message,
 )
 
-MAX_START_AHEAD_S = 1.0
-"""A trajectory stamped further ahead is rejected: it would move when nobody expects it, s."""
+MAX_START_OFFSET_S = 1.0
+"""A stamp further ahead, or in the past, is rejected: the arm would move unexpectedly, s."""
+
+UNSUPPORTED = ('multi_dof_trajectory', 'component_path_tolerance', 'component_goal_tolerance')
+"""Fields of joints with several degrees of freedom: they must be empty."""
+
+EMPTY = FollowJointTrajectory.Goal()
 
 
 class GoalRequests:
     """Reads requests, with the parameters that hold at that moment. The queue checks limits.
 
-    `parameters`: the node's values by name, which may change. `clock`: the node's.
+    `parameters`: the node's values by name, which may change. `clock`: the node's. `loop_time`:
+    the clock of the queue's loop, s.
     """
 
-    def __init__(self, limits: JointLimits, parameters: Mapping[str, Any], clock: Clock) -> None:
+    def __init__(
+        self,
+        limits: JointLimits,
+        parameters: Mapping[str, Any],
+        clock: Clock,
+        loop_time: Callable[[], float],
+    ) -> None:
         self._limits = limits
         self._parameters = parameters
         self._clock = clock
+        self._loop_time = loop_time
 
     def checked_goal(self, request: FollowJointTrajectory.Goal) -> Goal:
         """Return the goal of a request, names and stamps checked. Raises GoalRejectedError."""
         values = self._parameters
-        check_single(request)
+        check_unsupported(request)
         trajectory = trajectory_from_message(request.trajectory, self._limits.names)
         if values['timing'] == 'time_optimal':
             trajectory = untimed(trajectory, self._limits)
-        check_stamp(request.trajectory.header.stamp, trajectory.duration, self._clock)
+        stamp = request.trajectory.header.stamp
+        start = start_time(stamp, trajectory.duration, self._clock, self._loop_time)
         goal_time = duration_in_s(request.goal_time_tolerance)
-        return self._goal(trajectory, request.path_tolerance, request.goal_tolerance, goal_time)
+        goal = self._goal(trajectory, request.path_tolerance, request.goal_tolerance, goal_time)
+        return replace(goal, start=start)
 
     def planned_goal(self, trajectory: Trajectory) -> Goal:
         """Return the goal of a trajectory that was planned here: the parameters' tolerances."""
@@ -77,28 +93,37 @@ class GoalRequests:
         return tolerances_from_messages(given, field, names, np.array(defaults))
 
 
-def check_single(request: FollowJointTrajectory.Goal) -> None:
-    """Raise GoalRejectedError for joints of several degrees of freedom."""
-    if request.multi_dof_trajectory.points:
-        raise GoalRejectedError(
-            ErrorCode.INVALID_GOAL, 'multi_dof_trajectory has points: not supported'
-        )
+def check_unsupported(request: FollowJointTrajectory.Goal) -> None:
+    """Raise GoalRejectedError for a field that the driver cannot honour."""
+    for field in UNSUPPORTED:
+        if getattr(request, field) != getattr(EMPTY, field):
+            raise GoalRejectedError(
+                ErrorCode.INVALID_GOAL,
+                f'{field} must be empty: joints with several degrees of freedom are not supported',
+            )
 
 
-def check_stamp(stamp: Time, duration: float, clock: Clock) -> None:
-    """Raise GoalRejectedError for a trajectory that has ended, or begins much later."""
-    start = duration_in_s(stamp)
-    if start == 0.0:
-        return
-    ahead = start - clock.now().nanoseconds * 1e-9
-    if ahead + duration < 0.0:
+def start_time(
+    stamp: Time, duration: float, clock: Clock, loop_time: Callable[[], float]
+) -> float:
+    """Return the start of a trajectory of `duration` s by the loop's clock, s, 0 for immediately.
+
+    Raises GoalRejectedError for a stamp too far ahead, or too old.
+    """
+    if stamp == Time():
+        return 0.0
+    ahead: float = (stamp.sec * 10**9 + stamp.nanosec - clock.now().nanoseconds) * 1e-9
+    oldest = min(duration, MAX_START_OFFSET_S)
+    if -ahead > oldest:
         raise GoalRejectedError(
             ErrorCode.OLD_HEADER_TIMESTAMP,
-            f'header.stamp: the trajectory ended {-ahead - duration:.3g} s ago',
+            f'header.stamp is {-ahead:.3g} s ago: must be at most {oldest:.3g} s, by the clock of '
+            'the driver (0 starts immediately)',
         )
-    if ahead > MAX_START_AHEAD_S:
+    if ahead > MAX_START_OFFSET_S:
         raise GoalRejectedError(
             ErrorCode.INVALID_GOAL,
-            f'header.stamp is {ahead:.3g} s in the future: a start later than in '
-            f'{MAX_START_AHEAD_S:g} s is not supported',
+            f'header.stamp is {ahead:.3g} s in the future: must be at most '
+            f'{MAX_START_OFFSET_S:g} s, by the clock of the driver',
         )
+    return loop_time() + ahead

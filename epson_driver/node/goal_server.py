@@ -124,7 +124,8 @@ class GoalServer:
         self._commands = commands
         self._bridge = bridge
         self._parameters = parameters
-        self.requests = GoalRequests(driver.configuration.limits, parameters, self._clock)
+        limits = driver.configuration.limits
+        self.requests = GoalRequests(limits, parameters, self._clock, self._loop.time)
         self._feedback_throttle = Throttle()
         self._point_streams = PointStreams()
         self._controller_state = node.create_publisher(

@@ -13,6 +13,7 @@ from typing import Any
 
 from action_msgs.msg import GoalStatus
 from control_msgs.action import GripperCommand
+from control_msgs.msg import GripperCommand as Command
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import CallbackGroup
@@ -51,6 +52,18 @@ def gripper_wiring(parameters: Mapping[str, Any]) -> GripperWiring | None:
         ) from error
 
 
+def refusal(command: Command) -> str:
+    """Return why a command is refused, or ''."""
+    if not math.isfinite(command.position):
+        return f'position = {command.position}: must be finite'
+    if not command.max_effort <= 0.0:
+        return (
+            f'max_effort = {command.max_effort:g}: must be 0 (no limit): outputs set no force, '
+            'limit it at the gripper'
+        )
+    return ''
+
+
 class GripperServer:
     """Serves the action over a driver's I/O. Make it in the driver's event loop."""
 
@@ -83,13 +96,9 @@ class GripperServer:
     # --- from ROS: these run in the executor's thread ---------------------------------------
 
     def _on_goal(self, goal: GripperCommand.Goal) -> GoalResponse:
-        command = goal.command
-        if math.isfinite(command.position) and math.isfinite(command.max_effort):
+        if not (why := refusal(goal.command)):
             return GoalResponse.ACCEPT
-        self._logger.warning(
-            f'~/gripper_cmd: position = {command.position}, max_effort = {command.max_effort}: '
-            'must be finite'
-        )
+        self._logger.warning(f'~/gripper_cmd: {why}')
         return GoalResponse.REJECT
 
     def _on_cancel(self, ros_handle: ServerGoalHandle) -> CancelResponse:

@@ -34,7 +34,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
-from epson_driver.driver.goal.goal import listed, untimed
+from epson_driver.driver.goal.goal import late_start, listed, untimed
 from epson_driver.driver.goal.planning_scope import PlanningEndedError, PlanningScope
 from epson_driver.driver.goal.splice import check_start
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
@@ -48,7 +48,7 @@ from epson_driver.motion.stoppable import StoppableMotion
 from epson_driver.node import messages
 from epson_driver.node.downstream import ArmState, Downstream, Sent
 from epson_driver.node.goal_action import CANCELED, ActionType, GoalAction, OnEnd
-from epson_driver.node.goal_requests import check_single, check_stamp
+from epson_driver.node.goal_requests import check_unsupported, start_time
 from epson_driver.node.goal_server import RESULT_TIMEOUT_S
 from epson_driver.node.loop_bridge import LoopBridge
 from epson_driver.node.parameters import Row, declare_rows, undeclared
@@ -163,11 +163,15 @@ SHUT_DOWN_TIMEOUT_S = 6.0
 
 @dataclass(eq=False)
 class PassedGoal:
-    """A goal from ROS to the driver behind. `why`: how it ends if it is left, or None."""
+    """A goal from ROS to the driver behind. `why`: how it ends if it is left, or None.
+
+    start: earliest start by the loop's clock, s, or 0 for immediately.
+    """
 
     request: FollowJointTrajectory.Goal
     trajectory: Trajectory
     limits: JointLimits
+    start: float
     on_feedback: Callable[[FollowJointTrajectory.Feedback], None]
     on_end: OnEnd
     scope: PlanningScope = field(default_factory=PlanningScope)
@@ -303,7 +307,7 @@ class SmoothGoals:
         self, ros_handle: ServerGoalHandle, _scope: PlanningScope
     ) -> Callable[[OnEnd], PassedGoal]:
         request = ros_handle.request
-        check_single(request)
+        check_unsupported(request)
         trajectory = trajectory_from_message(request.trajectory, request.trajectory.joint_names)
         names = trajectory.joint_names
         rows = {name: self._described.get(name, {}) | self._filed.get(name, {}) for name in names}
@@ -322,8 +326,9 @@ class SmoothGoals:
         trajectory = Trajectory(names, trajectory.times, positions)
         if found := list(problems(trajectory, limits, too_fast=False)):
             raise _rejected(listed(found))
-        check_stamp(request.trajectory.header.stamp, trajectory.duration, self._node.get_clock())
-        return partial(PassedGoal, request, trajectory, limits, ros_handle.publish_feedback)
+        stamp, clock = request.trajectory.header.stamp, self._node.get_clock()
+        start = start_time(stamp, trajectory.duration, clock, self._loop.time)
+        return partial(PassedGoal, request, trajectory, limits, start, ros_handle.publish_feedback)
 
     def _on_feedback(self, driven: Driven, feedback: FollowJointTrajectory.Feedback) -> None:
         try:
@@ -377,23 +382,28 @@ class SmoothGoals:
 
     async def _outcome(self, goal: PassedGoal) -> Outcome:
         """Plan and hand on a goal and return how it ended. Raises GoalRejectedError."""
-        names, late = goal.limits.names, self._parameters['state_timeout']
+        names, age = goal.limits.names, self._parameters['state_timeout']
         if (moves := await self._not_standing(goal)) is not None:
             raise _rejected(f'{moves}: a goal begins where the arm stands')
-        start = goal.limits.settled(self._arm.of(names, late)[0])
+        start = goal.limits.settled(self._arm.of(names, age)[0])
         tolerance = self._parameters['start_tolerance']
         check_start(goal.trajectory, start, goal.limits, tolerance)
         try:
             motion = await goal.scope.in_thread(partial(self._planned, goal, start))
         except ValueError as error:
             raise _rejected(str(error)) from error
-        moved = np.abs(self._arm.of(names, late)[0] - start).max()
+        with suppress(TimeoutError):
+            await asyncio.wait_for(goal.left.wait(), max(goal.start - self._loop.time(), 0.0))
+        goal.scope.check()
+        moved = np.abs(self._arm.of(names, age)[0] - start).max()
         if moved > tolerance:
             raise _rejected(f'the arm moved by {moved:.3g} while the goal was planned')
         driven = Driven(goal, motion, motion.points(self._parameters['period']))
         request = _request(goal.request, _goal_time(goal, motion.motion.duration))
+        late = late_start(goal.start, self._loop.time())
         sent = await self._send(driven, driven.points, request)
-        return await self._watched(driven, sent, duration_in_s(request.goal_time_tolerance))
+        end = await self._watched(driven, sent, duration_in_s(request.goal_time_tolerance))
+        return replace(end, text=end.text + late)
 
     @property
     def _brakes(self) -> bool:

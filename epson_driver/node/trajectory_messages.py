@@ -19,7 +19,7 @@ def trajectory_from_message(message: JointTrajectory, joint_names: Sequence[str]
     """Return a message as a Trajectory in the order of `joint_names`.
 
     Raises GoalRejectedError: INVALID_JOINTS unless the names are the same set, INVALID_GOAL if
-    there are no points, a point has no positions, or an array has the wrong length.
+    there are no points, a point has no positions or has efforts, or an array has the wrong length.
     """
     names = tuple(message.joint_names)
     if len(set(names)) != len(names):
@@ -40,6 +40,12 @@ def trajectory_from_message(message: JointTrajectory, joint_names: Sequence[str]
         )
     if not message.points:
         raise GoalRejectedError(ErrorCode.INVALID_GOAL, 'the trajectory has no points')
+    for index, point in enumerate(message.points):
+        if any(point.effort):
+            raise GoalRejectedError(
+                ErrorCode.INVALID_GOAL,
+                f'point {index}: effort must be empty or 0: controllers take none',
+            )
     trajectory = Trajectory(
         names,
         _times(message.points),
@@ -88,18 +94,22 @@ def tolerances_from_messages(
 
     0 takes the default, a negative number switches the check off, as joint_trajectory_controller
     has it. `defaults` (shape (n,), rad; 0: not checked) hold for positions; velocities have none.
-    Raises GoalRejectedError for a joint that is not there, a number that is not finite, and a
-    limit of the acceleration.
+    Raises GoalRejectedError for a joint that is unknown or listed twice, a number that is not
+    finite, and a limit of the acceleration.
     """
     values = {
         'position': np.where(defaults > 0.0, defaults, np.inf),
         'velocity': np.full(len(joint_names), np.inf),
     }
+    seen: set[str] = set()
     for message in messages:
         if message.name not in joint_names:
             raise GoalRejectedError(
                 ErrorCode.INVALID_JOINTS, f'{field} names the unknown joint {message.name!r}'
             )
+        if message.name in seen:
+            raise GoalRejectedError(ErrorCode.INVALID_JOINTS, f'{field} has {message.name} twice')
+        seen.add(message.name)
         for quantity in ('position', 'velocity', 'acceleration'):
             value = getattr(message, quantity)
             if not np.isfinite(value):

@@ -121,7 +121,9 @@ class Front:
 
         logger = SimpleNamespace(info=logs, warning=logs, error=logs)
         node = SimpleNamespace(
-            get_logger=lambda: logger, get_clock=lambda: None, create_subscription=self._subscribed
+            get_logger=lambda: logger,
+            get_clock=lambda: SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=now() * NS)),
+            create_subscription=self._subscribed,
         )
         for name, stand_in in {
             'declare_rows': lambda *_: values,
@@ -150,10 +152,15 @@ class Front:
     async def results_sent(self, is_busy, *, busy):
         assert (is_busy(), busy) == (False, False)
 
-    async def goal(self, *points, **fields):
-        """Hand a goal over and return it, its feedback, and a future of its outcome."""
+    async def goal(self, *points, ahead=None, **fields):
+        """Hand a goal over and return it, its feedback, and a future of its outcome.
+
+        ahead: time from now to its stamp, s.
+        """
         times, positions = zip(*points, strict=True)
         message = trajectory_message(Trajectory(NAMES, np.array(times), np.array(positions)))
+        if ahead is not None:
+            message.header.stamp = stamped(Time, now() + ahead)
         request = FollowJointTrajectory.Goal(trajectory=message, **fields)
         feedback, scope = [], PlanningScope()
         handle = SimpleNamespace(request=request, publish_feedback=feedback.append)
@@ -258,6 +265,27 @@ async def test_an_arm_that_nobody_hears_of_is_stopped(monkeypatch):
     front.behind.there = front.behind.tells = False
     await asyncio.sleep(1.0)
     assert 'is not served any more; nothing can be sent to its driver' in (await again.ended).text
+
+
+@pytest.mark.invariant(4, 5)
+async def test_inv4_inv5_a_goal_waits_for_its_stamp_and_can_be_canceled(monkeypatch):
+    """docs/invariants.md, 4 and 5."""
+    front = Front(monkeypatch)
+    begin = now()
+    sent = await front.goal((0.0, START), (1.2, FAR), ahead=0.9)
+    await until(lambda: front.behind.taken)
+    assert now() - begin >= 0.9
+    assert await sent.ended == SUCCEEDED
+    left = await front.goal((1.2, START), ahead=0.9)
+    await asyncio.sleep(0.5)
+    front.goals.cancel(left.goal)
+    assert (await left.ended).text == 'canceled'
+    await asyncio.sleep(1.0)
+    assert len(front.behind.taken) == 1
+    late = await front.goal((1.2, START), ahead=-0.5)
+    assert 's after its header.stamp' in (await late.ended).text
+    with pytest.raises(GoalRejectedError, match='in the future'):
+        await front.goal((1.2, FAR), ahead=1.5)
 
 
 async def test_a_goal_near_its_end_is_left_to_come_to_it(monkeypatch):

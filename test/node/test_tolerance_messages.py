@@ -46,7 +46,6 @@ def test_velocities_have_no_default():
     made = tolerances_from_messages(
         [
             JointTolerance(name='a', velocity=0.5),
-            JointTolerance(name='b', velocity=0.2),
             JointTolerance(name='b', velocity=-1.0),
         ],
         'path_tolerance',

@@ -172,12 +172,18 @@ class Harness:
             )
         )
 
-    def submit(self, *points, step=0.6, tolerance=0.01, start=None):
-        """Hand in a goal along the points, `step` s apart, from where the arm is, or `start`."""
+    def submit(self, *points, step=0.6, tolerance=0.01, start=None, ahead=None):
+        """Hand in a goal along the points, `step` s apart, from where the arm is, or `start`.
+
+        ahead: time from now to its start, s.
+        """
         positions = np.vstack([self.at if start is None else start, *points])
         times = np.arange(len(positions)) * step
         goal = Goal(
-            Trajectory(LIMITS.names, times, positions), np.full(JOINTS, tolerance), goal_time=0.0
+            Trajectory(LIMITS.names, times, positions),
+            np.full(JOINTS, tolerance),
+            goal_time=0.0,
+            start=0.0 if ahead is None else now() + ahead,
         )
         submitted = Submitted(goal)
         self.process.copy().run(self.driver.goal_queue.submit, submitted.handle)

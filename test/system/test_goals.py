@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from control_msgs.msg import JointTolerance
+from rclpy.duration import Duration
+from rclpy.time import Time as RosTime
 from std_msgs.msg import Header
 from support.cell import LASTS, PROGRAMS, START, Cell, cell_with
 from support.ros_peer import JOINTS, trajectory
@@ -198,7 +200,7 @@ BAD_GOALS: dict[str, tuple[Any, int, tuple[str, ...]]] = {
         -1,
         ('joint_1', '20 rad/s', '7.85'),
     ),
-    'old stamp': (stamped(there_and_back(), 1000), -3, ('header.stamp', 'ago')),
+    'old stamp': (stamped(there_and_back(), 1000), -3, ('header.stamp', 'ago', '0.6 s')),
     'far future stamp': (stamped(there_and_back(), 2_000_000_000), -1, ('header.stamp', 'future')),
 }
 
@@ -215,6 +217,17 @@ def test_bad_goal_is_refused_with_its_reason_and_nothing_moves(
     for word in words:
         assert word in text
     assert np.array_equal(peer.assert_still(), before)
+
+
+def test_goal_starts_at_its_stamp(shared_cell: Cell) -> None:
+    peer = shared_cell.peer
+    message, start = there_and_back(), peer.node.get_clock().now() + Duration(seconds=0.8)
+    message.header.stamp = start.to_msg()
+    first = len(peer.joint_states)
+    ended, _, text = peer.goal(message).result()
+    assert ended == 'succeeded', text
+    moved = [state for state in peer.joint_states[first:] if abs(state.position[0]) > 1e-3]
+    assert RosTime.from_msg(moved[0].header.stamp) > start
 
 
 def test_bad_fields_beside_the_trajectory(shared_cell: Cell) -> None:

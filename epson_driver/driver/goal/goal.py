@@ -68,6 +68,7 @@ class Goal:
     units: 'rad' or 'm', one per joint; all rad where nothing is said. may_end_moving: its last
     point may have a velocity; the arm comes to rest there anyway. message: what makes a controller
     do all of it that takes statements; None: what its delivery makes of the trajectory.
+    start: earliest start by the loop's clock, s, or 0 for immediately.
 
     The goal queue checks every goal before anything of it is sent.
     """
@@ -80,14 +81,24 @@ class Goal:
     units: tuple[str, ...] = ()
     may_end_moving: bool = False
     message: Message | None = None
+    start: float = 0.0
 
     def unit(self, joint: int) -> str:
         """Return the unit of a joint's position, by its index."""
         return self.units[joint] if self.units else 'rad'
 
 
+def late_start(start: float, now: float) -> str:
+    """Return a clause on a start at `now` that is late for a goal's `start`, or ''."""
+    if not start or now - start <= MAX_UNREPORTED_DELAY_S:
+        return ''
+    return f'; it started {now - start:.3g} s after its header.stamp'
+
+
 MAX_MENTIONED_PROBLEMS = 5
 """So many violations are spelled out in a goal's error text; the rest is counted."""
+
+MAX_UNREPORTED_DELAY_S = 0.1
 
 
 def checked_goal(goal: Goal, limits: JointLimits) -> Goal:

@@ -19,7 +19,7 @@ import numpy as np
 
 from epson_driver.driver.delivery.reply_rejection import reply_rejection
 from epson_driver.driver.delivery.trajectory_points import STOP
-from epson_driver.driver.goal.goal import Arrival, Goal, GoalSettings
+from epson_driver.driver.goal.goal import Arrival, Goal, GoalSettings, late_start
 from epson_driver.driver.goal.goal_states import (
     AFTERMATH,
     BRAKING_STATES,
@@ -499,6 +499,7 @@ class GoalExecution:
             return  # what is planned may be yet to come, however short a way
         if self._arrival.reached(said=said):
             text = f'at the goal after {now - self.started:.2f} s'
+            text += late_start(self.goal.start, self.started)
             if self._rest_at is not None:
                 self.timing = Timing(self.goal.trajectory.duration, self._rest_at)
                 text += self._other_speed(self.timing)

@@ -4,8 +4,9 @@
 
 A new goal replaces the running one, which is stopped; it starts when the arm stands. Or, where
 that is wanted, it goes on from where the running one is left on its way (splice.py). One that
-comes after a goal that ended at once starts when the stop of that one is over. Everything here
-runs in the driver's loop.
+comes after a goal that ended at once starts when the stop of that one is over. A goal whose start
+is in the future waits as the running goal, in the state PREPARING. Everything here runs in the
+driver's loop.
 """
 
 import asyncio
@@ -271,6 +272,8 @@ class GoalQueue:
         why = self._gate.reason or self.occupied()
         if why is None and not self._stopper.over:
             why = 'the arm is being stopped'
+        if why is None and new.goal.start > now:
+            why = 'it starts later'
         try:
             if why is not None:
                 raise GoalRejectedError(ErrorCode.INVALID_GOAL, why)
@@ -409,10 +412,14 @@ class GoalQueue:
             return
         self._running = handle
         execution = self._new_execution(handle)
-        if self.smoother is None:
+        if self.smoother is not None:
+            preparation = self._prepare(self.smoother, execution, sample)
+        elif handle.goal.start > now:
+            preparation = self._begin(execution, trajectory)
+        else:
             self._execute(execution, trajectory, sample)
             return
-        handle.preparation = asyncio.create_task(self._prepare(self.smoother, execution, sample))
+        handle.preparation = asyncio.create_task(preparation)
         self._preparations.add(handle.preparation)
         handle.preparation.add_done_callback(self._preparations.discard)
         handle.preparation.add_done_callback(report_task_error)
@@ -450,24 +457,27 @@ class GoalQueue:
             smoother.make_ready()
         try:
             if execution.state is GoalState.PREPARING:
-                await self._begin(execution, motion)
+                await self._begin(execution, motion.trajectory, motion)
         finally:
             await motion.close()
 
-    async def _begin(self, execution: GoalExecution, motion: SmoothMotion) -> None:
-        """Execute a motion, with the speed scaling in it where that can be."""
+    async def _begin(
+        self, execution: GoalExecution, trajectory: Trajectory, motion: SmoothMotion | None = None
+    ) -> None:
+        """Execute a trajectory at its start, with the speed scaling in it where that can be."""
+        await asyncio.sleep(max(execution.goal.start - _now(), 0.0))
         now = await wait_for_fresh_state(self._robot.stale, self._changed, FRESH_POSE_TIMEOUT_S)
         if execution.state is not GoalState.PREPARING:
             return
         try:
             sample = self.standing_sample(now)
             start = sample.positions
-            check_start(motion.trajectory, start, self._limits, self.start_tolerance)
+            check_start(trajectory, start, self._limits, self.start_tolerance)
         except GoalRejectedError as rejection:
             execution.fault(str(rejection), rejection.code)
             return
-        self._execute(execution, motion.trajectory, sample, scales=self._scales)
-        if not self._scales:
+        self._execute(execution, trajectory, sample, scales=self._scales)
+        if motion is None or not self._scales:
             return
         delivery = self._stopper.delivery
         try:
