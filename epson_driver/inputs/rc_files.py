@@ -6,7 +6,6 @@ Found by comparing 399 files of 52 public projects: the header has the size of t
 with CR LF, and the XOR of the little-endian words behind the header's line.
 """
 
-import math
 import re
 import struct
 from collections.abc import Iterator
@@ -15,7 +14,7 @@ from datetime import UTC, datetime
 from functools import reduce
 from operator import xor
 
-from epson_driver.inputs import InputError, printable, shown
+from epson_driver.inputs import InputError, decimal, printable, shown
 
 MAC = '02-00-00-00-00-00'
 """Of the PC that has written a file: locally administered, nobody's."""
@@ -58,12 +57,9 @@ class Block:
         """Return a number. Raises RcFileError."""
         value = self._value(key)
         try:
-            number = usual if value is None else float(value)
+            return usual if value is None else decimal(value.strip())
         except ValueError:
-            number = math.nan
-        if not math.isfinite(number):
-            raise self.fault(key, f'{key}={shown(value)}: must be a number')
-        return number
+            raise self.fault(key, f'{key}={shown(value)}: must be a number') from None
 
     def fault(self, key: str, said: str) -> RcFileError:
         """Return what to raise for what a key holds."""

@@ -121,6 +121,16 @@ def number(low: float, high: float, unit: str = '') -> Rule:
     return Rule(read, f'must be a number from {low:g} to {high:g}{unit and " " + unit}')
 
 
+DECIMAL = re.compile(r'[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?')
+
+
+def decimal(text: str) -> float:
+    """Return the finite number that a text is in ASCII digits. Raises ValueError."""
+    if not DECIMAL.fullmatch(text) or not math.isfinite(value := float(text)):
+        raise ValueError(text)
+    return value
+
+
 def count(low: int, high: int) -> Rule:
     """Return the rule for a whole number within bounds, which excludes true and false."""
 

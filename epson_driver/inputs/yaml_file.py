@@ -17,7 +17,7 @@ from typing import Any
 import yaml
 
 from epson_driver.inputs.files import MEGABYTE, read_file
-from epson_driver.inputs.rules import InputError, printable, shown
+from epson_driver.inputs.rules import DECIMAL, InputError, printable, shown
 
 MAX_NESTING = 20
 """Levels; no file of this package has more than 5."""
@@ -37,7 +37,6 @@ _WORDS: dict[str, object] = {
 }
 _INTEGER = re.compile(r'[-+]?[0-9]+', re.ASCII)
 _BASED = re.compile(r'0o[0-7]+|0x[0-9a-fA-F]+', re.ASCII)
-_FLOAT = re.compile(r'[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?', re.ASCII)
 
 
 def read_yaml(path: Path, *, largest: int = MEGABYTE, several: bool = False) -> Any:
@@ -168,4 +167,4 @@ def _scalar(event: Any) -> Any:
             return int(text, 0)
     except ValueError:  # more digits than Python reads
         raise _WrongError(event, f'{shown(text)}: has too many digits for a number') from None
-    return float(text) if _FLOAT.fullmatch(text) else text
+    return float(text) if DECIMAL.fullmatch(text) else text

@@ -8,6 +8,8 @@ It takes statements only in AUTO, while it executes nothing, without E-stop, err
 from collections.abc import Sequence
 from math import radians
 
+from epson_driver.inputs import decimal
+
 _SHOWN_CHARACTERS = 60
 
 
@@ -20,7 +22,7 @@ def joints_question(count: int) -> str:
 def joints_of(value: str, count: int) -> list[float]:
     """Return what was printed: degrees and mm, and the motors. Raises ConnectionError."""
     try:
-        numbers = [float(word) for word in value.strip('" ').split()]
+        numbers = [decimal(word) for word in value.strip('" ').split()]
     except ValueError:
         numbers = []
     if len(numbers) != count + 1:

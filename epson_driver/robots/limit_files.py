@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from epson_driver.inputs import InputError, Rule, number, printable, read_yaml, shown
+from epson_driver.inputs import InputError, Rule, decimal, number, printable, read_yaml, shown
 from epson_driver.motion import JointLimits
 from epson_driver.robots.model import load_robot_model
 
@@ -20,7 +20,7 @@ ENDLESS = 1e4
 """The range of a continuous joint, rad: JointLimits has none that is infinite."""
 
 _SIZE = number(-1e9, 1e9)
-NUMBER = Rule(lambda value: _SIZE.read(float(value)), _SIZE.text)
+NUMBER = Rule(lambda value: _SIZE.read(decimal(str(value).strip())), _SIZE.text)
 """A number, or a text that is one, as XML has them."""
 
 QUANTITIES = ('position_min', 'position_max', 'velocity', 'acceleration', 'jerk')

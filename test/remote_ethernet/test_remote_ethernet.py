@@ -8,6 +8,7 @@ import pytest
 from support.event_loop import PATIENCE, run, until
 
 from epson_driver.remote_ethernet.client import RemoteError, execute
+from epson_driver.remote_ethernet.joints import joints_of
 from epson_driver.remote_ethernet.turns import GaveWayError, RemoteTurns
 
 
@@ -157,3 +158,13 @@ async def test_who_is_cancelled_frees_the_port_and_what_is_raised_comes_through(
         await turns.patient(fail)
     async with asyncio.timeout(1.0), turns.urgent():
         pass
+
+
+@pytest.mark.invariant(7)
+@pytest.mark.parametrize(
+    'motors', ['nan', 'inf', '1e999', '1_0', '١', '0x1', '', '1 2', '-', '1.0e']
+)
+def test_only_finite_ascii_numbers_are_joints_and_motors(motors):
+    assert joints_of('"-1.5 2e-3 1"', 2) == [-1.5, 0.002, 1.0]
+    with pytest.raises(ConnectionError, match='is no answer to'):
+        joints_of(f'"-1.5 2e-3 {motors}"', 2)
