@@ -15,6 +15,7 @@ from epson_driver.inputs import (
     printable,
     read_yaml,
     shown,
+    write_file,
 )
 from epson_driver.motion import Array, Trajectory
 
@@ -89,7 +90,7 @@ def write_trajectory(path: Path, trajectory: Trajectory, comment: str) -> None:
             '  effort: []',
             f'  time_from_start: {{sec: {sec}, nanosec: {nanosec}}}',
         ]
-    path.write_text('\n'.join(lines) + '\n', encoding='utf-8')
+    write_file(path, '\n'.join(lines) + '\n')
 
 
 def _written(values: Array | None, index: int) -> str:

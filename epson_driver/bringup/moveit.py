@@ -5,14 +5,13 @@
 What is the same for all models is in config/moveit/; the rest follows from the model's data.
 """
 
-import shutil
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from epson_driver.bringup.description import robot_description, semantic_description
-from epson_driver.inputs import read_yaml
+from epson_driver.inputs import MEGABYTE, read_file, read_yaml, write_file
 from epson_driver.robots import RobotModel, load_robot_model
 from epson_driver.robots.kinematics import singularity_thresholds
 from epson_driver.share import share_file, share_folder
@@ -127,10 +126,11 @@ def write_moveit_package(name: str, folder: Path) -> list[Path]:
     config.mkdir()
     for file in share_folder('config', 'moveit').glob('*.yaml'):
         if not file.name.startswith(('kinematics', 'joint_limits')):
-            shutil.copyfile(file, config / file.name)
-    shutil.copyfile(share_file('config', 'moveit', _kinematics(model)), config / 'kinematics.yaml')
+            write_file(config / file.name, read_file(file, MEGABYTE))
+    kinematics = share_file('config', 'moveit', _kinematics(model))
+    write_file(config / 'kinematics.yaml', read_file(kinematics, MEGABYTE))
     if not _free_tool(model):
-        (config / 'ompl_planning.yaml').write_text(_text(_planner('ompl', model)), 'utf-8')
+        write_file(config / 'ompl_planning.yaml', _text(_planner('ompl', model)))
     controllers = _controllers(list(model.joint_names))
     origins = ''.join(
         f'# {quantity} ({each.worst}): {each.source}\n'
@@ -145,7 +145,7 @@ def write_moveit_package(name: str, folder: Path) -> list[Path]:
         folder / 'package.xml': PACKAGE_XML.format(name=folder.name, model=model.name),
         folder / 'CMakeLists.txt': CMAKE_LISTS.format(name=folder.name),
     }.items():
-        path.write_text(text, 'utf-8')
+        write_file(path, text)
     return sorted(path for path in folder.rglob('*') if path.is_file())
 
 

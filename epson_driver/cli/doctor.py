@@ -26,7 +26,7 @@ from epson_driver.doctor.findings import Finding, Findings, Level, as_text
 from epson_driver.doctor.learning import profile_text, unknown, why_not
 from epson_driver.doctor.state_facts import Facts
 from epson_driver.doctor.why_not import tell_drivers
-from epson_driver.inputs import InputError, number, printable
+from epson_driver.inputs import InputError, number, printable, write_file
 from epson_driver.processes.command import module_command
 from epson_driver.processes.interrupt import INTERRUPTED
 from epson_driver.profiles import ControllerProfile, load_controller_profile
@@ -128,8 +128,7 @@ def _finish(
         if facts:
             about = f'{arguments.address}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC'
             text = profile_text(arguments.learn.stem, facts, arguments.like, about)
-            with arguments.learn.open('x', encoding='utf-8') as file:
-                file.write(text)
+            write_file(arguments.learn, text)
             console.print(f'profile: {arguments.learn}, {len(facts)} keys found; not found out:')
             for why, keys in groupby(sorted(unknown(facts), key=why_not), why_not):
                 console.print(Padding(f'{why}:', (0, 0, 0, 2)), style='dim')
@@ -138,7 +137,7 @@ def _finish(
             findings.wrong('--learn', 'nothing was found out: no profile is written', 'see above')
     if arguments.save is not None:
         head = [f'epson_driver doctor {" ".join(sys.argv[1:])}', f'{datetime.now(UTC):%F %T} UTC']
-        arguments.save.write_text(as_text(findings, head), encoding='utf-8')
+        write_file(arguments.save, as_text(findings, head))
         console.print(f'text: {arguments.save}', markup=False)
     style = 'bold red' if findings.exit_code else 'bold yellow' if findings.doubt else 'bold green'
     said = f'[{style}]{escape(printable(findings.verdict))}[/]'

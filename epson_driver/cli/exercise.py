@@ -19,7 +19,7 @@ from epson_driver.cli.arguments import argument
 from epson_driver.exercise.cases import CASES, NO_FAULT
 from epson_driver.exercise.judge import Observed, Result, Verdict, judge, junit
 from epson_driver.exercise.runner import Exercise, run_case
-from epson_driver.inputs import InputError, count, number, printable
+from epson_driver.inputs import InputError, count, number, printable, write_file
 from epson_driver.processes.interrupt import INTERRUPTED, raise_at_first_signal
 from epson_driver.processes.processes import RunError
 from epson_driver.profiles import load_controller_profile
@@ -91,7 +91,7 @@ def _exercise(arguments: argparse.Namespace, folder: Path, console: Console) -> 
         console.print(f'{name}: [{_colour(result)}]{result.verdict.value}[/]')
     console.print(_matrix(results))
     if arguments.junit is not None:
-        arguments.junit.write_text(junit(results, shlex.join(arguments.command)), encoding='utf-8')
+        write_file(arguments.junit, junit(results, shlex.join(arguments.command)))
         console.print(f'JUnit: {arguments.junit}', markup=False)
     if arguments.keep is not None:
         console.print(

@@ -11,7 +11,7 @@ from epson_driver.inputs import InputError, printable
 from epson_driver.processes.interrupt import INTERRUPTED
 from epson_driver.profiles import load_controller_profile
 from epson_driver.report.figures import Figures, figures
-from epson_driver.report.page_file import write_report
+from epson_driver.report.page import write_report
 from epson_driver.report.run import Run, RunError
 from epson_driver.report.trace_run import read_trace
 from epson_driver.robots import RobotModel, load_robot_model

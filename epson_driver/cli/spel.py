@@ -14,7 +14,7 @@ from xml.sax.saxutils import quoteattr
 
 from epson_driver.cli.arguments import FREE_PORT, argument, define
 from epson_driver.cli.problem_formats import FORMATS, path_from_here, placed
-from epson_driver.inputs import InputError, Rule, count, number, printable, shown
+from epson_driver.inputs import InputError, Rule, count, number, printable, shown, write_file
 from epson_driver.spel import (
     NetSettings,
     Problem,
@@ -250,13 +250,13 @@ def _test(arguments: argparse.Namespace) -> int:
             _report(results[-1])
     failed = sum(bool(result.error) for result in results)
     if arguments.junit is not None:
-        arguments.junit.write_text(_junit(results), encoding='utf-8')
+        write_file(arguments.junit, _junit(results))
     if not results:
         print('no function is named Test…')
         return FOUND
     lines = covered(results)
     if arguments.coverage is not None:
-        arguments.coverage.write_text(_cobertura(lines), encoding='utf-8')
+        write_file(arguments.coverage, _cobertura(lines))
     for file, ran in sorted(lines.items()):
         print(f'{printable(file)}: {sum(ran.values())} of {len(ran)} lines ran')
     print(f'{len(results) - failed} passed, {failed} failed')

@@ -7,7 +7,7 @@ import re
 from datetime import UTC, datetime
 from pathlib import Path
 
-from epson_driver.inputs import InputError, printable
+from epson_driver.inputs import InputError, printable, write_file
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_folder
 from epson_driver.sim_controller.spel_host.profile_project import robot_defines
@@ -43,6 +43,6 @@ def export(arguments: argparse.Namespace) -> int:
         raise InputError(str(problems[0]))
     folder.mkdir(parents=True, exist_ok=True)
     for each, content in exported(name, files, version, datetime.now(UTC)).items():
-        (folder / each).write_bytes(content)
+        write_file(folder / each, content)
     print(f'{printable(folder)}: open {printable(name)}.sprj in RC+, then build it')
     return 0

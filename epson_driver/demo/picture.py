@@ -14,7 +14,7 @@ from epson_driver.error_texts import load_error_texts
 from epson_driver.motion import JointLimits, Trajectory
 from epson_driver.report.measure import Figures, Recording
 from epson_driver.report.run import Run
-from epson_driver.report.smooth_study import COLOURS, per_unit
+from epson_driver.report.smooth_study import COLOURS, per_unit, save_picture
 from epson_driver.report.trace_run import read_trace
 from epson_driver.robots import RobotModel
 
@@ -91,8 +91,7 @@ def draw(path: Path, trajectory: Trajectory, drawn: Sequence[Drawn], limits: Joi
         'measured (dots: the points, where the arm passed them)',
         fontsize=11,
     )
-    figure.savefig(path, dpi=100)
-    plt.close(figure)
+    save_picture(path, figure)
 
 
 def _draw_run(above: Any, below: Any, trajectory: Trajectory, drawn: Drawn, fastest: str) -> None:

@@ -29,7 +29,7 @@ from epson_driver.planning.verdict import judge
 from epson_driver.planning.workspace import workspace
 from epson_driver.report.figures import figures
 from epson_driver.report.measure import Recording, measure
-from epson_driver.report.page_file import write_report
+from epson_driver.report.page import write_report
 from epson_driver.robots import RobotModel, load_robot_model
 
 VACUUM_OUTPUT = 8

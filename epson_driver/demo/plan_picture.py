@@ -18,7 +18,7 @@ from epson_driver.planning.plan import MOTION_MARGIN_M, Plan
 from epson_driver.planning.triangles import Picture, Triangles, joined
 from epson_driver.planning.verdict import Verdict
 from epson_driver.report.measure import Figures, Recording
-from epson_driver.report.smooth_study import COLOURS, per_unit
+from epson_driver.report.smooth_study import COLOURS, per_unit, save_picture
 from epson_driver.robots import RobotModel
 
 LIGHT = np.array([0.45, -0.35, 0.82]) / np.linalg.norm([0.45, -0.35, 0.82])
@@ -139,8 +139,7 @@ def draw(path: Path, executed: Executed, model: RobotModel) -> None:
         f'{executed.nearest * 1e3:.1f} mm (from the joint states)',
         fontsize=11.5,
     )
-    figure.savefig(path, dpi=100)
-    plt.close(figure)
+    save_picture(path, figure)
 
 
 def _draw_scene(axes: Any, executed: Executed) -> None:

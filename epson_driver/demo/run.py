@@ -25,7 +25,7 @@ from epson_driver.processes.processes import Ports, RunError
 from epson_driver.report.figures import Figures as PageFigures
 from epson_driver.report.figures import figures
 from epson_driver.report.measure import MAX_DEVIATION_RAD, Figures, Recording, measure
-from epson_driver.report.page_file import write_report
+from epson_driver.report.page import write_report
 from epson_driver.report.run import Run as WireRun
 from epson_driver.robots import RobotModel, load_robot_model
 from epson_driver.simple_message import LITTLE_ENDIAN, Ping, encode, request

@@ -8,7 +8,6 @@ The page is HTML without scripts; the data is JSON inside it, the wire traces ar
 import base64
 import html
 import json
-import os
 import re
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -21,7 +20,7 @@ import numpy as np
 from epson_driver.doctor.learning import differences, profile_text
 from epson_driver.first_run.ride import FIRST_DURATION_S
 from epson_driver.first_run.steps import Found
-from epson_driver.inputs import InputError, printable
+from epson_driver.inputs import InputError, choice, number, printable, read_file, write_file
 from epson_driver.profiles import ControllerProfile, load_controller_profile
 from epson_driver.profiles.profile_rules import RULES
 from epson_driver.sim_controller.faults.fault_kinds import Fault
@@ -39,6 +38,7 @@ servos, by whether it rests at points: what a robot takes longer, its state come
 MIN_DELAY_S = 0.01
 """A state that comes less late does so by chance."""
 
+_SECONDS = number(-1e6, 1e6, 's')
 START_TIME = 'joint 1: point sent to motion seen'
 
 _DATA = re.compile(r'<script type="application/json" id="first-run">(.*?)</script>', re.DOTALL)
@@ -65,10 +65,11 @@ class Entry:
 
 @dataclass
 class Book:
-    """All steps by name, and what was examined: address, profile, model, versions."""
+    """All steps by name, facts about the robot (address, profile, model, versions), the file."""
 
     about: dict[str, str]
     entries: dict[str, Entry] = field(default_factory=dict)
+    name: str = field(default='first-run', compare=False)
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -101,48 +102,46 @@ class Book:
         return found
 
     def save(self, path: Path) -> None:
-        """Write the file.
-
-        One that is there stays whole until the new one is. Raises OSError.
-        """
-        with tempfile.NamedTemporaryFile(
-            'w', encoding='utf-8', dir=path.parent, prefix=f'.{path.name}.', delete=False
-        ) as file:
-            file.writelines(_page(self))
-            file.flush()
-            os.fsync(file.fileno())
-        Path(file.name).replace(path)
+        """Write the file. Raises OSError."""
+        write_file(path, ''.join(_page(self)))
 
 
 def load(path: Path) -> Book:
-    """Read a file of a first day. Raises OSError, or InputError that says what is wrong."""
+    """Read a file of a first day. Raises InputError."""
     name = printable(path)
-    if path.stat().st_size > MAX_FILE_BYTES:
-        raise InputError(f'{name}: is too large for a file of first-run')
+    content = read_file(path, MAX_FILE_BYTES)
     try:
-        found = _DATA.search(path.read_text(encoding='utf-8'))
+        found = _DATA.search(content.decode())
         if found is None:
             raise ValueError('there is no data of first-run in it')
         data = json.loads(found[1])
-        if data['version'] != VERSION:
-            raise ValueError(f'version {data["version"]!r:.20} is not {VERSION}')
+        choice(VERSION).checked(data['version'], 'version')
         about = {str(key): str(value) for key, value in data['about'].items()}
-        entries = {str(step): _entry(each) for step, each in data['entries'].items()}
+        entries = {step: _entry(step, each) for step, each in data['entries'].items()}
         if not {'controller', 'robot', 'address', 'when'} <= about.keys():
             raise ValueError('it does not say what was examined')
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
+    except KeyError as error:
+        raise InputError(f'{name}: is no file of first-run: {error} is missing') from error
+    except (ValueError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(f'{name}: is no file of first-run: {printable(error)}') from error
-    return Book(about, entries)
+    return Book(about, entries, name)
 
 
-def _entry(data: Mapping[str, Any]) -> Entry:
+def _entry(step: str, data: Mapping[str, Any]) -> Entry:
     found = Found(**data['found'])
-    times = {str(key): float(value) for key, value in found.times.items()}
-    facts = dict(found.facts.items())
-    answers = {str(key): str(value) for key, value in found.answers.items()}
-    habits = [str(each) for each in found.habits]
-    state, at, why, trace = (str(data[key]) for key in ('state', 'at', 'why', 'trace'))
-    return Entry(state, at, Found(facts, times, answers, habits), why, trace)
+    own = {'reply delay', 'lateness'} & found.facts.keys()
+    times = found.times | {key: found.facts[key] for key in own}
+    for key, value in times.items():
+        _SECONDS.checked(value, f'{step}: {key}')
+    flat = {**found.facts, **found.facts.get('io', {}), 'io': 0}
+    if not all(isinstance(each, str | int | float) for each in flat.values()):
+        raise TypeError(f'{step}: a fact must be a text, a number, true or false')
+    state = choice(DONE, SKIPPED, FAILED).checked(data['state'], step)
+    at, why, trace = texts = [data[key] for key in ('at', 'why', 'trace')]
+    if not all(isinstance(each, str) for each in (*texts, *found.answers.values(), *found.habits)):
+        raise TypeError(f'{step}: date, reason, trace, answers and habits must be texts')
+    base64.b64decode(trace, validate=True)
+    return Entry(state, at, found, why, trace)
 
 
 @dataclass(frozen=True)
@@ -167,8 +166,11 @@ def likeness(book: Book) -> Likeness:
     text = profile_text('first_run', known, book.about['controller'], about)
     with tempfile.TemporaryDirectory(prefix='epson_driver_first_run_') as folder:
         path = Path(folder, 'first_run.yaml')
-        path.write_text(text, encoding='utf-8')
-        profile = load_controller_profile(str(path))
+        write_file(path, text)
+        try:
+            profile = load_controller_profile(str(path))
+        except (InputError, FileNotFoundError) as error:
+            raise InputError(f'{book.name}: {error}'.replace(f'{path}: ', '')) from error
     replies = float(facts.get('reply delay', 0.0))
     late = {'motion': replies, 'state': _state_delay(book, profile, replies, stops)}
     faults = [
@@ -196,6 +198,8 @@ def _page(book: Book) -> Iterator[str]:
     """Yield the file, piece by piece."""
     title = f'First run of {book.about["robot"]} at {book.about["address"]}'
     yield f'<!doctype html>\n<html lang="en"><meta charset="utf-8"><title>{_text(title)}</title>\n'
+    policy = "default-src 'none'; style-src 'unsafe-inline'"
+    yield f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
     yield '<meta name="viewport" content="width=device-width">\n'
     yield f'<style>{_STYLE}</style>\n<h1>{_text(title)}</h1>\n'
     yield from _table('What was examined', book.about)
@@ -216,7 +220,7 @@ def _page(book: Book) -> Iterator[str]:
         yield from _table('', each.found.facts | each.found.answers)
         if each.trace:
             file = f'{name.replace(" ", "_").replace("/", "")}.pcap'
-            link = f'<a download="{_text(file)}" href="{_TRACE}{each.trace}">wire trace</a>'
+            link = f'<a download="{_text(file)}" href="{_TRACE}{_text(each.trace)}">wire trace</a>'
             yield f'<p>{link} (Wireshark, <code>epson_driver report</code>)</p>\n'
     data = {'version': VERSION, 'about': book.about}
     data |= {'entries': {name: asdict(each) for name, each in book.entries.items()}}

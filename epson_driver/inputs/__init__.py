@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from epson_driver.inputs.files import MEGABYTE, read_file
+from epson_driver.inputs.files import MEGABYTE, open_file, read_file, write_file
 from epson_driver.inputs.rules import (
     FRAME_NAME,
     HOST,
@@ -31,6 +31,7 @@ __all__ = [
     'FRAME_NAME',
     'HOST',
     'JOINT_NAMES',
+    'MEGABYTE',
     'InputError',
     'Rule',
     'choice',
@@ -39,10 +40,12 @@ __all__ = [
     'list_of',
     'near_name',
     'number',
+    'open_file',
     'printable',
     'read_file',
     'read_yaml',
     'shown',
+    'write_file',
     'yaml_line',
 ]
 

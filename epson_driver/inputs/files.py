@@ -1,41 +1,93 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Read files of bounded size, and refuse pipes and devices, which may never end."""
+"""Read regular files of bounded size, and write files as a whole without following a link.
+
+A pipe or a device may block or never end. The target of a link may have another owner.
+"""
 
 import os
+import secrets
 import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from epson_driver.inputs.rules import InputError, printable
 
 MEGABYTE = 1_000_000
 
 
-def read_file(path: Path, largest: int) -> bytes:
-    """Return the content of a file of at most `largest` bytes.
+@contextmanager
+def open_file(path: Path) -> Iterator[BinaryIO]:
+    """Open a regular file for reading.
 
-    Raises InputError for everything else: a file that does not exist or may not be read, a folder,
-    a pipe or a device (which could block, or never end), and a path that is not valid.
+    Raises InputError for a file that does not exist or may not be read, a folder, a pipe, a device
+    and an invalid path.
     """
-    name = printable(path)
     try:
         # O_NONBLOCK: opening a pipe would wait for somebody to write into it
         number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    except OSError as error:
-        raise InputError(f'{name}: {error.strerror or error}') from error
-    except ValueError as error:  # a NUL, or characters that the file system cannot encode
-        raise InputError(f'{name}: cannot be the path of a file') from error
+    except (OSError, ValueError) as error:
+        raise InputError(_sentence(path, error)) from error
     try:
-        mode = os.fstat(number).st_mode
-        if not stat.S_ISREG(mode):
-            kind = 'a folder' if stat.S_ISDIR(mode) else 'a pipe or a device'
-            raise InputError(f'{name}: is {kind}, not a file')
+        _check_kind(os.fstat(number).st_mode)
         with open(number, 'rb', closefd=False) as file:
-            content = file.read(largest + 1)
+            yield file
     except OSError as error:
-        raise InputError(f'{name}: {error.strerror or error}') from error
+        raise InputError(_sentence(path, error)) from error
     finally:
         os.close(number)
-    if len(content) > largest:
-        raise InputError(f'{name}: is larger than {largest / MEGABYTE:g} MB')
+
+
+def read_file(path: Path, largest: int) -> bytes:
+    """Return the content of a file of at most `largest` bytes. Raises InputError, as open_file."""
+    with open_file(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        # None: a file of the kernel that has nothing yet
+        content = b'' if size > largest else file.read(min(largest, size + MEGABYTE) + 1) or b''
+    if max(size, len(content)) > largest:
+        raise InputError(f'{printable(path)}: is larger than {largest / MEGABYTE:g} MB')
     return content
+
+
+def write_file(path: Path, content: str | bytes) -> None:
+    """Write a file as a whole or not at all, in place of an old one, whose permissions it keeps.
+
+    Text is written as UTF-8. Raises OSError that names the file, also for a link, a folder,
+    a pipe or a device.
+    """
+    data = content.encode('utf-8', 'backslashreplace') if isinstance(content, str) else content
+    part = path.parent / f'.{secrets.token_hex(8)}.part'
+    try:
+        old = path.lstat().st_mode if os.path.lexists(path) else None
+        if old is not None:
+            _check_kind(old)
+        # O_EXCL follows no link
+        number = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+        try:
+            with os.fdopen(number, 'wb') as file:
+                if old is not None:
+                    os.fchmod(number, stat.S_IMODE(old))
+                file.write(data)
+                file.flush()
+                os.fsync(number)
+            part.replace(path)
+        except BaseException:
+            part.unlink(missing_ok=True)
+            raise
+    except (OSError, ValueError) as error:
+        raise OSError(_sentence(path, error)) from error
+
+
+def _check_kind(mode: int) -> None:
+    """Raise OSError unless a mode has the type of a regular file."""
+    if not stat.S_ISREG(mode):
+        kinds = {stat.S_IFDIR: 'a folder', stat.S_IFLNK: 'a link'}
+        raise OSError(f'is {kinds.get(stat.S_IFMT(mode), "a pipe or a device")}, not a file')
+
+
+def _sentence(path: Path, error: OSError | ValueError) -> str:
+    """Return the sentence about a file. ValueError: a NUL, or characters without an encoding."""
+    why = error.strerror or error if isinstance(error, OSError) else 'cannot be the path of a file'
+    return f'{printable(path)}: {why}'

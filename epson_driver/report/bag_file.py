@@ -6,7 +6,6 @@ The topics of commands are not in it: a plan is `report/plan`, so that playing t
 network with a robot moves nothing.
 """
 
-import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -46,7 +45,7 @@ def write_bag(run: Run, numbers: Figures, folder: Path) -> None:
     with tempfile.TemporaryDirectory(prefix=f'.{folder.name}', dir=folder.parent) as scratch:
         made = Path(scratch, folder.name)
         _write(run, numbers, made)
-        shutil.move(made, folder)
+        made.replace(folder)
 
 
 def _write(run: Run, numbers: Figures, folder: Path) -> None:

@@ -2,8 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads a run from a bag: of `ros2 bag record` (MCAP or SQLite), or one that bag_file.py wrote."""
 
+import os
+import resource
+from array import array as packed
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -13,7 +17,7 @@ from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.interfaces import Connection
 
 from epson_driver.error_texts import ErrorTexts
-from epson_driver.inputs import printable
+from epson_driver.inputs import MEGABYTE, InputError, open_file, printable, read_yaml
 from epson_driver.motion import Array
 from epson_driver.report.bag_types import typestore
 from epson_driver.report.condition_events import condition_events
@@ -31,6 +35,7 @@ from epson_driver.report.run import (
     array,
 )
 from epson_driver.report.sent_times import Arrival, sent_times
+from epson_driver.report.trace_run import LINK_LOST
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 ROBOT_STATUS = 'industrial_msgs/msg/RobotStatus'
@@ -46,9 +51,8 @@ WARNING, ERROR = 30, 40
 MAX_JOINT_STATES = 3_000_000
 """Of a bag: 4.6 hours at 182 Hz."""
 
-LINK_LOST = (
-    'check cable, network and controller; the driver connects again by itself, then ~/enable'
-)
+USUAL_BYTES, GROWTH = 128 * MEGABYTE, 50
+"""Memory for a bag, bytes, and more for each of its bytes (an arm at rest needs 20)."""
 
 CUT_OFF = 'the file breaks off: its end, with the index, is missing; what is whole was read'
 
@@ -63,24 +67,61 @@ def read_bag(path: Path, texts: ErrorTexts, namespace: str | None = None) -> Run
     namespace: the robot's, needed if the bag has several joint_states. Raises RunError that says
     what is missing, or why the bag cannot be read.
     """
+    most = USUAL_BYTES + GROWTH * _size(path)
     try:
-        try:
-            return _read_whole(path, path, texts, namespace)
-        except RunError:
-            raise
-        except Exception:
-            files = [path] if path.is_file() else list(path.glob('*.mcap'))
-            with TemporaryDirectory(prefix='epson_driver_') as folder:
-                copy = whole_mcap(files[0], Path(folder)) if len(files) == 1 else None
-                if copy is None:
-                    raise
-                return _read_whole(copy, path, texts, namespace, CUT_OFF)
+        with _bounded(most):
+            try:
+                return _read_whole(path, path, texts, namespace)
+            except (RunError, MemoryError):
+                raise
+            except Exception:
+                files = [path] if path.is_file() else list(path.glob('*.mcap'))
+                with TemporaryDirectory(prefix='epson_driver_') as folder:
+                    copy = whole_mcap(files[0], Path(folder)) if len(files) == 1 else None
+                    if copy is None:
+                        raise
+                    return _read_whole(copy, path, texts, namespace, CUT_OFF)
+    except (RunError, InputError):
+        raise
+    except MemoryError as error:
+        text = f'expands to more than {most / MEGABYTE:.0f} MB of memory: record fewer topics'
+        raise RunError(printable(f'{path}: {text}')) from error
     except (AnyReaderError, OSError) as error:
         raise RunError(printable(f'{path}: {error}')) from error
-    except RunError:
-        raise
     except Exception as error:  # what a damaged bag makes the library raise is not documented
-        raise RunError(printable(f'{path}: cannot be read as a bag: {error!r}')) from error
+        why = 'nested too deeply' if isinstance(error, RecursionError) else repr(error)
+        raise RunError(printable(f'{path}: cannot be read as a bag: {why}')) from error
+
+
+def _size(path: Path) -> int:
+    """Return the bytes that a bag has on the disk. Raises InputError unless all are files."""
+    files = [each for each in path.iterdir() if not each.is_dir()] if path.is_dir() else [path]
+    if (described := path / 'metadata.yaml') in files:
+        read_yaml(described, largest=10 * MEGABYTE)
+    size = 0
+    for each in files:
+        with open_file(each) as file:
+            status = os.fstat(file.fileno())
+            size += min(status.st_size, status.st_blocks * 512)
+    return size
+
+
+@contextmanager
+def _bounded(most: int) -> Iterator[None]:
+    """Limit the memory that this process takes in addition, and the size of a file, bytes.
+
+    The library has no limits, and a chunk, a message or a file can be compressed.
+    """
+    used = int(Path('/proc/self/statm').read_text('ascii').split()[0]) * resource.getpagesize()
+    kinds = (resource.RLIMIT_AS, resource.RLIMIT_FSIZE)
+    before = {each: resource.getrlimit(each) for each in kinds}
+    for each, (soft, hard) in before.items():
+        resource.setrlimit(each, (min(used + most, soft % 2**64), hard))  # -1: no limit
+    try:
+        yield
+    finally:
+        for each, limits in before.items():
+            resource.setrlimit(each, limits)
 
 
 def _read_whole(
@@ -102,9 +143,7 @@ class _Bag:
         self._began = 0
         self._names: tuple[str, ...] = ()
         self._damaged = False
-        self._times: list[float] = []
-        self._positions: list[list[float]] = []
-        self._velocities: list[list[float]] = []
+        self._times, self._positions, self._velocities = packed('d'), packed('d'), packed('d')
         self._conditions: list[Condition] = []
         self._plans: list[Plan] = []
         self._events: list[Event] = []
@@ -175,7 +214,7 @@ class _Bag:
             for connection, stamp, data in self._reader.messages(connections=wanted):
                 yield connection, stamp, self._reader.deserialize(data, connection.msgtype)
         except Exception as error:  # a bag that ends in the middle ends there
-            if not self._times:
+            if not self._times or isinstance(error, MemoryError):
                 raise
             yield None, 0, f'the bag breaks off: {error!r}'
 
@@ -199,8 +238,9 @@ class _Bag:
         if self._times and at <= self._times[-1]:
             at = self._times[-1] + 1e-6
         self._times.append(at)
-        self._positions.append(message.position.tolist())
-        self._velocities.append(message.velocity.tolist())
+        self._positions.extend(message.position)
+        if len(message.velocity) == len(self._names):
+            self._velocities.extend(message.velocity)
 
     def _robot_status(self, _connection: Connection, time: float, message: Any) -> None:
         flags = tuple(int(getattr(message, name).val) for name in FLAGS)
@@ -300,7 +340,7 @@ class _Bag:
         plans = self._plans or list(_followed_plans(self._followed, joints))
         if not plans:
             notes.append('no plan in it: neither ~/controller_state nor a trajectory')
-        measured = all(len(row) == joints for row in self._velocities)
+        measured = len(self._velocities) == len(self._positions)
         return Run(
             source=self._path.name,
             began=self._began,

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from epson_driver.motion import Array
+from epson_driver.report.smooth_study import save_picture
 from epson_driver.robots import RobotModel
 from epson_driver.robots.kinematics import Kinematics
 from epson_driver.robots.model import SCARA, SIX_AXIS
@@ -90,5 +91,4 @@ def draw_envelope(path: Path, model: RobotModel) -> None:
     reach = np.hypot(away[..., 0], away[..., 1]).max() if scara else away[..., 0].max()
     name = model.name.upper().replace('_', '-')
     axes.set_title(f'{name}: reach {reach:.0f} mm, {ranges}{stroke}', fontsize=11)
-    figure.savefig(path, dpi=100)
-    plt.close(figure)
+    save_picture(path, figure)

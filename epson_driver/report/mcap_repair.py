@@ -4,6 +4,8 @@
 
 from pathlib import Path
 
+from epson_driver.inputs import open_file
+
 MAGIC = b'\x89MCAP0\r\n'
 HEADER, FOOTER, DATA_END = 0x01, 0x02, 0x0F
 """Records of the MCAP specification, section Records."""
@@ -21,7 +23,7 @@ def whole_mcap(path: Path, folder: Path) -> Path | None:
     None if it is no MCAP file. Raises OSError.
     """
     copy = folder / path.name
-    with path.open('rb') as source:
+    with open_file(path) as source:
         if source.read(len(MAGIC)) != MAGIC:
             return None
         size = path.stat().st_size

@@ -8,10 +8,12 @@ import html
 import json
 from collections.abc import Sequence
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from epson_driver.inputs import write_file
 from epson_driver.motion import Array
 from epson_driver.pages import asset
 from epson_driver.pages.packed_arm import packed_arm, text
@@ -28,6 +30,16 @@ MAX_EVENTS = 2000
 MAX_PLAN_POINTS = 4000
 
 COLOURS = ('#0072B2', '#E69F00', '#009E73', '#D55E00', '#CC79A7', '#56B4E9', '#000000', '#8a8000')
+
+
+def write_report(runs: Sequence[tuple[Run, Figures]], model: RobotModel, output: Path) -> None:
+    """Write a page and its figures as JSON, and print their paths. Raises OSError."""
+    write_file(output, page(runs, model))
+    beside = output.with_suffix('.json')
+    content = [as_json(run, numbers, run.events, model) for run, numbers in runs]
+    found = json.dumps(content[0] if len(content) == 1 else content, indent=1, allow_nan=False)
+    write_file(beside, found + '\n')
+    print(f'report: {output}\nfigures: {beside}')
 
 
 def page(runs: Sequence[tuple[Run, Figures]], model: RobotModel) -> str:

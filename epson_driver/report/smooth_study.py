@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A smooth motion beside what it replaces, in figures and as a picture."""
 
+import io
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from epson_driver.inputs import write_file
 from epson_driver.motion import Array, JointLimits, Trajectory, go
 from epson_driver.motion.interpolation import Interpolation, central_differences
 from epson_driver.motion.motion_figures import Figures, measure
@@ -146,8 +148,17 @@ def draw(path: Path, study: Study) -> None:
         grid[row, 0].set_ylabel(name)
     handles, labels = grid[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc='outside lower center', ncols=8, frameon=False)
-    figure.savefig(path, dpi=100)
+    save_picture(path, figure)
+
+
+def save_picture(path: Path, figure: Any) -> None:
+    """Write a figure in the format of the path's suffix, and close it. Raises OSError."""
+    from matplotlib import pyplot as plt
+
+    content = io.BytesIO()
+    figure.savefig(content, dpi=100, format=path.suffix[1:])
     plt.close(figure)
+    write_file(path, content.getvalue())
 
 
 def _shown(study: Study) -> list[float]:

@@ -6,11 +6,11 @@ import contextlib
 import hashlib
 import json
 import os
-import tempfile
 import threading
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from epson_driver.inputs import MEGABYTE, read_file, write_file
 from epson_driver.robots.catalogue import layers, model_name
 from epson_driver.share import share_folder
 
@@ -24,22 +24,15 @@ def cached(made_of: Iterable[bytes], make: Callable[[], str]) -> str:
     key = hashlib.sha256()
     for part in made_of:
         key.update(hashlib.sha256(part).digest())
-    folder = _folder()
-    path = folder / key.hexdigest()
-    with contextlib.suppress(OSError, ValueError):
-        digest, _, text = path.read_text('utf-8').partition('\n')
+    path = _folder() / key.hexdigest()
+    with contextlib.suppress(ValueError):
+        digest, _, text = read_file(path, 10 * MEGABYTE).decode().partition('\n')
         if digest == _digest(text):
             return text
     text = make()
     with contextlib.suppress(OSError):
-        folder.mkdir(parents=True, exist_ok=True)
-        number, name = tempfile.mkstemp(dir=folder)
-        try:
-            os.close(number)
-            Path(name).write_text(f'{_digest(text)}\n{text}', 'utf-8')
-            Path(name).replace(path)
-        except OSError:
-            Path(name).unlink(missing_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_file(path, f'{_digest(text)}\n{text}')
     return text
 
 
@@ -79,7 +72,7 @@ def srdf(robot_model: str, **arguments: str) -> str:
 
 def _described(xacro_file: str, robot_model: str, arguments: dict[str, str]) -> str:
     named = model_name(robot_model)
-    files = {layer.path: layer.path.read_bytes() for layer in layers(named)}
+    files = {layer.path: read_file(layer.path, MEGABYTE) for layer in layers(named)}
     if named.endswith('.yaml'):
         named = str(Path(named).absolute())
     mappings = {**arguments, 'robot_model': named}

@@ -12,17 +12,18 @@ from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path, PurePosixPath
 
+from epson_driver.inputs import printable, read_file, write_file
 from epson_driver.spel.errors import ErrorNumber, SpelError
 
 MOST_BYTES = 20_000_000
 """Of all that a program writes."""
 
 _PROJECT = ('.prg', '.inc', '.sprj', 'iolabels.dat', 'usererrors.dat', 'macros.dat')
-"""Ends of the files of the project that no program may write to."""
+"""Ends of the files of the project that no program may write to, in lower case."""
 
 
 def _bad(text: str) -> SpelError:
-    return SpelError(ErrorNumber.ARGUMENT, text)
+    return SpelError(ErrorNumber.ARGUMENT, printable(text))
 
 
 @contextmanager
@@ -30,8 +31,8 @@ def _said(name: str) -> Iterator[None]:
     """Raise SpelError for what the system refuses."""
     try:
         yield
-    except OSError as error:
-        raise _bad(f'{name}: {error.strerror}') from error
+    except (OSError, ValueError) as error:
+        raise _bad(f'{name}: {getattr(error, "strerror", None) or error}') from error
 
 
 class Files:
@@ -55,6 +56,9 @@ class Files:
 
     def path(self, name: str) -> str:
         """Return a path as the files are kept by: in lower case, with /."""
+        return '/'.join(self._parts(name)).lower()
+
+    def _parts(self, name: str) -> list[str]:
         text = name.replace('\\', '/')
         if not text.startswith('/') and text[1:2] != ':':
             text = f'{self.current}/{text}'
@@ -64,9 +68,7 @@ class Files:
                 parts.pop()
             elif part not in ('..', '/', '.'):
                 parts.append(part)
-        if not parts:
-            return ''
-        return '/'.join(parts).lower()
+        return parts
 
     def read(self, name: str) -> bytes | None:
         """Return what a file holds, None if there is none."""
@@ -74,7 +76,10 @@ class Files:
         if key in self._written:
             return self._written[key]
         there = self._there(key)
-        return there.read_bytes() if there is not None and there.is_file() else None
+        if there is None or not there.is_file():
+            return None
+        with _said(name):
+            return read_file(there, MOST_BYTES)
 
     def write(self, name: str, content: bytes) -> None:
         """Write a file. Raises SpelError."""
@@ -84,7 +89,7 @@ class Files:
             raise _bad(f'{name}: more than {MOST_BYTES} bytes are written')
         if self._keep and key not in self._taught:
             with _said(name):
-                self._target(name, key).write_bytes(content)
+                write_file(self._target(name, key), content)
         self._written[key] = content
 
     def delete(self, name: str) -> None:
@@ -92,10 +97,10 @@ class Files:
         if self.read(name) is None:
             raise _bad(f'there is no file {name}')
         key = self.path(name)
-        self._written[key] = None
         if self._keep and key not in self._taught:
             with _said(name):
                 self._target(name, key).unlink(missing_ok=True)
+        self._written[key] = None
 
     def make_folder(self, name: str) -> None:
         """Make a folder. Raises SpelError."""
@@ -156,7 +161,7 @@ class Files:
     def _target(self, name: str, key: str) -> Path:
         """Return where a path is to be written: in the folder only. Raises SpelError."""
         text = name.replace('\\', '/')
-        if text.lower().endswith(_PROJECT):
+        if key.endswith(_PROJECT):
             raise _bad(f'{name}: the files of the project are only read')
         if self._folder is None or '..' in text or text[1:2] == ':' or text.startswith('/'):
             raise _bad(f'{name}: files are written in the folder of the project only')
@@ -164,9 +169,10 @@ class Files:
         if there is not None:
             return there
         above = self._there(key.rpartition('/')[0])
-        if above is None or not above.is_dir() or (above / text.rpartition('/')[2]).is_symlink():
+        target = None if above is None else above / self._parts(name)[-1]
+        if target is None or not target.parent.is_dir() or target.is_symlink():
             raise _bad(f'{name}: there is no such folder')
-        return above / text.rpartition('/')[2]
+        return target
 
 
 def _inside(place: Path) -> list[Path]:

@@ -16,7 +16,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from epson_driver.inputs import InputError, printable, read_file, read_yaml, shown
+from epson_driver.inputs import InputError, printable, read_file, read_yaml, shown, write_file
 from epson_driver.inputs.rc_files import Block, parsed, quoted, sealed
 from epson_driver.taught_points.epson_point import EpsonPoint
 from epson_driver.taught_points.posture import Posture
@@ -143,9 +143,7 @@ class TaughtPoints:
             content = ''.join(map(_yaml_line, self._points.values())).encode()
         else:
             raise InputError(f'{printable(file)}: must be a .pts or a .yaml file')
-        part = file.with_name(f'{file.name}.part')  # a full disk leaves the old one
-        part.write_bytes(content)
-        part.replace(file)
+        write_file(file, content)
 
     def _find(self, name: str) -> _Held | None:
         if not isinstance(name, str):

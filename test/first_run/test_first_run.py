@@ -402,6 +402,11 @@ def test_what_a_robot_or_a_person_says_is_text_on_the_page(tmp_path):
     assert page.count('<script') == 1
     assert '<img' not in page
     assert load(path) == book
+    book.entries[evil].trace = f'"{evil}'
+    book.save(path)
+    assert '<img' not in path.read_text()
+    with pytest.raises(InputError, match='is no file of first-run: '):
+        load(path)
 
 
 @pytest.mark.invariant(1)

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Answers to what is not simulated, ports without SetNet, files, and ports that are peers."""
 
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -150,6 +151,43 @@ def test_taught_points_are_never_replaced_by_those_of_a_simulated_robot(tmp_path
     assert lines(host) == ['-1', '0']
     assert {each.name for each in tmp_path.iterdir()} == {'robot1.pts', 'old.pts', 'new.pts'}
     assert (tmp_path / 'robot1.pts').read_text() == (tmp_path / 'old.pts').read_text() == 'taught'
+
+
+SOURCES = ['main.prg', 'x.inc', 'p.sprj', 'IOLabels.dat']
+
+
+SPELLED = ('{}', '{}/.', './{}', './/{}//./', 'sub/../{}', '{}\\', '{}\\.', '/{}', 'C:{}')
+
+
+@pytest.mark.parametrize(
+    'statement',
+    [
+        'WOpen "{0}" As #30',
+        'AOpen "{0}" As #30',
+        'BOpen "{0}" As #30',
+        'Del "{0}"',
+        'Copy "other.txt", "{0}"',
+        'Rename "other.txt", "{0}"',
+        'Rename "{0}", "new.txt"',
+        'MkDir "{0}"',
+        'RmDir "{0}"',
+        'RenDir "sub", "{0}"',
+        'SavePoints "{0}"',
+    ],
+)
+def test_a_program_leaves_its_sources_alone_however_they_are_spelled(
+    tmp_path: Path, statement: str
+) -> None:
+    sources = dict.fromkeys(SOURCES, b'source')
+    for each, content in (sources | {'other.txt': b'other'}).items():
+        (tmp_path / each).write_bytes(content)
+    for name, spelled in product(SOURCES, SPELLED):
+        for case in (name, name.upper()):
+            said = statement.format(spelled.format(case))
+            (tmp_path / 'sub').mkdir(exist_ok=True)
+            run(f'  {said}\n', Surroundings(files=Files(tmp_path, keep=True)))
+            assert {each: (tmp_path / each).read_bytes() for each in SOURCES} == sources, said
+    assert {each.name for each in tmp_path.iterdir()} <= {*SOURCES, 'other.txt', 'sub', 'new.txt'}
 
 
 @pytest.mark.parametrize(

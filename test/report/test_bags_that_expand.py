@@ -1,0 +1,179 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Bags of a few kilobytes that expand to gigabytes: one sentence, and little memory."""
+
+import sqlite3
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from epson_driver.error_texts import load_error_texts
+from epson_driver.inputs import InputError
+from epson_driver.report.run import RunError
+
+pytest.importorskip('rosbags', reason='the extra [report] is not installed')
+import lz4.frame
+from rosbags.rosbag2.reader import zstd
+
+from epson_driver.report.bag_run import GROWTH, USUAL_BYTES, read_bag
+
+SIZE = 2**31
+MAGIC = b'\x89MCAP0\r\n'
+TABLES = """
+CREATE TABLE topics(id INTEGER, name TEXT, type TEXT, serialization_format TEXT,
+                    offered_qos_profiles TEXT);
+CREATE TABLE messages(topic_id INTEGER, timestamp INTEGER, data BLOB {});
+INSERT INTO topics VALUES(1, '/joint_states', 'sensor_msgs/msg/JointState', 'cdr', '');
+"""
+METADATA = """
+rosbag2_bagfile_information:
+  version: 5
+  storage_identifier: {storage}
+  relative_file_paths: [{file}]
+  duration: {{nanoseconds: 1}}
+  starting_time: {{nanoseconds_since_epoch: 1}}
+  message_count: 1
+  compression_format: zstd
+  compression_mode: {mode}
+  topics_with_message_count:
+  - message_count: 1
+    topic_metadata:
+      name: /joint_states
+      type: sensor_msgs/msg/JointState
+      serialization_format: cdr
+      offered_qos_profiles: '{qos}'
+"""
+
+
+def zeros(make: Callable[[], object], size: int = SIZE) -> bytes:
+    """Return `size` zeros, compressed."""
+    compressor = make()
+    begun = compressor.begin() if hasattr(compressor, 'begin') else b''
+    parts = [compressor.compress(bytes(2**20)) for _ in range(size // 2**20)]
+    return b''.join([begun, *parts, compressor.flush()])
+
+
+def record(kind: int, content: bytes) -> bytes:
+    return bytes([kind]) + struct.pack('<Q', len(content)) + content
+
+
+def text(of: str) -> bytes:
+    return struct.pack('<I', len(of)) + of.encode()
+
+
+def mcap(compression: str, data: bytes, said: int = SIZE) -> bytes:
+    """Return a file with one chunk, whose header states a size."""
+    head = struct.pack('<QQQI', 0, 2**62, said, 0) + text(compression)
+    chunk = record(6, head + struct.pack('<Q', len(data)) + data)
+    start = MAGIC + record(1, text('ros2') + text(''))
+    return start + chunk + record(2, bytes(20)) + MAGIC
+
+
+def database(path: Path, more: str = '', values: str = '1, 1, ?', *data: bytes) -> None:
+    connection = sqlite3.connect(path)
+    connection.executescript(TABLES.format(more))
+    connection.execute(f'INSERT INTO messages VALUES({values})', data)
+    connection.commit()
+    connection.close()
+
+
+def folder(path: Path, **words: str) -> Path:
+    path.mkdir()
+    values = {'storage': 'sqlite3', 'file': 'a.db3', 'mode': '', 'qos': ''} | words
+    (path / 'metadata.yaml').write_text(METADATA.format(**values))
+    return path
+
+
+def chunk_of_zstd(path: Path) -> Path:
+    path.with_suffix('.mcap').write_bytes(mcap('zstd', zeros(zstd.ZstdCompressor)))
+    return path.with_suffix('.mcap')
+
+
+def chunk_that_lies(path: Path) -> Path:
+    path.with_suffix('.mcap').write_bytes(mcap('zstd', zeros(zstd.ZstdCompressor), 100))
+    return path.with_suffix('.mcap')
+
+
+def chunk_of_lz4(path: Path) -> Path:
+    path.with_suffix('.mcap').write_bytes(mcap('lz4', zeros(lz4.frame.LZ4FrameCompressor)))
+    return path.with_suffix('.mcap')
+
+
+def whole_file(path: Path) -> Path:
+    folder(path, storage='mcap', file='a.mcap.zstd', mode='FILE')
+    (path / 'a.mcap.zstd').write_bytes(zeros(zstd.ZstdCompressor))
+    return path
+
+
+def each_message(path: Path) -> Path:
+    database(folder(path, mode='MESSAGE') / 'a.db3', '', '1, 1, ?', zeros(zstd.ZstdCompressor))
+    return path
+
+
+def generated_column(path: Path) -> Path:
+    computed = 'GENERATED ALWAYS AS (zeroblob(900000000)) VIRTUAL'
+    database(path.with_suffix('.db3'), computed, '1, 1')
+    return path.with_suffix('.db3')
+
+
+def sparse(path: Path) -> Path:
+    path = path.with_suffix('.mcap')
+    start = MAGIC + record(1, text('ros2') + text(''))
+    path.write_bytes(start + b'\x05' + struct.pack('<Q', 4_999_000_000))
+    with path.open('r+b') as file:
+        file.truncate(5_000_000_000)
+    return path
+
+
+def deep_metadata(path: Path) -> Path:
+    (folder(path) / 'metadata.yaml').write_text('[' * 100_000)
+    return path
+
+
+def deep_qos(path: Path) -> Path:
+    database(folder(path, qos='[' * 100_000) / 'a.db3', '', '1, 1, ?', b'')
+    return path
+
+
+def memory(key: str) -> int:
+    """Return a figure of this process, bytes. VmHWM: the most since `clear_refs`."""
+    status = Path('/proc/self/status').read_text()
+    return int(status.partition(f'{key}:')[2].split()[0]) * 1024
+
+
+@pytest.mark.invariant(7)
+@pytest.mark.parametrize(
+    'made',
+    [
+        chunk_of_zstd,
+        chunk_that_lies,
+        chunk_of_lz4,
+        whole_file,
+        each_message,
+        generated_column,
+        sparse,
+        deep_metadata,
+        deep_qos,
+    ],
+)
+def test_inv7_a_bag_that_expands_is_refused_within_little_memory(
+    made: Callable[[Path], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('tempfile.tempdir', str(tmp_path))
+    path = made(tmp_path / 'bag')
+    before = {each: each.stat().st_size for each in tmp_path.rglob('*')}
+    Path('/proc/self/clear_refs').write_text('5')
+    began = memory('VmRSS')
+    with pytest.raises((RunError, InputError)) as refused:
+        read_bag(path, load_error_texts())
+    size = sum(before.values())
+    most = USUAL_BYTES + GROWTH * min(size, SIZE // 200)
+    assert memory('VmHWM') - began < most
+    said = str(refused.value)
+    assert said.startswith(str(path))
+    assert said.isprintable()
+    assert len(said) < 500
+    assert 'Recursion' not in said
+    assert {each: each.stat().st_size for each in tmp_path.rglob('*')} == before
