@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from epson_driver.driver.smoothing import Smoothing
-from epson_driver.driver.smoothing_worker import ScaledMotion, smoothed_trajectory
+from epson_driver.driver.smoothing_worker import smoothed_trajectory
 from epson_driver.motion import JointLimits, Trajectory
 from epson_driver.motion.smoother import PASSED_TYPES, plan
 from epson_driver.processes.worker import packed, unpacked
@@ -106,19 +106,11 @@ def _planning() -> Callable[[Any], Any]:
 
 
 def _smoothing() -> Callable[[Any], Any]:
-    motion: ScaledMotion | None = None
-
     def work(value: Any) -> Any:
-        nonlocal motion
         try:
-            if motion is not None:
-                return motion.after(*value)
-            *arguments, scales = value
-            trajectory = smoothed_trajectory(*arguments)
-            motion = ScaledMotion(*arguments) if scales else None
+            return smoothed_trajectory(*value)
         except ValueError as error:
             return str(error)
-        return trajectory
 
     return work
 

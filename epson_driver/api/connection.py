@@ -23,13 +23,7 @@ from epson_driver.api.setup import Setup
 from epson_driver.api.simulation import SimulatedController
 from epson_driver.api.status import RobotStatus, Sample
 from epson_driver.driver.arm_commands import ArmCommands, CommandError
-from epson_driver.driver.delivery.statements import (
-    FIXED_SPEED,
-    NO_PLANS,
-    Load,
-    Moves,
-    last_point,
-)
+from epson_driver.driver.delivery.statements import NO_PLANS, Load, Moves, last_point
 from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal import Goal
 from epson_driver.driver.goal.planning_scope import PlanningScope
@@ -40,7 +34,6 @@ from epson_driver.link import Link
 from epson_driver.link.link_reports import MAX_SHORT, TURNED_AWAY
 from epson_driver.link.replies import Statement
 from epson_driver.motion import Array, Trajectory
-from epson_driver.profiles.profile_rules import FieldsUsed
 from epson_driver.simple_message import Status
 
 FRESH_POSE_TIMEOUT_S = 0.5
@@ -410,22 +403,10 @@ class Connection:
 
     def set_speed_scaling(self, factor: float) -> None:
         """Run motions at a share of their speed. Raises RobotError where that cannot be."""
-        driver, delivery = self.running, self._setup.configuration.delivery
-        scaling = driver.goal_queue.scaling
-        if delivery.interface == 'statements' and factor != 1.0:
-            raise RobotError(f'factor = {factor:g}: {FIXED_SPEED}')
-        slower = factor < scaling.target
-        if delivery.interface == 'download' and driver.goal_queue.busy and slower:
-            raise RobotError(
-                'this kind of controller has the whole motion already, which keeps its speed: '
-                'call stop(), or wait for its end'
-            )
-        if delivery.uses is FieldsUsed.NOTHING and 0.0 < factor < 1.0:
-            raise RobotError(
-                f'factor = {factor:g}: this kind of controller ignores the velocities and '
-                'durations of points; 0 (pause) and 1 are possible, other speeds are set there'
-            )
-        scaling.set(factor, asyncio.get_running_loop().time())
+        try:
+            self.running.goal_queue.set_speed(factor)
+        except ValueError as error:
+            raise RobotError(str(error)) from error
 
     @staticmethod
     def _check_idle(driver: Driver) -> None:

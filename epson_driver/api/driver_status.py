@@ -28,7 +28,9 @@ def robot_status(driver: Driver, now: float, link_reason: str) -> RobotStatus:
     remedy = ''
     held = driver.goal_queue.scaling.target == 0.0
     if held:
-        text, remedy = 'motions are paused: the speed scaling is 0', 'call set_speed_scaling(1.0)'
+        moves = driver.robot.why_not_standing(driver.goal_queue.settings.stopped_velocity)
+        text = 'pausing: the arm brakes' if moves else 'motions are paused: the speed scaling is 0'
+        remedy = 'call set_speed_scaling(1.0)'
     if (found := driver.inhibit(now)) is not None:
         text, remedy = found.text, with_remedy(found.advice, found.remedy, WORDS)
         if found.remedy is Remedy.CONNECT:

@@ -23,6 +23,7 @@ WORDS = {
     Remedy.ENABLE: 'call enable()',
     Remedy.END_STREAM: 'end that, or call stop()',
     Remedy.ALLOW_END_VELOCITY: '',
+    Remedy.ALLOW_OTHER_SPEED: 'or set require_planned_speed=False in Settings',
 }
 """What helps, in the names of this API."""
 

@@ -93,7 +93,7 @@ class Motions(Arm):
             scaled, Smoothing(time_optimal=True, longest=LONGEST_SEGMENT_S)
         )
         try:
-            trajectory = (await smoother.prepared(waypoints, start)).trajectory
+            trajectory = await smoother.prepared(waypoints, start)
         except SmoothingError as error:
             raise not_begun(str(error)) from error
         finally:

@@ -16,9 +16,10 @@ class Settings:
     """What most robots need not set. Names, units and defaults are those of the ROS parameters.
 
     None: what the controller's profile says, or the robot model. goal_tolerance, start_tolerance:
-    rad (m), all joints. Times in s. servo_scale: the share of the joint limits that streams may
-    use; servo_timeout: so long after the last setpoint the arm brakes. gripper: how it is wired,
-    if there is one. trace_file: a new pcap file that `connect` begins (docs/report.md), with its
+    rad (m), all joints. Times in s. require_planned_speed: refuse motions that the controller is
+    known to execute faster. servo_scale: the share of the joint limits that streams may use;
+    servo_timeout: so long after the last setpoint the arm brakes. gripper: how it is wired, if
+    there is one. trace_file: a new pcap file that `connect` begins (docs/report.md), with its
     folder; %Y%m%d-%H%M%S in its name is filled in. See docs/ros_interface.md for each.
     """
 
@@ -37,6 +38,7 @@ class Settings:
     goal_tolerance: float | None = None
     goal_time: float = 0.0
     stopped_velocity_tolerance: float = 0.01
+    require_planned_speed: bool = True
     servo_scale: float = 0.25
     servo_timeout: float = 0.15
     gripper: GripperWiring | None = None
@@ -72,6 +74,7 @@ _RULES: dict[str, Rule] = {
     'goal_tolerance': number(0.0, 10.0, 'rad or m'),
     'goal_time': number(0.0, 3600.0, 's'),
     'stopped_velocity_tolerance': number(1e-6, 10.0, 'rad/s or m/s'),
+    'require_planned_speed': Rule(_is(bool), 'must be True or False'),
     'servo_scale': number(0.01, 1.0),
     'servo_timeout': number(0.02, 1.0, 's'),
     'joint_names': JOINT_NAMES,

@@ -130,6 +130,7 @@ def make_setup(host: str, controller: str, model_name: str, ports: Ports, more: 
             stopped_velocity=more.stopped_velocity_tolerance,
             reply_timeout=more.reply_timeout,
             cause_timeout=cause_timeout(profile.state),
+            require_planned_speed=more.require_planned_speed,
         ),
         more.start_tolerance,
         np.array(

@@ -131,7 +131,7 @@ class ArmCommands:
         driver = self._driver
         async with self._one_enables:
             enabling.motors_on = driver.busy
-            driver.tell_again()
+            driver.heartbeat.ask_again()
             asked = _now()
             status = await self._wait_for_status(
                 lambda _: driver.robot.status_time > asked, 'the controller sends no STATUS'

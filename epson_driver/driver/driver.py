@@ -14,7 +14,6 @@ from typing import Protocol
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery_factory import make_delivery
 from epson_driver.driver.delivery.statements import StatementDelivery
-from epson_driver.driver.goal.controller_speed import ControllerSpeed
 from epson_driver.driver.goal.goal import GoalSettings
 from epson_driver.driver.goal.goal_queue import GoalQueue
 from epson_driver.driver.goal.planned_speed import PlannedSpeed
@@ -189,7 +188,7 @@ class Driver:
                 login,
             )
         )
-        self._heartbeat = Heartbeat(
+        self.heartbeat = Heartbeat(
             self.motion_link,
             self.state_link,
             configuration.client_timeout,
@@ -209,7 +208,7 @@ class Driver:
             self.motors,
             self._on_alarm,
             lambda: self.goal_queue.on_rest(),
-            self._before_point,
+            self.heartbeat.before_point,
         )
         self.goal_queue = GoalQueue(
             configuration.limits,
@@ -221,7 +220,6 @@ class Driver:
             self._on_broken_off,
             _smoother(configuration),
             PlannedSpeed(configuration.delivery, configuration.limits),
-            on_the_way=configuration.on_the_way,
         )
         self.servo = Servo(
             configuration.limits,
@@ -231,15 +229,6 @@ class Driver:
             self.goal_queue,
             self._on_broken_off,
         )
-        self._controller_speed: ControllerSpeed | None = None
-        if configuration.delivery.scales_speed:
-            scaling = self.goal_queue.scaling
-            scaling.at_once, scaling.on_set = True, self._tell_speed
-            self._controller_speed = ControllerSpeed(
-                self.motion_link,
-                lambda: 1.0 if self.servo.active else scaling.target,
-                self.fault,
-            )
         self.goal_queue.occupied = self.servo.occupation
         self.goal_queue.closed = self._why_closed
         self.goal_queue.held = self.held
@@ -253,7 +242,7 @@ class Driver:
         self._dialect_known = asyncio.Event()
         if order is not None:
             self._dialect_known.set()
-        self.stop_due = self._greeting_due = False
+        self.stop_due = False
         kind = configuration.configured_as
         self._reports = {link.name: LinkReports(link, kind) for link in self.links}
 
@@ -271,7 +260,7 @@ class Driver:
                     'following setpoints': self.servo.run,
                     'watching the status': self._watch_status,
                     'watching the joints': self._watch_joints,
-                    'the heartbeat': self._heartbeat.run,
+                    'the heartbeat': self.heartbeat.run,
                 },
                 self.shut_down,
             )
@@ -450,7 +439,7 @@ class Driver:
             self.motion_link.follow(self.state_link.dialect)
             self._stop_first()
             self.io.follow(self.state_link.dialect)
-            self._heartbeat.ask()
+            self.heartbeat.ask()
         if isinstance(message, Status):
             self._take_status(message, came)
         elif isinstance(message, JointPosition):
@@ -540,7 +529,7 @@ class Driver:
     def _see_state_link(self, state: LinkState) -> None:
         if state is not LinkState.CONNECTED:
             self.robot.clear()
-            self._heartbeat.forget()
+            self.heartbeat.forget()
             if self.configuration.byte_order is None:
                 self._dialect_known.clear()
             self._feedback_leads = False
@@ -558,7 +547,6 @@ class Driver:
     def _on_motion_link(self, state: LinkState, why: str) -> None:
         if state is LinkState.CONNECTED:
             self.stop_due = self.stopper.goes_on
-            self._greeting_due = True
             self._stop_first()
         else:
             self.stopper.link_lost()
@@ -576,27 +564,6 @@ class Driver:
         if self.stop_due:
             self.stop_due = False
             self.stopper.stop()
-        if self._greeting_due:
-            self._greeting_due = False
-            if self._controller_speed is not None:
-                self._controller_speed.greet()
-
-    def _before_point(self) -> None:
-        """Make sure that a point may be sent. Raises ConnectionError with a clause."""
-        self._heartbeat.before_point()
-        if self._controller_speed is not None:
-            self._controller_speed.before_point()
-
-    def _tell_speed(self) -> None:
-        """Tell the controller of another speed scaling if that is for what it has."""
-        if self._controller_speed is not None and self.goal_queue.busy:
-            self._controller_speed.update()
-
-    def tell_again(self) -> None:
-        """Tell or ask the controller once more what it has not confirmed: somebody enables."""
-        self._heartbeat.ask_again()
-        if self._controller_speed is not None and not self._greeting_due:
-            self._controller_speed.tell_again()
 
     def _on_link(self, link: Link, why: str) -> None:
         if link.state is LinkState.BACKING_OFF and link.statistics.connections:
@@ -632,10 +599,5 @@ class Driver:
 
 
 def _smoother(configuration: Configuration) -> SmoothingProcess | None:
-    smoothing, delivery = configuration.smoothing, configuration.delivery
-    if not smoothing.wanted:
-        return None
-    scales = smoothing.resamples and delivery.interface == 'streaming'
-    return SmoothingProcess(
-        configuration.limits, smoothing, scales=scales and not delivery.scales_speed
-    )
+    smoothing = configuration.smoothing
+    return SmoothingProcess(configuration.limits, smoothing) if smoothing.wanted else None

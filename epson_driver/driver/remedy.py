@@ -25,6 +25,7 @@ class Remedy(Enum):
     CONTINUE = 'continue at the controller, or start main'
     END_STREAM = 'end that, or stop the arm'
     ALLOW_END_VELOCITY = 'let the arm stop there'
+    ALLOW_OTHER_SPEED = 'or allow another speed than planned'
 
 
 Words = Mapping[Remedy, str]

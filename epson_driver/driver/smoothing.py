@@ -3,8 +3,7 @@
 """Smooth motion through a plan, computed for up to seconds in a process of its own.
 
 Each trajectory has a fresh process, which waits ready-made: it can be killed at any moment, and
-the event loop, on which the links live, only waits for it. It stays while a motion is executed
-that may change its speed.
+the event loop, on which the links live, only waits for it.
 """
 
 import asyncio
@@ -82,9 +81,6 @@ def check_tolerance(smoothing: Smoothing) -> None:
 TIMEOUT_S = 30.0
 """How long the preparation of one trajectory may take, s: longer than any plan should."""
 
-BLOCK_S, BLOCK_TIMEOUT_S = 0.6, 5.0
-"""How much of a motion at another speed is made at a time, s, and how long that may take, s."""
-
 WORKER = 'epson_driver.driver.smoothing_worker'
 
 
@@ -93,13 +89,9 @@ class SmoothingError(RuntimeError):
 
 
 class SmoothingProcess:
-    """Prepares trajectories, one at a time. Lives in the event loop.
+    """Prepares trajectories, one at a time. Lives in the event loop."""
 
-    `scales`: the speed of a motion may be changed later; for a smoothing that `resamples`.
-    """
-
-    def __init__(self, limits: JointLimits, smoothing: Smoothing, *, scales: bool = False) -> None:
-        self.scales = scales
+    def __init__(self, limits: JointLimits, smoothing: Smoothing) -> None:
         self._limits = limits
         self._smoothing = smoothing
         self._next: asyncio.Task[asyncio.subprocess.Process] | None = None
@@ -110,23 +102,20 @@ class SmoothingProcess:
         if self._next is None and not self._closed:
             self._next = asyncio.create_task(start_worker(WORKER))
 
-    async def prepared(self, trajectory: Trajectory, start: Array) -> 'SmoothMotion':
+    async def prepared(self, trajectory: Trajectory, start: Array) -> Trajectory:
         """Return the smooth motion for a checked trajectory of an arm that rests at `start`.
 
-        Who has it closes it. Raises SmoothingError. When cancelled, the process ends at once.
+        Raises SmoothingError. When cancelled, the process ends at once.
         """
         process = await self._take()
-        motion: SmoothMotion | None = None
         try:
-            arguments = (trajectory, start, self._limits, self._smoothing, self.scales)
+            arguments = (trajectory, start, self._limits, self._smoothing)
             result = await answered(process, arguments, (Trajectory,), TIMEOUT_S)
             if not isinstance(result, Trajectory):
                 raise SmoothingError(str(result))
-            motion = SmoothMotion(result, self._smoothing.resample_period or 0.0, process)
-            return motion
+            return result
         finally:
-            if motion is None or not self.scales:
-                await end_worker(process)
+            await end_worker(process)
 
     async def _take(self) -> asyncio.subprocess.Process:
         """Return the process that was started for the next trajectory."""
@@ -147,46 +136,6 @@ class SmoothingProcess:
         waiting, self._next = self._next, None
         if waiting is not None:
             await until_done(asyncio.create_task(_end_started(waiting)))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Remainder:
-    """A motion from a sample on: some samples, that one the first, and the time left after, s.
-
-    They end at rest with time left if the share is 0.
-    """
-
-    samples: Trajectory
-    left: float
-
-
-class SmoothMotion:
-    """A smooth motion, and the process that made it: it can change its speed, if it `scales`.
-
-    period: time between two points, s, or 0 if that is not the same everywhere.
-    """
-
-    def __init__(
-        self, trajectory: Trajectory, period: float, process: asyncio.subprocess.Process
-    ) -> None:
-        self.trajectory = trajectory
-        self.period = period
-        self._process = process
-
-    async def after(self, index: int, share: float | None) -> Remainder:
-        """Return how it goes on, as `smoothing_worker.ScaledMotion.after` does.
-
-        Raises SmoothingError.
-        """
-        kinds = (Remainder, Trajectory)
-        result = await answered(self._process, (index, share), kinds, BLOCK_TIMEOUT_S)
-        if not isinstance(result, Remainder):
-            raise SmoothingError(str(result))
-        return result
-
-    async def close(self) -> None:
-        """End its process."""
-        await end_worker(self._process)
 
 
 async def answered(

@@ -94,9 +94,7 @@ class ClientNode:
             if wiring is None
             else GripperServer(node, self.driver.io, wiring, self._bridge, group)
         )
-        self._speed = SpeedScalingInterface(
-            node, self.driver.goal_queue.scaling, self._bridge, group
-        )
+        self._speed = SpeedScalingInterface(node, self.driver.goal_queue, self._bridge, group)
         self.goal_server = GoalServer(
             node, self.driver, self.commands, self._bridge, self._parameters, group
         )

@@ -258,9 +258,9 @@ TABLE = (
     ),
     Row(
         'require_planned_speed',
-        False,
-        'Reject trajectories that the controller is known to execute at another speed than '
-        'planned, as kinds do that ignore the times of points. False: warn afterwards.',
+        True,
+        'Reject trajectories and streams that the controller is known to execute faster than '
+        'planned, because it ignores the times of points. False: execute them and warn.',
         now=True,
     ),
     Row(

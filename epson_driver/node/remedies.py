@@ -14,6 +14,7 @@ WORDS = {
     Remedy.TURN_TO_AUTO: 'turn it to AUTO, then call ~/enable',
     Remedy.ENABLE: 'call ~/enable',
     Remedy.END_STREAM: 'end that, or call ~/stop',
+    Remedy.ALLOW_OTHER_SPEED: 'or set require_planned_speed to false',
     Remedy.ALLOW_END_VELOCITY: 'or set allow_nonzero_velocity_at_trajectory_end',
 }
 

@@ -34,9 +34,8 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
-from epson_driver.driver.goal.goal import late_start, listed, untimed
+from epson_driver.driver.goal.goal import check_start, late_start, listed, untimed
 from epson_driver.driver.goal.planning_scope import PlanningEndedError, PlanningScope
-from epson_driver.driver.goal.splice import check_start
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.tasks import report_error
 from epson_driver.inputs import InputError

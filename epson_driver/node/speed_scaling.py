@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The node's speed scaling: `~/set_speed_scaling` and `~/speed_scaling` over a `SpeedScaling`."""
+"""The node's speed scaling: `~/set_speed_scaling` and `~/speed_scaling` over a `GoalQueue`."""
 
 import asyncio
 from functools import partial
@@ -11,7 +11,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Float64
 
-from epson_driver.driver.goal.reference import SpeedScaling
+from epson_driver.driver.goal.goal_queue import GoalQueue
 from epson_driver.driver.tasks import report_task_error
 from epson_driver.node.loop_bridge import LoopBridge
 
@@ -25,17 +25,18 @@ class SpeedScalingInterface:
     def __init__(
         self,
         node: Node,
-        scaling: SpeedScaling,
+        goals: GoalQueue,
         bridge: LoopBridge,
         callback_group: CallbackGroup,
     ) -> None:
-        self._scaling = scaling
+        self._goals = goals
+        self._scaling = goals.scaling
         self._bridge = bridge
         self._logger = node.get_logger()
         self._ramp: asyncio.Task[None] | None = None
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._factor = node.create_publisher(Float64, '~/speed_scaling', latched)
-        self._factor.publish(Float64(data=scaling.target))
+        self._factor.publish(Float64(data=goals.scaling.target))
         bridge.create_service(SetSpeedScaling, '~/set_speed_scaling', self._serve, callback_group)
 
     async def _serve(
@@ -51,19 +52,12 @@ class SpeedScalingInterface:
         return response
 
     async def _set(self, factor: float) -> str:
-        self._scaling.set(factor, asyncio.get_running_loop().time())
+        message = self._goals.set_speed(factor)
         if self._ramp is not None:
             self._ramp.cancel()
         self._ramp = asyncio.create_task(self._publish())
         self._ramp.add_done_callback(report_task_error)
-        at_once = self._scaling.at_once
-        if factor == 0.0:
-            if at_once or self._scaling.in_smoother:
-                return 'pausing: the arm comes to rest on its way'
-            return 'pausing: no more points are sent; what the controller has taken runs on'
-        if at_once:
-            return f'the controller goes at {factor:g} of the planned speed from now on'
-        return f'points are sent at {factor:g} of the planned speed from now on'
+        return message
 
     async def _publish(self) -> None:
         factor = None

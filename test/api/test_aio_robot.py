@@ -15,7 +15,7 @@ from support.sim_process import vacant_port
 from support.two_jaws import TwoJaws
 
 from epson_driver import aio
-from epson_driver.aio import MotionError, Robot, RobotError
+from epson_driver.aio import MotionError, Robot, RobotError, Settings
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.faults.fault_text import parse
@@ -46,7 +46,8 @@ async def begun(robot):
 @pytest.mark.invariant(5)
 def test_a_move_ends_at_its_target_on_every_kind_of_controller(profile):
     async def scenario():
-        async with robot_cell(profile=profile) as (robot, _):
+        own_speed = Settings(require_planned_speed=profile != 'fanuc')
+        async with robot_cell(profile=profile, settings=own_speed) as (robot, _):
             motion = await robot.move_joints([0.3, 0.1, -0.1, 0.2, 0.4, -0.3])
             assert motion.done
             assert motion.progress == 1.0
@@ -270,20 +271,20 @@ def test_half_the_speed_acts_on_a_move_that_runs(profile):
 def test_a_controller_that_cannot_be_slowed_says_so():
     async def scenario():
         async with robot_cell(profile='abb') as (robot, _):
-            robot.set_speed_scaling(0.0)
-            held = await robot.move_joints([0.2, 0, 0, 0, 0, 0], wait=False)
-            robot.set_speed_scaling(1.0)
-            await held.wait()
             motion = await begun_slowly(robot, 'joints')
             await asyncio.sleep(0.7)
-            with pytest.raises(RobotError, match='has the whole motion already'):
-                robot.set_speed_scaling(0.0)
+            for factor in (0.0, 0.5):
+                with pytest.raises(RobotError, match=r'the controller has all points'):
+                    robot.set_speed_scaling(factor)
             assert robot.speed_scaling == 1.0
             await motion.wait()
         for profile in ('fanuc', 'thesis'):
             async with robot_cell(profile=profile) as (robot, _):
                 with pytest.raises(RobotError, match=r'factor = 0\.5: this kind of controller i'):
                     robot.set_speed_scaling(0.5)
+                error = await motion_error(robot.move_joints(FAR, speed=0.01))
+                assert 'override of its pendant' in str(error)
+                assert 'require_planned_speed=False' in str(error)
 
     run(scenario())
 

@@ -11,8 +11,7 @@ import pytest
 
 from epson_driver.driver import smoothing as smoothing_module
 from epson_driver.driver.delivery.trajectory_points import trajectory_points
-from epson_driver.driver.goal.goal import check_limits, untimed
-from epson_driver.driver.goal.splice import check_start
+from epson_driver.driver.goal.goal import check_limits, check_start, untimed
 from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.driver.smoothing import (
     MIN_TOLERANCE,

@@ -2,15 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """The speed scaling where points are sent long before the arm moves: download, Motoman's queue."""
 
-import asyncio
 import contextlib
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from support import goal_execution_harness
-from support.driver_harness import HOME, Harness, pose, simulated
-from support.event_loop import now, until
+from support.driver_harness import Harness, pose, simulated
+from support.event_loop import now
 
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.reference import RAMP_PER_S
@@ -67,21 +66,6 @@ def test_points_that_are_sent_ahead_are_as_slow_as_it_is_when_their_turn_comes()
     assert harness.execution.desired[0] == pytest.approx(after, abs=0.02)
 
 
-def test_a_pause_holds_back_points_of_which_the_turn_comes_in_it():
-    line = np.linspace([0.0, 0.0], [1.0, 0.5], 6)
-    harness = goal_execution_harness.Harness(line, step=STEP, start=False)
-    harness.start()
-    for _ in range(4):
-        harness.answer()
-    harness.scaling.set(0.0, harness.now)  # four of five segments are on their way: 0.8 s
-    harness.answer()
-    assert harness.sequences == [0, 1, 2, 3, 4]
-    assert harness.state == 'streaming'
-    harness.scaling.set(1.0, harness.now)
-    harness.see(goal_execution_harness.DT)
-    assert harness.sequences == [0, 1, 2, 3, 4, 5]
-
-
 @pytest.mark.parametrize('factor', [1.0, 0.5])
 async def test_a_download_has_the_speed_that_is_set_when_it_begins(factor):
     async with cell_of('abb') as (harness, points):
@@ -92,56 +76,15 @@ async def test_a_download_has_the_speed_that_is_set_when_it_begins(factor):
         np.testing.assert_allclose(harness.at, STEPS[-1], atol=1e-3)
 
 
-async def test_a_download_that_is_sent_is_not_slowed_and_not_paused():
+async def test_a_download_that_runs_takes_no_lower_speed_and_no_pause():
     async with cell_of('abb') as (harness, points):
         goal = harness.submit(*STEPS, step=STEP)
         await harness.until_moving()
         assert len(points) == len(STEPS) + 1
-        harness.driver.goal_queue.scaling.set(0.0, now() - 1.0)
+        for factor in (0.5, 0.0):
+            with pytest.raises(
+                ValueError, match=f'factor = {factor:g}: the controller has all points'
+            ):
+                harness.driver.goal_queue.set_speed(factor)
         assert (await goal.end()).end is End.SUCCEEDED
         np.testing.assert_allclose(harness.at, STEPS[-1], atol=1e-3)
-
-
-async def test_a_download_that_comes_in_a_pause_begins_when_that_ends():
-    async with cell_of('abb') as (harness, points):
-        harness.driver.goal_queue.scaling.set(0.0, now() - 1.0)
-        goal = harness.submit(*STEPS, step=STEP)
-        samples = len(harness.events.samples)
-        await until(lambda: len(harness.events.samples) > samples + 5)
-        assert points == []
-        assert not goal.outcomes
-        harness.driver.goal_queue.scaling.set(1.0, now() - 1.0)
-        assert (await goal.end()).end is End.SUCCEEDED
-        assert len(points) == len(STEPS) + 1
-
-
-async def test_a_motoman_pauses_when_it_has_done_what_it_has_and_goes_on():
-    async with cell_of('motoman', pending_limit=1, look_ahead=0.1) as (harness, points):
-        steps = np.linspace(HOME, pose(1.5), 31)[1:]
-        goal = harness.submit(*steps, step=0.1)
-        await harness.until_moving()
-        harness.driver.goal_queue.scaling.set(0.0, now())
-        await until(lambda: goal.handle.execution.desired[2][0] == 0.0)
-        while not await harness.rests():  # noqa: ASYNC110 - it looks at another end of a socket
-            await asyncio.sleep(0.01)
-        sent = len(points)
-        here = harness.at
-        assert here[0] < 1.4
-        assert not goal.outcomes
-        assert await harness.rests()
-        assert len(points) == sent
-        harness.driver.goal_queue.scaling.set(0.5, now())
-        outcome = await goal.end()
-        assert outcome.end is End.SUCCEEDED, outcome
-        np.testing.assert_allclose(harness.at, steps[-1], atol=1e-3)
-        times = [point.time for point in points]
-        assert times == sorted(times)
-
-
-async def test_a_motoman_that_has_all_points_in_its_queue_is_not_slowed():
-    async with cell_of('motoman', pending_limit=len(STEPS)) as (harness, points):
-        goal = harness.submit(*STEPS, step=STEP)
-        await until(lambda: len(points) == len(STEPS) + 1)
-        await harness.until_moving()
-        harness.driver.goal_queue.scaling.set(0.0, now() - 1.0)
-        assert (await goal.end()).end is End.SUCCEEDED

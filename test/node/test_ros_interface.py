@@ -228,7 +228,7 @@ EFFECTS = {
     ),
     'constraints.joint_1.trajectory': (0.2, path_tolerance),
     'require_planned_speed': (
-        True,
+        False,
         lambda made: made.driver.goal_queue.settings.require_planned_speed,
     ),
     'trace_size': (7.0, lambda made: made.driver.trace.largest / MEGABYTE),

@@ -18,8 +18,8 @@ from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal import Goal, GoalSettings
 from epson_driver.driver.goal.goal_queue import GoalHandle
-from epson_driver.driver.smoothing import SmoothingProcess, SmoothMotion
-from epson_driver.driver.smoothing_worker import ScaledMotion, smoothed_trajectory
+from epson_driver.driver.smoothing import SmoothingProcess
+from epson_driver.driver.smoothing_worker import smoothed_trajectory
 from epson_driver.motion import Array, Trajectory
 from epson_driver.motion.smoother import plan
 from epson_driver.node.parameters import profile_defaults
@@ -121,7 +121,7 @@ class Harness:
 
     def __init__(self, ports: Any, **options: Any) -> None:
         self.process = own_process()
-        settings = options.pop('settings', GoalSettings())
+        settings = options.pop('settings', GoalSettings(require_planned_speed=False))
         defaults = {
             'host': '127.0.0.1',
             'motion_port': ports.motion,
@@ -201,58 +201,28 @@ class Harness:
         return np.array_equal(before, self.at)
 
 
-def _in_real_time(method):
+def plan_in_real_time(patch):
+    """Prepare motions in real time, however long that takes, in a loop of virtual time."""
+    prepared = SmoothingProcess.prepared
+
     async def in_real_time(*arguments):
         with real_time():
-            return await method(*arguments)
+            return await prepared(*arguments)
 
-    return in_real_time
-
-
-def plan_in_real_time(patch):
-    """Have motions prepared in real time, however long that takes, in a loop of virtual time."""
-    for kind, name in ((SmoothingProcess, 'prepared'), (SmoothMotion, 'after')):
-        patch.setattr(kind, name, _in_real_time(getattr(kind, name)))
+    patch.setattr(SmoothingProcess, 'prepared', in_real_time)
     patch.setattr(smoothing, 'TIMEOUT_S', 600.0)
 
 
-class MotionOnTheSpot:
-    """A smooth motion without a process. Each answer takes `delay` s."""
-
-    def __init__(self, delay, trajectory, start, limits, smoothing):
-        arguments = (trajectory, start, limits, smoothing)
-        self.trajectory = smoothed_trajectory(*arguments)
-        self.period = smoothing.resample_period
-        self.asked = []
-        self.closed = False
-        self._delay = delay
-        self._scaled = ScaledMotion(*arguments)
-
-    async def after(self, index, share):
-        self.asked.append((now(), index, share))
-        if isinstance(self._delay, Exception):
-            if share is not None:
-                raise self._delay
-        else:
-            await asyncio.sleep(self._delay)
-        return self._scaled.after(index, share)
-
-    async def close(self):
-        self.closed = True
-
-
 def smooth_on_the_spot(patch, delay=0.0):
-    """Have motions made without a process; return them. `delay`: s, or what fails."""
-    motions = []
+    """Prepare motions without a process, after `delay` s."""
 
     async def prepared(process, trajectory, start):
+        await asyncio.sleep(delay)
         kept = (process._limits, process._smoothing)  # noqa: SLF001
-        motions.append(MotionOnTheSpot(delay, trajectory, start, *kept))
-        return motions[-1]
+        return smoothed_trajectory(trajectory, start, *kept)
 
     patch.setattr(SmoothingProcess, 'prepared', prepared)
     patch.setattr(SmoothingProcess, 'make_ready', lambda process: None)
-    return motions
 
 
 def open_gate(gate):

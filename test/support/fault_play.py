@@ -121,14 +121,18 @@ def no_joints_without_a_link(harness: Any) -> None:
 
 
 @contextlib.asynccontextmanager
-async def cell_of(profile, interface=USUAL):
+async def cell_of(profile, interface=USUAL, *, smooth=False, **options):
     """Run a driver as the profile says, with its controller; yield both, and what is sent."""
     defaults = profile_defaults(profile)
     if interface == 'download':
         defaults['interface'] = 'download'
     rules = delivery_rules(profile, defaults['interface'], defaults['point_message'])
-    settings = GoalSettings(reply_timeout=REPLY_TIMEOUT, cause_timeout=LONG_CAUSE_TIME)
-    async with simulated(profile=profile) as (controller, ports):
+    settings = GoalSettings(
+        reply_timeout=REPLY_TIMEOUT,
+        cause_timeout=LONG_CAUSE_TIME,
+        require_planned_speed=False,
+    )
+    async with simulated(profile=profile, smooth=smooth) as (controller, ports):
         options = {
             'delivery': rules,
             'usual_byte_order': profile.byte_order,
@@ -136,7 +140,7 @@ async def cell_of(profile, interface=USUAL):
             'settings': settings,
             'limits': WIDER,
             'client_timeout': profile.server.client_timeout,
-        }
+        } | options
         if profile.program.motors == 'restart':
             options['motors'] = 'restart'
         if not profile.ports.remote:

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """An execution on a manual clock, with a controller that does what the test says."""
 
+import contextlib
+
 import numpy as np
 
 from epson_driver.driver.delivery.trajectory_points import STOP
@@ -9,8 +11,9 @@ from epson_driver.driver.goal.goal import Goal, GoalSettings
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_states import FINAL_STATES
 from epson_driver.driver.goal.reference import SpeedScaling
+from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.driver.state.robot_state import RobotState
-from epson_driver.motion import Trajectory
+from epson_driver.motion import JointLimits, Trajectory
 from epson_driver.simple_message import (
     JointPosition,
     JointTrajPt,
@@ -25,6 +28,9 @@ NAMES = ('joint_1', 'joint_2')
 LINE = ((0.0, 0.0), (0.5, 0.25), (1.0, 0.5))
 CYCLE = ((0.0, 0.0), (0.5, 0.25), (0.0, 0.0))
 DT = 0.005
+LIMITS = JointLimits(
+    NAMES, np.full(2, -9.0), np.full(2, 9.0), np.full(2, 2.0), np.full(2, 20.0), np.full(2, 200.0)
+)
 
 
 def goal_along(points, *, step=1.0, tolerance=(0.01, 0.01), goal_time=0.0, **fields):
@@ -33,17 +39,12 @@ def goal_along(points, *, step=1.0, tolerance=(0.01, 0.01), goal_time=0.0, **fie
     return Goal(trajectory, np.array(tolerance), goal_time, **fields)
 
 
-class FixedLead:
-    """Points are sent so far ahead, s, at any speed."""
-
-    def __init__(self, seconds):
-        self.most = self.latency = seconds
-
-    def see(self, offset, velocity):
-        """Measure nothing."""
-
-    def stops(self, trajectory):
-        return [0.0] * len(trajectory.times)
+def wire_of(points, durations):
+    """Return the messages of points."""
+    return [
+        JointTrajPt(sequence, joint_data([float(value) for value in point]), 0.5, duration)
+        for sequence, (point, duration) in enumerate(zip(points, durations, strict=True))
+    ]
 
 
 class Harness:
@@ -56,7 +57,6 @@ class Harness:
         settings=None,
         start=True,
         in_motion=TriState.FALSE,
-        lead=None,
         **options,
     ):
         self.now = 100.0
@@ -68,10 +68,6 @@ class Harness:
         self.in_motion = in_motion
         self.at = np.array(points[0], dtype=float)
         self._posted = []
-        wire = [
-            JointTrajPt(sequence, joint_data(list(point)), 0.5, options.get('step', 1.0))
-            for sequence, point in enumerate(points)
-        ]
         self.scaling = SpeedScaling()
         self.execution = GoalExecution(
             self.goal,
@@ -80,9 +76,8 @@ class Harness:
             self._on_end,
             self.now,
             self.scaling,
-            lead,
         )
-        self.wire = wire
+        self.wire = wire_of(points, [options.get('step', 1.0)] * len(points))
         self.handled_after = 0.0
         """How long after joints were read they are handled, s."""
         self.see(0.1)
@@ -92,6 +87,24 @@ class Harness:
     def start(self, trajectory=None):
         """The motion is prepared, as it was planned or otherwise."""
         self.execution.start(trajectory or self.goal.trajectory, self.wire, self.now)
+
+    def set_speed(self, factor):
+        """Request a speed scaling as the goal queue does."""
+        self.scaling.set(factor, self.now)
+        if not factor:
+            self.execution.pause(self.now)
+        self.resume()
+
+    def resume(self):
+        """Continue a goal that is paused and no longer should be."""
+        sample = self.robot.sample
+        if self.state == 'paused' and self.scaling.target and sample is not None:
+            with contextlib.suppress(GoalRejectedError):
+                self.execution.resume(sample, LIMITS, 0.02)
+                self.scaling.start_from_rest(self.now)
+                rest = self.execution.goal.trajectory
+                self.wire = wire_of(rest.positions, np.diff(rest.times, prepend=0.0))
+                self.start(rest)
 
     def _send(self, message, on_reply):
         if self.broken:

@@ -33,9 +33,10 @@ class DeliveryRules:
     """Which points the controller takes, by parameters and its profile.
 
     motoman: its points need Motoman's commands. uses: which fields of a JOINT_TRAJ_PT count;
-    speed: a fraction, of a controller that uses none of them. buffer, dead_time (s per point): of
-    a download. power: what statements ask for. scales_speed:
-    its smoother slows down what it has. All as in the profile (docs/controllers.md).
+    speed: a fraction, of a controller that uses none of them. slowest: the smallest speed, a
+    fraction, of any other. buffer, dead_time (s per point): of a download. power: what statements
+    ask for. stops: whether the arm obeys STOP in a motion. All as in the profile
+    (docs/controllers.md).
     """
 
     interface: Literal['streaming', 'download', 'statements'] = 'streaming'
@@ -46,7 +47,8 @@ class DeliveryRules:
     buffer: int = 1000
     dead_time: float = 0.0
     power: Literal['high', 'low'] = 'low'
-    scales_speed: bool = False
+    slowest: float = 0.0
+    stops: bool = True
 
 
 @dataclass(frozen=True)

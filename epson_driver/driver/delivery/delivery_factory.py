@@ -14,6 +14,12 @@ from epson_driver.motion import JointLimits
 from epson_driver.profiles import ControllerProfile
 from epson_driver.profiles.profile_rules import FieldsUsed
 
+LOW_POWER = 0.05
+"""Share of full speed that low power allows."""
+
+WHOLE_PERCENT = 0.01
+"""The smallest Speed of SPEL+, as a share."""
+
 _INTERFACES: dict[str, Literal['streaming', 'download', 'statements']] = {
     'streaming': 'streaming',
     'download': 'download',
@@ -49,11 +55,12 @@ def delivery_rules(profile: ControllerProfile, interface: str, message: str) -> 
         point_message='joint_traj_pt_full' if full else 'joint_traj_pt',
         motoman=motoman,
         uses=FieldsUsed(profile.program.uses),
-        speed=profile.motion.speed,
+        speed=min(profile.motion.speed, 1.0 if profile.motion.power == 'high' else LOW_POWER),
         buffer=download.buffer,
         dead_time=download.dead_time,
         power=profile.motion.power,
-        scales_speed=profile.program.scales_speed and interface == 'streaming' and not full,
+        slowest=WHOLE_PERCENT if profile.spel.project or usual == 'statements' else 0.0,
+        stops=profile.program.stop_works,
     )
 
 

@@ -93,7 +93,7 @@ def download_sequences(points: list[JointTrajPt]) -> list[JointTrajPt]:
     One point becomes two; the second takes it nowhere else.
     """
     if len(points) == 1:
-        points = points * 2
+        points = [*points, replace(points[0], duration=MIN_DURATION_S)]
     first, *between, last = points
     return [
         replace(first, sequence=SpecialSequence.START_TRAJECTORY_DOWNLOAD),

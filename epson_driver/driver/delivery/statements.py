@@ -149,8 +149,8 @@ class StatementDelivery(Delivery):
             text = NO_PLANS.format(len(trajectory.times))
             raise GoalRejectedError(ErrorCode.INVALID_GOAL, text)
         target, duration = trajectory.positions[-1], max(trajectory.duration, 1e-3)
-        needed = np.abs(target - start) / self._limits.velocity / duration
-        share = min(max(float(needed.max()), 0.01), 1.0)
+        needed = float(np.max(np.abs(target - start) / self._limits.velocity)) / duration
+        share = min(max(needed, self._rules.slowest), 1.0)
         move = self.moves.joints(target, share, share)
         return PreparedTrajectory(last_point(trajectory), [move])
 

@@ -144,6 +144,40 @@ def check_limits(
         raise GoalRejectedError(ErrorCode.INVALID_GOAL, listed(found), remedy)
 
 
+def check_start(
+    trajectory: Trajectory, actual: Array, limits: JointLimits, tolerance: float
+) -> None:
+    """Raise GoalRejectedError INVALID_GOAL unless the trajectory starts where the arm is.
+
+    A first point at time 0 must be within `tolerance` (rad) of `actual` (shape (n,), rad); a later
+    one must be reachable from there in its time.
+    """
+    offset = np.abs(trajectory.positions[0] - actual)
+    time = float(trajectory.times[0])
+    found = [
+        f'{name}: the trajectory starts at {start:.6g} {unit}, '
+        f'the joint is at {value:.6g} {unit}: '
+        + (
+            f'{difference:.6g} {unit} apart, the limit is {tolerance:g} {unit}'
+            if time == 0.0
+            else f'to be there after {time:g} s it would need {difference / time:.6g} {unit}/s, '
+            f'the velocity limit is {velocity:.6g} {unit}/s'
+        )
+        for name, unit, start, value, difference, velocity in zip(
+            trajectory.joint_names,
+            limits.units,
+            trajectory.positions[0],
+            actual,
+            offset,
+            limits.velocity,
+            strict=True,
+        )
+        if difference > max(tolerance, velocity * time)
+    ]
+    if found:
+        raise GoalRejectedError(ErrorCode.INVALID_GOAL, listed(found))
+
+
 def untimed(trajectory: Trajectory, limits: JointLimits) -> Trajectory:
     """Return only the positions of a trajectory whose times do not count.
 
@@ -188,13 +222,13 @@ class GoalSettings:
     stopped_velocity: rad/s, below which a joint counts as standing. reply_timeout: s without a
     reply and without the arm moving, beyond the time that the plan takes to the point.
     cause_timeout: how long a rejected goal waits for the STATUS that says why, s.
-    require_planned_speed: reject plans whose times the controller is known not to keep.
+    require_planned_speed: reject plans and streams that the controller is known to execute faster.
     """
 
     stopped_velocity: float = 0.01
     reply_timeout: float = 5.0
     cause_timeout: float = CAUSE_TIMEOUT_S
-    require_planned_speed: bool = False
+    require_planned_speed: bool = True
 
 
 def cause_timeout(state: StateProfile) -> float:

@@ -18,8 +18,8 @@ from functools import cached_property, partial
 import numpy as np
 
 from epson_driver.driver.delivery.reply_rejection import reply_rejection
-from epson_driver.driver.delivery.trajectory_points import STOP
-from epson_driver.driver.goal.goal import Arrival, Goal, GoalSettings, late_start
+from epson_driver.driver.delivery.trajectory_points import MIN_DURATION_S, STOP
+from epson_driver.driver.goal.goal import Arrival, Goal, GoalSettings, check_start, late_start
 from epson_driver.driver.goal.goal_states import (
     AFTERMATH,
     BRAKING_STATES,
@@ -32,11 +32,10 @@ from epson_driver.driver.goal.goal_states import (
     GoalEvent,
     GoalState,
 )
-from epson_driver.driver.goal.lead import Lead
 from epson_driver.driver.goal.planned_speed import PlannedSpeed, Timing
 from epson_driver.driver.goal.reference import PointSchedule, SpeedScaling
-from epson_driver.driver.goal.splice import LATEST_SHARE, SplicedTrajectory, SplicePoint
-from epson_driver.driver.outcome import End, ErrorCode, Outcome
+from epson_driver.driver.goal.remainder import remainder
+from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.state.robot_state import JointSample, PauseDetector, RobotState
 from epson_driver.driver.state.standstill import (
     UNCONFIRMED_REST_TIME_S,
@@ -44,7 +43,7 @@ from epson_driver.driver.state.standstill import (
     Standstill,
 )
 from epson_driver.link.replies import sequence_of
-from epson_driver.motion import Array, Trajectory
+from epson_driver.motion import Array, JointLimits, Trajectory
 from epson_driver.simple_message import Message, MotionReply, Packet, TriState
 
 SETTLE_TIME_S = 1.0
@@ -54,23 +53,27 @@ MAX_COUNTED_GAP_S = 0.5
 """Time from one state to the next that counts as waiting, s: what is longer is this process not
 scheduled, or a silent controller, which the link sees by itself (receive_timeout.py)."""
 
-REPLACED = 'replaced by a new goal'
+EARLY_S = 0.2
+"""A place that the plan passes twice within this time counts as not passed yet, s: a pause repeats
+a point rather than skip it."""
+
+ACCEPTED_EARLY = 2
+"""A controller that ignores times accepts a point this many points before the arm is there."""
 
 _log = logging.getLogger(__name__)
+
+COUNTED_STATES = BRAKING_STATES | {GoalState.SETTLING}
+"""States in which the controller must confirm the standstill in time."""
 
 Send = Callable[[Message, Callable[[Packet, float], None]], object]
 """send(message, on_reply) posts a request; on_reply(packet, now) is called when its reply comes.
 Raises ConnectionError if there is no link."""
 
-Successor = Callable[[SplicePoint, float], bool]
-"""successor(point, now) has another goal go on, or stops this one; False: it does neither."""
-
 
 class GoalExecution:
     """Streams a goal's points, decides its outcome and calls `on_end` with it exactly once.
 
-    Times (`now`) are monotonic, s. `lead`: how far ahead of the plan's clock points are
-    sent; None: without a limit, and the goal is not left on its way.
+    Times (`now`) are monotonic, s.
     """
 
     def __init__(
@@ -81,7 +84,6 @@ class GoalExecution:
         on_end: Callable[[Outcome], None],
         now: float,
         scaling: SpeedScaling | None = None,
-        lead: Lead | None = None,
         planned_speed: PlannedSpeed | None = None,
     ) -> None:
         self.goal = goal
@@ -97,7 +99,11 @@ class GoalExecution:
         self._send = send
         self._on_end = on_end
         self._scaling = scaling or SpeedScaling()
+        self._plan = goal.trajectory
+        self._start = goal.trajectory.positions[0]
         self._schedule: PointSchedule | None = None
+        self._paused_at: Array | None = None  # where the arm came to rest
+        self._passed = 0.0  # time of the plan before the last pause
         self._standstill = Standstill(now)
         self._pause = PauseDetector()
         self._rest_at: float | None = None
@@ -108,16 +114,7 @@ class GoalExecution:
         self._rejection = ''
         self._rejected_at = 0.0
         self._cause_waited = 0.0
-        self._lead = lead
-        self.leavable = True
-        """Whether it may be left on its way."""
-        self.on_sent: Callable[[], None] = lambda: None
-        """Called when a point was sent."""
         self._planned_speed = planned_speed
-        self._successor: Successor | None = None
-        self._leave_by = math.inf  # when it should have been left for the successor
-        self._sequence = 0  # of the point that was sent last
-        self._goes_on = False
 
     @property
     def paused(self) -> bool:
@@ -133,7 +130,8 @@ class GoalExecution:
         if self._schedule is None:
             return None
         clock = self._schedule.clock
-        return min(clock.time, self.goal.trajectory.duration), *clock.desired()
+        time = min(clock.time, self.goal.trajectory.duration)
+        return self._passed + time, *clock.desired()
 
     def speed(self, now: float) -> float:
         """Return the share of the planned speed that the goal runs at: 0 while it is paused."""
@@ -147,30 +145,13 @@ class GoalExecution:
     @property
     def where(self) -> str:
         """How far the goal has come, as a clause."""
-        preparing = self.state is GoalState.PREPARING
-        return 'before its first point' if preparing else f'on the way to point {self.target}'
+        first = self._schedule is None
+        return 'before its first point' if first else f'on the way to point {self.target}'
 
     @property
     def ended(self) -> bool:
         """True once the outcome is known."""
         return self.state in FINAL_STATES
-
-    @property
-    def reach(self) -> float | None:
-        """How far ahead of the clock the points reach that were sent, s.
-
-        None unless some were, the goal runs, and the controller is not paused.
-        """
-        if self._schedule is None or self.state not in RUNNING_STATES or self.paused:
-            return None
-        last = self.point if self._in_flight else self.point - 1
-        return None if last < 0 else self._schedule.ahead(last)
-
-    @property
-    def _in_flight(self) -> bool:
-        """Whether a point is on its way to the controller, or its reply."""
-        schedule = self._schedule
-        return self.state is GoalState.STREAMING and schedule is not None and not schedule.waits
 
     def start(
         self,
@@ -179,146 +160,29 @@ class GoalExecution:
         now: float,
         at: Array | None = None,
         begin_within: float = 0.0,
-        scaled_from: int | None = None,
     ) -> None:
         """Send the first point of a prepared trajectory unless the goal was stopped before.
 
         `trajectory` is what is executed: the goal's own, or what was made of it. `at`: shape
         (n,), rad, where the arm stands, if that is not the first point. `begin_within`: how long
         from now on the controller lets the arm stand before it moves, s; the plan begins then.
-        `scaled_from`: as of the schedule.
         """
         if self.state is not GoalState.PREPARING:
             return
         self.goal = replace(self.goal, trajectory=trajectory)
         start = trajectory.positions[0] if at is None else at
         self._due = now + begin_within
-        schedule = PointSchedule(
-            trajectory,
-            points,
-            start,
-            self._scaling,
-            self._due,
-            lead=self._lead,
-            scaled_from=scaled_from,
-        )
-        self._begin(schedule, now)
-
-    @property
-    def schedule(self) -> PointSchedule | None:
-        """The points while some are to be sent, else None."""
-        return self._schedule if self.state is GoalState.STREAMING else None
-
-    def go_on_with(
-        self, trajectory: Trajectory, points: Sequence[Message], known: int, now: float
-    ) -> None:
-        """Execute another trajectory from the points on that were not sent, see PointSchedule."""
-        if self._schedule is not None and self.state is GoalState.STREAMING:
-            self.goal = replace(self.goal, trajectory=trajectory)
-            self._schedule.replace(trajectory, points, known)
-            if self._schedule.waits:
-                self._send_point(now)
-
-    def go_on(
-        self,
-        spliced: SplicedTrajectory,
-        points: list[Message],
-        left: SplicePoint,
-        now: float,
-    ) -> None:
-        """Send the first point that the controller does not have yet.
-
-        It has those before from the goal that was `left`.
-        """
-        self.goal = replace(self.goal, trajectory=spliced.trajectory)
-        self._goes_on = True
-        self._due = now
-        self._sequence = left.sequence
-        self.point = spliced.first
-        schedule = PointSchedule(
-            spliced.trajectory,
-            points,
-            spliced.trajectory.positions[0],
-            self._scaling,
-            left.seen,
-            lead=self._lead,
-            sent=spliced.factors,
-            sent_until=left.sent_until,
-        )
-        self._begin(schedule, now)
+        if self._paused_at is None:
+            self._start, self.started = start, now
+        self._schedule = PointSchedule(trajectory, points, start, self._scaling, self._due)
+        self._standstill.alive = now
+        self._step(GoalEvent.PREPARED)
+        self._send_point(now)
 
     @cached_property
     def _arrival(self) -> Arrival:
         """The comparison of the arm with the end of the goal, once that is prepared."""
         return Arrival(self.goal)
-
-    def _begin(self, schedule: PointSchedule, now: float) -> None:
-        self.started = self._standstill.alive = now
-        self._schedule = schedule
-        self._step(GoalEvent.PREPARED)
-        self._send_point(now)
-
-    def replace(self, successor: Successor, now: float) -> None:
-        """Have `successor` called as soon as no point is on its way, or stop for the next goal.
-
-        It is stopped at once unless it may be left on its way (`lead`, splice.py), and when
-        that does not come soon. Until then what ends it ends it, and nobody is called.
-        """
-        if self._lead is None or not self.leavable:
-            self.stop(REPLACED, now)
-            return
-        reach, latest = self.reach, LATEST_SHARE * self._lead.most
-        if reach is None:
-            self.stop_for_next('it could not be left on the way', now)
-        elif reach > latest:
-            text = f'the controller has points of it for {reach:.2g} s, more than {latest:.2g} s'
-            self.stop_for_next(text, now)
-        else:
-            self._successor = successor
-            self._leave_by = min(self._leave_by, now + latest)
-            if not self._in_flight:
-                self._splice(now)
-
-    @property
-    def replacing(self) -> bool:
-        """True while a replacement waits for the controller's reply to a point."""
-        return self._successor is not None
-
-    def keep(self) -> None:
-        """Go on: no goal waits for this one to be left any more."""
-        self._successor, self._leave_by = None, math.inf
-
-    def stop_for_next(self, why: str, now: float) -> None:
-        """Stop for the next goal, as this one cannot be left on its way."""
-        self.keep()
-        _log.info('the running motion is stopped for the new one: %s', why)
-        self.stop(REPLACED, now)
-
-    def end_spliced(self) -> None:
-        """End as aborted, as another goal goes on from where this one is."""
-        where = self.where
-        self._step(GoalEvent.SPLICED)
-        text = f'replaced by a new goal {where}; the arm goes on to that one without a stop'
-        self._on_end(Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, text))
-
-    def _splice(self, now: float) -> bool:
-        """Replace the goal if a replacement waits, and return whether it was replaced."""
-        successor = self._successor
-        self.keep()
-        if successor is None or self._schedule is None or self.state not in RUNNING_STATES:
-            return False
-        clock = self._schedule.clock
-        point = SplicePoint(
-            self.goal.trajectory,
-            self.point - 1,
-            self._sequence,
-            self._schedule.sent_until,
-            clock.time,
-            clock.seen,
-            *clock.planned(),
-            clock.factors,
-        )
-        return successor(point, now)
 
     def on_reply(self, index: int, packet: Packet, now: float) -> None:
         """Take the controller's reply to point `index`."""
@@ -331,8 +195,6 @@ class GoalExecution:
             self._reject(f'the controller refused {self._name(index)} ({no})', now)
             return
         self.point += 1
-        if self._successor is not None and self._splice(now):
-            return
         if self._schedule is not None and self.point < len(self._schedule):
             self._send_point(now)
         else:
@@ -350,8 +212,6 @@ class GoalExecution:
         sample = robot.sample
         if self.ended or sample is None:
             return
-        if now > self._leave_by:
-            self.stop_for_next('the point that is on its way was not answered in time', now)
         looked, self._looked = self._looked, now
         self._exclude_unscheduled_time(now, now - looked)
         self._keep_time(robot, sample, now)
@@ -372,7 +232,7 @@ class GoalExecution:
             if self.state is GoalState.SETTLING:
                 self._judge(now, said=said)
             elif self.state in BRAKING_STATES:
-                self._rest()
+                self._rest(sample)
         self._check_path(sample, now)
         self._check_patience(now)
 
@@ -385,6 +245,47 @@ class GoalExecution:
         """Stop for another reason: the goal ends as aborted when the arm stands."""
         outcome = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, f'{why}; the arm stands')
         self._stop(GoalEvent.STOP, outcome, now)
+
+    def pause(self, now: float) -> None:
+        """Stop until `resume`, with the arm at rest."""
+        if self.state is GoalState.PREPARING:
+            self._step(GoalEvent.PAUSE)
+            return
+        outcome = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, 'paused; the arm stands')
+        self._stop(GoalEvent.PAUSE, outcome, now)
+
+    def resume(self, sample: JointSample, limits: JointLimits, tolerance: float) -> None:
+        """Prepare the rest of a paused goal: its trajectory starts where the arm is at rest.
+
+        Raises GoalRejectedError if the arm is farther than `tolerance` (rad) from where it paused.
+        """
+        if self._paused_at is None:
+            check_start(self._plan, sample.positions, limits, tolerance)
+        else:
+            moved = np.abs(sample.positions - self._paused_at)
+            joint = int(np.argmax(moved))
+            if moved[joint] > tolerance:
+                raise GoalRejectedError(
+                    ErrorCode.INVALID_GOAL,
+                    f'{limits.names[joint]} moved by {moved[joint]:.6g} {limits.units[joint]} '
+                    f'during the pause: the limit is {tolerance:g} {limits.units[joint]}',
+                )
+            rest = remainder(self._plan, self._start, sample.positions, self._expected, limits)
+            self._passed = self._plan.duration - rest.duration
+            self.goal = replace(self.goal, trajectory=rest)
+        self.point, self._rest_at = 0, None
+        self._step(GoalEvent.RESUME)
+
+    @property
+    def _expected(self) -> float:
+        """Time on the plan at which the arm stopped, s, as far as the driver knows."""
+        if self._schedule is None:
+            return 0.0
+        plan, left = self._plan, len(self._schedule) - self.point
+        if self._planned_speed is not None and self._planned_speed.unplanned:
+            return float(plan.times[max(len(plan.times) - left - ACCEPTED_EARLY, 0)])
+        share = min(self._plan_time / max(self.goal.trajectory.duration, MIN_DURATION_S), 1.0)
+        return self._passed + (plan.duration - self._passed) * share - EARLY_S
 
     def fault(self, why: str, code: ErrorCode = ErrorCode.PATH_TOLERANCE_VIOLATED) -> None:
         """End now, as something forbids motion, with STOP if anything was sent."""
@@ -410,7 +311,7 @@ class GoalExecution:
         self._rejection, self._rejected_at = why, now
         self._cause_waited = 0.0
         statement = self._schedule is not None and math.isinf(self._schedule.duration)
-        taken = self.point > 0 or self._goes_on or statement  # which may have moved the arm
+        taken = self.point > 0 or statement  # which may have moved the arm
         self._step(GoalEvent.REJECTION_MIDWAY if taken else GoalEvent.REJECTION)
         self._send_stop()
 
@@ -472,8 +373,12 @@ class GoalExecution:
         else:
             self.fault(f'the controller refused STOP ({no})')
 
-    def _rest(self) -> None:
-        """End the goal: the arm stands after STOP."""
+    def _rest(self, sample: JointSample) -> None:
+        """End or pause the goal: the arm is at rest after STOP."""
+        if self.state is GoalState.PAUSING_CONFIRMED:
+            self._paused_at = sample.positions
+            self._step(GoalEvent.AT_REST)
+            return
         outcome = self._when_at_rest
         if self.state in UNCONFIRMED_STATES:
             outcome = replace(outcome, text=f'{outcome.text}, but a reply is missing')
@@ -492,8 +397,7 @@ class GoalExecution:
 
         `said`: the controller says so.
         """
-        pace = self._scaling.pace(now)
-        if self.paused or not pace:  # it may have a rest of the way to go
+        if self.paused:  # it may have a rest of the way to go
             return
         if self._plan_time < self.goal.trajectory.duration:
             return  # what is planned may be yet to come, however short a way
@@ -505,7 +409,7 @@ class GoalExecution:
                 text += self._other_speed(self.timing)
             self._step(GoalEvent.AT_GOAL)
             self._on_end(Outcome(End.SUCCEEDED, ErrorCode.SUCCESSFUL, text))
-        elif now - max(self._standstill.alive, self._due) > SETTLE_TIME_S / pace:
+        elif now - max(self._standstill.alive, self._due) > SETTLE_TIME_S:
             self.fault(self._arrival.shortfall(), ErrorCode.GOAL_TOLERANCE_VIOLATED)
 
     def _other_speed(self, timing: Timing) -> str:
@@ -537,7 +441,7 @@ class GoalExecution:
                     f'no reply to {self._name(self.point)}: the arm has not moved for '
                     f'{waited:.3g} s',
                 )
-        elif self.state is not GoalState.PREPARING and min(waited, now - self._due) > timeout:
+        elif self.state in COUNTED_STATES and min(waited, now - self._due) > timeout:
             self._end_at_once(
                 GoalEvent.NO_REPLY,
                 f'the controller did not confirm the standstill within {waited:.3g} s',
@@ -560,7 +464,7 @@ class GoalExecution:
                 self._due = min(self._due + unseen, now)
 
     def _keep_time(self, robot: RobotState, sample: JointSample, now: float) -> None:
-        """Advance the clock, detect a pause, and send a point that was held back.
+        """Advance the clock, and detect a pause of the controller.
 
         The plan is where it was when the joints were measured: they may have waited since, in the
         network or for this process.
@@ -568,20 +472,12 @@ class GoalExecution:
         moves = self.state in RUNNING_STATES
         clock = None if self._schedule is None else self._schedule.clock
         if clock is not None:
-            runs = moves and not self._pause.interrupted
-            clock.advance(sample.measured, running=runs)
-            if runs and self._scaling.at_once:
-                clock.follow(sample.positions)
-            if runs and self._lead is not None:
-                desired, velocity = clock.desired()
-                self._lead.see(desired - sample.positions, velocity)
+            clock.advance(sample.measured, running=moves and not self._pause.interrupted)
         if robot.status is not None:
             self._pause.see(robot.status)
         if clock is None or self._schedule is None:
             return
-        if self._schedule.waits and self.state is GoalState.STREAMING:
-            self._send_point(now)
-        if moves and (self.paused or clock.held or not self._scaling.pace(now)):
+        if moves and self.paused:
             self._standstill.alive = now
         if moves and self._schedule.ahead(self.target):
             self._due = max(self._due, now)
@@ -619,18 +515,15 @@ class GoalExecution:
         self._stop(GoalEvent.STOP, outcome, now)
 
     def _send_point(self, now: float) -> None:
-        """Send the next point at the speed of the moment, or hold it back while that is 0."""
-        index = self.point
-        message = None if self._schedule is None else self._schedule.message(index, now)
-        if message is None:
+        """Send the next point at the present speed."""
+        if self._schedule is None:
             return
-        self._sequence = getattr(message, 'sequence', 0)
+        index = self.point
+        message = self._schedule.message(index, now)
         try:
             self._send(message, partial(self.on_reply, index))
         except ConnectionError as error:
             self.fault(f'{self._name(index)} could not be sent: {error}')
-        else:
-            self.on_sent()
 
     def _step(self, event: GoalEvent) -> None:
         self.aftermath = AFTERMATH.get((self.state, event), UNKNOWN)

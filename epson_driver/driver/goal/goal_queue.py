@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The running goal and the one that waits for it: from submission to outcome.
 
-A new goal replaces the running one, which is stopped; it starts when the arm stands. Or, where
-that is wanted, it goes on from where the running one is left on its way (splice.py). One that
+A new goal replaces the running one, which is stopped; it starts when the arm stands. One that
 comes after a goal that ended at once starts when the stop of that one is over. A goal whose start
 is in the future waits as the running goal, in the state PREPARING. Everything here runs in the
 driver's loop.
@@ -17,25 +16,22 @@ from dataclasses import dataclass
 from functools import partial
 
 from epson_driver.driver.delivery.delivery import PreparedTrajectory
-from epson_driver.driver.goal.goal import Goal, GoalSettings, checked_goal
+from epson_driver.driver.goal.goal import (
+    Goal,
+    GoalSettings,
+    check_limits,
+    check_start,
+    checked_goal,
+)
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_states import AT_REST, GoalState
-from epson_driver.driver.goal.lead import Lead
 from epson_driver.driver.goal.planned_speed import PlannedSpeed, Timing
 from epson_driver.driver.goal.planning_scope import PlanningScopes
 from epson_driver.driver.goal.reference import SpeedScaling
-from epson_driver.driver.goal.rescaling import Rescaling
-from epson_driver.driver.goal.splice import (
-    SplicePoint,
-    begun,
-    check_start,
-    numbered,
-    spliced,
-)
 from epson_driver.driver.inhibit import PAUSED, Inhibit, not_enabled
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.remedy import Remedy
-from epson_driver.driver.smoothing import SmoothingError, SmoothingProcess, SmoothMotion
+from epson_driver.driver.smoothing import SmoothingError, SmoothingProcess
 from epson_driver.driver.state.robot_state import JointSample, RobotState
 from epson_driver.driver.stopping.arm_gate import ArmGate
 from epson_driver.driver.stopping.stopper import Stopper
@@ -73,8 +69,7 @@ class GoalQueue:
 
     `on_broken_off` is called with the outcome of a goal after which the arm must be enabled again,
     and whether an answer is missing. `start_tolerance` (rad) and `settings` may be changed at any
-    time; the latter hold for the running goal, too. `on_the_way`: a running goal is left without
-    a stop for a new one, where that can be.
+    time; the latter hold for the running goal, too.
     """
 
     def __init__(
@@ -88,13 +83,9 @@ class GoalQueue:
         on_broken_off: Callable[[Outcome, bool], None],
         smoother: SmoothingProcess | None,
         planned_speed: PlannedSpeed,
-        *,
-        on_the_way: bool = False,
     ) -> None:
         self.start_tolerance = 0.05
-        self.scaling = SpeedScaling(
-            by_velocity=planned_speed.by_velocity, fixed=planned_speed.fixed
-        )
+        self.scaling = SpeedScaling(by_velocity=planned_speed.by_velocity)
         self.unsmoothed = 0
         """Goals for which no smooth motion inside every limit was found."""
         self.last_timing: Timing | None = None
@@ -126,12 +117,6 @@ class GoalQueue:
         self._stops: list[str] = []
         self.plans = PlanningScopes()
         """Goals of which there is no trajectory yet. One that is submitted ends them."""
-        self._on_the_way = on_the_way
-        self._scales = smoother is not None and smoother.scales
-        self._lead = Lead(limits) if on_the_way or self._scales else None
-        self.scaling.in_smoother = self._scales
-        self.joined = 0
-        """Goals that have begun on the way of another."""
 
     @property
     def settings(self) -> GoalSettings:
@@ -144,6 +129,12 @@ class GoalQueue:
         self._stopper.stopped_velocity = settings.stopped_velocity
         if self.execution is not None:
             self.execution.settings = settings
+
+    @property
+    def why_no_stream(self) -> str:
+        """Why a stream of setpoints cannot keep its speed, or ''."""
+        required = self._settings.require_planned_speed
+        return self._planned_speed.why_no_stream() if required else ''
 
     @property
     def busy(self) -> bool:
@@ -245,59 +236,18 @@ class GoalQueue:
             self._end_unstarted(self._next, REPLACED)
         self._next = handle
         if self.execution is not None:
-            self.execution.replace(self._join, _now())
+            self.execution.stop('replaced by a new goal', _now())
 
     def cancel(self, handle: GoalHandle) -> None:
-        """Stop the goal's motion, so that it ends as canceled when the arm stands.
-
-        A goal that was to be left for this one is stopped, too.
-        """
+        """Stop the goal's motion, so that it ends as canceled when the arm stands."""
         if handle in (self._next, self._unread):
-            execution = self.execution
-            if handle is self._next and execution is not None and execution.replacing:
-                execution.stop_for_next('that was canceled', _now())
             self._end_unstarted(handle, 'canceled before it could start', End.CANCELED)
         elif handle is self._running and handle.execution is not None:
             handle.execution.cancel(_now())
 
-    def _join(self, left: SplicePoint, now: float) -> bool:
-        """Have the next goal go on where the running one is left, or stop that one for it.
-
-        Nothing of the running goal is on its way. What forbids motion is looked at in the same
-        turn of the loop in which the first point is sent.
-        """
-        old, new = self._running, self._next
-        if old is None or old.execution is None or new is None:
-            return False
-        why = self._gate.reason or self.occupied()
-        if why is None and not self._stopper.over:
-            why = 'the arm is being stopped'
-        if why is None and new.goal.start > now:
-            why = 'it starts later'
-        try:
-            if why is not None:
-                raise GoalRejectedError(ErrorCode.INVALID_GOAL, why)
-            way = spliced(left, new.goal.trajectory, self._limits, self.start_tolerance)
-            start = way.trajectory.positions[0]
-            if self._settings.require_planned_speed:
-                self._planned_speed.check(way.trajectory, start)
-            prepared = self._stopper.delivery.prepare(way.trajectory, start)
-        except GoalRejectedError as rejection:
-            old.execution.stop_for_next(str(rejection), now)
-            return True
-        points = numbered(prepared.messages, way.first, left.sequence)
-        self._running, self._next = new, None
-        self.joined += 1
-        execution = self._new_execution(new)
-        execution.go_on(way, points, left, now)
-        old.execution.end_spliced()
-        return True
-
     def end_waiting(self, why: str) -> None:
         """End the goals that wait to be started, or for their plan."""
         self.plans.end(why)
-        if self.execution is not None:
-            self.execution.keep()
         for handle in (self._unread, self._next):
             if handle is not None:
                 self._end_unstarted(handle, why)
@@ -349,6 +299,7 @@ class GoalQueue:
         handle = self._running
         if handle is not None and handle.execution is not None:
             handle.execution.on_state(self._robot, now)
+            self._resume(now)
             if not handle.execution.ended:
                 handle.on_feedback(handle.execution, sample)
 
@@ -400,122 +351,118 @@ class GoalQueue:
         return sample
 
     def _start(self, handle: GoalHandle, now: float) -> None:
-        trajectory = handle.goal.trajectory
         try:
             sample = self.standing_sample(now)
-            leavable = self.smoother is None and self._lead is not None
-            trajectory = begun(
-                trajectory, sample.positions, self._limits, self.start_tolerance, leavable=leavable
+            check_start(
+                handle.goal.trajectory, sample.positions, self._limits, self.start_tolerance
             )
         except GoalRejectedError as rejection:
             handle.on_end(rejection.outcome)
             return
         self._running = handle
-        execution = self._new_execution(handle)
-        if self.smoother is not None:
-            preparation = self._prepare(self.smoother, execution, sample)
-        elif handle.goal.start > now:
-            preparation = self._begin(execution, trajectory)
-        else:
-            self._execute(execution, trajectory, sample)
-            return
-        handle.preparation = asyncio.create_task(preparation)
-        self._preparations.add(handle.preparation)
-        handle.preparation.add_done_callback(self._preparations.discard)
-        handle.preparation.add_done_callback(report_task_error)
-
-    def _new_execution(self, handle: GoalHandle) -> GoalExecution:
         handle.execution = GoalExecution(
             handle.goal,
             self._settings,
             self._stopper.post,
             partial(self._on_end, handle),
-            _now(),
+            now,
             self.scaling,
-            self._lead,
             self._planned_speed,
         )
-        handle.execution.leavable = self._on_the_way
-        return handle.execution
+        if self.scaling.target:
+            self._prepare(handle, handle.execution, sample)
+        else:
+            handle.execution.pause(now)
 
-    async def _prepare(
-        self, smoother: SmoothingProcess, execution: GoalExecution, sample: JointSample
-    ) -> None:
-        """Have a goal's motion planned, then execute it, unless the goal was stopped meanwhile.
+    def set_speed(self, factor: float) -> str:
+        """Request a speed scaling, or a pause by 0, and return a sentence about its effect.
 
-        The arm must stand then where the motion begins, as when the goal came. While it moves, its
-        speed may be changed.
+        Raises ValueError if the controller cannot keep it.
         """
-        try:
-            motion = await smoother.prepared(execution.goal.trajectory, sample.positions)
-        except SmoothingError as error:
-            self.unsmoothed += 1
-            if execution.state is GoalState.PREPARING:
-                execution.fault(str(error), ErrorCode.INVALID_GOAL)
-            return
-        finally:
-            smoother.make_ready()
-        try:
-            if execution.state is GoalState.PREPARING:
-                await self._begin(execution, motion.trajectory, motion)
-        finally:
-            await motion.close()
+        running = None if self.execution is None else self.execution.goal.trajectory
+        self._planned_speed.check_factor(factor, running)
+        now = _now()
+        self.scaling.set(factor, now, ramp=self.busy or self.occupied() is not None)
+        handle = self._running
+        if factor or handle is None or handle.execution is None:
+            return f'motions run at {factor:g} of their speed' if factor else 'motions are paused'
+        handle.execution.pause(now)
+        if handle.preparation is not None:
+            handle.preparation.cancel()
+        return 'pausing: the arm brakes, and the motion waits'
 
-    async def _begin(
-        self, execution: GoalExecution, trajectory: Trajectory, motion: SmoothMotion | None = None
-    ) -> None:
-        """Execute a trajectory at its start, with the speed scaling in it where that can be."""
+    def _resume(self, now: float) -> None:
+        """Continue the running goal if it is paused, and no longer should be."""
+        handle = self._running
+        if handle is None or handle.execution is None or not self.scaling.target:
+            return
+        execution = handle.execution
+        if execution.state is not GoalState.PAUSED or not self._stopper.over or self.held():
+            return
+        try:
+            sample = self.standing_sample(now)
+            execution.resume(sample, self._limits, self.start_tolerance)
+            check_limits(execution.goal.trajectory, self._limits, may_end_moving=True)
+        except GoalRejectedError as rejection:
+            execution.fault(str(rejection), rejection.code)
+            return
+        self.scaling.start_from_rest(now)
+        self._prepare(handle, execution, sample)
+
+    def _prepare(self, handle: GoalHandle, execution: GoalExecution, sample: JointSample) -> None:
+        """Execute a goal, after its motion was planned if there is a smoother, at its start."""
+        if self.smoother is None and execution.goal.start <= _now():
+            self._execute(execution, execution.goal.trajectory, sample)
+            return
+        handle.preparation = asyncio.create_task(self._execute_later(execution, sample))
+        self._preparations.add(handle.preparation)
+        handle.preparation.add_done_callback(self._preparations.discard)
+        handle.preparation.add_done_callback(report_task_error)
+
+    async def _execute_later(self, execution: GoalExecution, sample: JointSample) -> None:
+        """Plan a goal's motion and wait for its start, then execute it unless it was stopped.
+
+        The arm must still be at rest at the start position.
+        """
+        motion = execution.goal.trajectory
+        if self.smoother is not None:
+            try:
+                motion = await self.smoother.prepared(motion, sample.positions)
+            except SmoothingError as error:
+                self.unsmoothed += 1
+                if execution.state is GoalState.PREPARING:
+                    execution.fault(str(error), ErrorCode.INVALID_GOAL)
+                return
+            finally:
+                self.smoother.make_ready()
         await asyncio.sleep(max(execution.goal.start - _now(), 0.0))
         now = await wait_for_fresh_state(self._robot.stale, self._changed, FRESH_POSE_TIMEOUT_S)
         if execution.state is not GoalState.PREPARING:
             return
         try:
             sample = self.standing_sample(now)
-            start = sample.positions
-            check_start(trajectory, start, self._limits, self.start_tolerance)
+            check_start(motion, sample.positions, self._limits, self.start_tolerance)
         except GoalRejectedError as rejection:
             execution.fault(str(rejection), rejection.code)
             return
-        self._execute(execution, trajectory, sample, scales=self._scales)
-        if motion is None or not self._scales:
-            return
-        delivery = self._stopper.delivery
-        try:
-            await Rescaling(motion, execution, self.scaling, delivery, start).run()
-        except Exception as error:  # noqa: BLE001 - whatever it is, the rest is held back
-            why = str(error)
-            if not isinstance(error, SmoothingError):
-                _log.exception('the speed of a motion could not be changed')
-                why = repr(error)
-            if execution.schedule is not None:  # else it is being stopped for another reason
-                execution.fault(f'the speed could not be changed any more: {why}')
+        self._execute(execution, motion, sample)
 
     def _execute(
-        self,
-        execution: GoalExecution,
-        trajectory: Trajectory,
-        sample: JointSample,
-        *,
-        scales: bool = False,
+        self, execution: GoalExecution, trajectory: Trajectory, sample: JointSample
     ) -> None:
         try:
-            if self._settings.require_planned_speed:
-                self._planned_speed.check(trajectory, sample.positions)
             if (message := execution.goal.message) is not None:
                 prepared = PreparedTrajectory(trajectory, [message])
             else:
+                if self._settings.require_planned_speed:
+                    factor = self.scaling.target
+                    self._planned_speed.check(trajectory, sample.positions, factor)
                 prepared = self._stopper.delivery.prepare(trajectory, sample.positions)
         except GoalRejectedError as rejection:
             execution.fault(str(rejection), rejection.code)
             return
-        before = len(prepared.messages) - len(trajectory.times)
         execution.start(
-            prepared.trajectory,
-            prepared.messages,
-            _now(),
-            sample.positions,
-            prepared.delay,
-            before + 1 if scales else None,
+            prepared.trajectory, prepared.messages, _now(), sample.positions, prepared.delay
         )
 
     def _on_end(self, handle: GoalHandle, outcome: Outcome) -> None:
@@ -532,8 +479,6 @@ class GoalQueue:
             handle.preparation.cancel()
         self._changed.notify_all()
         handle.on_end(outcome)
-        if aftermath.spliced:
-            return
         if not aftermath.at_rest:
             self.end_waiting(f'the goal before it did not bring the arm to rest: {outcome.text}')
         elif outcome.end is End.SUCCEEDED:

@@ -11,25 +11,25 @@ Rules:
    measured after the last reply, and not before the time of the plan has passed (reference.py):
    a way that is shorter than the tolerance may not have begun yet. Where the controller does not
    say whether the arm moves, it must have stood for longer, nearer to the goal than to its start.
-4. Cancel, stop and replacement (but for rule 11) send STOP at once, never behind a pending reply,
-   and end the goal when the arm stands. If STOP's answer was taken for that of a point which never
-   came, the state decides: an arm that has stood for longer. A fault sends STOP and ends the goal
-   at once: it cannot wait for an arm that it may no longer see.
+4. Cancel, stop and replacement send STOP at once, never behind a pending reply, and end the goal
+   when the arm stands. If STOP's answer was taken for that of a point which never came, the state
+   decides: an arm that has stood for longer. A fault sends STOP and ends the goal at once: it
+   cannot wait for an arm that it may no longer see.
 5. After a FAILURE reply STOP is sent, and the next STATUS is awaited for CAUSE_TIMEOUT_S at most:
    it has the reason. While the arm still brakes, the reason may be yet to come, and is awaited.
 6. A joint that leaves its path tolerance stops the arm; the goal ends when it stands. It is held
    against the plan at that moment (reference.py), until the plan's end.
 7. A controller that is paused (PauseDetector) is waited for, however long: the clock stands
    and no patience runs out.
-8. While the speed scaling is 0 no point is sent; what was acknowledged runs on.
+8. A pause (speed scaling 0) is a STOP that keeps the goal. No point is sent while the arm is at
+   rest. At another factor the rest of the plan is checked, prepared and sent like a new goal, from
+   where the arm rests. A pause that is not confirmed ends the goal as any STOP would.
 9. A goal breaks off when the controller does not answer in time, or rejects what follows points
    that it had taken. Nobody knows then what it will do with them: the arm must be enabled again.
    That time begins when the plan is where the answer is due, at the speed with which points were
    sent: until then the plan may have the arm rest.
 10. What is known of the arm when a goal has ended follows from the change that ended it
     (AFTERMATH).
-11. A goal that is replaced on the way ends between two points (splice.py): none is on its way,
-    no STOP is sent, and the new goal's points go on from the one that was taken last.
 """
 
 from dataclasses import dataclass
@@ -40,7 +40,8 @@ class GoalState(Enum):
     """Where a goal is.
 
     Rejected: a point was refused, and none was taken before it; rejected midway: one was. While it
-    is canceling or stopping, STOP is on its way; when it is confirmed, STOP was acknowledged.
+    is canceling, stopping or pausing, STOP is pending; when it is confirmed, STOP was
+    acknowledged. Paused: the arm is at rest, and the goal waits for another factor.
     """
 
     PREPARING = 'preparing'
@@ -52,6 +53,9 @@ class GoalState(Enum):
     CANCELING_CONFIRMED = 'canceling, confirmed'
     STOPPING = 'stopping'
     STOPPING_CONFIRMED = 'stopping, confirmed'
+    PAUSING = 'pausing'
+    PAUSING_CONFIRMED = 'pausing, confirmed'
+    PAUSED = 'paused'
     SUCCEEDED = 'succeeded'
     CANCELED = 'canceled'
     ABORTED = 'aborted'
@@ -71,7 +75,8 @@ class GoalEvent(Enum):
     AT_REST = 'at rest'
     NO_REPLY = 'no reply'
     FAULT = 'fault'
-    SPLICED = 'spliced'
+    PAUSE = 'pause'
+    RESUME = 'resume'
 
 
 TRANSITIONS: dict[tuple[GoalState, GoalEvent], GoalState] = {
@@ -79,6 +84,7 @@ TRANSITIONS: dict[tuple[GoalState, GoalEvent], GoalState] = {
     (GoalState.PREPARING, GoalEvent.CANCEL): GoalState.CANCELING,
     (GoalState.PREPARING, GoalEvent.STOP): GoalState.STOPPING,
     (GoalState.PREPARING, GoalEvent.FAULT): GoalState.ABORTED,
+    (GoalState.PREPARING, GoalEvent.PAUSE): GoalState.PAUSED,
     (GoalState.STREAMING, GoalEvent.LAST_REPLY): GoalState.SETTLING,
     (GoalState.STREAMING, GoalEvent.REJECTION): GoalState.REJECTED,
     (GoalState.STREAMING, GoalEvent.REJECTION_MIDWAY): GoalState.REJECTED_MIDWAY,
@@ -86,14 +92,14 @@ TRANSITIONS: dict[tuple[GoalState, GoalEvent], GoalState] = {
     (GoalState.STREAMING, GoalEvent.STOP): GoalState.STOPPING,
     (GoalState.STREAMING, GoalEvent.NO_REPLY): GoalState.ABORTED,
     (GoalState.STREAMING, GoalEvent.FAULT): GoalState.ABORTED,
-    (GoalState.STREAMING, GoalEvent.SPLICED): GoalState.ABORTED,
+    (GoalState.STREAMING, GoalEvent.PAUSE): GoalState.PAUSING,
     (GoalState.SETTLING, GoalEvent.AT_GOAL): GoalState.SUCCEEDED,
     (GoalState.SETTLING, GoalEvent.REJECTION_MIDWAY): GoalState.REJECTED_MIDWAY,
     (GoalState.SETTLING, GoalEvent.CANCEL): GoalState.CANCELING,
     (GoalState.SETTLING, GoalEvent.STOP): GoalState.STOPPING,
     (GoalState.SETTLING, GoalEvent.NO_REPLY): GoalState.ABORTED,
     (GoalState.SETTLING, GoalEvent.FAULT): GoalState.ABORTED,
-    (GoalState.SETTLING, GoalEvent.SPLICED): GoalState.ABORTED,
+    (GoalState.SETTLING, GoalEvent.PAUSE): GoalState.PAUSING,
     (GoalState.REJECTED, GoalEvent.FAULT): GoalState.ABORTED,
     (GoalState.REJECTED_MIDWAY, GoalEvent.FAULT): GoalState.ABORTED,
     (GoalState.CANCELING, GoalEvent.STOP_CONFIRMED): GoalState.CANCELING_CONFIRMED,
@@ -112,13 +118,31 @@ TRANSITIONS: dict[tuple[GoalState, GoalEvent], GoalState] = {
     (GoalState.STOPPING_CONFIRMED, GoalEvent.AT_REST): GoalState.ABORTED,
     (GoalState.STOPPING_CONFIRMED, GoalEvent.NO_REPLY): GoalState.ABORTED,
     (GoalState.STOPPING_CONFIRMED, GoalEvent.FAULT): GoalState.ABORTED,
+    (GoalState.PAUSING, GoalEvent.STOP_CONFIRMED): GoalState.PAUSING_CONFIRMED,
+    (GoalState.PAUSING, GoalEvent.CANCEL): GoalState.CANCELING,
+    (GoalState.PAUSING, GoalEvent.STOP): GoalState.STOPPING,
+    (GoalState.PAUSING, GoalEvent.AT_REST): GoalState.ABORTED,
+    (GoalState.PAUSING, GoalEvent.NO_REPLY): GoalState.ABORTED,
+    (GoalState.PAUSING, GoalEvent.FAULT): GoalState.ABORTED,
+    (GoalState.PAUSING_CONFIRMED, GoalEvent.CANCEL): GoalState.CANCELING_CONFIRMED,
+    (GoalState.PAUSING_CONFIRMED, GoalEvent.STOP): GoalState.STOPPING_CONFIRMED,
+    (GoalState.PAUSING_CONFIRMED, GoalEvent.AT_REST): GoalState.PAUSED,
+    (GoalState.PAUSING_CONFIRMED, GoalEvent.NO_REPLY): GoalState.ABORTED,
+    (GoalState.PAUSING_CONFIRMED, GoalEvent.FAULT): GoalState.ABORTED,
+    (GoalState.PAUSED, GoalEvent.RESUME): GoalState.PREPARING,
+    (GoalState.PAUSED, GoalEvent.CANCEL): GoalState.CANCELING,
+    (GoalState.PAUSED, GoalEvent.STOP): GoalState.STOPPING,
+    (GoalState.PAUSED, GoalEvent.FAULT): GoalState.ABORTED,
 }
 
 FINAL_STATES = frozenset({GoalState.SUCCEEDED, GoalState.CANCELED, GoalState.ABORTED})
 RUNNING_STATES = frozenset({GoalState.STREAMING, GoalState.SETTLING})
 REJECTED_STATES = frozenset({GoalState.REJECTED, GoalState.REJECTED_MIDWAY})
-UNCONFIRMED_STATES = frozenset({GoalState.CANCELING, GoalState.STOPPING})
-CONFIRMED_STATES = frozenset({GoalState.CANCELING_CONFIRMED, GoalState.STOPPING_CONFIRMED})
+UNCONFIRMED_STATES = frozenset({GoalState.CANCELING, GoalState.STOPPING, GoalState.PAUSING})
+CONFIRMED_STATES = frozenset(
+    {GoalState.CANCELING_CONFIRMED, GoalState.STOPPING_CONFIRMED, GoalState.PAUSING_CONFIRMED}
+)
+PAUSE_STATES = frozenset({GoalState.PAUSING, GoalState.PAUSING_CONFIRMED, GoalState.PAUSED})
 BRAKING_STATES = UNCONFIRMED_STATES | CONFIRMED_STATES
 
 
@@ -127,29 +151,28 @@ class Aftermath:
     """The state of arm and controller, as far as known, when a goal has ended.
 
     at_rest: the arm stands. broken_off: nobody knows what the controller will do with the points
-    that it has taken. unanswered: because an answer is missing, which may come later. spliced:
-    another goal has the arm.
+    that it has taken. unanswered: because an answer is missing, which may come later.
     """
 
     at_rest: bool = False
     broken_off: bool = False
     unanswered: bool = False
-    spliced: bool = False
 
 
 AT_REST = Aftermath(at_rest=True)
 AT_REST_UNCONFIRMED = Aftermath(at_rest=True, broken_off=True, unanswered=True)
 REJECTED_MIDWAY = Aftermath(broken_off=True)
 NO_REPLY = Aftermath(broken_off=True, unanswered=True)
-SPLICED = Aftermath(spliced=True)
 UNKNOWN = Aftermath()
 """Of a goal that has not ended, and where a fault ended it."""
 
 AFTERMATH: dict[tuple[GoalState, GoalEvent], Aftermath] = {
     (GoalState.SETTLING, GoalEvent.AT_GOAL): AT_REST,
     (GoalState.REJECTED_MIDWAY, GoalEvent.FAULT): REJECTED_MIDWAY,
-    **{(state, GoalEvent.SPLICED): SPLICED for state in RUNNING_STATES},
-    **{(state, GoalEvent.AT_REST): AT_REST for state in CONFIRMED_STATES},
+    **{
+        (state, GoalEvent.AT_REST): AT_REST
+        for state in CONFIRMED_STATES - {GoalState.PAUSING_CONFIRMED}
+    },
     **{(state, GoalEvent.AT_REST): AT_REST_UNCONFIRMED for state in UNCONFIRMED_STATES},
     **{(state, GoalEvent.NO_REPLY): NO_REPLY for state in RUNNING_STATES | BRAKING_STATES},
 }

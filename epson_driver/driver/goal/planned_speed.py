@@ -11,7 +11,9 @@ import numpy as np
 
 from epson_driver.driver.delivery.delivery import DeliveryRules
 from epson_driver.driver.delivery.statements import FIXED_SPEED
+from epson_driver.driver.delivery.trajectory_points import START_MARGIN_RAD
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
+from epson_driver.driver.remedy import Remedy
 from epson_driver.motion import Array, JointLimits, Trajectory
 from epson_driver.profiles.profile_rules import FieldsUsed
 
@@ -20,6 +22,11 @@ MIN_DEVIATION_SHARE = 0.2
 
 MIN_DEVIATION_S = 0.3
 """And by at least so much, s: seeing that the arm stands takes some of it."""
+
+MAX_FASTER = 1.25
+"""The controller may be faster than the fastest joint of a plan by this factor."""
+
+REMEDY = "lower the controller's own speed (the override of its pendant)"
 
 WHY = {
     FieldsUsed.NOTHING: 'this kind of controller ignores the velocities and durations of points',
@@ -44,20 +51,32 @@ class Timing:
 
 
 class PlannedSpeed:
-    """Whether the controller follows the timing of a trajectory."""
+    """Whether the controller keeps the times of points: this decides which speeds it can be given.
+
+    The only judge for speed scaling, plans and streams, whoever asks.
+    """
 
     def __init__(self, rules: DeliveryRules, limits: JointLimits) -> None:
         points_have_times = rules.point_message == 'joint_traj_pt_full'
-        self._uses = FieldsUsed.DURATION if points_have_times else rules.uses
-        self.by_velocity = self._uses is not FieldsUsed.DURATION
-        """Whether it may go by the velocities of points."""
+        uses = FieldsUsed.DURATION if points_have_times else rules.uses
         statements = rules.interface == 'statements'
-        self.fixed = FIXED_SPEED if statements else ''
-        """Why the speed of a motion cannot be changed any more, or ''."""
-        self._why = WHY[self._uses]
+        self.by_velocity = uses is not FieldsUsed.DURATION
+        """Whether it may go by the velocities of points."""
+        self.unplanned = uses is FieldsUsed.NOTHING and not statements
+        """Whether it moves at a speed of its own, whatever the points say."""
+        self._downloads = rules.interface == 'download'
+        self._why = WHY[uses]
+        self._fixed = self._no_pause = ''
+        if self.unplanned:
+            self._fixed = f'{self._why}: {REMEDY}'
         if statements:
             self._why = f'the controller plans motions by itself (power {rules.power})'
-        self._speed = rules.speed
+            self._fixed = self._no_pause = FIXED_SPEED
+        elif self._downloads:
+            self._no_pause = 'the controller has all points of a download: stop the arm instead'
+        elif not rules.stops:
+            self._no_pause = 'this program ends its present move before it obeys STOP'
+        self._speed, self._slowest = rules.speed, rules.slowest
         self._limits = limits
 
     def deviation(self, timing: Timing) -> str:
@@ -66,19 +85,55 @@ class PlannedSpeed:
             return ''
         return f'executed in {timing.executed:.3g} s, planned {timing.planned:.3g} s: {self._why}'
 
-    def check(self, trajectory: Trajectory, start: Array) -> None:
-        """Raise GoalRejectedError for a plan that is known to run at another speed.
+    def check_factor(self, factor: float, running: Trajectory | None) -> None:
+        """Raise ValueError if the arm would not move at this speed scaling.
 
-        `start`: shape (n,), rad, where the arm stands.
+        `running`: the trajectory that is executed; None: none is.
         """
-        if self._uses is not FieldsUsed.NOTHING:
-            return
-        steps = np.abs(np.diff(trajectory.positions, axis=0, prepend=start[None, :]))
-        expected = float(np.sum(np.max(steps / self._limits.velocity, axis=1))) / self._speed
-        timing = Timing(trajectory.duration, expected)
-        if timing.deviates:
-            raise GoalRejectedError(
-                ErrorCode.INVALID_GOAL,
-                f'the plan takes {timing.planned:.3g} s, but {self._why}: it would take '
-                f'about {expected:.3g} s, and the planned speed is required',
+        why = self._no_pause if factor == 0.0 else self._fixed if factor < 1.0 else ''
+        if running is not None and self._downloads and factor < 1.0:
+            why = why or (
+                'the controller has all points of the running motion, which keeps its speed: '
+                'wait for its end, or stop the arm'
             )
+        if running is not None and factor:
+            why = why or self._too_slow(self._fastest(running, running.positions[0]) * factor)
+        if why:
+            raise ValueError(f'factor = {factor:g}: {why}')
+
+    def why_no_stream(self) -> str:
+        """Return why no stream of setpoints can keep its speed, or ''."""
+        return f'streams of setpoints have no speed here: {self._fixed}' if self.unplanned else ''
+
+    def check(self, trajectory: Trajectory, start: Array, factor: float) -> None:
+        """Raise GoalRejectedError for a plan that the controller executes faster than planned.
+
+        `start`: shape (n,), rad, where the arm is at rest. `factor`: the speed scaling.
+        """
+        fastest = self._fastest(trajectory, start) * factor
+        why = self._too_slow(fastest)
+        if self.unplanned and self._speed > MAX_FASTER * fastest:
+            why = (
+                f'the plan moves at {fastest:.3g} of the velocity limits at most, the controller '
+                f'at {self._speed:.3g}: {self._fixed}'
+            )
+        if why and np.max(np.abs(trajectory.positions - start)) > START_MARGIN_RAD:
+            raise GoalRejectedError(ErrorCode.INVALID_GOAL, why, Remedy.ALLOW_OTHER_SPEED)
+
+    def _too_slow(self, fastest: float) -> str:
+        """Return why a plan is too slow, by the share of its fastest joint, or ''."""
+        if self._slowest <= MAX_FASTER * fastest:
+            return ''
+        return (
+            f'the plan moves at {fastest:.3g} of the velocity limits at most: the least that the '
+            f'controller has is {self._slowest:g}'
+        )
+
+    def _fastest(self, trajectory: Trajectory, start: Array) -> float:
+        """Return the highest speed of a plan, as a share of its joint's limit."""
+        steps = np.abs(np.diff(trajectory.positions, axis=0, prepend=start[None, :]))
+        times = np.diff(trajectory.times, prepend=0.0)
+        shares = steps[times > 0.0] / times[times > 0.0][:, None] / self._limits.velocity
+        if trajectory.velocities is not None:
+            shares = np.vstack([shares, np.abs(trajectory.velocities) / self._limits.velocity])
+        return float(np.max(shares, initial=0.0))

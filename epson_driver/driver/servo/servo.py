@@ -320,7 +320,7 @@ class Servo:
 
         The first word is for its kind.
         """
-        if why := self._stopper.delivery.no_streams:
+        if why := self._stopper.delivery.no_streams or self._goals.why_no_stream:
             return 'never', why
         if waited > self.settings.timeout:
             return 'old', f'this driver was held up for {waited:.3g} s after it came'

@@ -26,6 +26,7 @@ from support.examples import one_in, quickly
 from epson_driver.driver.delivery.delivery import DeliveryRules
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.delivery.reply_rejection import RESULTS, SUBCODES, reply_rejection
+from epson_driver.driver.delivery.trajectory_points import MIN_DURATION_S
 from epson_driver.driver.goal.goal import Goal, GoalSettings, cause_timeout
 from epson_driver.driver.goal.goal_states import GoalState
 from epson_driver.driver.outcome import End, ErrorCode
@@ -60,7 +61,10 @@ async def cell_of(profile, interface=None, *, enabled=True, **options):
         profile = load_controller_profile(profile)
     defaults = profile_defaults(profile)
     rules = delivery_rules(profile, interface or defaults['interface'], defaults['point_message'])
-    options.setdefault('settings', GoalSettings(cause_timeout=cause_timeout(profile.state)))
+    options.setdefault(
+        'settings',
+        GoalSettings(cause_timeout=cause_timeout(profile.state), require_planned_speed=False),
+    )
     async with (
         simulated(profile=profile) as (controller, ports),
         Harness(ports, delivery=rules, usual_byte_order=profile.byte_order, **options) as harness,
@@ -218,7 +222,8 @@ async def test_a_single_point_is_sent_twice():
         assert outcome.end is End.SUCCEEDED, outcome
         first, last = (packet.message for packet in received)
         assert (first.sequence, last.sequence) == (-1, -3)
-        assert replace(first, sequence=-3) == last
+        assert last == replace(first, sequence=-3, duration=last.duration)
+        assert last.duration == pytest.approx(MIN_DURATION_S)  # the arm is there already
         assert np.abs(where(controller) - A).max() < 1e-4
 
 

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from epson_driver.driver.goal.goal import Tolerances, check_limits
-from epson_driver.driver.goal.splice import check_start
+from epson_driver.driver.goal.goal import Tolerances, check_limits, check_start
 from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.motion import Trajectory, go, problems
 from epson_driver.robots import load_robot_model

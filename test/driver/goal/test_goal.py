@@ -8,8 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from epson_driver.driver.goal.goal import MAX_MENTIONED_PROBLEMS, Tolerances, check_limits
-from epson_driver.driver.goal.splice import check_start
+from epson_driver.driver.goal.goal import (
+    MAX_MENTIONED_PROBLEMS,
+    Tolerances,
+    check_limits,
+    check_start,
+)
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError
 from epson_driver.driver.remedy import Remedy
 from epson_driver.motion import JointLimits, Trajectory

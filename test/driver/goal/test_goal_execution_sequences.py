@@ -63,13 +63,24 @@ def apply(harness, what, value):
     elif what == 'prepared':
         harness.start()
     elif what == 'scale':
-        harness.scaling.set(value, harness.now)
+        harness.set_speed(value)
     elif what == 'possible':
         harness.status(motion_possible=value)
     elif what == 'link':
         harness.broken = value
     else:
         harness.robot.clear()
+
+
+def split(messages, separator):
+    """Return the messages between those that are a separator."""
+    parts = [[]]
+    for message in messages:
+        if message == separator:
+            parts.append([])
+        else:
+            parts[-1].append(message)
+    return parts
 
 
 @settings(max_examples=examples(300))
@@ -81,21 +92,21 @@ def test_inv5_a_goal_ends_once_with_an_outcome_that_fits_its_state(path, start, 
         before = harness.execution.state
         sent = len(harness.sent)
         apply(harness, what, value)
+        harness.resume()
         if before in FINAL_STATES:
             assert harness.execution.state is before
-        if harness.state == 'preparing':
-            assert not harness.sent
+        if harness.state in ('preparing', 'paused'):
             assert len(harness.sent) == sent
         assert len(harness.outcomes) == (harness.execution.state in FINAL_STATES)
     assert harness.execution.ended == bool(harness.outcomes)
     if harness.outcomes:
         assert harness.outcome.end.value == harness.state
         assert harness.outcome.text
-    points = [message for message in harness.sent if message != STOP]
-    assert [point.sequence for point in points] == list(range(len(points)))
-    if STOP in harness.sent:  # nothing moves after a STOP
-        assert STOP not in points
-        assert harness.sent.index(STOP) >= len(points)
+    *legs, last = split(harness.sent, STOP)  # each pause is one, and so is the end
+    for points in (*legs, last):
+        assert [point.sequence for point in points] == list(range(len(points)))
+    if 'scale' not in dict(happenings):
+        assert not legs or not last
 
 
 @settings(max_examples=examples(100))
@@ -109,7 +120,7 @@ def test_inv5_success_is_never_reported_beside_the_goal(happenings):
             break
     if harness.outcomes and harness.outcome.end is End.SUCCEEDED:
         assert abs(harness.at - LINE[-1]).max() <= 0.01
-        assert len([message for message in harness.sent if message != STOP]) == len(LINE)
+        assert len([message for message in harness.sent if message != STOP]) >= len(LINE) - 1
 
 
 def test_inv5_every_goal_ends_while_states_come():

@@ -5,11 +5,10 @@
 import numpy as np
 import pytest
 from support.driver_harness import HOME, JOINTS, LIMITS, Submitted, cell, pose
-from support.goal_execution_harness import CYCLE, DT, LINE, Harness
+from support.goal_execution_harness import DT, LINE, Harness
 
 from epson_driver.driver.goal.goal import Goal, GoalSettings, Tolerances
 from epson_driver.driver.goal.goal_execution import SETTLE_TIME_S
-from epson_driver.driver.goal.reference import RAMP_PER_S
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.motion import Trajectory
 from epson_driver.simple_message import TriState
@@ -272,53 +271,6 @@ def test_points_that_are_not_sent_yet_get_slower_and_the_clock_with_them():
     follow(harness, 1.0)
     harness.see(0.3)
     assert harness.outcome.end is End.SUCCEEDED
-
-
-def test_at_0_no_point_is_sent_and_at_more_it_goes_on():
-    harness = Harness(CYCLE, settings=PATIENT, goal_time=0.5)
-    harness.answer()
-    harness.scaling.set(0.0, harness.now)
-    follow(harness, 1.0)
-    harness.answer()
-    assert harness.sequences == [0, 1]
-    stand(harness, 60.0)
-    assert harness.state == 'streaming'
-    assert harness.sequences == [0, 1]
-    assert harness.execution.desired[0] == pytest.approx(1.0)
-    harness.scaling.set(1.0, harness.now)
-    stand(harness, DT)
-    assert harness.sequences == [0, 1, 2]
-    assert harness.sent[-1].duration == pytest.approx(1.0 + 0.5 / RAMP_PER_S, rel=0.02)
-    harness.go_and_answer()
-    harness.see(1.5)
-    assert harness.outcome.end is End.SUCCEEDED
-
-
-def test_a_goal_that_is_held_can_be_canceled_and_sends_nothing_more():
-    harness = Harness()
-    harness.scaling.set(0.0, harness.now)
-    stand(harness, 1.0)
-    harness.answer()
-    harness.execution.cancel(harness.now)
-    harness.scaling.set(1.0, harness.now)
-    stand(harness, 1.0)
-    assert harness.sequences == [0, -4]
-    harness.answer()
-    harness.see(0.3)
-    assert harness.outcome.end is End.CANCELED
-
-
-def test_a_goal_that_begins_at_0_waits_before_its_first_point():
-    harness = Harness(start=False, settings=PATIENT, goal_time=0.5)
-    harness.scaling.set(0.0, harness.now)
-    stand(harness, 1.0)
-    harness.start()
-    stand(harness, 30.0)
-    assert harness.sequences == []
-    assert harness.execution.desired[0] == 0.0
-    harness.scaling.set(0.5, harness.now)
-    stand(harness, DT)
-    assert harness.sequences == [0]
 
 
 def test_patience_for_a_reply_knows_how_slow_the_point_is():

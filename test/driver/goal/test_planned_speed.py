@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A plan that is executed at another speed than planned says so, or is rejected."""
+"""The controller's own speed: plans that it executes slower are reported, faster ones rejected."""
 
 import logging
 from dataclasses import replace
@@ -32,6 +32,7 @@ def plan(duration=SLOW, way=0.2):
 async def executed(profile, trajectory, **settings):
     """Return harness and outcome of a plan on the simulated controller of a profile."""
     rules = delivery_rules(profile, 'streaming', 'joint_traj_pt')
+    settings.setdefault('require_planned_speed', False)
     async with (
         simulated(profile=profile) as (controller, ports),
         Harness(
@@ -75,11 +76,13 @@ async def test_a_plan_that_its_controller_keeps_is_no_warning():
         assert harness.driver.goal_queue.other_speed == 0
 
 
-async def test_such_a_goal_is_rejected_on_request_before_anything_is_sent():
+@pytest.mark.invariant(10)
+async def test_inv10_a_plan_slower_than_the_controller_is_rejected_before_anything_is_sent():
     fanuc = load_controller_profile('fanuc')
     _, outcome, at = await executed(fanuc, plan(), require_planned_speed=True)
     assert outcome.code is ErrorCode.INVALID_GOAL
-    assert 'the plan takes 3 s, but this kind of controller ignores' in outcome.text
+    assert 'of the velocity limits at most, the controller at 0.2: this kind of' in outcome.text
+    assert 'override of its pendant' in outcome.text
     np.testing.assert_array_equal(at, HOME)
 
 
@@ -95,14 +98,16 @@ def test_what_counts_as_another_speed(planned, executed_in, deviates):
 def test_only_a_kind_with_a_speed_of_its_own_is_known_to_miss_the_plan(uses):
     speed = PlannedSpeed(replace(OWN_SPEED, uses=uses), LIMITS)
     if uses is FieldsUsed.NOTHING:
-        with pytest.raises(GoalRejectedError, match='it would take about'):
-            speed.check(plan(), HOME)
+        with pytest.raises(GoalRejectedError, match=r'the controller at 0\.2'):
+            speed.check(plan(), HOME, 1.0)
     else:
-        speed.check(plan(), HOME)
+        speed.check(plan(), HOME, 1.0)
     its_own = 0.2 / LIMITS.velocity[0] / OWN_SPEED.speed
-    speed.check(plan(its_own), HOME)
+    speed.check(plan(its_own), HOME, 1.0)
+    speed.check(plan(its_own / 2), HOME, 1.0)  # faster than the controller
+    speed.check(plan(way=0.0), HOME, 1.0)
     full = replace(OWN_SPEED, point_message='joint_traj_pt_full')
-    PlannedSpeed(full, LIMITS).check(plan(), HOME)
+    PlannedSpeed(full, LIMITS).check(plan(), HOME, 1.0)
 
 
 def test_a_kind_that_goes_by_velocities_gets_those_that_take_the_plans_time():

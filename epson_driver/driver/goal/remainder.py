@@ -1,0 +1,65 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The rest of a plan after a pause, from where the arm came to rest.
+
+STOP does not end at a planned point, and no controller reports how far along the plan it stopped.
+So the rest is found by geometry: it starts at the nearest place of the planned path. A path may
+pass one place several times, as a pick and place does. Of places that are about as near, the one
+counts that the plan reaches closest to the expected time.
+"""
+
+import numpy as np
+
+from epson_driver.driver.delivery.trajectory_points import MIN_DURATION_S, START_MARGIN_RAD
+from epson_driver.motion import Array, JointLimits, Trajectory
+
+TIME_WEIGHT = 0.05
+"""Weight of a difference in time against a distance along the path, both in s of the plan."""
+
+FROM_REST = 1.5
+"""Factor on the time to the first point: the arm starts from rest, where the plan moves."""
+
+
+def remainder(
+    plan: Trajectory, start: Array, rest: Array, expected: float, limits: JointLimits
+) -> Trajectory:
+    """Return the trajectory from `rest` through the points that the arm has not passed.
+
+    `start`, `rest`: shape (n,), rad: where the plan began, and where the arm is at rest.
+    `expected`: time on the plan at which the arm stopped, s, as far as known. The points keep
+    their distances in time. The arm reaches the first of them no faster than the plan's fastest
+    joint moves, as a share of its limit.
+    """
+    times, positions = plan.times, plan.positions
+    added = int(times[0] > 0.0)
+    if added:
+        times, positions = np.append(0.0, times), np.vstack([start, positions])
+    steps, durations = np.diff(positions, axis=0) / limits.velocity, np.diff(times)
+    fastest = float(np.max(np.abs(steps) / durations[:, None], initial=0.0))
+    if not fastest:
+        return plan
+    offsets = (rest - positions[:-1]) / limits.velocity
+    squares = np.maximum(np.sum(steps**2, axis=1), np.finfo(float).tiny)
+    shares = np.clip(np.sum(offsets * steps, axis=1) / squares, 0.0, 1.0)
+    distances = np.linalg.norm(offsets - shares[:, None] * steps, axis=1)
+    reached = times[:-1] + shares * durations
+    segment = int(np.argmin(distances / fastest + TIME_WEIGHT * np.abs(reached - expected)))
+    first, last = segment + 1, len(times) - 1
+    if first < last and np.max(np.abs(positions[first] - rest)) < START_MARGIN_RAD:
+        first += 1
+    way = float(np.max(np.abs(positions[first] - rest) / limits.velocity)) / fastest
+    needed = FROM_REST * max(float(times[first] - reached[segment]), way, MIN_DURATION_S)
+
+    def from_rest(values: Array | None) -> Array | None:
+        """Return the rows of the points that are left, after one of an arm at rest."""
+        if values is None:
+            return None
+        return np.vstack([np.zeros_like(rest), values[first - added :]])
+
+    return Trajectory(
+        plan.joint_names,
+        np.append(0.0, needed + times[first:] - times[first]),
+        np.vstack([limits.settled(rest), positions[first:]]),
+        from_rest(plan.velocities),
+        from_rest(plan.accelerations),
+    )

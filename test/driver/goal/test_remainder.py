@@ -1,0 +1,86 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The rest of a plan after a pause."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support.driver_harness import HOME, LIMITS, pose
+
+from epson_driver.driver.goal.goal import check_limits
+from epson_driver.driver.goal.remainder import FROM_REST, remainder
+from epson_driver.motion import Trajectory
+
+
+def plan(*places, step=1.0, first=0.0):
+    times = first + step * np.arange(len(places))
+    return Trajectory(LIMITS.names, times, np.array([pose(place) for place in places]))
+
+
+def rest_of(trajectory, at, expected):
+    return remainder(trajectory, HOME, pose(at), expected, LIMITS)
+
+
+def places(trajectory):
+    return trajectory.positions[:, 0].tolist()
+
+
+def test_passed_points_are_left_out_and_the_others_keep_their_distances():
+    rest = rest_of(plan(0.0, 0.4, 0.8, 1.2), 0.6, 1.5)
+    assert places(rest) == [0.6, 0.8, 1.2]
+    assert rest.times.tolist() == pytest.approx([0.0, FROM_REST * 0.5, FROM_REST * 0.5 + 1.0])
+
+
+def test_a_plan_of_one_point_starts_where_the_arm_was():
+    assert places(rest_of(plan(1.0, first=2.0), 0.25, 0.5)) == [0.25, 1.0]
+
+
+def test_a_point_where_the_arm_rests_is_passed_unless_it_is_the_last():
+    assert places(rest_of(plan(0.0, 0.4, 0.8), 0.4, 1.0)) == [0.4, 0.8]
+    assert places(rest_of(plan(0.0, 0.4, 0.8), 0.8, 2.0)) == [0.8, 0.8]
+
+
+@pytest.mark.parametrize(
+    ('expected', 'left'),
+    [(0.5, [0.5, 1.0, 0.0, 1.0, 0.0]), (1.5, [0.5, 0.0, 1.0, 0.0]), (3.4, [0.5, 0.0])],
+)
+def test_a_place_that_is_passed_several_times_counts_at_the_expected_time(expected, left):
+    assert places(rest_of(plan(0.0, 1.0, 0.0, 1.0, 0.0), 0.5, expected)) == left
+
+
+def test_velocities_start_from_rest():
+    made = plan(0.0, 0.4, 0.8)
+    rate = np.zeros_like(made.positions)
+    rate[1, 0] = 0.4
+    made = Trajectory(made.joint_names, made.times, made.positions, rate, rate)
+    rest = rest_of(made, 0.1, 0.25)
+    assert rest.velocities[:, 0].tolist() == [0.0, 0.4, 0.0]
+    assert rest.accelerations[:, 0].tolist() == [0.0, 0.4, 0.0]
+
+
+def test_a_plan_that_does_not_move_is_its_own_rest():
+    made = plan(0.0, 0.0)
+    assert rest_of(made, 0.0, 0.5) is made
+
+
+@pytest.mark.invariant(2)
+@given(
+    st.lists(st.floats(-1.0, 1.0), min_size=2, max_size=8),
+    st.floats(0.0, 1.0),
+    st.floats(-0.05, 0.05),
+    st.floats(0.05, 3.0),
+)
+def test_inv2_the_rest_is_no_faster_than_the_plan(points, share, aside, step):
+    """Wherever the arm rests: on the path, or beside it."""
+    made = plan(0.0, *points, step=step)
+    time = share * made.duration
+    at = float(np.interp(time, made.times, made.positions[:, 0]))
+    rest = remainder(made, HOME, pose(at, aside), time, LIMITS)
+    speeds = np.abs(np.diff(rest.positions, axis=0)) / np.diff(rest.times)[:, None]
+    planned = np.abs(np.diff(made.positions, axis=0)) / np.diff(made.times)[:, None]
+    fastest = (planned / LIMITS.velocity).max()
+    assert (speeds / LIMITS.velocity).max() <= fastest * (1 + 1e-9)
+    np.testing.assert_array_equal(rest.positions[-1], made.positions[-1])
+    if fastest < 1.0:
+        check_limits(rest, LIMITS)
