@@ -128,12 +128,7 @@ class World:
         self.delay = float(self.rng.choice(DELAYS_S))
         status = 1 + self.profile.state.joint_positions_per_status
         self.person = max(PERSON_S, status * self.state_period + 3.0 * self.delay)
-        self.on_the_way = bool(
-            self.rng.random() < 0.3
-            and program.joins_goals
-            and program.interface == 'streaming'
-            and not self.smoothing.wanted
-        )
+        self.rng.random()  # no longer used: what follows stays what the found seeds have drawn
         self.remote = bool(self.profile.ports.remote) or bool(
             self.rng.random() < 0.4 and self.profile_name in ('rc620', 'spel')
         )
@@ -195,7 +190,6 @@ class World:
             f'{self.profile_name}, state each {self.state_period:g} s, network '
             f'{self.delay:g} s{", Remote Ethernet" if self.remote else ""}'
             f'{", smooth" if self.smooth else ""}'
-            f'{", goals on the way" if self.on_the_way else ""}'
             f'{f", {self.smoothing}" if self.smoothing.wanted else ""}'
             f'{", a program in Python" if self.in_python else ""}'
         )
@@ -367,7 +361,6 @@ class World:
             delivery=delivery_rules(profile, program.interface, program.point_message),
             client_timeout=profile.server.client_timeout,
             motors=program.motors,
-            on_the_way=self.on_the_way,
             smoothing=self.smoothing,
         )
 

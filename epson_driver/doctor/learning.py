@@ -45,8 +45,6 @@ NOT_FOUND: Mapping[str, str] = {
     'program.accepts': _WRONG_MESSAGE,
     'program.special_sequences': 'not asked (see --ask), or it has no special sequences',
     'program.skip_first': _MOTION,
-    'program.joins_goals': _MOTION,
-    'program.scales_speed': _CHOICE,
     'program.motors': 'not asked (see --remote-port and --ask), or not answered',
     'program.smoothing': _CHOICE,
     'program.resample_period': _CHOICE,

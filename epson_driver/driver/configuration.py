@@ -11,7 +11,6 @@ from epson_driver.driver.state.plausibility import DEFAULT_MARGINS, Margins
 from epson_driver.driver.stopping.motors import MotorsKind
 from epson_driver.error_texts import ErrorTexts
 from epson_driver.motion import JointLimits
-from epson_driver.profiles import ControllerProfile
 from epson_driver.profiles.io_profile import IoProfile
 from epson_driver.simple_message import ByteOrder
 
@@ -30,7 +29,6 @@ class Configuration:
     until its messages show it. `motors`: how they are switched, and errors reset. `state_period`:
     s between two messages of its state, to begin with. `margins`: how far beyond `limits` its
     joints may be. `configured_as`: what kind of controller and robot that is, for people.
-    `on_the_way`: a goal is left without a stop for a new one; see `check_on_the_way`.
     `client_timeout`: how long the controller lets the arm move without a word from the driver, s;
     0: as long as it has points. `password`: of Remote Ethernet where that moves the arm.
     """
@@ -54,7 +52,6 @@ class Configuration:
     state_period: float = 0.005
     margins: Margins = DEFAULT_MARGINS
     configured_as: str = ''
-    on_the_way: bool = False
     client_timeout: float = 0.0
     password: str = ''
 
@@ -71,23 +68,3 @@ class Configuration:
     def address(self) -> tuple[str, int]:
         """Host and port of the server that moves the arm."""
         return self.host, self.remote_port if self.statements else self.motion_port
-
-
-def check_on_the_way(
-    profile: ControllerProfile, delivery: DeliveryRules, smoothing: Smoothing
-) -> None:
-    """Raise ValueError unless goals can be left without a stop for new ones, with a clause why."""
-    if not profile.program.joins_goals:
-        raise ValueError(
-            f'the controller {profile.name} is not known to take the points of a new goal behind '
-            'those of another (program.joins_goals of its profile)'
-        )
-    if delivery.interface != 'streaming':
-        raise ValueError('interface = download: the controller has whole goals at once')
-    if delivery.point_message != 'joint_traj_pt':
-        raise ValueError(
-            f'point_message = {delivery.point_message}: the times of such points begin anew with '
-            'each goal'
-        )
-    if smoothing.wanted:
-        raise ValueError('smoothing and timing: a motion that is planned first begins at rest')

@@ -169,26 +169,6 @@ def fastest_move(limits: JointLimits, state: State, target: Array) -> JointMotio
     return motion if np.max(np.abs(motion.end - target)) <= TARGET_TOLERANCE else None
 
 
-def move_into(
-    limits: JointLimits, state: State, position: Array, velocity: Array, duration: float
-) -> JointMotion | None:
-    """Return a move to a state of motion without acceleration, or None if it would break a limit.
-
-    position, velocity: shape (n,), of that state. It takes `duration` s, or longer where the
-    limits need that. (Ruckig's way to take longer may be a detour to and fro; the caller sees it
-    by the duration.) `at` holds before its end only, where it does not rest.
-    """
-    fastest = limits.velocity * (1.0 - LIMIT_TOLERANCE_SHARE)
-    inp = _from(limits, state)
-    inp.target_position = position.tolist()
-    inp.target_velocity = np.clip(velocity, -fastest, fastest).tolist()
-    inp.minimum_duration = duration
-    motion = _solved(inp, state)
-    if motion is None or not motion.keeps(limits):
-        return None
-    return motion if np.max(np.abs(motion.end - position)) <= STATE_TOLERANCE else None
-
-
 def _from(limits: JointLimits, state: State) -> InputParameter:
     """Return the input of Ruckig for a motion from a state.
 

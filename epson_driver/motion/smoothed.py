@@ -3,7 +3,6 @@
 """A whole trajectory through the smoother at once."""
 
 from collections.abc import Callable, Iterator, Sequence
-from copy import copy
 from itertools import chain, pairwise
 from math import ceil
 
@@ -16,7 +15,6 @@ from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.passages import passed
 from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, Smoother, plan
 from epson_driver.motion.smoother.execution import Observer
-from epson_driver.motion.smoother.output_guard import Motion
 from epson_driver.motion.smoother.waypoints import Waypoints
 from epson_driver.motion.trajectory import Trajectory
 
@@ -76,77 +74,30 @@ def smoothed(
             trajectory = evened(trajectory, limits, path_tolerance)
     if whole and (motion := _fastest(trajectory, limits, path_tolerance)) is not None:
         return _sampled(motion, limits, period)
-    samples = SmootherSamples(
-        trajectory, limits, mode, look_ahead, period, planner, catch_up, observer
+    positions, times = trajectory.positions, trajectory.times
+    durations = np.diff(times, prepend=times[0]).tolist()
+    smoother = Smoother(
+        limits, positions[0], mode, planner=planner, observer=observer, catch_up=catch_up
     )
-    states = [samples.state]
-    while samples.moving:
-        states.append(samples.step())
-    offset = 0.0 if mode is Mode.TIME_OPTIMAL else float(trajectory.times[0])
-    return _of_samples(limits, offset, period, states)
-
-
-class SmootherSamples:
-    """The motion of a smoother through a trajectory's points, one sample every `period` s.
-
-    The arguments are those of `smoothed`. `state` is the present sample, and `index` its number.
-    """
-
-    def __init__(
-        self,
-        trajectory: Trajectory,
-        limits: JointLimits,
-        mode: Mode,
-        look_ahead: float,
-        period: float,
-        planner: Planner = plan,
-        catch_up: float = np.inf,
-        observer: Observer | None = None,
-    ) -> None:
-        self.smoother = Smoother(
-            limits,
-            trajectory.positions[0],
-            mode,
-            planner=planner,
-            observer=observer,
-            catch_up=catch_up,
-        )
-        self.state = self.smoother.motion
-        self.index = 0
-        self._positions = trajectory.positions
-        self._durations = np.diff(trajectory.times, prepend=trajectory.times[0]).tolist()
-        self._fed = 0
-        self._look_ahead = look_ahead
-        self._steps = ceil(period / MAX_STEP_S - ROUNDING_SHARE)
-        self._step = period / self._steps
-
-    @property
-    def moving(self) -> bool:
-        """Whether there are points to come, or the smoother has some to go to."""
-        return self._fed < len(self._positions) or self.smoother.moving
-
-    def step(self) -> Motion:
-        """Return the next sample. Raises ValueError and RuntimeError as `smoothed` does."""
-        smoother = self.smoother
-        for _ in range(self._steps):
-            while self._fed < len(self._positions) and smoother.look_ahead < self._look_ahead:
-                smoother.append(self._positions[self._fed], self._durations[self._fed])
-                self._fed += 1
-                if self._fed == len(self._positions):
+    steps = ceil(period / MAX_STEP_S - ROUNDING_SHARE)
+    state = smoother.motion
+    samples = [state]
+    fed = 0
+    while fed < len(positions) or smoother.moving:
+        for _ in range(steps):
+            while fed < len(positions) and smoother.look_ahead < look_ahead:
+                smoother.append(positions[fed], durations[fed])
+                fed += 1
+                if fed == len(positions):
                     smoother.finish()
-            self.state = smoother.step(self._step)
+            state = smoother.step(period / steps)
             if smoother.violation is not None:
                 raise ValueError(f'the smooth motion breaks a limit: {smoother.violation}')
             if smoother.planner_error is not None:
                 raise RuntimeError('the planner failed') from smoother.planner_error
-        self.index += 1
-        return self.state
-
-    def copy(self) -> 'SmootherSamples':
-        """Return what goes on as this does, and is changed and stepped without it."""
-        other = copy(self)
-        other.smoother = self.smoother.copy()
-        return other
+        samples.append(state)
+    offset = 0.0 if mode is Mode.TIME_OPTIMAL else float(times[0])
+    return _of_samples(limits, offset, period, samples)
 
 
 def _fastest(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> JointMotion | None:

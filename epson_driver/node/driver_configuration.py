@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from epson_driver.driver.configuration import Configuration, check_on_the_way
+from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.goal import GoalSettings, cause_timeout
 from epson_driver.driver.servo.setpoint import ServoSettings
@@ -48,12 +48,6 @@ def driver_configuration(
         check_tolerance(smoothing)
     except ValueError as error:
         raise ValueError(f'parameter smoothing_tolerance = {error}') from error
-    on_the_way = values['replace_goals'] == 'on_the_way'
-    if on_the_way:
-        try:
-            check_on_the_way(profile, delivery, smoothing)
-        except ValueError as error:
-            raise ValueError(f'parameter replace_goals = on_the_way: {error}') from error
     return Configuration(
         host=values['robot_ip'],
         motion_port=values['motion_port'],
@@ -78,7 +72,6 @@ def driver_configuration(
         margins=Margins(values['state_position_margin'], values['state_velocity_margin']),
         configured_as=f'{profile.name}, {model.name}',
         smoothing=smoothing,
-        on_the_way=on_the_way,
     )
 
 

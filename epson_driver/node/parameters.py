@@ -194,14 +194,6 @@ TABLE = (
         choices=('as_planned', 'time_optimal'),
     ),
     Row(
-        'replace_goals',
-        'stop',
-        'How a new goal replaces one that runs. stop: the arm is brought to rest first; '
-        'on_the_way: it leaves the old goal without a stop, where that can be and the controller '
-        'takes it.',
-        choices=('stop', 'on_the_way'),
-    ),
-    Row(
         'byte_order',
         'auto',
         "The controller's byte order; auto: as its state messages show.",

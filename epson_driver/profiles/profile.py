@@ -122,9 +122,6 @@ class ProgramProfile:
     * `special_sequences`: 'stop': only STOP is obeyed, the other negative ones are not answered.
     * `skip_first`: a first point so near to where the arm stands, rad or m, each joint, is left
       out; 0: none is.
-    * `joins_goals`: a driver may have the points of a new goal follow those of another that it
-      leaves on the way, with the next sequence, and the arm does not rest between them.
-    * `scales_speed`: it takes SPEED_SHARE, which slows down the points that it has, too.
     * `motors`: how a driver switches the motors and resets errors: not at all, by Remote Ethernet
       if it is given a port, by that but with main stopped before and started after ('restart'), or
       by Motoman's commands.
@@ -149,8 +146,6 @@ class ProgramProfile:
     accepts: Literal['exact', 'longer', 'any']
     special_sequences: Literal['all', 'stop']
     skip_first: float
-    joins_goals: bool
-    scales_speed: bool
     motors: Literal['none', 'remote_ethernet', 'restart', 'motoman']
     smoothing: Literal['none', 'resample', 'thin']
     resample_period: float

@@ -117,8 +117,6 @@ RULES: dict[str, Rule] = {
     'program.accepts': choice('exact', 'longer', 'any'),
     'program.special_sequences': choice('all', 'stop'),
     'program.skip_first': number(0.0, 0.1),
-    'program.joins_goals': _YES_OR_NO,
-    'program.scales_speed': _YES_OR_NO,
     'program.motors': choice('none', 'remote_ethernet', 'restart', 'motoman'),
     'program.smoothing': choice('none', 'resample', 'thin'),
     'program.resample_period': number(0.004, 1.0),

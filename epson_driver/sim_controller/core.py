@@ -263,7 +263,6 @@ class Controller:
     def client_came(self) -> None:
         """Serve a new motion client. Points that were kept for it move the arm at once."""
         self._end_command('a client of the motion port came')
-        self.program.greet()
         if self.profile.server.lost_client == 'brake':
             self.program.restart()
         if self._unattended:

@@ -74,7 +74,6 @@ from epson_driver.simple_message.messages import (
     MotionReply,
     Opaque,
     Ping,
-    SpeedShare,
     Status,
     joint_data,
 )
@@ -163,7 +162,6 @@ __all__ = [
     'ReplyCode',
     'SimpleMessageError',
     'SpecialSequence',
-    'SpeedShare',
     'Status',
     'TriState',
     'ValidFields',

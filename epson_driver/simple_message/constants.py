@@ -37,7 +37,6 @@ class MessageType(IntEnum):
     IO_STREAM_SUB = 65204
     IO_STREAM_UNSUB = 65205
     IO_STREAM_PUB = 65206
-    SPEED_SHARE = 65210
 
 
 class CommType(IntEnum):

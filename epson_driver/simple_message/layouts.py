@@ -33,7 +33,6 @@ from epson_driver.simple_message.messages import (
     MotionCtrl,
     MotionReply,
     Ping,
-    SpeedShare,
     Status,
 )
 from epson_driver.simple_message.motoman import (
@@ -377,7 +376,6 @@ ROWS: tuple[Layout, ...] = (
     FixedLayout(MessageType.WRITE_IO_GROUP_REPLY, WriteIoGroupReply, 'result:i'),
     FixedLayout(MessageType.IOCTRL_REPLY, IoCtrlReply, 'result:i subcode:i'),
     FixedLayout(MessageType.IO_INFO, IoInfo, 'message_id:i'),
-    FixedLayout(MessageType.SPEED_SHARE, SpeedShare, 'share:r'),
     *IO_ROWS,
 )
 

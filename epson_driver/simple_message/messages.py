@@ -34,16 +34,6 @@ class Ping(Message):
 
 
 @dataclass(frozen=True, slots=True)
-class SpeedShare(Message):
-    """SPEED_SHARE (65210, this package's own): which share 0 … 1 of all speeds to go at.
-
-    The reply says the share that is in force.
-    """
-
-    share: float
-
-
-@dataclass(frozen=True, slots=True)
 class GetVersion(Message):
     """GET_VERSION (2): an empty request, and a reply with (major, minor, patch)."""
 

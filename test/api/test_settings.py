@@ -140,28 +140,6 @@ def test_the_api_passes_strict_type_checks_in_a_user_s_file(tmp_path):
         assert expected in message
 
 
-@pytest.mark.parametrize(
-    ('name', 'more', 'words'),
-    [
-        ('rc620', {}, None),
-        ('thesis', {}, 'the controller thesis is not known to take'),
-        ('rc620', {'interface': 'download'}, 'interface = download'),
-        ('rc620', {'timing': 'time_optimal'}, 'begins at rest'),
-    ],
-)
-def test_goals_are_replaced_on_the_way_only_where_that_can_be(name, more, words):
-    profile = load_controller_profile(name)
-    values = {row.name: row.default for row in parameters.TABLE}
-    values |= parameters.profile_defaults(profile)
-    assert not driver_configuration(values, profile).on_the_way
-    values |= {'replace_goals': 'on_the_way'} | more
-    if words is None:
-        assert driver_configuration(values, profile).on_the_way
-    else:
-        with pytest.raises(ValueError, match=f'parameter replace_goals = on_the_way: .*{words}'):
-            driver_configuration(values, profile)
-
-
 def test_a_tolerance_of_the_smoothing_needs_a_smoothing():
     profile = load_controller_profile('rc620')
     values = {row.name: row.default for row in parameters.TABLE}

@@ -17,7 +17,7 @@ OF_ROS = re.compile(r'~/|\bgoals?\b')
 
 ALLOWED = re.compile(
     r'(at|to|from|than to) the goal|goal_time'  # where the arm is to go
-    r'|new(er)? goal|each goal|whole goals|goal before|goal that was given up'  # replace_goals
+    r'|new(er)? goal|goal before|goal that was given up'
     r'|^goal$'  # the name of a counter
 )
 

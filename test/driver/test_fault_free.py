@@ -82,7 +82,7 @@ async def test_a_goal_after_canceled_ones_with_slow_points_succeeds():
     second = [-0.1958, 0.0626, 0.232, 0.2333, 0.0756, 0.1911]
     third = [0.0585, 0.1222, -0.0755, -0.1307, -0.0622, -0.0254]
 
-    async with cell(smooth=True, on_the_way=True) as (harness, _):
+    async with cell(smooth=True) as (harness, _):
         scale(harness, 0.3)
         await asyncio.sleep(0.01)
         canceled = submit(harness, [0.0, 0.213, 0.426], [pose(), first, back], goal_time=3.0)
@@ -130,8 +130,7 @@ def test_inv5_whatever_is_asked_for_the_gate_stays_open_and_the_next_goal_succee
     """docs/invariants.md, 5."""
 
     async def check():
-        options = {'smooth': bool(block % 2), 'on_the_way': bool(block // 2 % 2)}
-        async with cell(**options) as (harness, controller):
+        async with cell(smooth=bool(block % 2)) as (harness, controller):
             for number in range(BLOCK):
                 play = Play(harness, controller, np.random.default_rng([block, number]))
                 async with asyncio.timeout(LONGEST):

@@ -17,7 +17,7 @@ from epson_driver.sim_controller.condition.states import Event
 AHEAD_S = 0.8
 
 
-@pytest.mark.parametrize('options', [{}, {'smoothing': Smoothing(0.1)}, {'on_the_way': True}])
+@pytest.mark.parametrize('options', [{}, {'smoothing': Smoothing(0.1)}])
 async def test_it_starts_at_its_stamp_and_not_before(options, monkeypatch):
     smooth_on_the_spot(monkeypatch)
     async with cell(**options) as (harness, _):
@@ -70,9 +70,8 @@ async def test_inv4_it_is_checked_again_when_it_starts():
         assert not harness.at.any()
 
 
-@pytest.mark.parametrize('on_the_way', [False, True])
-async def test_a_running_goal_is_stopped_for_one_that_starts_later(on_the_way):
-    async with cell(smooth=True, on_the_way=on_the_way) as (harness, _):
+async def test_a_running_goal_is_stopped_for_one_that_starts_later():
+    async with cell(smooth=True) as (harness, _):
         first = harness.submit(pose(1.0), step=4.0)
         await harness.until_moving()
         second = harness.submit(pose(0.0), step=2.0, ahead=AHEAD_S)

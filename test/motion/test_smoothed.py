@@ -12,7 +12,7 @@ from support.smoother_harness import CURVE, LIMITS, NAMES, PLAN
 from epson_driver.motion import JointLimits, Trajectory
 from epson_driver.motion.motion_figures import measure
 from epson_driver.motion.passages import passed
-from epson_driver.motion.smoothed import SmootherSamples, retimed, smoothed, thinned
+from epson_driver.motion.smoothed import retimed, smoothed, thinned
 from epson_driver.motion.smoother import MERGE_TOLERANCE, Mode, Plan, Request, plan
 
 
@@ -174,29 +174,3 @@ def test_one_point_and_two_points_can_be_thinned():
 def test_no_spacing_or_deviation_is_refused(spacing, deviation):
     with pytest.raises(ValueError, match='must be positive'):
         thinned(PLAN, LIMITS, spacing, deviation)
-
-
-@pytest.mark.parametrize('share', [1.0, 0.3, 0.0])
-def test_a_copy_goes_on_alike_and_is_told_things_alone(share):
-    """Its motion is that of a smoother that was never copied, to the last digit."""
-
-    def samples():
-        return SmootherSamples(PLAN, LIMITS, Mode.TIME_PRESERVING, np.inf, 0.02)
-
-    def rest(of):
-        return [of.step().position for _ in range(40)]
-
-    plain, copied = samples(), samples()
-    for _ in range(13):
-        plain.step()
-        copied.step()
-    other = copied.copy()
-    other.smoother.scale = share
-    scaled = rest(other)
-    assert np.array_equal(rest(copied), rest(plain))
-    again = samples()
-    for _ in range(13):
-        again.step()
-    again.smoother.scale = share
-    assert np.array_equal(rest(again), scaled)
-    assert other.index == copied.index == 53

@@ -190,14 +190,12 @@ def test_pause_and_resume_stay_on_the_path() -> None:
         paused.append(point, 0.05)
     path, _, _ = rest(free)
     motions = [paused.step(DT) for _ in range(700)]
-    paused.scale = 0.0
+    paused.hold()
     motions += [paused.step(DT) for _ in range(1000)]
     assert np.all(motions[-1].velocity == 0.0)
     assert paused.moving
     assert not np.array_equal(motions[-1].position, path[-1])
-    paused.scale = 0.3
-    motions += [paused.step(DT) for _ in range(500)]
-    paused.scale = 1.0
+    paused.resume()
     position, velocity, acceleration = rest(paused)
     assert np.array_equal(position[-1], path[-1])
     assert_inside(
@@ -206,6 +204,26 @@ def test_pause_and_resume_stay_on_the_path() -> None:
         np.vstack([[m.acceleration for m in motions], acceleration]),
     )
     assert near(path, np.array([m.position for m in motions])) < 2e-3
+
+
+def test_a_replacement_waits_for_the_end_of_a_hold() -> None:
+    smoother = Smoother(LIMITS, HOME)
+    for point in arc(40):
+        smoother.append(point, 0.05)
+    motions = [smoother.step(DT) for _ in range(500)]
+    smoother.hold()
+    smoother.replace(HOME[None, :] - 0.2)
+    motions += [smoother.step(DT) for _ in range(400)]
+    assert smoother.points_ahead
+    assert np.array_equal(motions[-1].position, motions[-100].position)
+    smoother.resume()
+    position, velocity, acceleration = rest(smoother)
+    assert np.array_equal(position[-1], HOME - 0.2)
+    assert_inside(
+        LIMITS,
+        np.vstack([[m.velocity for m in motions], velocity]),
+        np.vstack([[m.acceleration for m in motions], acceleration]),
+    )
 
 
 @pytest.mark.parametrize('known', one_in(2, [3, 40]))
@@ -217,12 +235,12 @@ def test_an_arm_at_rest_does_not_begin_in_a_pause(steps: int, known: int) -> Non
     smoother.finish()
     for _ in range(steps):
         assert not smoother.step(DT).velocity.any()
-    smoother.scale = 0.0
+    smoother.hold()
     assert smoother.at_rest
     for _ in range(200):
         smoother.step(DT)
         assert np.array_equal(smoother.motion.position, HOME)
-    smoother.scale = 1.0
+    smoother.resume()
     assert np.array_equal(rest(smoother)[0][-1], arc(known)[-1])
 
 
@@ -245,12 +263,12 @@ def test_a_stop_in_the_moment_of_the_beginning_or_the_end(late: float, stops: bo
         if stops:
             smoother.stop()
         else:
-            smoother.scale = 0.0
+            smoother.hold()
         for _ in range(50):
             smoother.step(DT)
         assert smoother.at_rest
         assert np.max(np.abs(smoother.motion.position - here)) < 1e-9
-        smoother.scale = 1.0
+        smoother.resume()
         if stops:
             smoother.append(point)
         smoother.step(0.0)
@@ -270,7 +288,7 @@ def test_a_pause_needs_no_planner() -> None:
     assert request is not None
     smoother.take(plan(request, LIMITS))
     motions = [smoother.step(DT) for _ in range(300)]
-    smoother.scale = 0.0
+    smoother.hold()
     assert not smoother.at_rest
     motions += [smoother.step(DT) for _ in range(200)]
     assert smoother.at_rest
@@ -299,11 +317,11 @@ def test_other_limits_from_a_rest_on(first: float, then: float) -> None:
         smoother.step(DT)
     with pytest.raises(RuntimeError, match='cannot change: only at rest'):
         smoother.change_limits(slow(then))
-    smoother.scale = 0.0
+    smoother.hold()
     while not smoother.at_rest:
         smoother.step(DT)
     smoother.change_limits(slow(then))
-    smoother.scale = 1.0
+    smoother.resume()
     position, velocity, acceleration = rest(smoother)
     assert_inside(slow(then), velocity, acceleration)
     assert (np.max(np.abs(velocity) / LIMITS.velocity) > 0.05) == (then == 1.0)
@@ -324,17 +342,6 @@ def test_a_move_from_rest_to_rest_takes_as_long_as_point_to_point(way: float, mo
     assert np.array_equal(position[-1], target)
     fastest = go(LIMITS, HOME, target).duration
     assert (len(position) - 1) * DT <= 1.001 * fastest + DT
-
-
-def test_scale_slows_down() -> None:
-    durations = []
-    for scale in (1.0, 0.5):
-        smoother = Smoother(LIMITS, HOME)
-        smoother.scale = scale
-        for point in arc(40):
-            smoother.append(point, 0.05)
-        durations.append(len(rest(smoother)[0]))
-    assert durations[1] == pytest.approx(2 * durations[0], rel=0.05)
 
 
 def test_a_repeated_point_with_a_duration_commands_a_rest() -> None:
@@ -559,9 +566,3 @@ def test_a_bad_time_is_refused_and_none_passes(dt: float) -> None:
         smoother.step(dt)
     assert smoother.now == before[0]
     assert np.array_equal(smoother.motion.position, before[1].position)
-
-
-def test_a_bad_scale_is_refused() -> None:
-    smoother = Smoother(LIMITS, HOME)
-    with pytest.raises(ValueError, match=r'scale = 1\.5: must be 0 … 1'):
-        smoother.scale = 1.5

@@ -189,11 +189,11 @@ def test_from_a_pause_the_arm_goes_on_along_its_path_whatever_the_search_finds(
     smoother.finish()
     while smoother.points_ahead > 2:
         smoother.step(CYCLE_S)
-    smoother.scale = 0.0
+    smoother.hold()
     while not smoother.at_rest:
         smoother.step(CYCLE_S)
         assert smoother.now < MAX_MOTION_S
-    smoother.scale = 1.0
+    smoother.resume()
     request = smoother.request()
     assert request is not None
     assert len(request.kept.u) == 2, 'it rests between two knots'

@@ -142,10 +142,12 @@ def run(scenario: Scenario) -> Run:
                 smoother.replace(to)
                 following = len(points)
                 result.last = to[-1]
+            elif what == 'hold':
+                smoother.hold()
             else:
-                smoother.scale = number
-        if not events and smoother.scale != 1.0 and following == len(points):
-            smoother.scale = 1.0
+                smoother.resume()
+        if not events and following == len(points):
+            smoother.resume()
         motion = smoother.step(DT)
         result.positions.append(motion.position)
         result.velocities.append(motion.velocity)
@@ -196,7 +198,7 @@ pieces = st.lists(
 events = st.lists(
     st.tuples(
         st.integers(0, 3000),
-        st.sampled_from(('stop', 'replace', 'scale', 'scale')),
+        st.sampled_from(('stop', 'replace', 'hold', 'resume')),
         st.sampled_from((0.0, 0.1, 0.5, 1.0)),
     ),
     max_size=3,

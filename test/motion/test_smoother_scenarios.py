@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Trajectories, streams, holds, scales, stops and replacements in random order.
+"""Trajectories, streams, holds, stops and replacements in random order.
 
 Invariants 2 and 3 of docs/invariants.md.
 """

@@ -91,7 +91,6 @@ def test_the_thesis_profile_has_the_defects_of_its_program():
         'stop_works': False,
         'uses': 'nothing',
         'corrupt': 'quit',
-        'joins_goals': False,
     }
     assert thesis.program == dataclasses.replace(healthy.program, **defects)
     assert (thesis.motion.power, thesis.motion.speed) == ('low', 0.5)

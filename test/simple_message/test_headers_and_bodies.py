@@ -30,7 +30,6 @@ from epson_driver.simple_message import (
     Ping,
     Real,
     ReplyCode,
-    SpeedShare,
     Status,
     check_header,
     decode,
@@ -45,7 +44,6 @@ SIZES: tuple[tuple[Message, tuple[int, int, int], tuple[int, int, int]], ...] = 
     (Ping((0,) * 10), (40, 52, 56), (40, 52, 56)),
     (GetVersion(), (0, 12, 16), (0, 12, 16)),
     (GetVersion((1, 2, 3)), (12, 24, 28), (12, 24, 28)),
-    (SpeedShare(0.5), (4, 16, 20), (8, 20, 24)),
     (JointPosition(), (44, 56, 60), (84, 96, 100)),
     (JointTrajPt(0), (52, 64, 68), (100, 112, 116)),
     (Status(), (28, 40, 44), (28, 40, 44)),
@@ -64,7 +62,6 @@ SIZES_OF_TYPE = {
     13: ('Status', '28'),
     14: ('JointTrajPtFull', '136 or 260'),
     15: ('JointFeedback', '132 or 256'),
-    65210: ('SpeedShare', '4 or 8'),
 }
 
 

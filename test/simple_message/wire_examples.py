@@ -27,7 +27,6 @@ from epson_driver.simple_message import (
     Real,
     ReplyCode,
     SpecialSequence,
-    SpeedShare,
     Status,
     reply,
     request,
@@ -171,11 +170,6 @@ EXAMPLES = (
         '18000000 02000000 03000000 01000000 01000000 02000000 03000000',
         reply(GetVersion((1, 2, 3)), ReplyCode.SUCCESS),
     ),
-    Example(
-        'SPEED_SHARE request',
-        '10000000 bafe0000 02000000 00000000 0000803e',
-        request(SpeedShare(0.25)),
-    ),
 )
 
 
@@ -223,7 +217,6 @@ def messages(real: Real) -> st.SearchStrategy[Message]:
     return st.one_of(
         st.builds(Ping, st.just(()) | st.tuples(*[INT32] * 10)),
         st.builds(GetVersion, st.just(()) | st.tuples(INT32, INT32, INT32)),
-        st.builds(SpeedShare, number),
         st.builds(JointPosition, INT32, ten),
         point,
         st.builds(JointTraj, st.lists(point, max_size=4).map(tuple)),

@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import struct
 from functools import cache
-from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -44,27 +43,6 @@ class PlannerOnTheSpot:
 
     def ask(self, request, limits, answer):
         answer(plan(request, limits))
-
-
-class SlowPlanner:
-    """Plans in the call that asks, and answers after the next of `delays`, s; so again and again.
-
-    `present`: of the controller's pacer, whose clock stands meanwhile.
-    """
-
-    ready = True
-
-    def __init__(self, *delays: float) -> None:
-        self._delays = cycle(delays)
-        self.present: Any = contextlib.nullcontext
-
-    def ask(self, request, limits, answer):
-        found = plan(request, limits)
-        asyncio.get_running_loop().call_later(next(self._delays), self._pass, answer, found)
-
-    def _pass(self, answer, found):
-        with self.present():
-            answer(found)
 
 
 class Recorder:
@@ -246,8 +224,8 @@ async def simulated(dialect=None, profile='rc620', model=None, *, smooth=False, 
     """Run the simulated controller in this process; yield it and its ports.
 
     `profile` is the name of one, or one, with its SPEL+ program if it has any; `model` the name of
-    a robot. `smooth`: it moves smoothly; plans take no time, or what a planner does that is
-    given instead. `start`: its first joints.
+    a robot. `smooth`: it moves smoothly, and plans take no time. `start`: its first
+    joints.
     """
     if isinstance(profile, str):
         profile = load_controller_profile(profile)
@@ -256,11 +234,9 @@ async def simulated(dialect=None, profile='rc620', model=None, *, smooth=False, 
     if profile.spel.project:
         files = profile_project(profile.spel, arm)
         spel = SpelSource(_built(tuple(files.items())), program_network(profile))
-    planner = PlannerOnTheSpot() if smooth is True else smooth or None
+    planner = PlannerOnTheSpot() if smooth else None
     controller = new_controller(arm, profile, start, dialect=dialect, planner=planner, spel=spel)
     servers = ControllerServers(controller, spel=spel and spel.network)
-    if isinstance(planner, SlowPlanner):
-        planner.present = servers.pacer.present
     ports = await servers.open('127.0.0.1', Ports(0, 0, 0, 0))
     task = asyncio.create_task(servers.run())
     try:

@@ -210,10 +210,6 @@ def a_planned_motion_begins_after_a_stop(put: Patch) -> None:
     put(PlanningScopes, 'end', lambda self, why: None)
 
 
-def a_goal_is_left_in_mid_point(put: Patch) -> None:
-    put(GoalExecution, '_in_flight', property(lambda self: False))
-
-
 def late_replies_count_for_the_next_point(put: Patch) -> None:
     def reply(self: Any, index: int, packet: Any, now: float) -> None:
         on_reply(self, self.point, packet, now)
@@ -463,7 +459,6 @@ WHERE: dict[str, Callable[[World], bool]] = {
     'a_second_reply_answers_the_next_point': lambda world: world.profile_name == 'fanuc',
     'a_door_leaves_the_gate_open': lambda world: world.statements,
     'a_statement_is_repeated_after_a_lost_answer': lambda world: world.statements,
-    'a_goal_is_left_in_mid_point': lambda world: world.on_the_way,
     'a_client_that_hangs_is_not_seen': lambda world: world.profile.server.client_timeout > 0.0,
 }
 """In which worlds a defect of one kind of controller is looked for; others: in all."""

@@ -87,14 +87,9 @@ def stream(scenario: Scenario) -> None:
 
 def hold(scenario: Scenario) -> None:
     """Pause on the path, and go on."""
-    scenario.smoother.scale = 0.0
+    scenario.smoother.hold()
     scenario.let_pass(float(scenario.rng.uniform(0.0, 0.5)))
-    scenario.smoother.scale = 1.0
-
-
-def scale(scenario: Scenario) -> None:
-    """Change the speed."""
-    scenario.smoother.scale = float(scenario.rng.uniform(0.05, 1.0))
+    scenario.smoother.resume()
 
 
 def resting_place(smoother: Recorded) -> Array:
@@ -125,7 +120,7 @@ def replace(scenario: Scenario) -> None:
     scenario.position = scenario.end = points[-1]
 
 
-PHASES: tuple[Callable[[Scenario], None], ...] = (trajectory, stream, hold, scale, stop, replace)
+PHASES: tuple[Callable[[Scenario], None], ...] = (trajectory, stream, hold, stop, replace)
 
 
 def random_scenario(seed: int) -> tuple[Scenario, Extrema]:
@@ -144,7 +139,7 @@ def random_scenario(seed: int) -> tuple[Scenario, Extrema]:
         scenario.done.append(phase.__name__)
         phase(scenario)
         scenario.let_pass(float(rng.choice([0.0, 0.05, 0.3])))
-    smoother.scale = 1.0
+    smoother.resume()
     smoother.finish()
     end = smoother.now + MAX_REST_S
     while smoother.moving:
@@ -275,7 +270,7 @@ def random_points(rng: np.random.Generator, limits: JointLimits) -> tuple[Array,
 
 
 def random_run(seed: int, dt: float, smoother_class: type[Recorded] = Recorded) -> Run:
-    """Return a random run: points, scales, holds, stops and replacements, until it rests."""
+    """Return a random run: points, holds, stops and replacements, until it rests."""
     rng = np.random.default_rng([seed, 20])
     limits = (ARM, ARM, SCARA, SLOW)[int(rng.integers(4))]
     points, durations = random_points(rng, limits)
@@ -286,17 +281,17 @@ def random_run(seed: int, dt: float, smoother_class: type[Recorded] = Recorded) 
     events: list[tuple[float, str, float]] = []
     if rng.random() < 0.6:
         for _ in range(int(rng.integers(1, 5))):
-            what = str(rng.choice(['scale', 'scale', 'hold', 'stop', 'replace']))
+            what = str(rng.choice(['hold', 'hold', 'hold', 'stop', 'replace']))
             events.append((float(rng.uniform(0.0, 2.5)), what, float(rng.uniform(0.05, 1.0))))
             if what == 'hold':
-                events.append((events[-1][0] + 0.4, 'scale', 1.0))
+                events.append((events[-1][0] + 0.4, 'resume', 0.0))
     events.sort()
     run = Run(seed, limits, smoother, dt, points[0], complete=not events)
     following, time, still = 1, 0.0, 0
     while following < len(points) or smoother.moving or events:
         if time > LONGEST:
             following, events = len(points), []
-            smoother.scale = 1.0
+            smoother.resume()
         if time > 4.0 * LONGEST:
             raise AssertionError(f'seed {seed}: it does not come to rest')
         while following < len(points) and smoother.look_ahead < look_ahead:
@@ -311,14 +306,14 @@ def random_run(seed: int, dt: float, smoother_class: type[Recorded] = Recorded) 
             if what == 'stop':
                 smoother.stop()
             elif what == 'hold':
-                smoother.scale = 0.0
-            elif what == 'scale':
-                smoother.scale = number
+                smoother.hold()
+            elif what == 'resume':
+                smoother.resume()
             else:
                 first = int(number * (len(points) - 1))
                 smoother.replace(points[first : first + 4])
-        if not events and following == len(points) and smoother.scale < 0.2:
-            smoother.scale = 1.0
+        if not events and following == len(points):
+            smoother.resume()
         motion = smoother.step(dt)
         time += dt
         run.positions.append(motion.position)

@@ -15,22 +15,16 @@ A = [0.8, 0.0, 0.3, 0.1, -0.6, 0.1]
 POINTS = 21
 SLOW_SPEL = pytest.param('spel', marks=pytest.mark.slow)
 SLOW_PTP = pytest.param('ptp', marks=pytest.mark.slow)
-SLOW_SIMULATED = pytest.param('simulated', marks=pytest.mark.slow)
 SLOW_RESAMPLE = pytest.param('resample', marks=pytest.mark.slow)
 
 
-@pytest.fixture(
-    scope='module', params=['smooth', SLOW_PTP, SLOW_SIMULATED, SLOW_RESAMPLE, SLOW_SPEL]
-)
+@pytest.fixture(scope='module', params=['smooth', SLOW_PTP, SLOW_RESAMPLE, SLOW_SPEL])
 def waiting_cell(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Cell]:
     """One enabled cell; its arm stands anywhere."""
     folder = tmp_path_factory.mktemp('cell')
-    if request.param == 'simulated':
-        taken = '--controller=simulated'
-        cell = Cell(folder, '--motion=smooth', taken, controller='simulated').ready()
-    elif request.param == 'resample':
+    if request.param == 'resample':
         cell = Cell(folder, '--motion=smooth', smoothing='resample').ready()
     else:
         how = () if request.param == 'spel' else (f'--motion={request.param}',)
@@ -142,7 +136,7 @@ def test_an_estop_ends_a_goal_that_waits(waiting_cell: Cell) -> None:
 
 
 def test_the_speed_scaling_slows_a_running_goal_pauses_it_and_goes_on(
-    request: pytest.FixtureRequest, waiting_cell: Cell
+    waiting_cell: Cell,
 ) -> None:
     peer = at_start(waiting_cell)
     peer.wait_for(lambda: peer.speed_scaling, 'the latched factor')
@@ -151,8 +145,7 @@ def test_the_speed_scaling_slows_a_running_goal_pauses_it_and_goes_on(
     peer.wait_for_motion()
     success, message = peer.set_speed(0.0)
     assert success
-    smooth = request.node.callspec.params['waiting_cell'] in ('simulated', 'resample')
-    assert ('comes to rest on its way' if smooth else 'no more points are sent') in message
+    assert 'no more points are sent' in message
     peer.wait_for(lambda: peer.speed_scaling[-1] == 0.0, 'a factor of 0')
     ramp = peer.speed_scaling[-5:]
     assert ramp == sorted(ramp, reverse=True)

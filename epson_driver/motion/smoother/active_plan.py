@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """A plan with the time when it began and the waypoints that it goes through."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,8 +17,7 @@ class ActivePlan:
     """What is executed since `begin`, s: a path, and the timing on it.
 
     route: the waypoints at the path's knots. clocks: when each of them should be reached, s on the
-    clock of the points, shape (k,). scale: the share of the planned speeds that the timing has,
-    from `settled` (s) on; 0 to come to rest on the path.
+    clock of the points, shape (k,). pause: whether it comes to rest on the path.
     """
 
     path: Path
@@ -27,8 +25,7 @@ class ActivePlan:
     route: list[Waypoint]
     clocks: Array
     begin: float
-    scale: float
-    settled: float = -math.inf
+    pause: bool
 
     @property
     def end(self) -> float:

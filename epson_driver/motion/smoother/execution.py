@@ -10,7 +10,7 @@ import numpy as np
 
 from epson_driver.motion.joint_motion import JointMotion, fastest_stop
 from epson_driver.motion.limits import Array
-from epson_driver.motion.smoother import ruckig_move, share_ramp
+from epson_driver.motion.smoother import ruckig_move
 from epson_driver.motion.smoother.active_plan import ActivePlan
 from epson_driver.motion.smoother.output_guard import Motion
 from epson_driver.motion.smoother.problem import Problem
@@ -19,10 +19,6 @@ from epson_driver.motion.smoother.waypoints import MIN_MOVE, Waypoint, Waypoints
 
 JUST_BEGUN_S = 1e-6
 """A motion that has begun so recently has not left its rest."""
-
-SHARE_PATIENCE_S, SHARE_PERIOD_S = 0.15, 0.02
-"""How long a way to another share is looked for that leaves enough of the plan; for as long again
-any counts, before the arm comes to rest to be slower. And the time between two tries, s."""
 
 Observer = Callable[[float, ActivePlan | JointMotion | None], None]
 """Told when, s, and what is executed from then on; None: rest."""
@@ -49,10 +45,8 @@ class Execution:
         """On the way to a rest without points: told to stop, or braking."""
         self.paused = False
         """At rest on the path, with a plan that ends there."""
-        self.scale = 1.0
-        """The share 0 … 1 of all speeds that is asked for."""
-        self._share_tried_at = -math.inf
-        self._share_wanted_since = math.inf
+        self.held = False
+        """Whether to rest on the path until it is released."""
         self.clock_start: float | None = None
         """When the clock of the points would have been 0, s, had the motion kept to it."""
 
@@ -105,7 +99,7 @@ class Execution:
         elif plan is not None and plan.timing.end < plan.path.end:
             if self.stopping:
                 self._arrive(plan.path.at(plan.timing.end)[0])
-            elif plan.scale == 0.0:
+            elif plan.pause:
                 self.paused = True
                 self.clock_start = None
             else:
@@ -126,11 +120,8 @@ class Execution:
         self._waypoints.passed(passed)
 
     def _begin_next(self, plan: ActivePlan) -> None:
-        if self.at_rest and plan.scale > 0.0:
-            share = self.scale / plan.scale
-            plan = dataclasses.replace(plan, timing=plan.timing.at_share(share), scale=self.scale)
         if self.plan is None or self.clock_start is None:
-            self.clock_start = plan.begin - plan.clock(plan.begin) / (plan.scale or 1.0)
+            self.clock_start = plan.begin - plan.clock(plan.begin)
         self.next = None
         self._execute(plan)
         self.paused = False
@@ -194,69 +185,14 @@ class Execution:
     def pause(self) -> None:
         """Stay at rest, or brake at once if that can be verified, or else go on as planned."""
         plan = self.plan
-        if plan is None or plan.scale == 0.0 or self.stopping:
+        if plan is None or plan.pause or self.stopping:
             return
         if self._just_begun(plan):
             self.rest_between(plan, float(plan.timing.positions[0]))
             return
         timing = self._stop_on(plan)
         if timing is not None:
-            self._execute(
-                dataclasses.replace(
-                    plan, timing=timing, begin=self.now, scale=0.0, settled=-math.inf
-                )
-            )
-
-    def reach_share(self, spare: float) -> None:
-        """Begin to go on at the share of the speeds that is asked for, if there is a way now.
-
-        spare: how much of the plan, s at its own pace, should be left then, to go on from.
-        """
-        plan = self.plan
-        if plan is None or self.stopping or plan.scale in (0.0, self.scale) or self.scale == 0.0:
-            self._share_wanted_since = math.inf
-            return
-        self._share_wanted_since = min(self._share_wanted_since, self.now)
-        waiting = self.next is not None or self.now < plan.settled
-        if waiting or self.now < self._share_tried_at + SHARE_PERIOD_S:
-            return
-        self._share_tried_at = self.now
-        left = plan.timing.part(self.now - plan.begin)
-        if left is None:
-            return
-        ratio = self.scale / plan.scale
-        if self.share_awaited >= SHARE_PATIENCE_S:
-            spare = 0.0
-        limits = self._waypoints.limits
-        found = share_ramp.shortest(plan.path, left, ratio, limits, spare / plan.scale)
-        if found is None:
-            return
-        timing, duration = found
-        slower = dataclasses.replace(
-            plan,
-            timing=timing,
-            begin=self.now,
-            scale=self.scale,
-            settled=self.now + duration,
-        )
-        if self.clock_start is not None:  # the delay by the clock stays what it is
-            late = (self.now - self.clock_start) * plan.scale - plan.clock(self.now)
-            since = (late + slower.clock(slower.settled)) / slower.scale
-            self.clock_start = slower.settled - since
-        self._share_wanted_since = math.inf
-        self._execute(slower)
-
-    @property
-    def share_awaited(self) -> float:
-        """For how long a share has been asked for that no way was found to, s."""
-        return max(self.now - self._share_wanted_since, 0.0)
-
-    @property
-    def to_slow_down(self) -> bool:
-        """Whether a lower share was not reached for so long that a rest has to come before it."""
-        plan = self.plan
-        waited = self.share_awaited >= 2.0 * SHARE_PATIENCE_S
-        return waited and plan is not None and plan.scale > self.scale
+            self._execute(dataclasses.replace(plan, timing=timing, begin=self.now, pause=True))
 
     def _just_begun(self, plan: ActivePlan) -> bool:
         """Return whether a plan has only begun now, out of a rest."""

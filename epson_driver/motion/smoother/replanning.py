@@ -35,9 +35,6 @@ RESERVE_IN_STOPPING_TIMES = 2.5
 URGENT_RESERVE_SHARE = 0.4
 """A plan that rests within this share of the reserve should be replaced by any other."""
 
-SPARE_RESERVE_SHARE = 0.6
-"""So much of the reserve should be left of a plan whose speeds get another share."""
-
 LATE_TOLERANCE_S = 1e-9
 """A plan may begin so long ago."""
 
@@ -49,15 +46,11 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PendingRequest:
-    """A request, the waypoints that its knots are, and whether there are more behind them.
-
-    scale: the share of the plan's speeds to execute it with; 0 to come to rest on the path.
-    """
+    """A request, the waypoints that its knots are, and whether there are more behind them."""
 
     request: Request
     route: list[Waypoint]
     more: bool
-    scale: float
 
 
 class Replanning:
@@ -103,10 +96,6 @@ class Replanning:
 
     def plan_now(self) -> None:
         """Plan if it is time to, and if there is a planner."""
-        plan = self._execution.plan
-        if self._pending is None and plan is not None:
-            goes_on = self.news and not plan.finished
-            self._execution.reach_share(self._reserve * SPARE_RESERVE_SHARE if goes_on else 0.0)
         if self._planner is not None:
             request = self.request()
             if request is not None:
@@ -135,7 +124,7 @@ class Replanning:
         if answer is None or (answer.start is not None and answer.start < now - LATE_TOLERANCE_S):
             self.news = True
             plan = execution.plan
-            if answer is None and execution.paused and execution.scale > 0.0 and plan is not None:
+            if answer is None and execution.paused and not execution.held and plan is not None:
                 execution.rest_between(plan, plan.timing.end)
             return False
         begin = now if answer.start is None else answer.start
@@ -144,11 +133,11 @@ class Replanning:
         count = len(answer.knots.u)
         execution.next = ActivePlan(
             Path(answer.knots),
-            answer.timing.at_share(pending.scale or 1.0),
+            answer.timing,
             pending.route[:count],
             pending.request.clock[:count],
             begin,
-            pending.scale,
+            pending.request.pause,
         )
         short = count < len(pending.route) or answer.timing.end < answer.knots.u[-1]
         self.news = self.news or pending.more or short
@@ -174,24 +163,17 @@ class Replanning:
             return self._worth_beginning()
         if execution.now < self._asked_at + MIN_PERIOD_S:
             return False
-        if (plan.scale == 0.0) != (execution.scale == 0.0):
+        if plan.pause != execution.held:
             return True
-        if plan.scale == 0.0 or plan.finished or not self.news or execution.to_slow_down:
+        if plan.pause or plan.finished or not self.news:
             return False
-        left = plan.end - execution.now - self._lead(plan)
-        if execution.share_awaited > 0.0:
-            return left > 0.0
-        return 0.0 < left < self._reserve / plan.scale
-
-    def _lead(self, plan: ActivePlan) -> float:
-        """Return how far ahead of now another plan begins, s."""
-        return max(self.latency, plan.settled - self._execution.now)
+        return 0.0 < plan.end - execution.now - self.latency < self._reserve
 
     def _worth_beginning(self) -> bool:
         """Return whether to leave the rest now."""
         execution, waypoints = self._execution, self._waypoints
         now = execution.now
-        if execution.scale == 0.0 or now < waypoints.rest_until:
+        if execution.held or now < waypoints.rest_until:
             return False
         waited = now - waypoints.waiting_since()
         patient = waited >= START_PATIENCE_S
@@ -217,30 +199,25 @@ class Replanning:
         former: TimeParametrisation | None = None
         lag = 0.0
         urgent = True
-        pause = plan is not None and execution.scale == 0.0
-        share = execution.scale
-        if plan is not None and (pause or plan.scale > 0.0):
-            share = 1.0 if pause else plan.scale  # who goes on at that share plans without it
+        pause = plan is not None and execution.held
         if plan is None:
             position = execution.motion.position
             zeros = np.zeros((1, len(position)))
             kept, route = Knots(np.zeros(1), position[None, :], zeros, zeros), [waypoints.origin]
             state = (0.0, 0.0, 0.0)
         else:
-            begin = execution.now + (self.latency if pause else self._lead(plan))
+            begin = execution.now + self.latency
             if not execution.paused:
                 start = begin
-                urgent = (plan.end - begin) * share < URGENT_RESERVE_SHARE * self._reserve
-            u, v, a = plan.timing.at(begin - plan.begin)
-            state = (u, v / share, a / share**2)
-            left = plan.timing.part(begin - plan.begin)
-            former = left and left.at_share(1.0 / share)
+                urgent = plan.end - begin < URGENT_RESERVE_SHARE * self._reserve
+            state = plan.timing.at(begin - plan.begin)
+            former = plan.timing.part(begin - plan.begin)
             knots = plan.path.knots
-            first = plan.path.segment(u)
+            first = plan.path.segment(state[0])
             kept, route = knots[first : first + 2], plan.route[first : first + 2]
             older = knots[first:]
             if execution.clock_start is not None and route[-1].timed:
-                lag = (begin - execution.clock_start) * share - plan.clock(begin)
+                lag = begin - execution.clock_start - plan.clock(begin)
             else:
                 execution.clock_start = None
         known = len(route)
@@ -267,7 +244,7 @@ class Replanning:
             route[-1].rest is not None,
             self._catch_up,
         )
-        return PendingRequest(request, route, more, 0.0 if pause else share)
+        return PendingRequest(request, route, more)
 
     def _extend(self, route: list[Waypoint], end: float) -> bool:
         """Add the waypoints to plan for, up to the next rest and return whether more are known.

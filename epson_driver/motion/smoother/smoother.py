@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The smoother: points in as they come, one smooth motion out."""
 
-import copy
-import dataclasses
 import logging
 import math
 from collections.abc import Sequence
@@ -87,7 +85,7 @@ class Smoother:
         """Forget all points and go through others, shape (k, n), from wherever the arm is.
 
         A moving arm goes to the first of them in joint space, straight out of its motion, and
-        rests there for an instant; where `scale` is 0 it comes to rest. Raises as `append`.
+        rests there for an instant; one that is `held` comes to rest. Raises as `append`.
         """
         each = [None] * len(points) if durations is None else durations
         if len(each) != len(points):
@@ -97,9 +95,8 @@ class Smoother:
             for index, (point, duration) in enumerate(zip(points, each, strict=True))
         ]
         move = None
-        if self._execution.in_motion and checked and self.scale > 0.0:
-            slower = dataclasses.replace(self.limits, velocity=self.scale * self.limits.velocity)
-            move = fastest_move(slower, self.motion, checked[0])
+        if self._execution.in_motion and checked and not self.held:
+            move = fastest_move(self.limits, self.motion, checked[0])
         self._forget()
         if move is None:
             self._execution.stop()
@@ -122,33 +119,21 @@ class Smoother:
         self._replanning.start_over()
 
     @property
-    def scale(self) -> float:
-        """The share 0 … 1 of all speeds. At 0 the arm rests on its path until it is raised.
+    def held(self) -> bool:
+        """Whether the arm rests on its path, or brakes for that, until `resume`."""
+        return self._execution.held
 
-        In every mode the motion is at most at that share of what it would be, after a ramp. Where
-        no ramp is found for a while that keeps all limits, the arm rests before it is slower.
-        """
-        return self._execution.scale
+    def hold(self) -> None:
+        """Rest on the path, and keep the points. A second call is no error."""
+        if not self.held:
+            self._execution.held = True
+            self._execution.clock_start = None
+            self._replanning.start_over()
+            self._execution.pause()
 
-    @scale.setter
-    def scale(self, value: float) -> None:
-        if not 0.0 <= value <= 1.0:
-            raise ValueError(f'scale = {value}: must be 0 … 1')
-        if value != self.scale:
-            self._execution.scale = float(value)
-            if value == 0.0:
-                self._execution.clock_start = None
-                self._replanning.start_over()
-                self._execution.pause()
-
-    def copy(self) -> 'Smoother':
-        """Return a smoother that goes on as this one does, and is told things without it.
-
-        The points are theirs together, so that none may be added before they are passed.
-        """
-        waypoints = self._waypoints
-        shared = [self.limits, waypoints.origin, waypoints.last, *waypoints.ahead]
-        return copy.deepcopy(self, {id(each): each for each in shared})
+    def resume(self) -> None:
+        """Go on to the points after `hold`. The lost time is not made up for."""
+        self._execution.held = False
 
     def _forget(self) -> None:
         """Forget all points, and what is planned for them. The motion goes on."""

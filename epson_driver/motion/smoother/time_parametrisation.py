@@ -101,16 +101,6 @@ class TimeParametrisation:
             np.concatenate((self.jerks, next_.jerks)),
         )
 
-    def at_share(self, share: float) -> 'TimeParametrisation':
-        """Return it at a share of its speeds."""
-        return TimeParametrisation(
-            self.times / share,
-            self.positions,
-            self.velocities * share,
-            self.accelerations * share**2,
-            self.jerks * share**3,
-        )
-
 
 def from_ruckig(trajectory: RuckigTrajectory) -> TimeParametrisation:
     """Return a one-dimensional Ruckig trajectory as a timing."""

@@ -101,9 +101,6 @@ class Executor(Protocol):
     def resume(self) -> None:
         """Go on after `hold`, to the same points."""
 
-    def scale(self, share: float) -> bool:
-        """Go at a share 0 … 1 of all speeds from now on. False: it cannot, and nothing changes."""
-
     def settle(self, position: Array) -> None:
         """Stand at another position, shape (n,), rad: the arm was moved while it had no power.
 

@@ -271,10 +271,6 @@ class PointToPoint:
         """Go on after `hold` from rest, to the first target that was not reached."""
         self._held = False
 
-    def scale(self, share: float) -> bool:
-        """Return False: what goes from point to point has no smoother to slow down."""
-        return False
-
     def settle(self, position: Array) -> None:
         """Stand at another position within the limits, shape (n,), rad.
 

@@ -152,7 +152,6 @@ class Streaming:
         self._taken = 0
         self._now = 0.0
         self._held = False
-        self._share = 1.0
         self._braking = False
         # The request that the planner has, since when, and whether it was forgotten meanwhile.
         self._request: Request | None = None
@@ -171,7 +170,8 @@ class Streaming:
         )
         self._forget_request()
         self._goal: Array | None = None
-        self._smoother.scale = 0.0 if self._held else self._share
+        if self._held:
+            self._smoother.hold()
         self._look()
 
     def _look(self) -> None:
@@ -197,7 +197,7 @@ class Streaming:
     @property
     def still(self) -> bool:
         """Whether the arm stands, with nothing that would move it: at rest, or held at rest."""
-        return not self.moving or (self._smoother.scale == 0.0 and self._smoother.at_rest)
+        return not self.moving or (self._held and self._smoother.at_rest)
 
     @property
     def has_room(self) -> bool:
@@ -252,25 +252,13 @@ class Streaming:
         """
         if not self._held:
             self._held = True
-            self._smoother.scale = 0.0
+            self._smoother.hold()
             self._forget_request()
 
     def resume(self) -> None:
         """Go on after `hold`, to the same points. The time that has passed is not made up for."""
         self._held = False
-        self._smoother.scale = self._share
-
-    def scale(self, share: float) -> bool:
-        """Go at a share 0 … 1 of all speeds from now on, after a ramp.
-
-        At 0 it rests on its path.
-        """
-        self._share = share
-        if not self._held:
-            self._smoother.scale = share
-            if share == 0.0:
-                self._forget_request()
-        return True
+        self._smoother.resume()
 
     def settle(self, position: Array) -> None:
         """Stand at another position, shape (n,), rad: the arm was moved while it had no power.

@@ -22,8 +22,6 @@ The rules (REP-I0006 where it says something, the thesis' program otherwise):
   that answered each other would do so for ever.
 * A client that hangs (ClientWatchdog) has its points dropped, as by a STOP. A PING reply with
   FAILURE tells it, before their own, and each point after that gets FAILURE until a STOP.
-* SPEED_SHARE, where the profile has it, says which share of all speeds a smoothly moving arm goes
-  at. It is the client's: a trajectory of another one that says nothing begins with all of them.
 * In a pause the arm gets no point and none is answered; what is wrong is refused all the same, and
   STOP works.
 
@@ -31,7 +29,6 @@ What a profile's `ProgramProfile` changes in these rules stands there.
 """
 
 import logging
-import math
 from collections.abc import Callable
 
 from epson_driver.profiles.profile import ProgramProfile
@@ -70,7 +67,6 @@ from epson_driver.simple_message import (
     Real,
     ReplyCode,
     SpecialSequence,
-    SpeedShare,
     decode,
     reply,
 )
@@ -139,7 +135,6 @@ class MotionProgram:
         self._download = Download(profile.download)
         self._accepted: int | None = None
         self._topics = False  # whether the client downloads by topics, which are not answered
-        self._scaled = False  # whether this client has said which share of all speeds it wants
         self._silent: Rejection | None = None  # why each point is refused: the client hung
         self._queue = PointQueue(
             arm,
@@ -189,8 +184,6 @@ class MotionProgram:
             return
         if packet.msg_type == MessageType.JOINT_TRAJ_PT:
             self._receive_point(packet)
-        elif packet.msg_type == MessageType.SPEED_SHARE and self._profile.scales_speed:
-            self._receive_share(packet)
         elif (response := answer(packet, {})) is not None:
             self._send(response)
 
@@ -232,10 +225,6 @@ class MotionProgram:
         sentence = f'the motion client was silent for {seconds:g} s: the arm was stopped'
         self._silent = Rejection(ErrorNumber.CLIENT_SILENT, sentence)
         self._errors.enter(self._silent)
-
-    def greet(self) -> None:
-        """Serve a new client, who has said no share of all speeds yet."""
-        self._scaled = False
 
     def detach(self) -> None:
         """Forget the client and its unacknowledged points, but let the arm go on."""
@@ -323,24 +312,10 @@ class MotionProgram:
         self._topics = False
         sequence = max(point.sequence, 0)
         begins = sequence == 0 or self._accepted is None
-        if begins and not (self._scaled or self._arm.moving):
-            self._arm.scale(1.0)
         self._accepted = sequence
         reason = None if outside is None else outside.about(_name(point))
         self._queue.append(Entry(self._point(point, sequence), point.sequence, begins, reason))
         self._queue.advance()
-
-    def _receive_share(self, packet: Packet) -> None:
-        if packet.comm_type is not CommType.SERVICE_REQUEST:
-            return
-        message = packet.message
-        share = message.share if isinstance(message, SpeedShare) else math.nan
-        if not (0.0 <= share <= 1.0 and self._arm.scale(share)):  # NaN too
-            _log.warning('refused: SPEED_SHARE %g: 0 to 1, of an arm that moves smoothly', share)
-            self._send(failure(MessageType.SPEED_SHARE))
-            return
-        self._scaled = True
-        self._send(reply(SpeedShare(share), ReplyCode.SUCCESS))
 
     def _sequence_rejection(self, point: JointTrajPt) -> Rejection | None:
         if point.sequence == LAST:

@@ -220,9 +220,6 @@ class MotomanProgram:
         """Abort. The same, because no trajectory goes on after that."""
         self.abort()
 
-    def greet(self) -> None:
-        """Serve a new client: it is served as the last one was."""
-
     def detach(self) -> None:
         """Forget the point that waits, but neither the mode nor the points that the arm has."""
         self._waiting.clear()

@@ -46,9 +46,6 @@ class Program(Protocol):
     def restart(self) -> None:
         """Abort, and forget the trajectory."""
 
-    def greet(self) -> None:
-        """Serve a new client, of whom nothing is known."""
-
     def detach(self) -> None:
         """Forget the client, which is gone, but not its acknowledged points."""
 

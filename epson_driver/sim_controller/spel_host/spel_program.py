@@ -324,9 +324,6 @@ class SpelProgram:
 
         self._after_tasks(end)
 
-    def greet(self) -> None:
-        """Serve a new client: it is served as the last one was."""
-
     def detach(self) -> None:
         """Do nothing, as its statements see by the port that the client is gone."""
 
