@@ -14,6 +14,7 @@ import ipaddress
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from heapq import heappop, heappush
 from typing import Protocol
 
 from epson_driver.link.connection import Address
@@ -280,6 +281,10 @@ class Stream:
 
     next_sequence: int | None = None
     waiting: dict[int, bytes] = field(default_factory=dict)
+    """Data behind a gap, by its first byte, counted from the first byte of the stream."""
+
+    _starts: list[int] = field(default_factory=list)
+    _taken: int = 0
 
     def take(self, segment: Segment) -> bytes:
         """Return new bytes in order, without repetitions, waiting for gaps to be filled."""
@@ -287,20 +292,16 @@ class Stream:
         if self.next_sequence is None or segment.flags & Flag.SYN:
             self.next_sequence = sequence
         if segment.data:
-            held = self.waiting.get(sequence, b'')
-            self.waiting[sequence] = max(held, segment.data, key=len)
-        if self._ahead(sequence) > 0:  # behind a gap: nothing is in order because of it
-            return b''
+            ahead = (sequence - self.next_sequence) & 0xFFFFFFFF
+            start = self._taken + ahead - (ahead >> 31 << 32)
+            if start not in self.waiting:
+                heappush(self._starts, start)
+            self.waiting[start] = max(self.waiting.get(start, b''), segment.data, key=len)
         fresh = bytearray()
-        for start in sorted(self.waiting, key=self._ahead):
-            if self._ahead(start) > 0:
-                break
-            data = self.waiting.pop(start)[-self._ahead(start) :]
+        while self._starts and self._starts[0] <= self._taken:
+            start = heappop(self._starts)
+            data = self.waiting.pop(start)[self._taken - start :]
             fresh += data
-            self.next_sequence = (self.next_sequence + len(data)) & 0xFFFFFFFF
+            self._taken += len(data)
+        self.next_sequence = (self.next_sequence + len(fresh)) & 0xFFFFFFFF
         return bytes(fresh)
-
-    def _ahead(self, sequence: int) -> int:
-        """Return how far a sequence number lies ahead of what was taken."""
-        difference = (sequence - (self.next_sequence or 0)) & 0xFFFFFFFF
-        return difference - (difference >> 31 << 32)

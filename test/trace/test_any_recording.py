@@ -108,3 +108,15 @@ def test_a_packet_that_is_lost_makes_no_work_for_all_that_follow() -> None:
     for number in range(40_000):
         assert stream.take(Segment(0.0, *ends, 2 + number, Flag.ACK, b'c')) == b''
     assert stream.take(Segment(0.0, *ends, 1, Flag.ACK, b'b')) == b'b' + b'c' * 40_000
+
+
+def test_segments_behind_gaps_cost_nothing_for_segments_in_order() -> None:
+    """All segments behind gaps were sorted for each segment in order: days for 100 MB."""
+    ends = ('10.0.0.1', 11002), ('10.0.0.2', 50000)
+    stream = Stream()
+    assert stream.take(Segment(0.0, *ends, 0, Flag.ACK, b'a')) == b'a'
+    for number in range(60_000):
+        far = 1_000_000 + 2 * number
+        assert stream.take(Segment(0.0, *ends, far, Flag.ACK, b'c')) == b''
+        assert stream.take(Segment(0.0, *ends, 1 + number, Flag.ACK, b'b')) == b'b'
+    assert len(stream.waiting) == 60_000
