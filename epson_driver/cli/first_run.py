@@ -7,6 +7,7 @@ import asyncio
 import os
 import platform
 import sys
+import termios
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -80,9 +81,12 @@ class _Keyboard:
         self._typed = b''
 
     async def ask(self, sentence: str) -> str:
-        """Show a sentence and return the line that is typed. Raises EOFError."""
-        print(sentence, end='', flush=True)
+        """Show a sentence and return the line that is typed after it. Raises EOFError."""
         loop, file = asyncio.get_running_loop(), sys.stdin.fileno()
+        if os.isatty(file):  # an earlier line answers another question
+            termios.tcflush(file, termios.TCIFLUSH)
+            self._typed = b''
+        print(sentence, end='', flush=True)
         while b'\n' not in self._typed:
             ready = asyncio.Event()
             try:

@@ -11,10 +11,10 @@ from pathlib import Path
 from epson_driver.doctor.listening import TRACE, NoConnectionError
 from epson_driver.first_run.book import DONE, FAILED, SKIPPED, Book, Entry, packed
 from epson_driver.first_run.ride import NotMovedError
-from epson_driver.first_run.steps import FirstRun, Step, make_ready, steps
+from epson_driver.first_run.steps import EndedError, FirstRun, Step, agreed, make_ready, steps
 from epson_driver.trace.pcap import PcapWriter
 
-CHOICES = 'Enter: do it, s: skip it, q: end (the rest another time): '
+CHOICES = 'Enter or y: do it, s: skip it, q: end (the rest another time): '
 
 
 async def go_through(run: FirstRun, book: Book, path: Path, say: Callable[[str], None]) -> bool:
@@ -29,12 +29,13 @@ async def go_through(run: FirstRun, book: Book, path: Path, say: Callable[[str],
             say(f'{step.name}: done {before.at}')
             continue
         say(f'{step.name}: {step.says}')
-        said = (await run.ask(CHOICES)).strip().lower()
-        if said.startswith('q'):
-            return False
-        skip = said.startswith('s')
         now = dataclasses.replace(run, delay=float(book.facts.get('reply delay', 0.0)))
-        book.entries[step.name] = Entry(SKIPPED, _now()) if skip else await _done(step, now)
+        try:
+            do = await agreed(run.ask, CHOICES)
+            book.entries[step.name] = await _done(step, now) if do else Entry(SKIPPED, _now())
+        except EndedError as ended:
+            say(f'{step.name}: {ended}')
+            return False
         entry = book.entries[step.name]
         for habit in entry.found.habits:
             run.findings.note(step.name, habit)

@@ -215,17 +215,36 @@ async def make_ready(run: FirstRun) -> None:
             await _ready(run, state, 'Set the power LOW, switch the motors on, start main')
 
 
+class EndedError(Exception):
+    """The person ended the session: with q, or without low power."""
+
+
+async def agreed(ask: Ask, sentence: str, no: str = 's') -> bool:
+    """Ask until the answer is Enter or y, or begins with `no`; return whether it is the former.
+
+    Raises EndedError if it begins with q.
+    """
+    while (answer := (await ask(sentence)).strip().lower()) not in ('', 'y', 'yes'):
+        if answer.startswith('q'):
+            raise EndedError('ended here')
+        if answer.startswith(no):
+            return False
+    return True
+
+
 async def _power(run: FirstRun) -> Found:
     await make_ready(run)
-    return Found(answers={'power': (await run.ask('Is the power low? (y/n): ')).strip()[:100]})
+    if not await agreed(run.ask, 'Is the power low? (Enter or y: yes, n: no): ', 'n'):
+        raise EndedError('the arm moves with low power only: set the power LOW, then start again')
+    return Found(answers={'power': 'low'})
 
 
 async def _ready(run: FirstRun, state: Conversation, what: str) -> None:
     """Have a person do something until STATUS says that the arm could move."""
     while True:
-        said = await run.ask(f'{what}, then press Enter (s: give this step up): ')
+        done = await agreed(run.ask, f'{what}, then press Enter (s: give this step up): ')
         await state.ended_within(0.5)
-        if said.strip().lower().startswith('s') or state.heard.ended:
+        if not done or state.heard.ended:
             raise NotMovedError('the arm was not made ready')
         status = latest_status(state.heard)
         found = None if status is None else seen_inhibit(status, run.errors)

@@ -6,6 +6,9 @@ import asyncio
 import contextlib
 import dataclasses
 import math
+import os
+import pty
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +17,7 @@ from support.driver_harness import MODEL, simulated
 from support.event_loop import run as run_loop
 from support.examples import quickly
 
+from epson_driver.cli.first_run import _Keyboard
 from epson_driver.doctor.controller_checks import Question
 from epson_driver.doctor.findings import Findings
 from epson_driver.first_run.book import DONE, FAILED, SKIPPED, Book, Entry, likeness, load
@@ -407,6 +411,59 @@ def test_what_a_robot_or_a_person_says_is_text_on_the_page(tmp_path):
     assert '<img' not in path.read_text()
     with pytest.raises(InputError, match='is no file of first-run: '):
         load(path)
+
+
+@pytest.mark.invariant(1)
+def test_inv1_only_enter_or_y_moves_the_arm(tmp_path, monkeypatch):
+    answer = Person.ask
+
+    async def odd(person, sentence):
+        asked = person.asked.count((person.step, sentence))
+        if (sentence == CHOICES and person.step == 'joint 1') or sentence.startswith('Set the'):
+            person.asked.append((person.step, sentence))
+            if sentence != CHOICES:
+                person._recover()
+            return ['n', 'no', 'exit', 'wait', '12.5', 'yx', ' N ', 's'][asked]
+        return await answer(person, sentence)
+
+    monkeypatch.setattr(Person, 'ask', odd)
+    made = first_day(tmp_path, only=['joint 1', 'joint 2'])
+    person, entries = made['person'], made['book'].entries
+    assert person.asked.count(('joint 1', CHOICES)) == 8
+    assert entries['joint 1'].state == SKIPPED
+    assert sum(sentence.startswith('Set the') for _, sentence in person.asked) == 8
+    assert entries['joint 2'].why == 'the arm was not made ready'
+    np.testing.assert_allclose(person.controller.joint_position().joints[:6], START, atol=1e-5)
+
+
+@pytest.mark.invariant(1)
+@pytest.mark.parametrize(
+    ('question', 'answers'), [('Is the power low', ['maybe', 'n']), (CHOICES, ['q'])]
+)
+def test_inv1_without_low_power_the_session_ends(tmp_path, monkeypatch, question, answers):
+    answer = Person.ask
+
+    async def says(person, sentence):
+        if person.step == 'ready' and sentence.startswith(question):
+            return answers.pop(0)
+        return await answer(person, sentence)
+
+    monkeypatch.setattr(Person, 'ask', says)
+    made = first_day(tmp_path, only=['ready', 'joint 1'])
+    assert not made['ended']
+    assert answers == []
+    assert not {'ready', 'joint 1'} & made['book'].entries.keys()
+
+
+@pytest.mark.invariant(1)
+def test_inv1_a_line_that_was_typed_before_the_question_is_no_answer(monkeypatch):
+    terminal, end = pty.openpty()
+    monkeypatch.setattr('builtins.print', lambda *_, **__: os.write(terminal, b's\n'))
+    with os.fdopen(end) as keys:
+        monkeypatch.setattr(sys, 'stdin', keys)
+        os.write(terminal, b'y\n\n')
+        assert asyncio.run(_Keyboard().ask('Move?')) == 's'
+    os.close(terminal)
 
 
 @pytest.mark.invariant(1)
