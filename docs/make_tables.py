@@ -30,7 +30,7 @@ from epson_driver.spel.words import CONSTANTS
 
 DOCS = Path(__file__).parent
 TEST = DOCS.parent / 'test'
-INVARIANTS = range(1, 10)
+INVARIANTS = range(1, 11)
 WIDTH = 120
 KINDS = {bool: 'bool', int: 'integer', float: 'double', str: 'string', list: 'array'}
 

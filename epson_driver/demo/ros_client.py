@@ -148,15 +148,14 @@ class RosClient:
         """Return the joint states received during the last goal, joints in `joint_names` order."""
         if not self._states:
             raise RunError('no joint states came while the goal ran')
-        columns = [self._states[0].name.index(name) for name in self._joint_names]
         return Recording(
             np.array([_stamp(state) for state in self._states]),
-            np.array([s.position for s in self._states])[:, columns],
-            np.array([s.velocity for s in self._states])[:, columns],
+            np.array([s.position for s in self._states]),
+            np.array([s.velocity for s in self._states]),
         )
 
     def _on_state(self, message: Any) -> None:
-        if self._recording:
+        if self._recording and tuple(message.name) == self._joint_names:  # not another arm's
             self._states.append(message)
 
     def _on_link_state(self, message: Any) -> None:

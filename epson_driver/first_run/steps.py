@@ -220,9 +220,9 @@ class EndedError(Exception):
 
 
 async def agreed(ask: Ask, sentence: str, no: str = 's') -> bool:
-    """Ask until the answer is Enter or y, or begins with `no`; return whether it is the former.
+    """Ask until the answer is Enter or y (return True), or starts with `no` (return False).
 
-    Raises EndedError if it begins with q.
+    Raises EndedError if it starts with q.
     """
     while (answer := (await ask(sentence)).strip().lower()) not in ('', 'y', 'yes'):
         if answer.startswith('q'):

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Another driver's FollowJointTrajectory action and its joint states, for a loop beside rclpy's.
+"""Another driver's FollowJointTrajectory action and its joints, for a loop beside rclpy's.
 
 What rclpy is asked runs in its executor's thread: its action client notes a request after it was
 sent, so an answer that another thread takes sooner would be lost.
@@ -8,12 +8,12 @@ sent, so an answer that another thread takes sooner would be lost.
 
 import asyncio
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from action_msgs.msg import GoalStatus
 from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import JointTrajectoryControllerState
 from rclpy.action import ActionClient
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
@@ -22,8 +22,8 @@ from sensor_msgs.msg import JointState
 
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.tasks import report_error
-from epson_driver.motion import Array
-from epson_driver.node.trajectory_messages import duration_in_s
+from epson_driver.motion import Array, JointLimits
+from epson_driver.node.joint_reader import JointReader
 
 QUERY = 'query_state'
 """The service by which joint_trajectory_controller, and what derives from it, is known."""
@@ -149,49 +149,38 @@ class Sent:
 
 
 class ArmState:
-    """Joints, as `joint_states` says where they are."""
+    """State of the joints: the controller's own, or of `joint_states` if it publishes none.
 
-    def __init__(self, node: Node, callback_group: CallbackGroup) -> None:
+    `action`: the resolved name of the controller's action; its `controller_state` is beside it.
+    """
+
+    def __init__(self, node: Node, action: str, callback_group: CallbackGroup) -> None:
         self._loop = asyncio.get_running_loop()
-        self._joints: dict[str, tuple[float, float, float, float]] = {}
-        """When they came, by the loop's clock, their stamp, position and velocity."""
-        node.create_subscription(
-            JointState,
-            'joint_states',
-            self._on_state,
-            qos_profile_sensor_data,
-            callback_group=callback_group,
-        )
-
-    def _on_state(self, message: JointState) -> None:
-        stamp, now = duration_in_s(message.header.stamp), self._loop.time()
-        given = len(message.velocity) == len(message.name)
-        for index, (name, position) in enumerate(
-            zip(message.name, message.position, strict=False)
+        self._node = node
+        self._own = JointReader(f'{action.rpartition("/")[0]}/controller_state')
+        self._shared = JointReader('joint_states')
+        for kind, topic, callback in (
+            (JointTrajectoryControllerState, self._own.topic, self._on_own),
+            (JointState, self._shared.topic, self._on_shared),
         ):
-            before = self._joints.get(name)
-            if given:
-                velocity = message.velocity[index]
-            elif before is not None and stamp > before[1]:
-                velocity = (position - before[2]) / (stamp - before[1])
-            else:
-                velocity = 0.0 if before is None else before[3]
-            self._joints[name] = (now, stamp, position, velocity)
+            node.create_subscription(
+                kind, topic, callback, qos_profile_sensor_data, callback_group=callback_group
+            )
 
-    def of(self, names: Sequence[str], oldest: float) -> tuple[Array, Array]:
-        """Return positions and velocities of joints, shapes (n,), no more than `oldest` s old.
+    def _on_own(self, message: JointTrajectoryControllerState) -> None:
+        now, at = self._loop.time(), message.feedback
+        stamp = message.header.stamp
+        self._own.take(message.joint_names, at.positions, at.velocities, stamp, now)
 
-        Raises GoalRejectedError that names the joint whose state is missing or older.
-        """
-        now = self._loop.time()
-        for name in names:
-            if name not in self._joints or now - self._joints[name][0] > oldest:
-                raise GoalRejectedError(
-                    ErrorCode.INVALID_GOAL,
-                    f'where {name} is, joint_states did not say in the last {oldest:g} s',
-                )
-        rows = np.array([self._joints[name][2:] for name in names])
-        return rows[:, 0], rows[:, 1]
+    def _on_shared(self, message: JointState) -> None:
+        now, stamp = self._loop.time(), message.header.stamp
+        self._shared.take(message.name, message.position, message.velocity, stamp, now)
+
+    def of(self, limits: JointLimits, oldest: float) -> tuple[Array, Array]:
+        """Return positions and velocities, shapes (n,). Raises as `JointReader.of`."""
+        own = self._own or self._node.count_publishers(self._own.topic)
+        reader = self._own if own else self._shared
+        return reader.of(limits.names, limits.velocity, oldest, self._loop.time())
 
 
 def _settle(done: 'asyncio.Future[Any]', future: Any) -> None:

@@ -95,6 +95,10 @@ class Throttle:
         return True
 
 
+IDLE_PERIOD_S, MAX_PERIOD_S = 0.04, 0.5
+"""Longest period of ~/controller_state without a goal, and with one whose action_monitor_rate is
+lower, s: the panel and smooth_goals read the arm's joints from it."""
+
 RESULT_TIMEOUT_S = 60
 """How long a goal and its result are kept for whoever asks late, s: rclpy's own 15 minutes would
 keep all points of all goals of that time."""
@@ -127,6 +131,8 @@ class GoalServer:
         limits = driver.configuration.limits
         self.requests = GoalRequests(limits, parameters, self._clock, self._loop.time)
         self._feedback_throttle = Throttle()
+        self._names = driver.configuration.limits.names
+        self._published = 0.0
         self._point_streams = PointStreams()
         self._controller_state = node.create_publisher(
             JointTrajectoryControllerState, '~/controller_state', 10
@@ -203,7 +209,16 @@ class GoalServer:
             return None
         stamp = self._clock.now().to_msg()
         self._controller_state.publish(messages.controller_state(execution, sample, stamp))
+        self._published = sample.time
         return stamp
+
+    def on_joints(self, sample: JointSample, stamp: Time) -> None:
+        """Publish `~/controller_state` without a plan, for its subscribers, while no goal does."""
+        period = IDLE_PERIOD_S if self._queue.execution is None else MAX_PERIOD_S
+        late = sample.time - self._published >= period
+        if late and self._controller_state.get_subscription_count():
+            self._published = sample.time
+            self._controller_state.publish(messages.idle_state(self._names, sample, stamp))
 
     def _begin_stop(self) -> None:
         task = self._loop.create_task(self._stop_for_topic())

@@ -102,6 +102,18 @@ def controller_state(
     return message
 
 
+def idle_state(
+    names: Sequence[str], sample: JointSample, stamp: Time
+) -> JointTrajectoryControllerState:
+    """Return where the arm was measured, without a plan."""
+    message = JointTrajectoryControllerState(speed_scaling_factor=1.0)
+    message.joint_names = list(names)
+    message.header.stamp = stamp
+    message.feedback.positions = sample.positions.tolist()
+    message.feedback.velocities = sample.velocities.tolist()
+    return message
+
+
 def _points(
     execution: GoalExecution, sample: JointSample
 ) -> tuple[JointTrajectoryPoint, JointTrajectoryPoint, JointTrajectoryPoint]:

@@ -229,6 +229,7 @@ class ClientNode:
         """Publish `joint_states`, stamped with the time at which they were measured."""
         stamp = self._stamps.stamp(sample.measured)
         self._joint_states.publish(self._joint_state.write(sample, stamp))
+        self.goal_server.on_joints(sample, stamp)
 
     def on_status(self, status: Status) -> None:
         """Publish `robot_status`."""

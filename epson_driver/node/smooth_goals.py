@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The node in front of any driver: FollowJointTrajectory goals in, the same ones smooth out.
 
-1. A goal begins where the arm stands: `joint_states` says where, and whether it does. Its smooth
+1. A goal starts at the position of the arm in the driver's own `controller_state`, or in
+   `joint_states` if the driver publishes none. Its smooth
    motion is planned as a whole, and handed on as one trajectory.
 2. Feedback and result of the driver behind are passed on, and so are the tolerances; the time
    that the smooth motion takes longer counts within goal_time_tolerance.
@@ -131,7 +132,11 @@ TABLE = (
         10.0,
     ),
     Row(
-        'state_timeout', 1.0, 'After so long without joint_states a goal is left [s].', 0.05, 60.0
+        'state_timeout',
+        1.0,
+        'Without the state of the joints for this time, a goal is left [s].',
+        0.2,
+        60.0,
     ),
     Row('reply_timeout', 2.0, 'Patience for the answers of the driver behind [s].', 0.05, 60.0),
 )
@@ -248,6 +253,8 @@ class SmoothGoals:
         for sentence in undeclared(node):
             self._logger.warning(sentence)
         self._described: Rows = {}
+        self._contradicted: dict[str, str] = {}
+        """Why the limits of a joint are unknown, by its name: two robot descriptions differ."""
         self._filed = file_limits(values['limits_file']) if values['limits_file'] else {}
         self._assumed: set[str] = set()
         self._goals: list[PassedGoal] = []
@@ -259,8 +266,8 @@ class SmoothGoals:
         node.create_subscription(
             String, 'robot_description', self._on_description, latched, callback_group=group
         )
-        self._arm = ArmState(node, group)
         self._behind = Downstream(node, values['action'], group)
+        self._arm = ArmState(node, self._behind.name, group)
         action = ActionType(
             FollowJointTrajectory,
             '~/follow_joint_trajectory',
@@ -298,9 +305,21 @@ class SmoothGoals:
 
     def _on_description(self, message: String) -> None:
         try:
-            self._described = urdf_limits(message.data)
+            described = urdf_limits(message.data)
         except InputError as error:
             self._logger.error(f'robot_description is not used: {error}')
+            return
+        for name, row in described.items():
+            known, filed = self._described.setdefault(name, row), self._filed.get(name, {})
+            for key in sorted({*known, *row} - {*filed}):
+                if known.get(key) != row.get(key) and name not in self._contradicted:
+                    self._contradicted[name] = why = (
+                        f'robot_description gives two values for {name}, {key}: '
+                        f'{known.get(key)} and {row.get(key)}; stop the wrong publisher, then '
+                        'restart smooth_goals'
+                    )
+                    self._logger.error(why)
+                    self._bridge.to_loop(self._leave_all, why)
 
     async def _prepare(
         self, ros_handle: ServerGoalHandle, _scope: PlanningScope
@@ -309,6 +328,8 @@ class SmoothGoals:
         check_unsupported(request)
         trajectory = trajectory_from_message(request.trajectory, request.trajectory.joint_names)
         names = trajectory.joint_names
+        if why := next(filter(None, map(self._contradicted.get, names)), None):
+            raise GoalRejectedError(ErrorCode.INVALID_JOINTS, why)
         rows = {name: self._described.get(name, {}) | self._filed.get(name, {}) for name in names}
         ratios = (self._parameters['acceleration_ratio'], self._parameters['jerk_ratio'])
         try:
@@ -381,10 +402,10 @@ class SmoothGoals:
 
     async def _outcome(self, goal: PassedGoal) -> Outcome:
         """Plan and hand on a goal and return how it ended. Raises GoalRejectedError."""
-        names, age = goal.limits.names, self._parameters['state_timeout']
+        age = self._parameters['state_timeout']
         if (moves := await self._not_standing(goal)) is not None:
             raise _rejected(f'{moves}: a goal begins where the arm stands')
-        start = goal.limits.settled(self._arm.of(names, age)[0])
+        start = goal.limits.settled(self._arm.of(goal.limits, age)[0])
         tolerance = self._parameters['start_tolerance']
         check_start(goal.trajectory, start, goal.limits, tolerance)
         try:
@@ -394,7 +415,7 @@ class SmoothGoals:
         with suppress(TimeoutError):
             await asyncio.wait_for(goal.left.wait(), max(goal.start - self._loop.time(), 0.0))
         goal.scope.check()
-        moved = np.abs(self._arm.of(names, age)[0] - start).max()
+        moved = np.abs(self._arm.of(goal.limits, age)[0] - start).max()
         if moved > tolerance:
             raise _rejected(f'the arm moved by {moved:.3g} while the goal was planned')
         driven = Driven(goal, motion, motion.points(self._parameters['period']))
@@ -459,7 +480,7 @@ class SmoothGoals:
         latest = self._loop.time() + patience
         while self._behind.there:
             try:
-                self._arm.of(driven.goal.limits.names, values['state_timeout'])
+                self._arm.of(driven.goal.limits, values['state_timeout'])
             except GoalRejectedError as error:
                 return str(error)
             if goal_time > 0.0 and self._loop.time() > latest:
@@ -531,7 +552,7 @@ class SmoothGoals:
         names = goal.limits.names
         while True:
             try:
-                _, velocities = self._arm.of(names, values['state_timeout'])
+                _, velocities = self._arm.of(goal.limits, values['state_timeout'])
             except GoalRejectedError as error:
                 seen = str(error)
             else:

@@ -111,7 +111,7 @@ def advice(state: RobotState, now: float) -> Advice:
     if found is None or found.cause in CALM:
         if not state.fresh('joints', now) or not state.fresh('status', now):
             remedy = WORDS[Remedy.CHECK_STATE_SERVER]
-            return Advice('the controller is silent', remedy, BAD)
+            return Advice(state.no_joints or 'the controller is silent', remedy, BAD)
         simulated = _ended(condition) or _held(condition)
     elif found.remedy is Remedy.CONNECT:
         simulated = _ended(condition)

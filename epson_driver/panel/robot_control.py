@@ -8,7 +8,7 @@ controller that is simulated or a panel that was started with `--allow-motion`.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -135,8 +135,10 @@ class RobotControl:
         try:
             self.model = load_robot_model(name)
             self.hand = Jog(self.model)
+            self.robot.state.fastest = self.model.limits.velocity.tolist()
         except (OSError, ValueError) as error:
             self.model = self.hand = None
+            self.robot.state.fastest = ()
             self.robot.log(f'no picture of the arm: {error}', WARN)
             return
         for sentence in self.model.cautions:
@@ -155,7 +157,7 @@ class RobotControl:
         now, state = self._clock(), self.robot.state
         for name, text in (
             ('diagnostics', 'the driver does not report'),
-            ('joints', 'there are no joint states'),
+            ('joints', state.no_joints or 'there are no joint states'),
             ('status', 'there is no robot_status'),
         ):
             if not state.fresh(name, now):
@@ -260,9 +262,9 @@ class RobotControl:
             self.robot.write_output(index, value, self.robot.log)
 
     def execute(self, browser: int, name: str, trajectory: Trajectory) -> None:
-        """Execute a trajectory, whose joints are those of the robot in another name."""
+        """Execute a trajectory of the joints of the robot, or of its model."""
         with self.arming.held(browser):
-            self._send(name, trajectory)
+            self._send(name, self._renamed(trajectory))
 
     def go_to_start(self, browser: int, name: str, trajectory: Trajectory) -> None:
         """Go slowly and straight, in joint space, to where a trajectory begins."""
@@ -320,7 +322,7 @@ class RobotControl:
         here = self.robot.state.positions
         if len(here) != trajectory.positions.shape[1]:
             return ''
-        away = np.abs(trajectory.positions[0] - here)
+        away = np.abs(self._renamed(trajectory).positions[0] - here)
         worst = int(np.argmax(away))
         if away[worst] <= START_TOLERANCE:
             return ''
@@ -337,16 +339,14 @@ class RobotControl:
                 f'the trajectory is for {trajectory.positions.shape[1]} joints, the robot has '
                 f'{len(names)}'
             )
-        return Trajectory(
-            names,
-            trajectory.times,
-            trajectory.positions,
-            trajectory.velocities,
-            trajectory.accelerations,
-        )
+        for known in (names, () if self.model is None else self.model.joint_names):
+            if {*known} == {*trajectory.joint_names}:
+                trajectory = trajectory.in_order(known)
+                break
+        return replace(trajectory, joint_names=names)
 
     def _send(self, name: str, trajectory: Trajectory) -> None:
-        trajectory = self._renamed(trajectory)
+        trajectory = replace(trajectory, joint_names=self.robot.state.joint_names)
         self.robot.execute(trajectory, name, self.robot.log)
         self.plan = trajectory
         self.robot.log(f'goal sent: {name}', INFO)

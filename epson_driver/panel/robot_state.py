@@ -3,7 +3,7 @@
 """What a robot's driver has reported, with the times of arrival, and how old that may get."""
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -91,6 +91,10 @@ class RobotState:
 
     joint_names: tuple[str, ...] = ()
     positions: Array = field(default_factory=lambda: np.zeros(0))
+    fastest: Sequence[float] = ()
+    """Velocity limits of the joints, rad/s or m/s, once the model is known."""
+    no_joints: str = ''
+    """Why the joints that the driver publishes are not used; '': they are."""
     measured: float = 0.0
     """When the joints were, by the driver's clock, s."""
     status: Status = field(default_factory=Status)

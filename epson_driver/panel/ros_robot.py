@@ -7,6 +7,7 @@ rest of the panel. The subscriptions keep the last message, and `sample` takes i
 somebody can see a difference.
 """
 
+import math
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -26,21 +27,23 @@ from rclpy.action import ActionClient
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
 from epson_driver.driver.inhibit import Cause, Inhibit
+from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.driver.remedy import Remedy
 from epson_driver.motion import Array, Trajectory
+from epson_driver.node.joint_reader import MAX_POSITION, JointReader
 from epson_driver.node.sampling import sampled as subscribed
 from epson_driver.node.sampling import take
-from epson_driver.node.trajectory_messages import trajectory_message
+from epson_driver.node.trajectory_messages import duration_in_s, trajectory_message
 from epson_driver.panel.driver_points import DriverPoints
 from epson_driver.panel.robot import Say
 from epson_driver.panel.robot_state import (
     ERROR,
     INFO,
+    MAX_AGES_S,
     WARN,
     Event,
     IoRange,
@@ -54,9 +57,6 @@ LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Best effort: the driver neither waits for the panel nor repeats anything for it."""
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-
-MOST = 1e6
-"""What is beyond is as little a position, rad or m, or a speed as NaN."""
 
 ANSWER_TIMEOUT_S = 15.0
 """Longer than the driver takes to switch motors on, s."""
@@ -134,12 +134,12 @@ class RosRobot:
         self._action = ActionClient(node, FollowJointTrajectory, f'{name}/follow_joint_trajectory')
         self._goals: list[Goal] = []
         self._goals_lock = threading.Lock()
+        self._joints = JointReader(f'{name}/controller_state')
         topics: tuple[tuple[Any, str, Callable[[Any, float], None], QoSProfile], ...] = (
-            (JointState, f'{self.namespace}/joint_states', self._on_joints, LATEST),
             (RobotStatus, f'{self.namespace}/robot_status', self._on_status, LATEST),
             (
                 JointTrajectoryControllerState,
-                f'{name}/controller_state',
+                self._joints.topic,
                 self._on_controller_state,
                 LATEST,
             ),
@@ -244,18 +244,6 @@ class RosRobot:
         self.parameters = found
         self.state.times['parameters'] = asked
 
-    def _on_joints(self, message: Any, now: float) -> None:
-        state = self.state
-        names = tuple(message.name)
-        positions = np.array(message.position)
-        if len(positions) != len(names) or not _possible(positions):
-            return
-        state.joint_names, state.positions = names, positions
-        state.measured = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
-        if not state.fresh('joints', now):
-            state.times['first joints'] = now
-        state.times['joints'] = now
-
     def _on_status(self, message: Any, now: float) -> None:
         modes = {RobotMode.AUTO: 'AUTO', RobotMode.MANUAL: 'MANUAL'}
         self.state.status = Status(
@@ -270,18 +258,29 @@ class RosRobot:
         self.state.times['status'] = now
 
     def _on_controller_state(self, message: Any, now: float) -> None:
-        reference = np.array(message.reference.positions)
-        error = np.array(message.error.positions)
-        right = len(reference) == len(error) == len(message.joint_names)
-        if right and _possible(reference) and _possible(error):
-            order = self._order(tuple(message.joint_names))
-            if order is not None:
-                self.state.reference, self.state.tracking_error = reference[order], error[order]
-                self.state.times['reference'] = now
-
-    def _order(self, names: Sequence[str]) -> list[int] | None:
-        wanted = self.state.joint_names
-        return [names.index(name) for name in wanted] if set(names) == set(wanted) else None
+        """Take the joints from the driver's own topic: anybody may publish `joint_states`."""
+        state, stamp, at = self.state, message.header.stamp, message.feedback
+        sent, names = list(message.joint_names), tuple(self.parameters.get('joint_names', ()))
+        if not names or not self._joints.take(sent, at.positions, at.velocities, stamp, now):
+            return
+        limits = state.fastest if len(state.fastest) == len(names) else [math.inf] * len(names)
+        try:
+            positions, _ = self._joints.of(names, limits, MAX_AGES_S['joints'], now)
+        except GoalRejectedError as unknown:
+            state.no_joints = str(unknown)
+            state.times.pop('joints', None)
+            return
+        state.joint_names, state.positions, state.no_joints = names, positions, ''
+        state.measured = duration_in_s(stamp)
+        if not state.fresh('joints', now):
+            state.times['first joints'] = now
+        state.times['joints'] = now
+        plan, error = message.reference.positions, message.error.positions
+        right = len(plan) == len(error) == len(sent) and {*names} <= {*sent}
+        if right and _possible([*plan, *error]):
+            order = [sent.index(name) for name in names]
+            state.reference, state.tracking_error = np.array(plan)[order], np.array(error)[order]
+            state.times['reference'] = now
 
     def _on_link_state(self, message: Any, _now: float) -> None:
         self.state.link = message.data
@@ -392,8 +391,8 @@ class RosRobot:
         self.state.add_event(Event(time.time(), level, text))
 
 
-def _possible(values: Array | float) -> bool:
-    return bool(np.all(np.abs(values) < MOST))
+def _possible(values: Sequence[float] | float) -> bool:
+    return bool(np.all(np.abs(values) < MAX_POSITION))
 
 
 def _tri(value: Any) -> Tri:

@@ -11,7 +11,6 @@ import pytest
 from action_msgs.msg import GoalStatus
 from builtin_interfaces.msg import Duration, Time
 from control_msgs.action import FollowJointTrajectory
-from sensor_msgs.msg import JointState
 from support.event_loop import now, until
 
 from epson_driver.driver.goal.planning_scope import PlanningScope
@@ -19,10 +18,11 @@ from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outco
 from epson_driver.motion import Trajectory
 from epson_driver.motion.interpolation import Interpolation
 from epson_driver.node import downstream, smooth_goals
-from epson_driver.node.downstream import ArmState, Downstream, Sent
+from epson_driver.node.downstream import Downstream, Sent
 from epson_driver.node.smooth_goals import TABLE, SmoothGoals
 from epson_driver.node.trajectory_messages import trajectory_from_message, trajectory_message
 from epson_driver.robots import load_robot_model
+from epson_driver.robots.limit_files import file_limits
 
 LIMITS = load_robot_model('c3_a601s').limits
 NAMES = LIMITS.names
@@ -57,7 +57,7 @@ class Behind:
         positions, velocities, _ = self.spline.at(min(max(since, 0.0), last))
         return positions, velocities * (since < last)
 
-    def of(self, _names, _oldest):
+    def of(self, _limits, _oldest):
         if self.silent is not None:
             raise GoalRejectedError(ErrorCode.INVALID_GOAL, self.silent)
         return self.commanded()
@@ -324,9 +324,36 @@ async def test_limits_come_from_the_robot_description_and_what_it_lacks_is_assum
     joint = '<joint name="{}" type="revolute"><parent link="a"/><child link="b"/>' + (
         '<limit lower="-3" upper="3" velocity="2" effort="1"/></joint>'
     )
-    front.describe(SimpleNamespace(data=f'<robot>{"".join(map(joint.format, NAMES))}</robot>'))
+    whole = f'<robot>{"".join(map(joint.format, NAMES))}</robot>'
+    front.describe(SimpleNamespace(data=whole))
     assert await (await front.goal((0.0, START), (3.0, FAR))).ended == SUCCEEDED
     assert sum('no limit is known, and assumed is' in text for text in front.logged) == 12
+
+
+@pytest.mark.invariant(2, 10)
+async def test_inv10_limits_that_change_in_use_end_the_goal_and_refuse_the_next(monkeypatch):
+    front = Front(monkeypatch, limits_file='')
+    joint = '<joint name="joint_1" type="revolute"><limit lower="-3" upper="3" {}/></joint>'
+
+    def describe(limit, front=front):
+        front.describe(SimpleNamespace(data=f'<robot>{joint.format(limit)}</robot>'))
+
+    front.goals._filed = dict(zip(NAMES[1:], file_limits('c3_a601s').values(), strict=False))
+    describe('velocity="2"')
+    describe('velocity="2.0"')
+    sent = await front.goal((0.0, START), (6.0, FAR))
+    await front.under_way()
+    describe('velocity="50"')
+    describe('velocity="60"')
+    why = 'robot_description gives two values for joint_1, velocity: 2.0 and 50.0'
+    assert (await sent.ended).text.startswith(why)
+    with pytest.raises(GoalRejectedError, match=why):
+        await front.goal((6.0, START))
+    assert sum(why in text for text in front.logged) == 1
+    filed = Front(monkeypatch)  # a file's limits stay
+    describe('', filed)
+    describe('velocity="9"', filed)
+    assert await (await filed.goal((0.0, START), (3.0, FAR))).ended == SUCCEEDED
 
 
 @pytest.mark.invariant(5)
@@ -439,23 +466,3 @@ async def test_its_result_is_passed_on(monkeypatch, status, code, text, expected
     silent = SimpleNamespace(add_done_callback=lambda _callback: None)
     handle.cancel_goal_async = lambda: silent
     assert not await sent.cancel(1.0)
-
-
-async def test_joints_are_known_for_a_while_and_velocities_found_where_none_are_told():
-    subscribed = []
-    node = SimpleNamespace(
-        create_subscription=lambda *arguments, **_: subscribed.append(arguments)
-    )
-    arm = ArmState(node, None)
-    tell = subscribed[0][2]
-    for seconds, position in ((1.0, 0.0), (1.5, 0.1), (1.5, 0.1)):
-        message = JointState(name=['a'], position=[position])
-        message.header.stamp = stamped(Time, seconds)
-        tell(message)
-    positions, velocities = arm.of(['a'], 1.0)
-    assert (positions[0], velocities[0]) == (0.1, pytest.approx(0.2))
-    tell(JointState(name=['a'], position=[0.3], velocity=[0.7]))
-    assert arm.of(['a'], 1.0)[1][0] == 0.7
-    await asyncio.sleep(2.0)
-    with pytest.raises(GoalRejectedError, match='where a is, joint_states did not say'):
-        arm.of(['a'], 1.0)

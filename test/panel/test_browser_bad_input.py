@@ -22,7 +22,6 @@ from rcl_interfaces.msg import Log
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 from support.browser import chromium
 from support.panel_client import PanelProcess
@@ -64,7 +63,6 @@ class Liar:
         self.topics = {
             kind: node.create_publisher(kind, topic, qos)
             for kind, topic, qos in (
-                (JointState, 'joint_states', 1),
                 (RobotStatus, 'robot_status', 1),
                 (JointTrajectoryControllerState, '~/controller_state', 1),
                 (String, '~/link_state', LATCHED),
@@ -83,7 +81,7 @@ class Liar:
         """Send one of each."""
         values = [value] * len(names)
         state = JointTrajectoryControllerState(joint_names=names)
-        state.reference.positions = state.error.positions = values
+        state.reference.positions = state.error.positions = state.feedback.positions = values
         told = {'arm gate': text, 'cause': text, 'remedy': text, 'advice': text}
         arm = DiagnosticStatus(
             name='epson_driver: arm',
@@ -91,7 +89,6 @@ class Liar:
             values=[KeyValue(key=key, value=each) for key, each in told.items()],
         )
         for message in (
-            JointState(name=names, position=values),
             RobotStatus(error_codes=[2**31 - 1] * 50),
             state,
             String(data=text),

@@ -142,6 +142,7 @@ def test_of_a_scara_the_shaft_that_is_away_from_the_start_is_named_in_mm(
     control.look()
     robot.state.positions = np.array([0.5, 0.5, -0.1, 0.0])
     names = tuple(f'joint_{number}' for number in range(1, 5))
+    robot.state.joint_names = names
     for start, said in (
         ([0.5, 0.5, -0.1, 0.015], ''),
         ([0.5, 0.5, -0.15, 0.015], 'joint_3 is 50.0 mm away'),

@@ -5,6 +5,7 @@
 import json
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -247,6 +248,26 @@ def test_what_moves_the_arm_needs_an_armed_window(word: str, made: Made) -> None
         made.robot.state.positions = np.zeros(6)
     made.ask(word, **MOVES[word])
     assert len(made.robot.jogged) + len(made.robot.executed) == 1
+
+
+@pytest.mark.invariant(10)
+@pytest.mark.parametrize('prefix', ['', 'left_'])
+def test_inv10_a_trajectory_is_executed_by_the_names_of_its_joints(
+    prefix: str, made: Made
+) -> None:
+    made.arm()
+    names = made.robot.state.joint_names = tuple(prefix + name for name in NAMES)
+    there = np.arange(6) / 10.0
+    points = np.array([np.zeros(6), there[::-1]])
+    for own in {names, NAMES}:
+        back = Trajectory(own[::-1], np.array([0.0, 1.0]), points)
+        made.control.execute(BROWSER, 'back', back)
+        executed = made.robot.executed[-1][0]
+        assert executed.joint_names == names
+        assert_allclose(executed.positions[-1], there)
+        assert made.control.away_from_start(replace(back, positions=points[::-1])) == (
+            'joint_6 is 28.6° away'
+        )
 
 
 def test_a_point_is_gone_to_in_the_nearest_configuration_or_refused(made: Made) -> None:

@@ -19,7 +19,6 @@ from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalRespons
 from rclpy.action.client import ClientGoalHandle
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 from support.ros_peer import PATIENCE
@@ -256,19 +255,29 @@ def test_a_goal_for_nobody_is_refused_with_the_name_of_the_action(lonely: RosRob
     assert lonely.goals == []
 
 
+def controller_state(
+    names: list[str], positions: list[float], stamp: float = 0.0
+) -> JointTrajectoryControllerState:
+    message = JointTrajectoryControllerState(joint_names=names)
+    message.header.stamp.nanosec = round(stamp * 1e9)
+    message.feedback.positions = positions
+    return message
+
+
 @pytest.mark.invariant(6)
 def test_joint_states_that_are_no_numbers_are_not_shown(lonely: RosRobot) -> None:
     names = ['joint_1', 'joint_2']
-    lonely._on_joints(JointState(name=names, position=[0.1, 0.2]), 10.0)
+    lonely.parameters = {'joint_names': names}
+    lonely._on_controller_state(controller_state(names, [0.1, 0.2]), 10.0)
     for wrong in (float('nan'), float('-inf'), 1e308):
-        lonely._on_joints(JointState(name=names, position=[0.1, wrong]), 20.0)
-        message = JointTrajectoryControllerState(joint_names=names)
-        message.reference.positions = message.error.positions = [0.1, wrong]
-        lonely._on_controller_state(message, 20.0)
+        lonely._on_controller_state(controller_state(names, [0.1, wrong]), 20.0)
         lonely._on_speed(Float64(data=wrong), 20.0)
-    lonely._on_joints(JointState(name=names, position=[0.3]), 20.0)
+    lonely._on_controller_state(controller_state(names, [0.3]), 20.0)
     assert lonely.state.positions.tolist() == [0.1, 0.2]
     assert lonely.state.times['joints'] == 10.0
+    message = controller_state(names, [0.1, 0.2])
+    message.reference.positions = message.error.positions = [0.1, float('nan')]
+    lonely._on_controller_state(message, 20.0)
     assert lonely.state.reference is lonely.state.tracking_error is lonely.state.speed is None
 
 
@@ -286,13 +295,14 @@ class Answer:
 def test_what_a_driver_answers_too_late_or_in_part_says_nothing_of_the_robot(
     lonely: RosRobot,
 ) -> None:
+    before = lonely.parameters
     whole = [ParameterValue(type=4, string_value='c3_a601s') for _ in PARAMETERS]
     unset = [*whole[:-1], ParameterValue()]
     for answer in (Answer(None), Answer(whole[1:]), Answer(unset)):
         lonely._asking = answer
         lonely._on_parameters(1.0, answer)
     lonely._on_parameters(1.0, Answer(whole))  # of a question that was given up
-    assert lonely.parameters == {}
+    assert lonely.parameters == before
     lonely._asking = asked = Answer(whole)
     lonely._on_parameters(2.0, asked)
     assert lonely.parameters == dict.fromkeys(PARAMETERS, 'c3_a601s')

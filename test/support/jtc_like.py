@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import JointTrajectoryControllerState
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -90,10 +91,12 @@ class JtcLike:
     """One such controller with its own thread. `commanded`: each cycle's time, ns, and state.
 
     refuses: goals; answers_after: how late it takes them, s; cancels: or refuses to; silent: no
-    joint_states; scaling: of its time; ahead: of its clock, ns.
+    state; scaling: of its time; ahead: of its clock, ns; reports: a `~/controller_state`, too.
     """
 
-    def __init__(self, domain: int, names: tuple[str, ...], start: list[float]) -> None:
+    def __init__(
+        self, domain: int, names: tuple[str, ...], start: list[float], *, reports: bool = True
+    ) -> None:
         self.names, self.refuses, self.cancels, self.silent = names, False, True, False
         self.answers_after, self.scaling, self.ahead = 0.0, 1.0, 0
         self.commanded: list[tuple[int, Array]] = []
@@ -106,6 +109,11 @@ class JtcLike:
         self._active: tuple[Any, Future] | None = None
         self.node = Node(NAME, context=CONTEXTS.take(domain))
         self._states = self.node.create_publisher(JointState, 'joint_states', 10)
+        self._reports = (
+            self.node.create_publisher(JointTrajectoryControllerState, '~/controller_state', 10)
+            if reports
+            else None
+        )
         self.server = ActionServer(
             self.node,
             FollowJointTrajectory,
@@ -236,6 +244,12 @@ class JtcLike:
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(now, NS)
             if not self.silent:
                 self._states.publish(message)
+                if self._reports is not None:
+                    report = JointTrajectoryControllerState(joint_names=message.name)
+                    report.header = message.header
+                    report.feedback.positions = message.position
+                    report.feedback.velocities = message.velocity
+                    self._reports.publish(report)
             if active is not None and now - fed >= FEEDBACK_S * NS:
                 fed = now
                 feedback = FollowJointTrajectory.Feedback(joint_names=list(self.names))

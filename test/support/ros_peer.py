@@ -142,20 +142,21 @@ class RosPeer:
         self.link_states: list[str] = []
         self.diagnostics: list[DiagnosticArray] = []
         self.controller_states: list[JointTrajectoryControllerState] = []
+        """Those of a goal: without one they have no reference."""
         latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         driver = f'{prefix}/{node}'
         for kind, topic, kept, qos in (
             (JointState, f'{prefix}/joint_states', self.joint_states, 1000),
             (RobotStatus, f'{prefix}/robot_status', self.robot_status, 100),
             (DiagnosticArray, '/diagnostics', self.diagnostics, 10),
-            (
-                JointTrajectoryControllerState,
-                f'{driver}/controller_state',
-                self.controller_states,
-                100,
-            ),
         ):
             self._subscribe(kind, topic, kept.append, qos)
+        self._subscribe(
+            JointTrajectoryControllerState,
+            f'{driver}/controller_state',
+            self._keep_state,
+            100,
+        )
         self._subscribe(
             String,
             f'{driver}/link_state',
@@ -196,6 +197,10 @@ class RosPeer:
         self._executor.shutdown()
         self.node.destroy_node()
         self._contexts.give(self._domain)
+
+    def _keep_state(self, message: JointTrajectoryControllerState) -> None:
+        if message.reference.positions:
+            self.controller_states.append(message)
 
     def _subscribe(
         self, kind: Any, topic: str, store: Callable[[Any], None], qos: QoSProfile | int

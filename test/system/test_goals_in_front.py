@@ -11,7 +11,10 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Duration
 from control_msgs.msg import JointTolerance
-from support.jtc_like import ACTION, JtcLike, shares
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from support.jtc_like import ACTION, NAME, JtcLike, shares
 from support.ros_peer import JOINTS, RosPeer, trajectory
 
 from epson_driver.processes import processes
@@ -30,9 +33,9 @@ pytestmark = pytest.mark.slow
 class Front:
     """One smooth_goals, the driver behind it, and who sends it goals."""
 
-    def __init__(self, folder: Path, **parameters: Any) -> None:
+    def __init__(self, folder: Path, *, reports: bool = True, **parameters: Any) -> None:
         self.domain = processes.free_ros_domain()
-        self.behind = JtcLike(self.domain, LIMITS.names, START)
+        self.behind = JtcLike(self.domain, LIMITS.names, START, reports=reports)
         values = {
             'action': ACTION,
             'state_timeout': 10.0,
@@ -50,6 +53,28 @@ class Front:
         self.peer = RosPeer(self.domain, node='smooth_goals')
         assert self.peer.action.wait_for_server(120.0)
         self.peer.wait_for(lambda: self.peer.joint_states, 'joint_states')
+
+    def stranger(self, names: list[str], positions: list[float]) -> None:
+        """Have another node publish joint_states, fifty times a second."""
+        node = self.peer.node
+        publisher = node.create_publisher(JointState, 'joint_states', 10)
+        message = JointState(name=names, position=positions)
+
+        def publish() -> None:
+            message.header.stamp = node.get_clock().now().to_msg()
+            publisher.publish(message)
+
+        node.create_timer(0.02, publish)
+
+    def describe(self, velocity: float) -> None:
+        """Have another node publish a robot description, latched, with this limit."""
+        joint = (
+            '<joint name="{}" type="revolute"><parent link="a"/><child link="b"/>'
+            f'<limit lower="-3" upper="3" velocity="{velocity}" effort="1"/></joint>'
+        )
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        publisher = self.peer.node.create_publisher(String, 'robot_description', latched)
+        publisher.publish(String(data=f'<robot>{"".join(map(joint.format, JOINTS))}</robot>'))
 
     def close(self) -> None:
         self.peer.close()
@@ -95,6 +120,43 @@ def test_a_plan_of_positions_becomes_a_motion_inside_the_limits(make: Any) -> No
     assert goal.feedback[-1].joint_names == JOINTS
     front.check()
     assert len(front.behind.taken) == 1
+
+
+@pytest.mark.invariant(10)
+@pytest.mark.parametrize('reports', [True, False], ids=['its own state', 'joint_states alone'])
+def test_inv10_a_goal_begins_at_the_arm_beside_other_publishers(make: Any, reports: bool) -> None:
+    front = make(reports=reports)
+    front.stranger(['finger_joint'], [0.01])
+    assert front.peer.goal(trajectory((1.0, FAR))).result()[0] == 'succeeded'
+    front.stranger(JOINTS[::-1], [1.0] * 6)
+    for number in range(6):
+        ended, _, text = front.peer.goal(trajectory((1.0, FAR if number % 2 else START))).result()
+        if reports:
+            assert ended == 'succeeded', text
+        else:
+            assert ended == 'aborted'
+            assert 'jumps on joint_states' in text
+            assert 'two publishers' in text
+    front.check()
+    assert len(front.behind.taken) == (7 if reports else 1)
+
+
+@pytest.mark.invariant(2, 10)
+def test_inv10_no_goal_is_faster_than_the_arm_beside_another_description(
+    make: Any,
+) -> None:
+    front = make(limits_file="''", timing='time_optimal')
+    front.describe(1.0)
+    front.describe(1.0)  # the same again, as move_group does
+    goal = trajectory((3.0, FAR))
+    assert any(front.peer.goal(goal).result()[0] == 'succeeded' for _ in range(100))
+    front.describe(50.0)
+    front.peer.wait_for(lambda: 'robot_description gives' in front.process.log_text(), 'a word')
+    back = front.peer.goal(trajectory((3.0, START))).result()
+    assert back[:2] == ('aborted', -2)
+    assert 'two values for joint_1, velocity: 1.0 and 50.0; stop the wrong publisher' in back[2]
+    fastest = max(np.abs(state[1]).max() for _, state in front.behind.commanded)
+    assert fastest <= 1.001
 
 
 @pytest.mark.invariant(2, 3, 5)
@@ -274,7 +336,7 @@ def test_an_arm_that_is_not_seen_any_more_is_stopped(front: Front) -> None:
     front.behind.silent = True
     ended, _, text = goal.result()
     assert ended == 'aborted'
-    assert 'where joint_1 is, joint_states did not say in the last 4 s' in text
+    assert f'no position of joint_1 on /{NAME}/controller_state in the last 4 s' in text
     front.peer.wait_for(lambda: not np.any(front.behind.commanded[-1][1][1]), 'rest')
     assert np.abs(front.at() - START).max() > 0.05
     assert np.abs(front.at() - FAR).max() > 0.05

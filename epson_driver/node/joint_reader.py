@@ -1,0 +1,104 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Joint states by name, from a topic that only the driver should publish.
+
+rclpy does not tell which publisher a message comes from. Two publishers show by their difference:
+from one message to the next a joint moves faster than it can.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from builtin_interfaces.msg import Time
+
+from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
+from epson_driver.driver.state.plausibility import DEFAULT_MARGINS, MIN_JUMP
+from epson_driver.driver.state.robot_state import DISTRUST_TIME_S
+from epson_driver.motion import Array
+from epson_driver.node.trajectory_messages import duration_in_s
+
+MIN_ELAPSED_S = 0.001
+MAX_POSITION = 1e6
+"""Larger values, rad or m, are as invalid as NaN."""
+
+
+class Joint(NamedTuple):
+    """State of a joint. Times: s. received: on the reader's clock, stamp: on the sender's."""
+
+    received: float
+    stamp: float
+    position: float
+    velocity: float
+
+
+class JointReader:
+    """Latest state of each joint on a topic. Times are monotonic, s."""
+
+    def __init__(self, topic: str) -> None:
+        self.topic = topic
+        self._joints: dict[str, Joint] = {}
+        self._fastest: dict[str, float] = {}
+        self._fastest_before: dict[str, float] = {}
+        """Highest speeds since `_since`, and in the DISTRUST_TIME_S before it or more, /s."""
+        self._since = 0.0
+
+    def __bool__(self) -> bool:
+        """Return whether a valid message was received."""
+        return bool(self._joints)
+
+    def take(
+        self,
+        names: Sequence[str],
+        positions: Sequence[float],
+        velocities: Sequence[float],
+        stamp: Time,
+        now: float,
+    ) -> bool:
+        """Store a message, unless it is invalid, and return whether it was stored."""
+        valid = len(positions) == len(names) == len(set(names))
+        if not valid or not np.all(np.abs(positions) < MAX_POSITION):
+            return False
+        if now - self._since > DISTRUST_TIME_S:
+            self._fastest_before, self._fastest, self._since = self._fastest, {}, now
+        sent = duration_in_s(stamp)
+        for index, (name, position) in enumerate(zip(names, positions, strict=True)):
+            before = self._joints.get(name) or Joint(now, sent, position, 0.0)
+            moved, later = position - before.position, sent - before.stamp
+            elapsed = max(now - before.received, MIN_ELAPSED_S)
+            if elapsed < later < DISTRUST_TIME_S:
+                elapsed = later  # messages that were delayed arrive together
+            speed = (abs(moved) - MIN_JUMP) / elapsed
+            self._fastest[name] = max(self._fastest.get(name, 0.0), speed)
+            velocity = moved / later if later > 0.0 else before.velocity
+            if len(velocities) == len(names):
+                velocity = velocities[index]
+            self._joints[name] = Joint(now, sent, position, velocity)
+        return True
+
+    def of(
+        self, names: Iterable[str], limits: Iterable[float], oldest: float, now: float
+    ) -> tuple[Array, Array]:
+        """Return positions and velocities of joints, shapes (n,), no more than `oldest` s old.
+
+        `limits`: their highest velocities, /s. Raises GoalRejectedError that names a joint that is
+        missing, older, or jumps.
+        """
+        found = []
+        for name, limit in zip(names, limits, strict=True):
+            joint = self._joints.get(name)
+            if joint is None or now - joint.received > oldest:
+                raise _unknown(f'no position of {name} on {self.topic} in the last {oldest:g} s')
+            speed = max(self._fastest.get(name, 0.0), self._fastest_before.get(name, 0.0))
+            if speed > DEFAULT_MARGINS.velocity * limit:
+                raise _unknown(
+                    f'{name} jumps on {self.topic}, at {speed:.3g} /s where its limit is '
+                    f'{limit:.3g} /s: two publishers disagree; stop the one that is not the driver'
+                )
+            found.append((joint.position, joint.velocity))
+        positions, velocities = np.array(found, dtype=float).reshape(-1, 2).T
+        return positions, velocities
+
+
+def _unknown(text: str) -> GoalRejectedError:
+    return GoalRejectedError(ErrorCode.INVALID_GOAL, text)
