@@ -509,10 +509,11 @@ class Driver:
             return
         timeout = self.configuration.client_timeout
         if packet.msg_type == MessageType.PING and timeout:
-            self.fault(
-                'the controller stopped the arm, as it heard nothing from this driver for '
-                f'{timeout:g} s: the driver or the network was held up'
-            )
+            if self.heartbeat.look(stopped=True) is None:
+                self.fault(
+                    'the controller stopped the arm, as it heard nothing from this driver for '
+                    f'{timeout:g} s: the driver or the network was held up'
+                )
         else:
             self.goal_queue.withdraw()
             self.servo.withdraw()

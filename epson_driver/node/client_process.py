@@ -22,6 +22,7 @@ from epson_driver.node.ros_log import RosLogHandler
 from epson_driver.node.ros_thread import RosThread
 from epson_driver.node.ros_transport import udp_by_default
 from epson_driver.processes.interrupt import ended_by_signals, ignore_interrupts
+from epson_driver.processes.priority import raise_priority
 
 DEFAULT_NAME = 'epson_driver'
 
@@ -129,6 +130,7 @@ def _make_nodes(namespaces: Sequence[str], nodes: list[Node], name: str) -> bool
 
 def _run(nodes: Sequence[Node], make: Make) -> int:
     """Serve ROS in one thread and drive the controllers in this one and return the exit code."""
+    raise_priority()
     signaled = asyncio.Event()
     with (
         asyncio.Runner() as runner,

@@ -171,6 +171,9 @@ class Diagnostics:
         if (timing := driver.goal_queue.last_timing) is not None:
             yield 'last goal, planned [s]', f'{timing.planned:.3f}'
             yield 'last goal, executed [s]', f'{timing.executed:.3f}'
+        if driver.configuration.client_timeout:
+            yield 'heartbeat longest gap [ms]', f'{driver.heartbeat.longest_gap * 1e3:.0f}'
+            yield 'heartbeat time-out [ms]', f'{driver.configuration.client_timeout * 1e3:.0f}'
         if robot.sample is not None:
             yield 'age of joint state [ms]', f'{(now - robot.sample.measured) * 1e3:.1f}'
             yield 'velocities beyond what a joint can do', robot.bounded

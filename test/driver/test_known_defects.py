@@ -193,7 +193,7 @@ SHOWN_BY: tuple[tuple[str, str], ...] = (
     ('observed', 'test_joint_names_must_be_there_and_differ'),
     (
         'observed',
-        'test_client_interrupted_in_mid_motion_stops_the_arm_and_ends_cleanly '
+        'test_inv3_client_interrupted_in_mid_motion_stops_the_arm_and_ends_cleanly '
         'test_ctrl_c_in_mid_motion_brakes_within_limits_and_ends_the_goal_once',
     ),
     (

@@ -114,6 +114,14 @@ def test_the_arm_that_is_enabled_is_fine(harness, diagnostics):
     }
 
 
+def test_the_longest_gap_between_heartbeats_is_shown_beside_the_time_out():
+    driver = Harness(Ports(1, 2, 0, 0), client_timeout=0.5).driver
+    driver.heartbeat.longest_gap = 0.4321
+    arm = values(rows(Diagnostics(driver, 'r1', lambda _: 0).build(STAMP, 100.0))['arm'])
+    assert arm['heartbeat longest gap [ms]'] == '432'
+    assert arm['heartbeat time-out [ms]'] == '500'
+
+
 def test_an_error_of_the_controller_is_an_error_with_its_number(harness, diagnostics):
     connect(harness)
     open_gate(harness.driver.gate)

@@ -174,7 +174,7 @@ def test_every_key_of_the_diagnostics_is_described():
         described |= set(re.findall(r'`([^`]+)`', cell))
 
     async def scenario():
-        async with simulated() as (_, ports), Harness(ports) as harness:
+        async with simulated() as (_, ports), Harness(ports, client_timeout=0.5) as harness:
             await harness.ready()
             await harness.commands.stop()  # a reply, for the latency
             harness.driver.goal_queue.last_timing = Timing(1.0, 1.0)

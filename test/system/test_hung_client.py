@@ -6,6 +6,7 @@ How soon the arm stands is measured in virtual time: test/driver/test_hung_drive
 """
 
 import asyncio
+import os
 import signal
 import time
 from pathlib import Path
@@ -55,8 +56,11 @@ def test_a_stopped_client_finds_the_arm_stopped_and_its_goal_aborted(
         how, f'--controller={profile}', patience=False, controller=profile
     ).ready()
     peer = cell.peer
+    usual = os.sched_getscheduler(cell.client.process_id) == os.SCHED_OTHER
+    assert usual == ('keeps its normal priority' in cell.client.log.read_text(encoding='utf-8'))
     peer.enable()
-    goal = peer.goal(trajectory((0.0, START), (LASTS, [FAR, *START[1:]])))
+    lasts = LASTS / 3 if name == 'spel' else LASTS  # a slower plan is refused
+    goal = peer.goal(trajectory((0.0, START), (lasts, [FAR, *START[1:]])))
     peer.wait_for_motion()
     cell.client.send(signal.SIGSTOP)
     try:

@@ -22,8 +22,12 @@ from collections.abc import Callable
 from epson_driver.link import Link, PendingRequest
 from epson_driver.simple_message import GetVersion, Packet, Ping, ReplyCode
 
-BEAT = 0.2
-"""Between two heartbeats, as a share of how long the controller waits for one."""
+BEAT = 0.05
+"""Period of the heartbeats as a share of the time-out. The loop may stall for the rest of it."""
+
+BUSY = 'this machine is too busy: '
+REMEDY = ', end other programs or allow real-time priority (docs/troubleshooting.md)'
+"""Around the first report."""
 
 FIRST_VERSION = (0, 2)
 """Of a program that has a watchdog."""
@@ -52,6 +56,9 @@ class Heartbeat:
         self._asked: PendingRequest | None = None
         self._watched = False
         self._sent = 0.0
+        self._reported = False
+        self.longest_gap = 0.0
+        """The longest time between two heartbeats during a motion, s."""
 
     def ask(self) -> None:
         """Ask the controller, once on each state connection, whether it has a watchdog."""
@@ -76,7 +83,7 @@ class Heartbeat:
             return
         if not self._wanted():
             self._send()
-        elif (why := self._look()) is not None:
+        elif (why := self.look()) is not None:
             raise ConnectionError(why)
 
     async def run(self) -> None:
@@ -84,7 +91,7 @@ class Heartbeat:
         while self._timeout:
             await asyncio.sleep(BEAT * self._timeout)
             if self._watched and self._wanted():
-                self._look()
+                self.look()
                 self._send()
 
     def _on_version(self, packet: Packet, now: float) -> None:
@@ -98,12 +105,21 @@ class Heartbeat:
         with contextlib.suppress(ConnectionError):  # without a link the controller stops itself
             self._motion.tell(Ping())
 
-    def _look(self) -> str | None:
-        """End what runs if the loop hung since the last heartbeat, and return what that was."""
+    def look(self, *, stopped: bool = False) -> str | None:
+        """End the motion if the loop hung since the last heartbeat, and return a clause.
+
+        `stopped`: the controller reports that it heard nothing. Half the time-out shows then that
+        the loop was the cause.
+        """
+        if not (self._watched and self._wanted()):
+            return None
         hung = _now() - self._sent
-        if hung <= self._timeout:
+        self.longest_gap = max(self.longest_gap, hung)
+        if hung <= self._timeout * (0.5 if stopped else 1.0):
             return None
         why = f'this driver hung for {hung:.3g} s: the controller waits {self._timeout:g} s for it'
+        if not self._reported:
+            self._reported, why = True, f'{BUSY}{why}{REMEDY}'
         self._sent = _now()
         self._on_hung(why)
         return why

@@ -11,15 +11,15 @@ from epson_driver.sim_controller.ports import Send
 from epson_driver.sim_controller.programs.program import Program
 from epson_driver.simple_message import ByteOrder, Frame, FrameError, Framer
 
-SLICES = 10
-"""The time-out is cut into so many slices, and a slice counts once, however late its end was seen:
-what came while this process was not scheduled is read afterwards."""
+SLICES = 20
+"""Slices of the time-out. A slice counts once, however late its end was seen: the messages that
+came while this process was not scheduled are read after it."""
 
 
 class ClientWatchdog:
     """Calls `silent` when a client that has sent a heartbeat has sent nothing for `timeout` s.
 
-    Once for each silence, and up to a slice earlier. `hear` takes every message of the client.
+    Once for each silence, and up to a slice later. `hear` takes every message of the client.
 
     A heartbeat is a PING as a topic, which nobody answers (REP-I0006). A client that has never
     sent one on its connection may be silent for as long as it likes, as ROS 1's are.
@@ -29,12 +29,12 @@ class ClientWatchdog:
         self._clock = clock
         self._slice = timeout / SLICES
         self._silent = silent
-        self._quiet = 0
+        self._quiet = -1
         self._timer: Timer | None = None
 
     def hear(self, frame: Frame) -> None:
         """Count anew after a message, once a first heartbeat came."""
-        self._quiet = 0
+        self._quiet = -1  # the slice in which it came does not count
         if frame.heartbeat and self._timer is None:
             self._timer = self._clock.every(self._slice, self._look, first=self._slice)
 

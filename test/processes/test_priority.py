@@ -1,0 +1,94 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The priority of the thread that sends heartbeats: requested, not inherited, or refused."""
+
+import errno
+import os
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from epson_driver.api.threads import LoopThread
+from epson_driver.processes import priority
+
+ASKED = 'import os; print(os.sched_getscheduler(0), os.getpriority(os.PRIO_PROCESS, 0))'
+
+
+def own():
+    """Return the scheduling policy of this thread and its nice value."""
+    nice = os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+    return os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK, nice
+
+
+def in_thread(function):
+    found = []
+    thread = threading.Thread(target=lambda: found.append(function()))
+    thread.start()
+    thread.join()
+    return found[0]
+
+
+def raised():
+    """Return this thread's priority, that of a thread and of a process that it starts."""
+    priority.raise_priority()
+    priority.raise_priority()
+    child = subprocess.run([sys.executable, '-c', ASKED], check=True, capture_output=True)
+    return own(), in_thread(own), tuple(map(int, child.stdout.split()))
+
+
+def refuses(*_arguments):
+    raise PermissionError(errno.EPERM, 'Operation not permitted')
+
+
+@pytest.fixture(autouse=True)
+def _first(monkeypatch, caplog):
+    monkeypatch.setattr(priority, '_refused', threading.Event())
+    caplog.set_level('INFO')
+
+
+def test_it_is_raised_for_one_thread_alone_or_the_refusal_is_logged(caplog):
+    usual = in_thread(own)
+    here, thread, process = in_thread(raised)
+    if caplog.messages:
+        assert here == usual
+    else:
+        assert here == (os.SCHED_FIFO, usual[1]) or here[1] == priority.NICE
+        assert thread[0] == process[0] == os.SCHED_OTHER
+        assert min(thread[1], process[1]) >= min(0, usual[1])
+    assert in_thread(own) == usual
+
+
+def test_a_lower_nice_value_is_second_best(monkeypatch):
+    usual, asked = os.sched_setscheduler, []
+
+    def only_normal(process, policy, parameters):
+        if policy & ~os.SCHED_RESET_ON_FORK != os.SCHED_OTHER:
+            refuses()
+        usual(process, policy, parameters)
+
+    monkeypatch.setattr(os, 'sched_setscheduler', only_normal)
+    monkeypatch.setattr(os, 'setpriority', lambda *what: asked.append(what))
+    number = in_thread(lambda: (priority.raise_priority(), threading.get_native_id())[1])
+    assert asked == [(os.PRIO_PROCESS, number, priority.NICE)]
+
+
+@pytest.mark.parametrize('missing', [False, True])
+def test_a_refusal_is_logged_once_with_the_remedy(monkeypatch, caplog, missing):
+    if missing:
+        monkeypatch.delattr(os, 'sched_getscheduler')
+    monkeypatch.setattr(os, 'sched_setscheduler', refuses)
+    for _ in range(2):
+        in_thread(priority.raise_priority)
+    (text,) = caplog.messages
+    assert 'keeps its normal priority' in text
+    assert 'docs/troubleshooting.md has the remedy' in text
+
+
+def test_the_loop_of_a_robot_has_it():
+    thread = LoopThread('robot')
+    try:
+        assert thread.call(own) == in_thread(lambda: (priority.raise_priority(), own())[1])
+    finally:
+        thread.close()
