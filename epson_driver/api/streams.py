@@ -45,7 +45,7 @@ class Streams(Arm):
 
         velocities: with which these go on, shape (n,); None: estimated. The newest counts; the arm
         follows inside a share of its limits (`Settings.servo_scale`), 0.1 rad away at most when
-        the stream begins, and comes to rest when none comes any more. After a stop, or whatever
+        the stream begins, and rests at the last one when none follows. After a stop, or whatever
         disabled the arm, a stream must be silent for a second before it begins anew
         (docs/servo.md).
 

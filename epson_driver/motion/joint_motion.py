@@ -162,11 +162,17 @@ def _stops(limits: JointLimits, state: State) -> Iterator[JointMotion]:
 def fastest_move(limits: JointLimits, state: State, target: Array) -> JointMotion | None:
     """Return the fastest move to rest at `target`, or None if it would leave position limits."""
     inp = _from(limits, state)
-    inp.target_position = target.tolist()
-    motion = _solved(inp, state)
-    if motion is None or not motion.within(limits):
-        return None
-    return motion if np.max(np.abs(motion.end - target)) <= TARGET_TOLERANCE else None
+    wanted = target
+    for _ in range(2):  # Ruckig may miss by 1e-8 rad: the second target makes up for that
+        inp.target_position = wanted.tolist()
+        motion = _solved(inp, state)
+        if motion is None:
+            return None
+        missed = motion.end - target
+        if np.max(np.abs(missed)) <= TARGET_TOLERANCE:
+            return motion if motion.within(limits) else None
+        wanted = wanted - missed
+    return None
 
 
 def _from(limits: JointLimits, state: State) -> InputParameter:

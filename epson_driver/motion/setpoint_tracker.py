@@ -41,10 +41,9 @@ VELOCITY_POLE = 40.0
 BISECTIONS = 12
 """Halvings, where a limit holds the law back."""
 
-NEARLY_THERE_SHARE = 1.25
-NEARLY_THERE_S = 0.06
-"""A motion to a standing setpoint that takes so many times a stop, or so long, is as good as
-one, s."""
+RETURN_S = 0.3
+"""Maximum extra time over a stop for an end at the last setpoint, s: the return from where the
+lead over the setpoints takes the arm, up to the fastest streams."""
 
 LANDING_SHARE = 0.2
 """Of the jerk: the last bit to a standing setpoint is a motion that ends there, so gentle."""
@@ -139,8 +138,6 @@ class SetpointTracker:
         self.motion = JointMotion((start, rest, rest), none, none)
         """What is executed, since `time` s."""
         self.time = 0.0
-        self._target = start
-        """Where the stream was aimed last."""
         self._ending = True
         """Whether the motion is one to rest for good: a stop, or to a standing setpoint."""
 
@@ -173,7 +170,6 @@ class SetpointTracker:
         target = np.clip(aim.position, self._low, self._high)
         if aim.stands and self._lands(target, aim):
             return
-        self._target = target
         fastest = self.limits.velocity * speed
         state = position, velocity, acceleration = self.state
         wanted = np.clip(aim.velocity, -fastest, fastest)
@@ -205,7 +201,6 @@ class SetpointTracker:
         """Move with finite velocities, shape (n,), up to the end of the range, for `dt` > 0 s."""
         fastest = self.limits.velocity
         wanted = np.clip(velocities, -fastest, fastest)
-        self._target = self.motion.end
         if np.all(np.abs(wanted) < MIN_SPEED_SHARE * fastest):
             self.brake()
             return
@@ -213,17 +208,22 @@ class SetpointTracker:
         jerk = _towards(wanted, state, dt)
         self._take(self._stepped(state, dt, jerk, fastest, self._low, self._high), ending=False)
 
-    def brake(self) -> None:
-        """Come to rest soon: by a stop, unless the last setpoint is about as near."""
+    def brake(self, target: Array | None = None, speed: float = 1.0) -> None:
+        """Come to rest: at a target, shape (n,), unless a stop is faster by more than RETURN_S.
+
+        `speed`: the share (0, 1] of the velocity limits for the way to the target.
+        """
         if self._ending:
             return
-        state = self.state
-        stop = fastest_stop(self.limits, state)
-        there = fastest_move(self.limits, state, self._target)
-        soon = max(NEARLY_THERE_SHARE * stop.duration, NEARLY_THERE_S)
-        if there is not None and there.duration <= soon:
-            stop = there
-        self._take(stop, ending=True)
+        motion = fastest_stop(self.limits, self.state)
+        if target is not None:
+            target = np.clip(target, self._low, self._high)
+            fastest = np.maximum(speed * self.limits.velocity, np.abs(self.state[1]))
+            limits = replace(self.limits, velocity=fastest)
+            there = fastest_move(limits, self.state, target)
+            if there is not None and there.duration <= motion.duration + RETURN_S:
+                motion = there
+        self._take(motion, ending=True)
 
     def _lands(self, target: Array, aim: Aim) -> bool:
         """Return whether it rests at a target, or is on its last bit to it."""
@@ -236,7 +236,6 @@ class SetpointTracker:
         here = self.state[0]
         if np.any((low < aim.low) & (low < here)) or np.any((high > aim.high) & (high > here)):
             return False
-        self._target = target
         return self._take(motion, ending=True)
 
     def _stepped(

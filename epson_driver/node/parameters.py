@@ -281,7 +281,8 @@ TABLE = (
     Row(
         'servo.timeout',
         0.1,
-        'Silence of a stream of setpoints after which the arm brakes where it is [s].',
+        'Silence of a stream of setpoints after which the arm ends at its last position, or '
+        'brakes [s].',
         0.02,
         1.0,
         now=True,

@@ -16,7 +16,8 @@ Rules:
    it (restart_interlock.py); so must one that was refused. Positions must begin near the arm.
 5. Velocities that are all zero, or silent for `timeout`, send STOP: a key was let go of, and what
    a controller still has of the way it would go. The arm stands before it is followed again.
-   Positions that are silent for `timeout` brake, unless the arm is about to rest at the last one.
+   Positions that are silent for `timeout` end at the last one. An arm that they left behind
+   brakes where it is, and so does every arm with a `timeout` of FRESH_S or less.
    A stream that was silent for RELEASE_S is over when the arm stands; so it is when a goal comes
    and all is still.
 6. Behind positions the arm catches up at `catch_up` times their own speed at most, whatever the
@@ -40,6 +41,7 @@ from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outco
 from epson_driver.driver.servo.restart_interlock import RELEASE_S, RestartInterlock
 from epson_driver.driver.servo.setpoint import Mode, ServoSettings, Setpoint
 from epson_driver.driver.servo.stream import (
+    FRESH_S,
     MAX_EXTRAPOLATION_S,
     StreamFilter,
     StreamLag,
@@ -572,7 +574,8 @@ class Servo:
         step = dt / count
         if silent or factor == 0.0:
             session.braked |= silent and not tracker.at_rest
-            tracker.brake()
+            ends = self.settings.timeout > FRESH_S and session.behind <= LEFT_BEHIND_S
+            tracker.brake(setpoint.positions if ends and factor > 0.0 else None, factor)
             tracker.step(dt)
         elif session.reference is not None:
             aim, speed = self._aim(session, session.reference, now, dt, step, factor)

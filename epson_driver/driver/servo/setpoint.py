@@ -37,8 +37,8 @@ class Mode(StrEnum):
 class ServoSettings:
     """How streams are followed: a change holds for the next stream, `timeout` at once.
 
-    share: of the limits of velocity, acceleration and jerk, (0, 1]. timeout: silence after which
-    the arm brakes, s. start_tolerance: how far from the arm the first position may be, rad or m.
+    share: of the limits of velocity, acceleration and jerk, (0, 1]. timeout: silence that ends
+    a stream, s. start_tolerance: how far from the arm the first position may be, rad or m.
     reply_timeout: patience for a reply while the arm does not move, s. period: time between two
     points at least, s. catch_up: speed of an arm that is behind positions, of their own, ≥ 1.
     """

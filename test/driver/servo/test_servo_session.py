@@ -18,7 +18,7 @@ from support.driver_harness import (
 )
 from support.event_loop import hanging, now, run, stand_still, until
 from support.examples import one_in
-from support.streams import JOG, PERIOD, SERVO, going_on, positions, send, velocities
+from support.streams import JOG, PERIOD, SERVO, going_on, positions, send, velocities, window
 
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.outcome import End
@@ -155,6 +155,33 @@ def test_inv3_a_stream_that_falls_silent_on_its_way_brakes_there():
     run(check())
 
 
+ENDING = {
+    'positions': lambda time, speed: positions(pose(speed * time)),
+    'with velocities': lambda time, speed: positions(pose(speed * time), pose(speed)),
+    'windows': lambda time, speed: window(
+        lambda ahead: (pose(speed * (time + ahead)), pose(speed))
+    ),
+}
+
+
+@pytest.mark.invariant(3)
+@pytest.mark.parametrize('speed', one_in(2, [0.05, 0.15, 0.9, 0.4]))
+@pytest.mark.parametrize('kind', ENDING)
+def test_inv3_positions_that_fall_silent_end_at_the_last_one(kind, speed):
+    """However far the arm led over it by then."""
+
+    async def check():
+        async with cell(smooth=True) as (harness, _):
+            await send(harness, lambda time: ENDING[kind](time, speed), 0.8, 1.0 / 30.0)
+            ended, last = now(), ENDING[kind](23.0 / 30.0, speed).positions
+            await until(lambda: harness.driver.servo.occupation() is None)
+            assert now() - ended < 0.8
+            assert harness.at == pytest.approx(last, abs=1e-6)
+            assert await harness.rests()
+
+    run(check())
+
+
 @pytest.mark.invariant(3)
 def test_inv3_positions_that_fall_silent_are_not_passed():
     """A stream that began at once may end at once: the arm keeps the way of a stop behind it."""
@@ -166,7 +193,7 @@ def test_inv3_positions_that_fall_silent_are_not_passed():
             await over(harness)
             ways = [sample.positions[0] for _, sample in harness.events.samples]
             assert max(ways) < last + SPEED * PERIOD + PASSED + 0.01
-            assert harness.at[0] > 0.5 * last
+            assert harness.at[0] == pytest.approx(last, abs=1e-6)
             assert await harness.rests()
 
     run(check())
