@@ -39,7 +39,7 @@ help:
 	@echo "                   (ARGS='--trajectory FILE': another one; ARGS=--plan: plan a pick and place first;"
 	@echo "                   ARGS=--panel: watch it in a browser, and go on until Ctrl-C)"
 	@echo "make fleet N=16    run so many simulated robots with their drivers behind a discovery server, until Ctrl-C"
-	@echo "make test          run the tests (some of them: make test ARGS=test/driver)"
+	@echo "make test          run the tests (4 to 12 minutes on two cores; some of them: make test ARGS=test/driver)"
 	@echo "make browser       install what drives Debian's chromium in tests of the panel, which are skipped without"
 	@echo "make test-all      run the slow tests as well (half an hour)"
 	@echo "make test-rest     run what test-all adds to test: whole processes, slow tests, more examples (half an hour)"
