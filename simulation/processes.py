@@ -225,7 +225,7 @@ class NodeProcess(Process):
             start = queue.check_ready(now).positions
             lines = self._lines(start, ways, blend, speed)
             planned = await plan.in_thread(
-                lambda given_up: plan_sequence(self._arm, start, lines, given_up=given_up)
+                lambda look: plan_sequence(self._arm, start, lines, look=look)
             )
             plan.check()
             if not queue.idle or self.driver.moves is not None:

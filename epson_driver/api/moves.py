@@ -35,9 +35,6 @@ if TYPE_CHECKING:  # the driver is loaded with the first Robot
     from epson_driver.driver.delivery.statements import Moves
     from epson_driver.link.replies import Statement
 
-LONGEST_MOTION_S = 86_400.0
-"""Nobody waits for longer, and each half second is a point, s."""
-
 LOOK_M, MAX_LOOKS = 1e-3, 2000
 """How densely the path is described that a motion is held against, m."""
 
@@ -370,10 +367,6 @@ def planned(
     moments = numbers('times', times)
     if moments.shape != (len(rows),):
         raise ValueError(f'times has shape {moments.shape}: must be ({len(rows)},), one per point')
-    if moments[-1] > LONGEST_MOTION_S:
-        raise ValueError(
-            f'times: {moments[-1]:g} s: must be {LONGEST_MOTION_S:g} s, a day, at most'
-        )
     speeds = None
     if velocities is not None:
         speeds = joint_rows('velocities', velocities, limits, rows=True)

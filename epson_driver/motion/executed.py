@@ -7,6 +7,8 @@ point at each such instant: where the timing of a plan or a joint's motion has a
 where a path passes a knot.
 """
 
+from bisect import bisect_left
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -14,7 +16,7 @@ import numpy as np
 from epson_driver.motion.joint_motion import JointMotion, State
 from epson_driver.motion.limits import Array
 from epson_driver.motion.smoother.active_plan import ActivePlan
-from epson_driver.motion.trajectory import Trajectory
+from epson_driver.motion.trajectory import Trajectory, sample_times
 
 MIN_APART_S = 1e-4
 """Of instants that are nearer to each other only one counts, s."""
@@ -40,25 +42,39 @@ class Executed:
         self._pieces.append(what)
         self._rests.append(rest)
 
-    def points(self, names: tuple[str, ...], end: float, longest: float) -> Trajectory:
-        """Return the motion until `end`, s, when it has come to rest.
+    def points(
+        self,
+        names: tuple[str, ...],
+        end: float,
+        longest: float,
+        begin: float = 0.0,
+        look: Callable[[float], None] = lambda _: None,
+    ) -> Trajectory:
+        """Return the motion from `begin` until `end`, s, when it has come to rest.
 
-        longest: the most time between two points, s.
+        longest: the most time between two points, s. look: called with the time of each point, s,
+        and may raise to end the work. Raises ValueError for more than MAX_POINTS.
         """
+        sample_times(end - begin, longest)  # raises
         ends = [*self._begins[1:], end]
         instants = [np.array(self._begins)]
-        for begin, until, what in zip(self._begins, ends, self._pieces, strict=True):
-            inside = _breakpoints(what, begin)
-            instants.append(inside[(inside > begin) & (inside < until)])
+        for since, until, what in zip(self._begins, ends, self._pieces, strict=True):
+            if until > begin:
+                inside = _breakpoints(what, since)
+                instants.append(inside[(inside > since) & (inside < until)])
         kept = [0.0]
         for instant in np.unique(np.concatenate(instants)).tolist():
             if instant - kept[-1] >= MIN_APART_S and end - instant >= MIN_APART_S:
                 kept.append(instant)
         times = [0.0]
-        for begin, until in pairwise([*kept, end]):
-            parts = int(np.ceil((until - begin) / longest - 1e-9))
-            times.extend(np.linspace(begin, until, parts + 1)[1:].tolist())
-        states = [self._state(time) for time in times]
+        for since, until in pairwise([*kept, end]):
+            parts = int(np.ceil((until - since) / longest - 1e-9))
+            times.extend(np.linspace(since, until, parts + 1)[1:].tolist())
+        times = times[bisect_left(times, begin) :]
+        states = []
+        for time in times:
+            look(time)
+            states.append(self._state(time))
         return Trajectory(names, np.array(times), *map(np.array, zip(*states, strict=True)))
 
     def _state(self, time: float) -> State:

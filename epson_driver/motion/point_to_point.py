@@ -7,7 +7,6 @@ line, with the limits of the joint that binds; so a stop stays on the line too.
 """
 
 from dataclasses import dataclass
-from math import ceil
 
 import numpy as np
 from ruckig import ControlInterface, InputParameter
@@ -15,7 +14,7 @@ from ruckig import Trajectory as RuckigTrajectory
 
 from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.ruckig_trajectory import calculated
-from epson_driver.motion.trajectory import Trajectory
+from epson_driver.motion.trajectory import Trajectory, sample_times
 
 SHORTEST_MOVE_S = 0.01
 """The time of a move to where the arm is, as a trajectory."""
@@ -103,9 +102,11 @@ class LineMotion:
         return self.origin + s * direction, v * direction, a * direction
 
     def points(self, period: float, *, begin: bool = True) -> Trajectory:
-        """Return it as points that are `period` s apart at most, with its begin at 0 s or not."""
-        duration = max(self.duration, SHORTEST_MOVE_S)
-        times = np.linspace(0.0, duration, ceil(duration / period) + 1)[0 if begin else 1 :]
+        """Return it as points that are `period` s apart at most, with its begin at 0 s or not.
+
+        Raises ValueError for more than MAX_POINTS.
+        """
+        times = sample_times(max(self.duration, SHORTEST_MOVE_S), period)[0 if begin else 1 :]
         positions, velocities, _ = zip(*(self.at(time) for time in times.tolist()), strict=True)
         return Trajectory(self._limits.names, times, np.array(positions), np.array(velocities))
 

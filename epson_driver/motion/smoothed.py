@@ -41,6 +41,7 @@ def smoothed(
     path_tolerance: float = 0.0,
     catch_up: float = np.inf,
     observer: Observer | None = None,
+    look: Callable[[float], None] = lambda _: None,
 ) -> Trajectory:
     """Return the smooth motion through a trajectory's points, one point every `period` s.
 
@@ -50,7 +51,8 @@ def smoothed(
     that `fastest` finds, and may pass `path_tolerance` rad (or m) beside each but the ends, in
     every joint. With `refine` False, or where it finds none, it is that on the spline. The
     tolerance of TIME_PRESERVING, MIN_TOLERANCE or more, is for noise (`evened`).
-    `catch_up`, `observer`: as in `Smoother`. Raises ValueError that names point, joint, value and
+    `catch_up`, `observer`: as in `Smoother`. `look` is called with the time of each sample, s,
+    and may raise to end the work. Raises ValueError that names point, joint, value and
     limit for a trajectory that cannot be smoothed, or if its motion would break a limit;
     RuntimeError if the planner raises.
     """
@@ -84,6 +86,7 @@ def smoothed(
     samples = [state]
     fed = 0
     while fed < len(positions) or smoother.moving:
+        look(len(samples) * period)
         for _ in range(steps):
             while fed < len(positions) and smoother.look_ahead < look_ahead:
                 smoother.append(positions[fed], durations[fed])

@@ -16,12 +16,8 @@ SAME = 1e-9
 """How near, rad or m, the motion must be to itself when it is computed again."""
 
 
-class GivenUpError(ValueError):
-    """Nobody waits for the motion any more."""
-
-
-class _GivenUp(BaseException):
-    """Leaves a smoother, which takes any Exception of its planner for a plan not found."""
+MAX_DURATION_S = 600.0
+"""Longest smooth motion, s: it has 150,000 samples."""
 
 
 class StoppableMotion:
@@ -30,7 +26,8 @@ class StoppableMotion:
     Its path is the spline's, as for goals of the driver. A stop is the smoother's own: on the
     path, if that can be within the limits. So the smoother goes the way a second time, with the
     plans of the first one, as far as `follow` says: from there a stop is found at once.
-    `given_up` is asked before each plan. Raises as `smoothed`, and GivenUpError.
+    `look` is called at each sample, and may raise to end the work. Raises as `smoothed`, and
+    ValueError for a motion longer than MAX_DURATION_S.
     """
 
     def __init__(
@@ -38,24 +35,29 @@ class StoppableMotion:
         trajectory: Trajectory,
         limits: JointLimits,
         mode: Mode = Mode.TIME_PRESERVING,
-        given_up: Callable[[], bool] = lambda: False,
+        look: Callable[[], None] = lambda: None,
     ) -> None:
         plans: list[Plan | None] = []
 
         def planned(request: Request, limits: JointLimits) -> Plan | None:
-            if given_up():
-                raise _GivenUp
             plans.append(plan(request, limits))
             return plans[-1]
 
-        try:
-            trajectory = trajectory.in_order(limits.names)
-            self._executed = Executed(trajectory.positions[0])
-            self.motion = smoothed(
-                trajectory, limits, mode, planner=planned, refine=False, observer=self._executed
-            )
-        except _GivenUp:
-            raise GivenUpError('the motion is not needed any more') from None
+        def check(time: float) -> None:
+            look()
+            if time > MAX_DURATION_S:
+                raise ValueError(
+                    f'point {len(trajectory.times) - 1}: time_from_start = {time:g} s or later: a '
+                    f'smooth motion must take at most {MAX_DURATION_S:g} s'
+                )
+
+        check(trajectory.duration)
+        self._check = check
+        trajectory = trajectory.in_order(limits.names)
+        self._executed = executed = Executed(trajectory.positions[0])
+        self.motion = smoothed(
+            trajectory, limits, mode, planner=planned, refine=False, observer=executed, look=check
+        )
         again = iter(plans)
         self._left = Executed(trajectory.positions[0])
         self._smoother = Smoother(
@@ -73,8 +75,8 @@ class StoppableMotion:
 
     def points(self, longest: float) -> Trajectory:
         """Return the motion as points from 0 s on, at most `longest` s apart: see `Executed`."""
-        times = self.motion.times
-        return self._executed.points(self.motion.joint_names, float(times[-1] - times[0]), longest)
+        end = float(self.motion.times[-1] - self.motion.times[0])
+        return self._executed.points(self.motion.joint_names, end, longest, look=self._check)
 
     def follow(self, time: float) -> None:
         """Be ready for stops that begin `time` s after the beginning of the motion, or later."""
@@ -83,11 +85,11 @@ class StoppableMotion:
             self._smoother.step(MAX_STEP_S)
             self._steps += 1
 
-    def stopped(self, time: float, longest: float) -> Trajectory:
+    def stopped(self, time: float, longest: float, begin: float = 0.0) -> Trajectory:
         """Return the motion until `time`, s, or up to MAX_STEP_S earlier, and its stop from there.
 
-        As `points` has it. Once, and not before what `follow` was told. Raises ValueError if that
-        cannot be said.
+        As `points` has it, from `begin` s on. Once, and not before what `follow` was told. Raises
+        ValueError if that cannot be said.
         """
         self.follow(time)
         smoother, motion, steps = self._smoother, self.motion, self._steps
@@ -101,4 +103,4 @@ class StoppableMotion:
             smoother.step(MAX_STEP_S)
         if smoother.violation is not None:
             raise ValueError(f'the stop breaks a limit: {smoother.violation}')
-        return self._left.points(motion.joint_names, smoother.now, longest)
+        return self._left.points(motion.joint_names, smoother.now, longest, begin)

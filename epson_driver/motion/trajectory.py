@@ -5,6 +5,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from math import ceil
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +21,12 @@ MAX_USUAL_ANGLE_RAD = 4 * np.pi
 BLOCK_POINTS = 2048
 """Points that are looked at together: what is computed of them stays in the processor's cache, and
 takes the same memory however long the trajectory is."""
+
+MAX_DURATION_S = 86_400.0
+"""Longest trajectory that is accepted, s."""
+
+MAX_POINTS = 100_000
+"""Most points of a motion that is planned here: more would take minutes to plan and check."""
 
 Mask = npt.NDArray[np.bool_]
 
@@ -58,6 +65,20 @@ class Trajectory:
             None if self.velocities is None else self.velocities[:, columns],
             None if self.accelerations is None else self.accelerations[:, columns],
         )
+
+
+def sample_times(duration: float, period: float) -> Array:
+    """Return even times from 0 to `duration`, at most `period` s apart, shape (k,).
+
+    Raises ValueError for more than MAX_POINTS.
+    """
+    longest = MAX_POINTS * period
+    if not duration <= longest:
+        raise ValueError(
+            f'the motion takes {duration:.4g} s: must be at most {longest:g} s ({MAX_POINTS} '
+            'points), so raise its speed or period'
+        )
+    return np.linspace(0.0, duration, ceil(duration / period) + 1)
 
 
 def problems(
@@ -149,6 +170,11 @@ def _times(trajectory: Trajectory) -> Iterator[str]:
     times = trajectory.times
     if times[0] < 0.0:
         yield f'point 0: time_from_start = {times[0]:g} s is negative'
+    if times[-1] > MAX_DURATION_S:
+        yield (
+            f'point {len(times) - 1}: time_from_start = {times[-1]:g} s: must be '
+            f'{MAX_DURATION_S:g} s, a day, at most'
+        )
     for index in _not_after(times):
         yield (
             f'point {index}: time_from_start = {times[index]:g} s is not after the '

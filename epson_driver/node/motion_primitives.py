@@ -174,12 +174,12 @@ class MotionPrimitives:
         sample = self._queue.check_ready(now)
         try:
             return await plan.in_thread(
-                lambda given_up: plan_sequence(
+                lambda look: plan_sequence(
                     self.kinematics,
                     sample.positions,
                     primitives,
                     sampled=self._sampled,
-                    given_up=given_up,
+                    look=look,
                 )
             )
         except (SequenceError, PlanningEndedError) as error:

@@ -409,7 +409,7 @@ class SmoothGoals:
         tolerance = self._parameters['start_tolerance']
         check_start(goal.trajectory, start, goal.limits, tolerance)
         try:
-            motion = await goal.scope.in_thread(partial(self._planned, goal, start))
+            motion, points = await goal.scope.in_thread(partial(self._planned, goal, start))
         except ValueError as error:
             raise _rejected(str(error)) from error
         with suppress(TimeoutError):
@@ -418,7 +418,7 @@ class SmoothGoals:
         moved = np.abs(self._arm.of(goal.limits, age)[0] - start).max()
         if moved > tolerance:
             raise _rejected(f'the arm moved by {moved:.3g} while the goal was planned')
-        driven = Driven(goal, motion, motion.points(self._parameters['period']))
+        driven = Driven(goal, motion, points)
         request = _request(goal.request, _goal_time(goal, motion.motion.duration))
         late = late_start(goal.start, self._loop.time())
         sent = await self._send(driven, driven.points, request)
@@ -431,9 +431,12 @@ class SmoothGoals:
         return bool(stops == 'brake' or (stops == 'auto' and self._behind.keeps_stamps))
 
     def _planned(
-        self, goal: PassedGoal, start: Array, given_up: Callable[[], bool]
-    ) -> StoppableMotion:
-        """Return the smooth motion from where the arm stands, shape (n,), in any thread."""
+        self, goal: PassedGoal, start: Array, look: Callable[[], None]
+    ) -> tuple[StoppableMotion, Trajectory]:
+        """Return the smooth motion from joints at rest, shape (n,), and its points.
+
+        Runs in any thread.
+        """
         planned = goal.trajectory
         times, positions = planned.times, planned.positions.copy()
         if times[0] > 0.0 or len(times) == 1:
@@ -443,7 +446,8 @@ class SmoothGoals:
         optimal = self._parameters['timing'] == 'time_optimal'
         mode = Mode.TIME_OPTIMAL if optimal else Mode.TIME_PRESERVING
         whole = Trajectory(planned.joint_names, times, positions)
-        return StoppableMotion(whole, goal.limits, mode, given_up)
+        motion = StoppableMotion(whole, goal.limits, mode, look)
+        return motion, motion.points(self._parameters['period'])
 
     async def _send(
         self, driven: Driven, points: Trajectory, request: FollowJointTrajectory.Goal
@@ -515,19 +519,11 @@ class SmoothGoals:
             done, _ = await asyncio.wait({sent.result}, timeout=patience)
             return 'it had come to its end' if done else None
         try:
-            stop = driven.motion.stopped(at, values['period'])
+            begin = passed - 2.0 * values['period']
+            rest = driven.motion.stopped(at, values['period'], begin)
         except ValueError as error:
             self._logger.error(f'no smooth stop: {error}')
             return None
-        first = max(int(stop.times.searchsorted(passed)) - 2, 0)
-        rest = Trajectory(
-            stop.joint_names,
-            *(
-                part[first:]
-                for part in (stop.times, stop.positions, stop.velocities, stop.accelerations)
-                if part is not None
-            ),
-        )
         request = FollowJointTrajectory.Goal(path_tolerance=driven.goal.request.path_tolerance)
         sec, nanosec = divmod(driven.begin, NS_PER_S)
         request.trajectory.header.stamp = Time(sec=sec, nanosec=nanosec)
@@ -538,7 +534,7 @@ class SmoothGoals:
             return None
         if self._loop.time() - began > at - passed:
             self._logger.error('a stop was taken late: what was commanded may have jumped')
-        patience += stop.duration - passed
+        patience += rest.duration - passed
         done, _ = await asyncio.wait({braking.result}, timeout=patience)
         if not done:
             await braking.cancel(values['reply_timeout'])

@@ -18,7 +18,7 @@ import numpy as np
 from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.interpolation import hermite, polynomial
 from epson_driver.robots.kinematics import Kinematics
-from epson_driver.tool_motion.joint_path import GivenUp, GivenUpError, JointPath, never
+from epson_driver.tool_motion.joint_path import JointPath, Look
 from epson_driver.tool_motion.path_timing import TimedRun, timed
 from epson_driver.tool_motion.pose_path import BlendError
 from epson_driver.tool_motion.speed_profile import PartLimits, highest, share_of_limits
@@ -67,7 +67,7 @@ def blended_joints(
     targets: Sequence[Array],
     radii: Sequence[float],
     limits: Sequence[JointLimits],
-    given_up: GivenUp = never,
+    look: Look = lambda: None,
 ) -> TimedRun:
     """Return the fastest motion from rest to rest, straight to each target but for the blends.
 
@@ -75,7 +75,7 @@ def blended_joints(
     tool, m. limits: of each move; in a blend those of both hold. Raises BlendError, with the index
     of the target, for a blend that does not fit, and PathError.
     """
-    parts = _parts(kinematics, [start, *targets], radii, limits, given_up)
+    parts = _parts(kinematics, [start, *targets], radii, limits, look)
     seams = np.concatenate([[0.0], np.cumsum([part.size for part in parts])])
     looks = [np.linspace(*ends, LOOKS, endpoint=False) for ends in pairwise(seams)]
     distances = np.concatenate([*looks, seams[-1:]])
@@ -89,11 +89,11 @@ def blended_joints(
         return joints
 
     joints = at(distances)
-    positions = _tool_positions(kinematics, joints, given_up)
+    positions = _tool_positions(kinematics, joints, look)
     blends = [part.blend for part in parts]
     ends = np.append((seams[:-1] + seams[1:])[blends] / 2.0, seams[-1])
     return timed(
-        JointPath('the way', kinematics, distances, joints, positions, at),
+        JointPath('the way', kinematics, distances, joints, positions, at, look),
         [_part_limits(part) for part in parts],
         ends,
         accuracy=ACCURACY_SHARE * min(radii),
@@ -106,7 +106,7 @@ def _parts(
     corners: Sequence[Array],
     radii: Sequence[float],
     limits: Sequence[JointLimits],
-    given_up: GivenUp,
+    look: Look,
 ) -> list[_Part]:
     """Return moves and the blends between them. Raises BlendError."""
     steps = [last - first for first, last in pairwise(corners)]
@@ -117,7 +117,7 @@ def _parts(
     for index, size in enumerate(sizes):
         if size < SHORTEST_MOVE_S:
             raise BlendError(index, 'the joints are there already')
-    positions = partial(_tool_positions, kinematics, given_up=given_up)
+    positions = partial(_tool_positions, kinematics, look=look)
     blends: list[_Part] = []
     for index, radius in enumerate(radii):
         corner, behind = corners[index + 1], index + 1
@@ -146,12 +146,11 @@ def _parts(
     return parts
 
 
-def _tool_positions(kinematics: Kinematics, joints: Array, given_up: GivenUp) -> Array:
+def _tool_positions(kinematics: Kinematics, joints: Array, look: Look) -> Array:
     """Return where the tool is with joints, shape (m, n): shape (m, 3), m."""
     positions = np.empty((len(joints), 3))
     for index, each in enumerate(joints):
-        if given_up():
-            raise GivenUpError
+        look()
         positions[index] = kinematics.forward(each)[:3, 3]
     return positions
 

@@ -33,20 +33,8 @@ class PathError(ValueError):
     """The tool cannot follow a path, with the place and the reason as its text."""
 
 
-class GivenUpError(PathError):
-    """Nobody wants the motion any more: its planning ends."""
-
-    def __init__(self) -> None:
-        super().__init__('given up before it began')
-
-
-GivenUp = Callable[[], bool]
-"""Returns True when nobody wants the motion any more; it is asked at every look, in any thread."""
-
-
-def never() -> bool:
-    """Return False: it is wanted."""
-    return False
+Look = Callable[[], None]
+"""Called at every step of planning, in any thread. It raises to end the work."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +43,7 @@ class JointPath:
 
     distances: from its begin, m or what else it is counted in, shape (k,); joints: (k, n);
     positions: of the tool, (k, 3), m. at: returns the joints at other distances, shape (m,), to
-    all digits: shape (m, n). name: what to call the run.
+    all digits: shape (m, n). name: what to call the run. look: for its sampling.
     """
 
     name: str
@@ -64,6 +52,7 @@ class JointPath:
     joints: Array
     positions: Array
     at: Callable[[Array], Array]
+    look: Look = lambda: None
 
     def where(self, index: int) -> str:
         """Return a place as a clause."""
@@ -76,7 +65,7 @@ def joint_path(
     start: Array,
     run: Run,
     name: str = 'the way',
-    given_up: GivenUp = never,
+    look: Look = lambda: None,
 ) -> JointPath:
     """Return the joints along a run that begins where the joints `start`, shape (n,), are.
 
@@ -102,8 +91,7 @@ def joint_path(
     positions: list[Array] = []
     before = start
     while wanted:
-        if given_up():
-            raise GivenUpError
+        look()
         distance = wanted[-1]
         pose = run.pose(distance)
         where = _where(distance / total, name, pose[:3, 3])
@@ -134,8 +122,7 @@ def joint_path(
         near = np.array([np.interp(others, distances, column) for column in joints.T]).T
         exact = np.empty_like(near)
         for index, (distance, guess) in enumerate(zip(others.tolist(), near, strict=True)):
-            if given_up():
-                raise GivenUpError
+            look()
             solutions = kinematics.inverse(run.pose(distance), guess)
             if not len(solutions) or np.max(np.abs(solutions[0] - guess)) > MAX_JOINT_STEP:
                 raise PathError(
@@ -144,7 +131,7 @@ def joint_path(
             exact[index] = solutions[0]
         return exact
 
-    return JointPath(name, kinematics, distances, joints, np.array(positions), at)
+    return JointPath(name, kinematics, distances, joints, np.array(positions), at, look)
 
 
 def _where(share: float, name: str, position: Array) -> str:

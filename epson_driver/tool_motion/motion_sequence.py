@@ -18,7 +18,7 @@ from epson_driver.motion import Array, JointLimits, Trajectory, go
 from epson_driver.motion.point_to_point import SHORTEST_MOVE_S
 from epson_driver.robots.kinematics import Kinematics
 from epson_driver.tool_motion.blended_joint_moves import blended_joints
-from epson_driver.tool_motion.joint_path import GivenUp, GivenUpError, never
+from epson_driver.tool_motion.joint_path import Look, PathError
 from epson_driver.tool_motion.path_timing import PERIOD_S, TimedRun, joined
 from epson_driver.tool_motion.pose_path import BlendError, PosePath, arc, line, runs
 from epson_driver.tool_motion.tool_trajectory import ToolLimits, timed_run
@@ -82,21 +82,20 @@ def plan_sequence(
     primitives: Sequence[Primitive],
     *,
     sampled: bool = True,
-    given_up: GivenUp = never,
+    look: Look = lambda: None,
 ) -> PlannedSequence:
     """Return a trajectory through all motions from joint positions `start`, shape (n,), at rest.
 
-    sampled: also a single motion in joint space as many points, not as its end alone. given_up: is
-    asked all the time, as motions take up to seconds each. Raises SequenceError.
+    sampled: also a single motion in joint space as many points, not as its end alone. look: called
+    all the time, as motions take up to seconds each. Raises SequenceError.
     """
     groups = list(_groups(primitives))
     runs_of: list[TimedRun] = []
     at = start
     for first, group in groups:
         try:
-            if given_up():
-                raise GivenUpError
-            found = _run(kinematics, at, group, given_up)
+            look()
+            found = _run(kinematics, at, group, look)
         except BlendError as error:
             index = first + error.index
             raise SequenceError(f'{_name(index, primitives[index])}: {error}') from error
@@ -111,7 +110,10 @@ def plan_sequence(
         (only,) = runs_of
         end = Trajectory(names, only.ends, primitives[0].target[None, :])
         return PlannedSequence(end, only.ends)
-    return PlannedSequence(*joined(names, runs_of))
+    try:
+        return PlannedSequence(*joined(names, runs_of))
+    except PathError as error:
+        raise SequenceError(str(error)) from error
 
 
 def _name(index: int, primitive: Primitive) -> str:
@@ -159,9 +161,7 @@ def _check_group(first: int, group: Sequence[Primitive]) -> None:
             )
 
 
-def _run(
-    kinematics: Kinematics, start: Array, group: Sequence[Primitive], given_up: GivenUp
-) -> TimedRun:
+def _run(kinematics: Kinematics, start: Array, group: Sequence[Primitive], look: Look) -> TimedRun:
     """Return the points of motions that are blended, or of a single one."""
     radii = [primitive.blend_radius for primitive in group[:-1]]
     if group[0].kind is Kind.LINEAR_JOINT:
@@ -169,7 +169,7 @@ def _run(
             return _joint_motion(kinematics.model.limits, start, group[0])
         limits = [_lowered(kinematics.model.limits, primitive) for primitive in group]
         targets = [primitive.target for primitive in group]
-        return blended_joints(kinematics, start, targets, radii, limits, given_up)
+        return blended_joints(kinematics, start, targets, radii, limits, look)
     segments: list[PosePath] = []
     pose = kinematics.forward(start)
     for index, primitive in enumerate(group):
@@ -181,11 +181,11 @@ def _run(
     (run,) = runs(segments, radii)
     if not group[0].move_time:
         tools = [_tool_limits(primitive) for primitive in group]
-        return timed_run(kinematics, start, run, tools, given_up=given_up)
+        return timed_run(kinematics, start, run, tools, look=look)
     move_time = group[0].move_time
     for share in MOVE_SHARES:
         tool = _tool_limits_of_time(segments[0], share * move_time)
-        found = timed_run(kinematics, start, run, [tool], given_up=given_up)
+        found = timed_run(kinematics, start, run, [tool], look=look)
         if found.ends[-1] <= move_time:
             return found.stretched(move_time / float(found.ends[-1]))
     raise ValueError(f'move_time = {move_time:.4g} s: too short for a smooth motion of the tool')

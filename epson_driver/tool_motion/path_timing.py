@@ -10,12 +10,12 @@ refused, or slower there if that is asked for.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import ceil
 
 import numpy as np
 import numpy.typing as npt
 
 from epson_driver.motion import Array, Trajectory
+from epson_driver.motion.trajectory import MAX_POINTS, sample_times
 from epson_driver.tool_motion.joint_path import JointPath, PathError
 from epson_driver.tool_motion.pose_path import distance_from
 from epson_driver.tool_motion.speed_profile import (
@@ -93,8 +93,10 @@ def timed(
 def joined(names: tuple[str, ...], runs: Sequence[TimedRun]) -> tuple[Trajectory, Array]:
     """Return runs, each from where the one before ends, with rests of REST_S between them.
 
-    And when each of their segments ends, s.
+    And when each of their segments ends, s. Raises PathError for more than MAX_POINTS.
     """
+    if (count := sum(len(run.times) for run in runs)) > MAX_POINTS:
+        raise PathError(f'{count} points: must be at most {MAX_POINTS}, so send fewer motions')
     first = runs[0]
     times, positions, velocities = [first.times], [first.positions], [first.velocities]
     ends = [first.ends]
@@ -233,7 +235,7 @@ def _sampled(
 ) -> tuple[Array, Array, Array]:
     """Return times, positions and velocities of the motion, at most `period` s apart."""
     duration = motion.duration * stretch
-    times = np.linspace(0.0, duration, max(ceil(duration / period), 2) + 1)
+    times = sample_times(duration, min(period, duration / 2.0))
     distance, speed, _, _ = motion.at(times / stretch)
     slopes = np.gradient(found.joints, found.distances, axis=0, edge_order=2)
     slope = np.array([np.interp(distance, found.distances, column) for column in slopes.T]).T
@@ -244,6 +246,9 @@ def _sampled(
 
 def _deviation(found: JointPath, positions: Array) -> float:
     """Return how far the tool is from the path in the middle between two points, at most, m."""
-    middles = (positions[1:] + positions[:-1]) / 2.0
-    tool = (found.kinematics.forward(middle)[:3, 3] for middle in middles)
-    return max(distance_from(position, found.positions) for position in tool)
+    worst = 0.0
+    for middle in (positions[1:] + positions[:-1]) / 2.0:
+        found.look()
+        tool = found.kinematics.forward(middle)[:3, 3]
+        worst = max(worst, distance_from(tool, found.positions))
+    return worst

@@ -10,12 +10,15 @@ from epson_driver.robots.kinematics import Kinematics, uvw
 SAME_M = 1e-6
 """A tool that moves less, m, only turns."""
 
+MAX_LOOKS = 2000
+
 
 def passing(arm: Kinematics, positions: Array, via: Array) -> Array:
     """Return joints, shape (n,), with the tool at `via`, shape (3,), m, on a planned way.
 
     positions: shape (k, n), rad (m), points of that way. The tool is turned as in the nearest one.
     """
+    positions = positions[:: len(positions) // MAX_LOOKS + 1]
     poses = [arm.forward(row) for row in positions]
     nearest = int(np.argmin([np.linalg.norm(pose[:3, 3] - via) for pose in poses]))
     pose = poses[nearest].copy()

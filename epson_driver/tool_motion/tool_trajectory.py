@@ -14,7 +14,7 @@ import numpy as np
 
 from epson_driver.motion import Array, Trajectory
 from epson_driver.robots.kinematics import Kinematics
-from epson_driver.tool_motion.joint_path import GivenUp, joint_path, never
+from epson_driver.tool_motion.joint_path import Look, joint_path
 from epson_driver.tool_motion.path_timing import TimedRun, joined, timed
 from epson_driver.tool_motion.pose_path import PosePath, Run, size_of
 from epson_driver.tool_motion.speed_profile import PartLimits
@@ -63,7 +63,7 @@ def runs_trajectory(
     start: Array,
     path: Sequence[Run],
     tool: ToolLimits,
-    given_up: GivenUp = never,
+    look: Look = lambda: None,
 ) -> Trajectory:
     """Return a trajectory along the runs of a path, with a rest after each.
 
@@ -76,7 +76,7 @@ def runs_trajectory(
     for run in path:
         name = 'the way' if len(path) == 1 else f'the way to points[{run.last}]'
         begin = found[-1].positions[-1] if found else start
-        found.append(timed_run(kinematics, begin, run, tools, name, given_up))
+        found.append(timed_run(kinematics, begin, run, tools, name, look))
     return joined(kinematics.model.limits.names, found)[0]
 
 
@@ -86,7 +86,7 @@ def timed_run(
     run: Run,
     tools: Sequence[ToolLimits],
     name: str = 'the way',
-    given_up: GivenUp = never,
+    look: Look = lambda: None,
 ) -> TimedRun:
     """Return the points along a run. tools: how the tool may move in each segment, by index.
 
@@ -97,7 +97,7 @@ def timed_run(
         limits.append(_part_limits(part, tools[owners[0]].beside(tools[owners[-1]])))
     used = tools[run.segments[0][0] : run.last + 1]
     return timed(
-        joint_path(kinematics, start, run, name, given_up),
+        joint_path(kinematics, start, run, name, look),
         limits,
         run.ends,
         accuracy=min(tool.accuracy for tool in used),

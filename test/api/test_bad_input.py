@@ -15,6 +15,7 @@ from epson_driver.aio import ArgumentError, Robot, RobotError, Settings, Waypoin
 NAN, INF = float('nan'), float('inf')
 HOME = [0.0, 0.2, 0.2, 0.0, -1.9, 0.0]
 POSE = [0.3, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0]
+NEAR = [0.3, 0.1, 0.5, 0.0, 1.0, 0.0, 0.0]
 FAR = [1.3, 0.0, 0.5, 0.0, 1.0, 0.0, 0.0]
 UP = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 
@@ -35,6 +36,8 @@ CASES = [
     ('no points', lambda r: r.move_waypoints([]), 'points has shape'),
     ('times', lambda r: r.move_trajectory([2, 1], [HOME] * 2), 'must strictly increase'),
     ('31 years', lambda r: r.move_trajectory([1e9], [HOME]), r'1e\+09 s: must be 86400 s'),
+    ('slow', lambda r: r.move_joints([0.1, *HOME[1:]], speed=1e-8), r'at most \d+ s \(100000 po'),
+    ('slow line', lambda r: r.move_line(NEAR, speed=1e-5), r'at most 5000 s \(100000 points'),
     ('too fast', lambda r: r.move_trajectory([0.001], [[1.0, *HOME[1:]]]), 'joint_1'),
     ('names', lambda r: r.move_trajectory([1], [HOME], joint_names=['a'] * 6), 'joint_names ='),
     ('out of reach', lambda r: r.move_line(FAR), 'out of reach'),

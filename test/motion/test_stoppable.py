@@ -2,16 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Smooth motions that are left on their way, at any moment, as one motion inside the limits."""
 
+from dataclasses import replace
+from itertools import count
+
 import numpy as np
 import pytest
 from support.examples import one_in
 from support.smoother_harness import LIMITS, PLAN
 
-from epson_driver.motion import Trajectory
+from epson_driver.motion import Trajectory, stoppable
 from epson_driver.motion.interpolation import Interpolation, hermite, polynomial
 from epson_driver.motion.smoothed import MAX_STEP_S, smoothed
 from epson_driver.motion.smoother import Mode
-from epson_driver.motion.stoppable import GivenUpError, StoppableMotion
+from epson_driver.motion.stoppable import StoppableMotion
 
 LONGEST_S = 0.008
 
@@ -69,8 +72,42 @@ def test_a_stop_does_not_begin_in_the_past() -> None:
         whole.stopped(0.5, LONGEST_S)
 
 
-def test_a_motion_that_nobody_waits_for_is_given_up(caplog: pytest.LogCaptureFixture) -> None:
-    asked = iter([False, True])
-    with pytest.raises(GivenUpError):
-        StoppableMotion(PLAN, LIMITS, given_up=lambda: next(asked))
-    assert not caplog.records
+@pytest.mark.invariant(9)
+def test_inv9_every_sample_and_point_can_end_the_work() -> None:
+    """docs/invariants.md, 9."""
+    looks, left = count(), False
+
+    def look() -> None:
+        if next(looks) and left:
+            raise KeyboardInterrupt
+
+    whole = StoppableMotion(PLAN, LIMITS, look=look)
+    assert next(looks) >= len(whole.motion.times)
+    left = True
+    for work in (lambda: StoppableMotion(PLAN, LIMITS, look=look), lambda: whole.points(0.1)):
+        with pytest.raises(KeyboardInterrupt):
+            work()
+
+
+@pytest.mark.invariant(7)
+def test_inv7_a_long_motion_is_refused_before_and_while_it_is_sampled(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """docs/invariants.md, 7."""
+    long = replace(PLAN, times=PLAN.times * 1e6)
+    with pytest.raises(ValueError, match=r'point \d+: time_from_start = .* at most 600 s'):
+        StoppableMotion(long, LIMITS, look=lambda: None)
+    with pytest.raises(ValueError, match='100000 points'):
+        StoppableMotion(PLAN, LIMITS).points(1e-6)
+    monkeypatch.setattr(stoppable, 'MAX_DURATION_S', PLAN.duration)
+    with pytest.raises(ValueError, match='or later: a smooth motion must take at most'):
+        StoppableMotion(PLAN, replace(LIMITS, velocity=LIMITS.velocity / 10.0))
+
+
+def test_a_stop_has_no_points_before_its_begin() -> None:
+    whole, other = StoppableMotion(PLAN, LIMITS), StoppableMotion(PLAN, LIMITS)
+    stop, rest = whole.stopped(1.0, LONGEST_S), other.stopped(1.0, LONGEST_S, 0.9)
+    assert rest.times[0] >= 0.9
+    kept = stop.times >= 0.9
+    assert np.array_equal(rest.times, stop.times[kept])
+    assert np.array_equal(rest.positions, stop.positions[kept])

@@ -2,9 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """smooth_goals in front of somebody else's driver, which does as joint_trajectory_controller."""
 
+import os
+import resource
 import signal
 from collections.abc import Iterator
 from pathlib import Path
+from resource import RUSAGE_CHILDREN
 from typing import Any
 
 import numpy as np
@@ -197,6 +200,38 @@ def test_the_end_of_the_process_brakes_the_arm(make: Any, number: signal.Signals
     assert goal.result()[2] == 'smooth_goals ends; it braked; the arm stands'
     assert np.abs(front.at() - FAR).max() > 0.1
     front.check()
+
+
+def cpu_time(process_id: int) -> float:
+    """Return the CPU time of a process, s."""
+    fields = (
+        Path(f'/proc/{process_id}/stat').read_text(encoding='ascii').rpartition(')')[2].split()
+    )
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+
+@pytest.mark.invariant(7, 9)
+def test_inv7_inv9_planning_is_bounded_and_ends_with_the_process(make: Any) -> None:
+    """docs/invariants.md, 7 and 9."""
+    front = make()
+    for seconds, limit in ((1e9, '86400 s'), (3600.0, '600 s')):
+        text = front.peer.goal(trajectory((0.0, START), (seconds, FAR))).result()[2]
+        assert 'point 1: time_from_start' in text
+        assert limit in text
+    angles = np.linspace(0.0, 500.0, 4000)
+    waves = START + 0.3 * np.sin(np.outer(angles, np.arange(1, 7)) / 5)
+    points = zip((angles * 1.19).tolist(), waves.tolist(), strict=True)
+    goal, before = front.peer.goal(trajectory(*points)), cpu_time(front.process.process_id)
+    front.peer.wait_for(
+        lambda: cpu_time(front.process.process_id) > before + 2.0, 'the longest planning'
+    )
+    used, children = cpu_time(front.process.process_id), resource.getrusage(RUSAGE_CHILDREN)
+    assert front.process.end(signal.SIGTERM) == 0
+    ended = resource.getrusage(RUSAGE_CHILDREN)
+    total = ended.ru_utime + ended.ru_stime - children.ru_utime - children.ru_stime
+    assert total - used < 2.0
+    assert goal.result()[2] == 'smooth_goals ends'
+    assert not front.behind.taken
 
 
 def goal_from_here(front: Front, lasts: float = LASTS_S) -> Any:

@@ -3,7 +3,7 @@
 """Sequences of motions as one trajectory: rests, times, limits, and what is refused as a whole."""
 
 from dataclasses import replace
-from itertools import pairwise
+from itertools import count, pairwise
 
 import numpy as np
 import pytest
@@ -14,6 +14,7 @@ from epson_driver.motion.smoothed import smoothed
 from epson_driver.motion.trajectory import problems
 from epson_driver.robots import load_robot_model
 from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw
+from epson_driver.tool_motion import path_timing
 from epson_driver.tool_motion.motion_sequence import Kind, Primitive, SequenceError, plan_sequence
 from epson_driver.tool_motion.tool_trajectory import ToolLimits, runs_trajectory
 
@@ -159,27 +160,45 @@ def test_a_scara_goes_straight_too_and_does_not_lean():
         plan_sequence(scara, target, [Primitive(Kind.LINEAR_CARTESIAN, pose)])
 
 
-def test_it_is_given_up_in_the_middle_of_a_motion():
-    asked = []
-
-    def given_up():
-        asked.append(None)
-        return len(asked) > 20
-
-    with pytest.raises(SequenceError, match='given up'):
-        plan_sequence(ARM, READY, [to_pose()], given_up=given_up)
-    assert len(asked) == 21
-    asked.clear()
-    corner = [to_joints(blend_radius=0.02), to_joints(READY + 0.2)]
-    with pytest.raises(SequenceError, match='given up'):
-        plan_sequence(ARM, READY, corner, given_up=given_up)
-    assert len(asked) == 21
+KINDS = {
+    'line': lambda **more: [to_pose(**more)],
+    'arc': lambda **more: [to_arc(**more)],
+    'blended joints': lambda **more: [to_joints(blend_radius=0.02, **more), to_joints(READY)],
+}
 
 
-def test_it_is_given_up_between_two_motions():
-    asked = iter([False, True])
-    with pytest.raises(SequenceError, match='given up'):
-        plan_sequence(ARM, READY, [to_joints(), to_joints(READY)], given_up=lambda: next(asked))
+@pytest.mark.invariant(9)
+@pytest.mark.parametrize('kind', KINDS)
+def test_inv9_every_sample_can_end_the_work(kind):
+    """docs/invariants.md, 9."""
+    looks = []
+    points = plan_sequence(ARM, READY, KINDS[kind](), look=lambda: looks.append(0)).trajectory
+    assert len(looks) >= 2 * len(points.times)
+    for last in (0, 20, len(looks) - 1):
+        counted = count(1)
+
+        def look(last=last, counted=counted):
+            if next(counted) > last:
+                raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            plan_sequence(ARM, READY, KINDS[kind](), look=look)
+
+
+@pytest.mark.invariant(7)
+@pytest.mark.parametrize('motions', [*KINDS.values(), lambda **more: [to_joints(**more)]])
+def test_inv7_a_motion_of_days_is_refused_before_it_is_sampled(motions):
+    """docs/invariants.md, 7."""
+    with pytest.raises(SequenceError, match=r'motions\[0\].* s: must be at most 5000 s'):
+        plan_sequence(ARM, READY, motions(velocity=1e-5))
+
+
+@pytest.mark.invariant(7)
+def test_inv7_a_sequence_has_a_limited_number_of_points(monkeypatch):
+    """docs/invariants.md, 7."""
+    monkeypatch.setattr(path_timing, 'MAX_POINTS', 10)
+    with pytest.raises(SequenceError, match='points: must be at most 10'):
+        plan_sequence(ARM, READY, [to_joints(), to_joints(READY), to_joints()])
 
 
 def test_a_single_motion_may_be_its_end_alone():

@@ -44,18 +44,23 @@ class PlanningScope:
         if self.why is not None:
             raise PlanningEndedError(self.why)
 
-    async def in_thread(self, work: Callable[[Callable[[], bool]], T]) -> T:
+    async def in_thread(self, work: Callable[[Callable[[], None]], T]) -> T:
         """Plan in a thread and return what `work` returns, or raise what it raises.
 
-        `work` is given a function that returns True when nobody waits for it any more: it should
-        end soon then, but nobody waits for that. Raises PlanningEndedError as soon as the goal
-        must not begin.
+        `work` must call its argument at each step, which raises PlanningEndedError once the result
+        is not needed: the process waits for its threads at its end. Raises PlanningEndedError as
+        soon as the goal must not begin.
         """
         self.check()
         loop = asyncio.get_running_loop()
         left = threading.Event()
         self._ended = loop.create_future()
-        planning = loop.run_in_executor(None, copy_context().run, work, left.is_set)
+
+        def look() -> None:
+            if left.is_set():
+                raise PlanningEndedError(self.why or 'the result is not needed any more')
+
+        planning = loop.run_in_executor(None, copy_context().run, work, look)
         planning.add_done_callback(lambda done: _take(done, left=left.is_set()))
         try:
             either: set[asyncio.Future[Any]] = {planning, self._ended}
@@ -93,5 +98,5 @@ def _take(done: 'asyncio.Future[T]', *, left: bool) -> None:
     if done.cancelled():
         return
     error = done.exception()
-    if left and error is not None and not isinstance(error, ValueError):
+    if left and error is not None and not isinstance(error, ValueError | PlanningEndedError):
         _log.warning('planning failed, for a goal that was given up: %r', error)

@@ -24,11 +24,14 @@ async def test_who_ends_a_plan_has_its_answer_while_the_thread_still_works():
     begun, go_on = threading.Event(), threading.Event()
     asked = []
 
-    def work(given_up):
+    def work(look):
         begun.set()
         go_on.wait()
-        asked.append(given_up())
-        return 'planned'
+        try:
+            look()
+        except PlanningEndedError as error:
+            asked.append(str(error))
+            raise
 
     plan = PlanningScope()
     task = asyncio.create_task(plan.in_thread(work))
@@ -41,16 +44,16 @@ async def test_who_ends_a_plan_has_its_answer_while_the_thread_still_works():
     assert asked == []
     go_on.set()
     await until(lambda: asked)
-    assert asked == [True]
+    assert asked == ['canceled']
     with pytest.raises(PlanningEndedError, match=r'^canceled$'):
         await plan.in_thread(work)
 
 
 async def test_a_plan_that_nobody_ends_gives_what_the_thread_returns_or_raises():
-    def fails(_given_up):
+    def fails(_look):
         raise ValueError('out of reach')
 
-    assert await PlanningScope().in_thread(lambda given_up: given_up()) is False
+    assert await PlanningScope().in_thread(lambda look: look()) is None
     with pytest.raises(ValueError, match='out of reach'):
         await PlanningScope().in_thread(fails)
 
@@ -58,7 +61,7 @@ async def test_a_plan_that_nobody_ends_gives_what_the_thread_returns_or_raises()
 def test_what_fails_after_everybody_left_is_logged(caplog):
     begun, go_on = threading.Event(), threading.Event()
 
-    def work(_given_up):
+    def work(_look):
         begun.set()
         go_on.wait()
         raise RuntimeError('broken')
