@@ -11,6 +11,7 @@ from epson_driver.driver.remedy import Remedy
 ARM = 'the arm'
 
 ABOUT = {
+    Cause.SECOND_DRIVER: 'second driver',
     Cause.ESTOP: 'E-stop',
     Cause.ERROR: 'error',
     Cause.SAFEGUARD: 'safeguard',

@@ -130,6 +130,9 @@ class ArmCommands:
     async def _enable(self, enabling: Enabling) -> str:
         driver = self._driver
         async with self._one_enables:
+            if (early := driver.namesakes_known - _now()) > 0.0:
+                await asyncio.sleep(early)
+            driver.look_for_namesakes()
             enabling.motors_on = driver.busy
             driver.heartbeat.ask_again()
             asked = _now()
@@ -169,6 +172,7 @@ class ArmCommands:
                 raise CommandError('the controller sends no STATUS')
             if (found := status_inhibit(newest, driver.robot.errors)) is not None:
                 raise _inhibited(found)
+            driver.look_for_namesakes()  # once more, in the moment in which the gate opens
             if closed:
                 driver.robot.enabled()
                 driver.stopper.enabled()

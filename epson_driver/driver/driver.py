@@ -8,6 +8,7 @@ told what happened through `DriverEvents`.
 
 import asyncio
 import logging
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
 
@@ -25,6 +26,7 @@ from epson_driver.driver.inhibit import (
     main_ended,
     manual_inhibit,
     not_enabled,
+    second_driver,
     status_inhibit,
 )
 from epson_driver.driver.io.io_access import make_io
@@ -232,6 +234,11 @@ class Driver:
         self.goal_queue.occupied = self.servo.occupation
         self.goal_queue.closed = self._why_closed
         self.goal_queue.held = self.held
+        self.namesakes: Callable[[], str] = str
+        """Returns who else takes this driver's requests, '' for nobody."""
+        self.namesakes_known = 0.0
+        """Until then, in the loop's time, some may not be found yet: no enable."""
+        self._second: Inhibit | None = None
         self._feedback_leads = False
         self._positions_since_feedback = 0
         self._joints_missing = ReceiveTimeout(max(STATUS_TIMEOUT_S, configuration.state_timeout))
@@ -334,12 +341,23 @@ class Driver:
 
     def condition_inhibit(self, status: Status) -> Inhibit | None:
         """Return what in the controller's condition keeps the arm from moving, as it tells it."""
+        if self._second is not None:
+            return self._second
         errors, link = self.robot.errors, self.state_link
         found = status_inhibit(status, errors)
         mended = found is None or found.cause is Cause.MOTORS_OFF
         if isinstance(link, RemoteLink) and mended:
             found = flags_inhibit(link.flags, status.error_code, errors) or found
         return found
+
+    def look_for_namesakes(self) -> None:
+        """Stop and disable the arm while another process takes this driver's requests, too."""
+        who, before = self.namesakes(), self._second
+        found = self._second = second_driver(who) if who else None
+        if found is not None:
+            self.fault(found.text)
+        if found != before:
+            _log.warning('%s', 'no second driver any more' if found is None else found.text)
 
     def link_inhibit(self, link: Link) -> Inhibit | None:
         """Return that a link is not connected, or None if it is."""

@@ -23,6 +23,7 @@ class Cause(Enum):
     NO_JOINTS = auto()
     NO_STATUS = auto()
     STOP_FAILED = auto()
+    SECOND_DRIVER = auto()
     NO_MOTION_LINK = auto()
     ESTOP = auto()
     ERROR = auto()
@@ -64,6 +65,11 @@ PAUSED = Inhibit(
 MAIN_ENDED = Inhibit(Cause.MAIN_ENDED, Remedy.START_MAIN, 'main does not run')
 
 MANUAL = Inhibit(Cause.MANUAL_MODE, Remedy.TURN_TO_AUTO, 'the key switch is at MANUAL')
+
+
+def second_driver(who: str) -> Inhibit:
+    """Return that another process obeys the same requests, as it has the same names."""
+    return Inhibit(Cause.SECOND_DRIVER, Remedy.RENAME, f'a second driver has its names: {who}')
 
 
 def main_ended(status: Status, errors: ErrorTexts) -> Inhibit:

@@ -19,6 +19,7 @@ class Remedy(Enum):
     CLOSE_SAFEGUARD = 'close it, reset or continue at the controller, then enable the arm'
     CHOOSE_CONTROL_DEVICE = 'choose Remote Ethernet as the control device in RC+'
     START_MAIN = 'start main, or enable the arm'
+    RENAME = 'end one, or give each its own name or namespace; a killed one is gone in 20 s'
     LOOK_AT_CONTROLLER = 'look at the controller'
     TURN_TO_AUTO = 'turn it to AUTO, then enable the arm'
     ENABLE = 'enable the arm'

@@ -26,6 +26,7 @@ LEVELS = {
     Cause.NO_STATUS: DiagnosticStatus.STALE,
     Cause.NO_MOTION_LINK: DiagnosticStatus.ERROR,
     Cause.STOP_FAILED: DiagnosticStatus.ERROR,
+    Cause.SECOND_DRIVER: DiagnosticStatus.ERROR,
     Cause.ESTOP: DiagnosticStatus.ERROR,
     Cause.ERROR: DiagnosticStatus.ERROR,
 }

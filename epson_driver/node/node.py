@@ -38,6 +38,7 @@ from epson_driver.node.gripper_server import GripperServer, gripper_wiring
 from epson_driver.node.io_interface import IoInterface
 from epson_driver.node.loop_bridge import DriverEndedError, LoopBridge
 from epson_driver.node.motion_primitives import MotionPrimitives
+from epson_driver.node.namesakes import DISCOVERY_S, LOOK_PERIOD_S, Namesakes
 from epson_driver.node.points_interface import PointsInterface
 from epson_driver.node.remedies import error_text
 from epson_driver.node.ros_log import context_of
@@ -126,12 +127,18 @@ class ClientNode:
         self._diagnostics = Diagnostics(
             self.driver, node.get_fully_qualified_name().lstrip('/'), self._servo.publishers
         )
+        self.driver.namesakes = Namesakes(node)
+        self.driver.namesakes_known = self._loop.time() + DISCOVERY_S
         node.add_on_set_parameters_callback(self._on_set_parameters)
         self.on_link_state(self.driver.state_link.state.value, 'starting')
 
     async def run(self) -> None:
         """Drive the controller until cancelled. Raises the error of a part that failed."""
-        parts = {'the driver': self.driver.run, 'diagnostics': self._publish_diagnostics}
+        parts = {
+            'the driver': self.driver.run,
+            'diagnostics': self._publish_diagnostics,
+            'looking for namesakes': self._look_for_namesakes,
+        }
         together = run_task_group(parts, self.driver.shut_down)
         await self._loop.create_task(together, context=self._context)
 
@@ -240,6 +247,11 @@ class ClientNode:
         """Publish `~/link_state`."""
         self._node.get_logger().debug(f'link {name}: {why}')
         self._link_state.publish(String(data=name))
+
+    async def _look_for_namesakes(self) -> None:
+        while True:
+            self.driver.look_for_namesakes()
+            await asyncio.sleep(LOOK_PERIOD_S)
 
     async def _publish_diagnostics(self) -> None:
         publish = self._diagnostic_array.publish

@@ -3,7 +3,7 @@
 """UDP instead of Fast DDS' shared memory, for all our ROS processes.
 
 Shared memory fails silently: after somebody empties /dev/shm, or for another user, nodes still
-find each other, but no message arrives. `~/stop` would not be heard.
+find each other, but no message arrives, not even to `~/stop`.
 """
 
 import os
@@ -65,7 +65,7 @@ def udp_by_default() -> Iterator[None]:
 
 
 def _peer(name: str) -> str:
-    """Return the locator of a host. Fast DDS would drop a profile with one that it cannot find."""
+    """Return the locator of a host. Fast DDS drops a profile with an unknown one."""
     try:
         return f'<locator><udpv4><address>{gethostbyname(name)}</address></udpv4></locator>'
     except (OSError, UnicodeError) as error:

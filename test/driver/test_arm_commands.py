@@ -20,6 +20,7 @@ from support.sim_process import vacant_port
 
 from epson_driver.driver import arm_commands
 from epson_driver.driver.arm_commands import CommandError
+from epson_driver.driver.inhibit import Cause
 from epson_driver.driver.outcome import End
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.faults.fault_text import parse
@@ -53,6 +54,49 @@ async def test_enable_when_the_motors_are_on_already_needs_no_remote_port():
         await until(lambda: harness.driver.robot.status.drives_powered == 1)
         await harness.commands.enable()
         assert harness.gate is None
+
+
+@pytest.mark.invariant(10)
+async def test_inv10_a_second_driver_of_its_names_stops_the_arm_and_forbids_enable():
+    async with cell() as (harness, _):
+        driver, refused = harness.driver, 'a second driver has its names: the other; RENAME'
+        goal = harness.submit(pose(0.5), step=5.0)
+        await harness.until_moving()
+        driver.namesakes = lambda: 'the other'
+        driver.look_for_namesakes()
+        assert 'a second driver has its names' in (await goal.end()).text
+        assert await driver.stopper.wait(1.0)
+        assert await harness.rests()
+        assert await rejection(harness.commands.enable()) == refused
+        assert driver.inhibit(asyncio.get_running_loop().time()).cause is Cause.SECOND_DRIVER
+        driver.namesakes = str
+        await harness.commands.enable()
+        assert harness.gate is None
+        driver.namesakes = iter(['', 'the other']).__next__  # found when the gate would open
+        assert 'the other' in await rejection(harness.commands.enable())
+        assert harness.gate is not None
+        driver.namesakes = iter(['', 'the other']).__next__
+        assert 'the other' in await rejection(harness.commands.enable())
+        assert harness.gate is not None
+
+
+@pytest.mark.invariant(10)
+async def test_inv10_enable_waits_until_a_second_driver_would_be_known():
+    async with cell(enabled=False) as (harness, _):
+        driver = harness.driver
+        driver.namesakes_known = asyncio.get_running_loop().time() + 2.0
+        enabling = asyncio.create_task(harness.commands.enable())
+        await asyncio.sleep(1.9)
+        driver.namesakes = lambda: 'the other'
+        assert 'the other' in await rejection(enabling)
+        driver.namesakes = str
+        driver.look_for_namesakes()
+        driver.namesakes_known = asyncio.get_running_loop().time() + 2.0
+        enabling = asyncio.create_task(harness.commands.enable())
+        await asyncio.sleep(1.9)
+        await harness.commands.disable()
+        assert 'disabled' in await rejection(enabling)
+        assert harness.gate is not None
 
 
 async def test_enable_without_a_controller_names_the_link():
