@@ -1,0 +1,78 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""A lower speed, however a Python program asks for it, is lower at the arm or refused."""
+
+import numpy as np
+import pytest
+from support.api_harness import robot_cell
+from support.driver_harness import LIMITS
+from support.event_loop import now, run
+from support.fault_play import where
+
+from epson_driver.aio import RobotError
+from epson_driver.share import share_folder
+
+PROFILES = sorted(path.stem for path in share_folder('config', 'controllers').glob('*.yaml'))
+TARGET = [0.15, 0.0, 0.0, 0.0, 0.0, 0.0]
+WINDOW_S = 0.1
+REASONS = ('override of its pendant', 'by Remote Ethernet alone', 'the least that the controller')
+"""What a refusal says."""
+
+
+def record(controller):
+    """Return lists that fill with times and places of the arm."""
+    times, places = [now()], [where(controller)]
+    step = controller.step
+
+    def recorded(seconds):
+        step(seconds)
+        times.append(times[-1] + seconds)
+        places.append(where(controller))
+
+    controller.step = recorded
+    return times, places
+
+
+def peak(times, places):
+    """Return the highest mean speed over WINDOW_S, rad/s."""
+    times, places = np.array(times), np.array(places)
+    ends = np.searchsorted(times, times + WINDOW_S)
+    inside = np.flatnonzero(ends < len(times))
+    return float(np.abs(places[ends[inside]] - places[inside]).max(initial=0.0) / WINDOW_S)
+
+
+async def moved(profile, scaling=1.0, **shares):
+    """Return the arm's highest speed and the time of a move, or None if it was refused."""
+    async with robot_cell(profile=profile, smooth=profile != 'spel') as (robot, controller):
+        recorded = record(controller)
+        began = now()
+        try:
+            if scaling != 1.0:
+                robot.set_speed_scaling(scaling)
+            motion = await robot.move_joints(TARGET, **shares)
+        except RobotError as error:
+            refused = str(error)
+        else:
+            refused = ''
+        if refused:
+            assert any(reason in refused for reason in REASONS), refused
+            assert peak(*recorded) == 0.0
+            return None
+        assert np.abs(robot.joints - TARGET).max() < 0.01, motion.text
+        return peak(*recorded), now() - began
+
+
+@pytest.mark.invariant(10)
+@pytest.mark.parametrize('profile', PROFILES)
+def test_inv10_a_share_of_the_speed_is_a_share_at_the_arm_or_refused(profile):
+    async def scenario():
+        usual = await moved(profile, speed=0.1, acceleration=0.5)
+        slow = [await moved(profile, speed=0.01, acceleration=0.5)]
+        slow.append(await moved(profile, scaling=0.1, speed=0.1, acceleration=0.5))
+        assert usual is not None or profile in ('fanuc', 'thesis')
+        for each in slow:
+            assert each is None or each[0] <= 0.015 * LIMITS.velocity[0]
+        gentle = await moved(profile, speed=0.1, acceleration=0.01)
+        assert gentle is None or gentle[1] > 1.5 * usual[1]
+
+    run(scenario(), patience=3600.0)
