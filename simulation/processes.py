@@ -136,7 +136,9 @@ class NodeProcess(Process):
     ) -> None:
         super().__init__(world, number)
         self._arm = Kinematics(model)
-        self.driver = self.context.run(Driver, configuration, world, GoalSettings())
+        self.driver = self.context.run(
+            Driver, configuration, world, GoalSettings(require_planned_speed=False)
+        )
         self._commands = ArmCommands(self.driver)
         self._handles: dict[int, GoalHandle] = {}
         self._plans: dict[int, PlanningScope] = {}
@@ -171,7 +173,7 @@ class NodeProcess(Process):
 
     def scale(self, factor: float) -> None:
         """Take a speed scaling. Raises ValueError."""
-        self.driver.goal_queue.scaling.set(factor, self._world.loop.time())
+        self.driver.goal_queue.set_speed(factor)
 
     def take(self, setpoint: Setpoint, received: int, missed: bool) -> None:
         """Take a setpoint that the middleware received, ns of the system clock.

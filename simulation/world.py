@@ -14,7 +14,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from epson_driver.aio import Robot
+from epson_driver.aio import Robot, Settings
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.outcome import End, Outcome
@@ -342,6 +342,7 @@ class World:
             state_port=ports.state,
             io_port=ports.io if self._io else 0,
             remote_port=ports.remote if self.remote else 0,
+            settings=Settings(require_planned_speed=False),
         )
 
     def _configuration(self) -> Configuration:

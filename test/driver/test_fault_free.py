@@ -26,7 +26,7 @@ pytestmark = pytest.mark.invariant(5)
 
 
 def scale(harness, factor):
-    harness.driver.goal_queue.scaling.set(factor, now())
+    harness.driver.goal_queue.set_speed(factor)
 
 
 def submit(harness, times, positions, goal_time=0.0):

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from support import goal_execution_harness
 from support.driver_harness import Harness, pose, simulated
-from support.event_loop import now
 
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.reference import RAMP_PER_S
@@ -69,7 +68,7 @@ def test_points_that_are_sent_ahead_are_as_slow_as_it_is_when_their_turn_comes()
 @pytest.mark.parametrize('factor', [1.0, 0.5])
 async def test_a_download_has_the_speed_that_is_set_when_it_begins(factor):
     async with cell_of('abb') as (harness, points):
-        harness.driver.goal_queue.scaling.set(factor, now() - 1.0)
+        harness.driver.goal_queue.set_speed(factor)
         assert (await harness.submit(*STEPS, step=STEP).end()).end is End.SUCCEEDED
         durations = [point.duration for point in points[1:]]
         assert durations == pytest.approx([STEP / factor] * len(STEPS), rel=1e-5)

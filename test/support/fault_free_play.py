@@ -100,7 +100,7 @@ class Play:
         return f'scaling {self._set(float(self._random.choice(FACTORS)))}'
 
     def _set(self, factor):
-        self._harness.driver.goal_queue.scaling.set(factor, now())
+        self._harness.driver.goal_queue.set_speed(factor)
         return factor
 
     async def _stop(self):

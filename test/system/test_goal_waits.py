@@ -145,12 +145,8 @@ def test_the_speed_scaling_slows_a_running_goal_pauses_it_and_goes_on(
     peer.wait_for_motion()
     success, message = peer.set_speed(0.0)
     assert success
-    assert 'no more points are sent' in message
+    assert message == 'pausing: the arm brakes, and the motion waits'
     peer.wait_for(lambda: peer.speed_scaling[-1] == 0.0, 'a factor of 0')
-    ramp = peer.speed_scaling[-5:]
-    assert ramp == sorted(ramp, reverse=True)
-    assert len(set(ramp)) > 2
-    # what was acknowledged runs on; then the arm stands and the plan with it
     peer.wait_for(
         lambda: (
             len({seconds(s.reference.time_from_start) for s in peer.controller_states[-20:]}) == 1

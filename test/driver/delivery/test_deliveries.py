@@ -20,7 +20,7 @@ from support.driver_harness import (
     pose,
     simulated,
 )
-from support.event_loop import now, until
+from support.event_loop import until
 from support.examples import one_in, quickly
 
 from epson_driver.driver.delivery.delivery import DeliveryRules
@@ -401,7 +401,7 @@ async def test_a_plan_that_begins_beside_the_arm_takes_it_there_slowly():
 @pytest.mark.parametrize('factor', [0.5, 0.1])
 async def test_motomans_times_and_velocities_follow_the_speed_scaling(factor):
     async with cell_of('motoman') as (harness, _, received):
-        harness.driver.goal_queue.scaling.set(factor, now() - 1.0)
+        harness.driver.goal_queue.set_speed(factor)
         goal = plan([0.0, 0.1, 0.2], [HOME, pose(0.02), pose(0.04)])
         outcome = await hand_in(harness, goal).end()
         assert outcome.end is End.SUCCEEDED, outcome

@@ -93,9 +93,7 @@ async def act(harness, controller, sender, random):
     elif action == 8:
         stand_still(random.uniform(0.0, 0.6))
     else:
-        harness.driver.goal_queue.scaling.set(
-            float(random.choice([0.0, 0.3, 1.0])), asyncio.get_running_loop().time()
-        )
+        harness.driver.goal_queue.set_speed(float(random.choice([0.0, 0.3, 1.0])))
     await asyncio.sleep(random.uniform(0.0, 0.6))
 
 
@@ -126,7 +124,7 @@ def test_inv4_any_order_of_events_sends_nothing_that_is_forbidden_and_ends_at_re
                 for _ in range(ACTIONS):
                     await act(harness, controller, sender, random)
                 assert harness.running
-            harness.driver.goal_queue.scaling.set(1.0, asyncio.get_running_loop().time())
+            harness.driver.goal_queue.set_speed(1.0)
             await until(lambda: not harness.driver.busy)
             assert await harness.rests()
             await repaired(harness, controller)

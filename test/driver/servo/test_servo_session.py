@@ -233,11 +233,11 @@ def test_a_position_outside_the_range_is_followed_to_its_end(said):
 def test_speed_scaling_holds_for_streams():
     async def check():
         async with cell(smooth=True) as (harness, _):
-            harness.driver.goal_queue.scaling.set(0.0, now())
+            harness.driver.goal_queue.set_speed(0.0)
             await asyncio.sleep(1.0)
             await send(harness, lambda _: positions(pose(0.04)), 0.5)
             assert abs(harness.at[0]) < 1e-4
-            harness.driver.goal_queue.scaling.set(1.0, now())
+            harness.driver.goal_queue.set_speed(1.0)
             await send(harness, lambda _: positions(pose(0.04)), 1.5)
             assert harness.at[0] == pytest.approx(0.04, abs=1e-3)
 
