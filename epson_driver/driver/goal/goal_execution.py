@@ -103,6 +103,7 @@ class GoalExecution:
         self._start = goal.trajectory.positions[0]
         self._schedule: PointSchedule | None = None
         self._paused_at: Array | None = None  # where the arm came to rest
+        self._reached = 0.0  # time on the plan at that place, as far as known
         self._passed = 0.0  # time of the plan before the last pause
         self._standstill = Standstill(now)
         self._pause = PauseDetector()
@@ -270,7 +271,7 @@ class GoalExecution:
                     f'{limits.names[joint]} moved by {moved[joint]:.6g} {limits.units[joint]} '
                     f'during the pause: the limit is {tolerance:g} {limits.units[joint]}',
                 )
-            rest = remainder(self._plan, self._start, sample.positions, self._expected, limits)
+            rest = remainder(self._plan, self._start, sample.positions, self._reached, limits)
             self._passed = self._plan.duration - rest.duration
             self.goal = replace(self.goal, trajectory=rest)
         self.point, self._rest_at = 0, None
@@ -376,7 +377,7 @@ class GoalExecution:
     def _rest(self, sample: JointSample) -> None:
         """End or pause the goal: the arm is at rest after STOP."""
         if self.state is GoalState.PAUSING_CONFIRMED:
-            self._paused_at = sample.positions
+            self._paused_at, self._reached = sample.positions, self._expected
             self._step(GoalEvent.AT_REST)
             return
         outcome = self._when_at_rest

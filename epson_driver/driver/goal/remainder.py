@@ -35,9 +35,9 @@ def remainder(
     if added:
         times, positions = np.append(0.0, times), np.vstack([start, positions])
     steps, durations = np.diff(positions, axis=0) / limits.velocity, np.diff(times)
-    fastest = float(np.max(np.abs(steps) / durations[:, None], initial=0.0))
-    if not fastest:
-        return plan
+    if np.max(np.abs(positions - positions[0])) < START_MARGIN_RAD:
+        return plan  # it does not move: no speed to take over
+    fastest = float(np.max(np.abs(steps) / durations[:, None]))
     offsets = (rest - positions[:-1]) / limits.velocity
     squares = np.maximum(np.sum(steps**2, axis=1), np.finfo(float).tiny)
     shares = np.clip(np.sum(offsets * steps, axis=1) / squares, 0.0, 1.0)

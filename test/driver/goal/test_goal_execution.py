@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from support.goal_execution_harness import CYCLE, DT, LINE, Harness
+from support.goal_execution_harness import CYCLE, DT, LIMITS, LINE, Harness
 
 from epson_driver.driver.goal.goal import CAUSE_TIMEOUT_S, GoalSettings
 from epson_driver.driver.goal.goal_execution import SETTLE_TIME_S
@@ -667,6 +667,26 @@ def test_a_state_without_joints_decides_nothing():
     harness.pass_time(60.0)
     harness.execution.on_state(harness.robot, harness.now)
     assert not harness.outcomes
+
+
+OUT_AND_BACK = [(0.1 * each, 0.0) for each in (0, 1, 2, 3, 4, 5, 6, 5, 4, 3, 2, 1, 0)]
+
+
+def test_further_pauses_before_the_rest_is_sent_change_nothing():
+    harness = Harness(OUT_AND_BACK)
+    harness.see(0.5)
+    for _ in range(4):
+        harness.answer()
+        harness.see(1.0, moving=0.1)
+    harness.execution.pause(harness.now)
+    harness.answer()
+    harness.see(0.5)
+    for _ in range(3):
+        assert harness.state == 'paused'
+        harness.execution.resume(harness.robot.sample, LIMITS, 0.02)
+        left = harness.execution.goal.trajectory.positions[1:, 0]
+        np.testing.assert_allclose(left, [0.5, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1, 0.0])
+        harness.execution.pause(harness.now)
 
 
 # --- before it is prepared --------------------------------------------------------------------

@@ -59,9 +59,10 @@ def test_velocities_start_from_rest():
     assert rest.accelerations[:, 0].tolist() == [0.0, 0.4, 0.0]
 
 
-def test_a_plan_that_does_not_move_is_its_own_rest():
-    made = plan(0.0, 0.0)
-    assert rest_of(made, 0.0, 0.5) is made
+@pytest.mark.parametrize('noise', [0.0, 1e-203, 1e-6])
+def test_a_plan_that_does_not_move_is_its_own_rest(noise):
+    made = plan(0.0, noise)
+    assert rest_of(made, 0.01, 0.5) is made
 
 
 @pytest.mark.invariant(2)
