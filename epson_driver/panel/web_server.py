@@ -10,12 +10,14 @@ import socket
 import threading
 from collections.abc import Callable
 from importlib.resources import files
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, cast
 
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
+from websockets.frames import Frame, Opcode
 from websockets.http11 import Request, Response
+from websockets.protocol import OPEN, Event
 
 from epson_driver.pages import asset
 from epson_driver.panel.access import Access, is_loopback, is_upgrade, own_names
@@ -145,6 +147,7 @@ class WebServer:
             self._talk,
             sock=self._listening,
             process_request=functools.partial(_answer, self.access, self._pages),
+            create_connection=_Connection,
             max_size=MAX_MESSAGE_BYTES,
             ping_interval=PING_PERIOD_S,
             ping_timeout=PING_TIMEOUT_S,
@@ -156,14 +159,13 @@ class WebServer:
             server.close()
 
     async def _talk(self, connection: ServerConnection) -> None:
-        window = Window(asyncio.get_running_loop())
+        window = cast(_Connection, connection).window
         writing = asyncio.create_task(window.write(connection.send))
         writing.add_done_callback(self._on_written)
         try:
             self._visitors.came(window)
             async for message in connection:
                 self._visitors.received(window, message)
-                window.count(asyncio.get_running_loop().time())
                 await asyncio.sleep(0)  # websockets' queue would hand out all it has in this turn
         except BadMessageError as error:
             await connection.close(POLICY_VIOLATION, str(error)[:100])
@@ -182,6 +184,30 @@ class WebServer:
         error = None if writing.cancelled() else writing.exception()
         if error is not None and not isinstance(error, ConnectionClosed):
             self._on_error('writing to a window failed', error)
+
+
+class _Connection(ServerConnection):
+    """A connection that fails at more frames than a page sends, and at a message in parts.
+
+    Pings count, too. The library answers each, and keeps any number of empty parts.
+    """
+
+    @functools.cached_property
+    def window(self) -> Window:
+        """The page at the other end."""
+        return Window(self.loop)
+
+    def process_event(self, event: Event) -> None:
+        """Process the request, then each frame."""
+        if isinstance(event, Frame) and self.protocol.state is OPEN:
+            try:
+                self.window.count(self.loop.time())
+                if not event.fin or event.opcode is Opcode.CONT:
+                    raise BadMessageError('a message in parts')
+            except BadMessageError as error:
+                self.protocol.fail(POLICY_VIOLATION, str(error))
+                self.send_data()
+        super().process_event(event)
 
 
 def _listening(host: str, port: int) -> socket.socket:

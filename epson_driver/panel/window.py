@@ -88,7 +88,7 @@ class Window:
         self._wake()
 
     def count(self, now: float) -> None:
-        """Count a message. Raises BadMessageError for more than a page sends. now: s."""
+        """Count a frame. Raises BadMessageError for more than a page sends. now: s."""
         self._paid_until = max(self._paid_until, now) + 1.0 / MAX_MESSAGES_PER_S
         if self._paid_until > now + MAX_BURST_S:
             raise BadMessageError(f'more than {MAX_MESSAGES_PER_S:g} messages per second')

@@ -161,12 +161,17 @@ def test_a_header_that_is_there_twice_cannot_be_read_in_two_ways(server: WebServ
 
 
 @pytest.mark.invariant(7)
-@pytest.mark.parametrize('text', ['', 'x', '[1]', '{"do": 1}', b'\x00\xff', 'x' * 20_000])
+@pytest.mark.parametrize(
+    'text',
+    ['', 'x', '[1]', '{"do": 1}', b'\x00\xff', 'x' * 20_000, ['{"do":', '"alive"}']],
+    ids=['empty', 'x', 'list', 'number', 'bytes', 'long', 'parts'],
+)
 def test_what_no_page_sends_ends_that_connection_alone(
-    text: str | bytes, server: WebServer, visitors: Visitors
+    text: str | bytes | list[str], server: WebServer, visitors: Visitors
 ) -> None:
     with opened(server.port) as other, opened(server.port) as client:
-        client.send(text)
+        with contextlib.suppress(ConnectionClosed):
+            client.send(text)
         with pytest.raises(ConnectionClosed) as closed:  # before its first message, or after it
             list(iter(lambda: client.recv(PATIENCE), None))
         assert closed.value.rcvd is not None
@@ -245,6 +250,18 @@ def test_a_window_that_floods_comes_after_the_stop_of_another_and_is_closed() ->
     asked = [each['do'] for each in visitors.asked]
     assert asked.index('stop') < 20
     assert visitors.failed == []
+
+
+@pytest.mark.invariant(7)
+def test_a_flood_of_pings_ends_that_connection(server: WebServer) -> None:
+    with opened(server.port, ping_interval=None) as client:
+        with contextlib.suppress(ConnectionClosed):
+            for _ in range(2 * int(MAX_BURST_S * MAX_MESSAGES_PER_S)):
+                client.ping()
+        with pytest.raises(ConnectionClosed) as closed:
+            list(iter(lambda: client.recv(PATIENCE), None))
+        assert closed.value.rcvd is not None
+        assert 'messages per second' in closed.value.rcvd.reason
 
 
 def test_a_slow_line_may_deliver_the_messages_of_ten_seconds_together() -> None:
