@@ -194,11 +194,15 @@ def _check_shared_memory(findings: Findings) -> None:
     about, remedy = 'shared memory', 'start it again, with FASTDDS_BUILTIN_TRANSPORTS=UDPv4'
     for process in PROCESSES.glob('[0-9]*'):
         with contextlib.suppress(OSError):  # another user's, or it has ended
-            if re.search(rf'{SHARED}/fast\S* \(deleted\)', (process / 'maps').read_text('utf-8')):
+            maps = (process / 'maps').read_text('utf-8', 'replace')
+            if re.search(rf'{SHARED}/fast\S* \(deleted\)', maps):
                 text = f'its files of process {process.name} were removed: no message arrives'
                 findings.wrong(about, text, f'{remedy}; keep RemoveIPC=no in {LOGIND}')
-    users = {path.stat().st_uid for path in SHARED.glob('fast*')} - {os.geteuid()}
-    if users:
+    users: set[int] = set()
+    for path in SHARED.glob('fast*'):
+        with contextlib.suppress(OSError):  # its process has ended
+            users.add(path.stat().st_uid)
+    if users := users - {os.geteuid()}:
         text = f'user {", ".join(map(str, users))} uses it, too: no message passes between users'
         findings.note(about, text, f'run programs as one user, or {remedy}')
     files = (LOGIND, *LOGIND.parent.glob('logind.conf.d/*.conf'))

@@ -74,12 +74,14 @@ def test_shared_memory_that_is_removed_or_of_another_user_is_found(monkeypatch, 
     files = {
         'SHARED/fastrtps_1': '',
         'PROCESSES/7/maps': f'0-1 rw-s 0 0 {tmp_path}/SHARED/fastrtps_0 (deleted)\n',
-        'PROCESSES/8/maps': f'0-1 rw-s 0 0 {tmp_path}/SHARED/fastrtps_1\n',
+        'PROCESSES/8/maps': '',
         'LOGIND': '#RemoveIPC=no\n',
     }
     for name, text in files.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(text)
+    (tmp_path / 'PROCESSES/8/maps').write_bytes(b'0-1 r--s 0 0 /ros\xe9\n')
+    (tmp_path / 'SHARED/fastrtps_2').symlink_to('gone')
     findings = Findings(lambda finding: None)
     environment._check_shared_memory(findings)
     lost, foreign, logout = (each.found for each in findings.all)
