@@ -49,11 +49,6 @@ class Smoothing:
         """Whether a plan is changed before it is sent."""
         return self.time_optimal or self.resample_period is not None
 
-    @property
-    def resamples(self) -> bool:
-        """Whether points are sent that are equally spaced in time."""
-        return self.resample_period is not None and not self.thin
-
 
 def usual_smoothing(program: ProgramProfile) -> Smoothing:
     """Return a controller's default smoothing."""

@@ -24,9 +24,6 @@ POSITION_TOLERANCE = 1e-11
 TARGET_TOLERANCE = 1e-9
 """How near a move ends to its target, rad."""
 
-STATE_TOLERANCE = 1e-6
-"""The same for one to a moving state, whose time is given: Ruckig misses it by up to 1e-8 rad."""
-
 REST_SHARE = 1e-9
 """Share of the limits of velocity and acceleration that is no motion."""
 
