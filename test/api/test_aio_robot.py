@@ -222,7 +222,6 @@ async def begun_slowly(robot, way):
             ('generic', False, 'waypoints'),
             ('rc620', False, 'joints'),
             ('spel', False, 'joints'),
-            ('thesis', False, 'trajectory'),
             ('fanuc', False, 'joints'),
             ('motoman', True, 'trajectory'),
             ('motoman', True, 'waypoints'),
@@ -233,13 +232,16 @@ async def begun_slowly(robot, way):
 )
 def test_a_pause_holds_every_motion_and_it_goes_on(profile, smooth, way):
     async def scenario():
-        async with robot_cell(profile=profile, smooth=smooth) as (robot, _):
+        own_speed = Settings(require_planned_speed=profile != 'fanuc')
+        async with robot_cell(profile=profile, smooth=smooth, settings=own_speed) as (robot, _):
             motion = await begun_slowly(robot, way)
             await asyncio.sleep(0.7)
             robot.set_speed_scaling(0.0)
             assert robot.status.paused
+            assert robot.status.text == 'pausing: the arm brakes'
             assert robot.status.remedy == 'call set_speed_scaling(1.0)'
-            await asyncio.sleep(2.6)
+            await asyncio.sleep(1.0)
+            assert robot.status.text == 'motions are paused: the speed scaling is 0'
             here = robot.joints
             await asyncio.sleep(2.0)
             assert robot.joints == pytest.approx(here, abs=1e-3)

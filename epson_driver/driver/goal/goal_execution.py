@@ -36,6 +36,7 @@ from epson_driver.driver.goal.planned_speed import PlannedSpeed, Timing
 from epson_driver.driver.goal.reference import PointSchedule, SpeedScaling
 from epson_driver.driver.goal.remainder import remainder
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
+from epson_driver.driver.remedy import Remedy
 from epson_driver.driver.state.robot_state import JointSample, PauseDetector, RobotState
 from epson_driver.driver.state.standstill import (
     UNCONFIRMED_REST_TIME_S,
@@ -288,10 +289,15 @@ class GoalExecution:
         share = min(self._plan_time / max(self.goal.trajectory.duration, MIN_DURATION_S), 1.0)
         return self._passed + (plan.duration - self._passed) * share - EARLY_S
 
-    def fault(self, why: str, code: ErrorCode = ErrorCode.PATH_TOLERANCE_VIOLATED) -> None:
+    def fault(
+        self,
+        why: str,
+        code: ErrorCode = ErrorCode.PATH_TOLERANCE_VIOLATED,
+        remedy: Remedy = Remedy.NONE,
+    ) -> None:
         """End now, as something forbids motion, with STOP if anything was sent."""
         if not self.ended:
-            self._end_at_once(GoalEvent.FAULT, why, code)
+            self._end_at_once(GoalEvent.FAULT, why, code, remedy=remedy)
 
     def _end_at_once(
         self,
@@ -299,13 +305,14 @@ class GoalExecution:
         why: str,
         code: ErrorCode = ErrorCode.PATH_TOLERANCE_VIOLATED,
         unexplained: bool = False,
+        remedy: Remedy = Remedy.NONE,
     ) -> None:
         needs_stop = self.state is not GoalState.PREPARING and self.state not in REJECTED_STATES
         text = f'{self._rejection}: {why}' if self._rejection else why
         self._step(event)
         if needs_stop:
             self._send_stop()
-        self._on_end(Outcome(End.ABORTED, code, text, unexplained))
+        self._on_end(Outcome(End.ABORTED, code, text, unexplained, remedy))
 
     def _reject(self, why: str, now: float) -> None:
         """Stop, as the controller rejected a point, and wait for the STATUS that says why."""

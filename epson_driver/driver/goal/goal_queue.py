@@ -404,7 +404,7 @@ class GoalQueue:
             execution.resume(sample, self._limits, self.start_tolerance)
             check_limits(execution.goal.trajectory, self._limits, may_end_moving=True)
         except GoalRejectedError as rejection:
-            execution.fault(str(rejection), rejection.code)
+            execution.fault(str(rejection), rejection.code, rejection.remedy)
             return
         self.scaling.start_from_rest(now)
         self._prepare(handle, execution, sample)
@@ -443,7 +443,7 @@ class GoalQueue:
             sample = self.standing_sample(now)
             check_start(motion, sample.positions, self._limits, self.start_tolerance)
         except GoalRejectedError as rejection:
-            execution.fault(str(rejection), rejection.code)
+            execution.fault(str(rejection), rejection.code, rejection.remedy)
             return
         self._execute(execution, motion, sample)
 
@@ -459,7 +459,7 @@ class GoalQueue:
                     self._planned_speed.check(trajectory, sample.positions, factor)
                 prepared = self._stopper.delivery.prepare(trajectory, sample.positions)
         except GoalRejectedError as rejection:
-            execution.fault(str(rejection), rejection.code)
+            execution.fault(str(rejection), rejection.code, rejection.remedy)
             return
         execution.start(
             prepared.trajectory, prepared.messages, _now(), sample.positions, prepared.delay
