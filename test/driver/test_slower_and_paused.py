@@ -7,12 +7,14 @@ The speeds are measured at the simulated arm, step by step, and not derived from
 
 import asyncio
 import contextlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from support.driver_harness import HOME, JOINTS, LIMITS, Submitted, pose
 from support.event_loop import now, until
 from support.fault_play import cell_of, make_ready, standing, where
+from support.streams import velocities
 
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.goal import Goal, GoalSettings, cause_timeout
@@ -128,6 +130,36 @@ async def test_inv10_a_tenth_of_the_speed_is_a_tenth_at_the_arm_or_refused(name,
             assert any(word in why for word in ('override', 'Remote Ethernet', 'least that')), why
         else:
             assert 0.05 * usual <= peak <= 0.15 * usual
+
+
+async def jogged(name, factor, speed=0.2, refused=''):
+    """Return the arm's highest speed in a stream of velocities, of joint 1, rad/s."""
+    async with robot(name) as (harness, controller):
+        period = load_controller_profile(name).program.setpoint_period
+        harness.driver.servo.settings = replace(harness.driver.servo.settings, period=period)
+        speedometer = Speedometer(controller)
+        if factor != 1.0:
+            harness.driver.goal_queue.set_speed(factor)
+        for _ in range(75):
+            why = harness.driver.servo.take(velocities(pose(speed))) or ''
+            assert (refused in why) if refused else not why
+            await asyncio.sleep(0.02)
+        return speedometer.peak
+
+
+@pytest.mark.invariant(10)
+@pytest.mark.parametrize('name', ['rc620', 'generic', 'spel'])
+async def test_inv10_a_stream_at_a_tenth_is_a_tenth_at_the_arm(name):
+    speed = 2.0 if name == 'spel' else 0.2  # SPEL+ has no speed below 1 % of the joint limits
+    assert 0.05 * speed <= await jogged(name, 0.1, speed) <= 0.15 * speed
+
+
+@pytest.mark.invariant(10)
+@pytest.mark.parametrize(
+    ('name', 'why'), [('fanuc', 'override'), ('thesis', 'override'), ('remote', 'no streams')]
+)
+async def test_inv10_a_stream_without_a_speed_of_its_own_is_refused(name, why):
+    assert await jogged(name, 1.0, refused=why) == 0.0
 
 
 # --- pauses -----------------------------------------------------------------------------------
