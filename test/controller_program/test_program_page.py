@@ -43,6 +43,7 @@ NOT_RUN = {
     'test_command_line_view.py': 'the driver alone',
     'test_diagnostic_levels.py': 'the driver alone',
     'test_failures.py': 'a second state client: a port object has one',
+    'test_lost_shared_memory.py': 'the driver alone',
     'test_motion_primitives.py': 'the driver alone',
     'test_goals_in_front.py': 'in front of any driver, beside none of ours',
     'test_independent_peer.py': "its peer takes a reply for the arm's arrival",
@@ -58,6 +59,7 @@ NOT_RUN = {
     'test_taught_points.py': 'the driver alone',
     'test_trace_of_node.py': 'the driver alone',
     'test_trap_folder.py': 'the driver alone',
+    'test_two_drivers.py': 'the driver alone',
 }
 """System tests that are not run with the program, and why."""
 

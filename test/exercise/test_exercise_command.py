@@ -21,7 +21,7 @@ from epson_driver.exercise.judge import Observed
 from epson_driver.exercise.observer import standstill
 from epson_driver.inputs import printable
 from epson_driver.node.goal_action import outcome_line
-from epson_driver.processes import processes
+from epson_driver.processes import interrupt, processes
 from epson_driver.processes.interrupt import ENDING, INTERRUPTED
 from epson_driver.processes.processes import Ports, RunError
 from epson_driver.remote_ethernet.client import RemoteError
@@ -111,7 +111,9 @@ def test_a_cell_that_does_not_work_is_no_verdict(called, error):
 
 
 @pytest.mark.parametrize('number', ENDING)
-def test_a_signal_ends_it_and_another_one_does_not_disturb_the_end(called, number):
+def test_a_signal_ends_it_and_another_one_does_not_disturb_the_end(called, number, monkeypatch):
+    monkeypatch.setattr(interrupt, 'ending_signals', lambda: ENDING)  # as without nohup
+
     def case(*_):
         try:
             os.kill(os.getpid(), number)

@@ -6,9 +6,9 @@ import signal
 
 
 def obey_interrupts() -> None:
-    """Let a child obey the terminal: whoever runs these tests by `&` ignores both signals.
+    """Let a child obey the terminal: `&` and `nohup` pass them on ignored.
 
     For `preexec_fn`.
     """
-    for number in (signal.SIGINT, signal.SIGQUIT):
+    for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)
