@@ -190,7 +190,7 @@ def _check_discovery(findings: Findings, environment: Mapping[str, str]) -> None
 
 
 def _check_shared_memory(findings: Findings) -> None:
-    """Look for what keeps Fast DDS' shared memory from working. Our own processes use UDP."""
+    """Check for causes of failure of Fast DDS' shared memory. Our processes use UDP."""
     about, remedy = 'shared memory', 'start it again, with FASTDDS_BUILTIN_TRANSPORTS=UDPv4'
     for process in PROCESSES.glob('[0-9]*'):
         with contextlib.suppress(OSError):  # another user's, or it has ended
@@ -211,4 +211,4 @@ def _check_shared_memory(findings: Findings) -> None:
         for path in files
     ):
         text = f'systemd removes the files of a user who logs out: no RemoveIPC=no in {LOGIND}'
-        findings.note(about, text, 'add it, or keep to UDP, as this driver does')
+        findings.note(about, text, 'add it, or use UDP as this driver does')

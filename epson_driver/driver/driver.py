@@ -235,7 +235,7 @@ class Driver:
         self.goal_queue.closed = self._why_closed
         self.goal_queue.held = self.held
         self.namesakes: Callable[[], str] = str
-        """Returns who else takes this driver's requests, '' for nobody."""
+        """Returns the other processes that take this driver's requests as a clause, or ''."""
         self.namesakes_known = 0.0
         """Until then, in the loop's time, some may not be found yet: no enable."""
         self._second: Inhibit | None = None

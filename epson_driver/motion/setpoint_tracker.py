@@ -211,7 +211,7 @@ class SetpointTracker:
     def brake(self, target: Array | None = None, speed: float = 1.0) -> None:
         """Come to rest: at a target, shape (n,), unless a stop is faster by more than RETURN_S.
 
-        `speed`: the share (0, 1] of the velocity limits for the way to the target.
+        `speed`: share (0, 1] of the velocity limits for the motion to the target.
         """
         if self._ending:
             return

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Joint states by name, from a topic that only the driver should publish.
 
-rclpy does not tell which publisher a message comes from. Two publishers show by their difference:
+rclpy does not report the publisher of a message. Two publishers show by their difference:
 from one message to the next a joint moves faster than it can.
 """
 

@@ -28,7 +28,7 @@ class Namesakes:
         ]
 
     def __call__(self) -> str:
-        """Return their name and processes as a clause, '' if there are none."""
+        """Return their name and processes as a clause, or '' without any."""
         node = self._node
         name = next((each for each in self._names if node.handle.get_count_services(each) > 1), '')
         own = (node.get_name(), node.get_namespace())

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """UDP instead of Fast DDS' shared memory, for all our ROS processes.
 
-Shared memory fails silently: after somebody empties /dev/shm, or for another user, nodes still
-find each other, but no message arrives, not even to `~/stop`.
+Shared memory fails silently when /dev/shm is emptied, and between users: nodes still find each
+other, but no message arrives, not even a call of `~/stop`.
 """
 
 import os
@@ -35,14 +35,14 @@ _LOCALHOST = """<dds xmlns="http://www.eprosima.com"><profiles>
 
 @contextmanager
 def udp_by_default() -> Iterator[None]:
-    """Have the context and the first node that are made in the block use UDP.
+    """Use UDP for the context and the first node that are created in the block.
 
     Fast DDS profiles and transports that the user has set win. Other middlewares stay unchanged.
-    Raises OSError if there is no room for a file, ValueError for a peer without an address.
+    Raises OSError if the disk is full, ValueError for a peer without an address.
     """
     before = dict(os.environ)
     own = any(map(before.get, PROFILES)) or Path('DEFAULT_FASTRTPS_PROFILES.xml').exists()
-    shared = before.get(TRANSPORTS, 'UDPv4') != 'UDPv4'
+    shared = (before.get(TRANSPORTS) or 'UDPv4') != 'UDPv4'
     if own or shared or not get_rmw_implementation_identifier().startswith('rmw_fastrtps'):
         yield
         return

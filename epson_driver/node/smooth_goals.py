@@ -134,7 +134,7 @@ TABLE = (
     Row(
         'state_timeout',
         1.0,
-        'Without the state of the joints for this time, a goal is left [s].',
+        'Without the state of the joints for this time, a goal is stopped [s].',
         0.2,
         60.0,
     ),

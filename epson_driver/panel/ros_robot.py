@@ -258,7 +258,7 @@ class RosRobot:
         self.state.times['status'] = now
 
     def _on_controller_state(self, message: Any, now: float) -> None:
-        """Take the joints from the driver's own topic: anybody may publish `joint_states`."""
+        """Take the joints from the driver's topic, as other nodes may publish `joint_states`."""
         state, stamp, at = self.state, message.header.stamp, message.feedback
         sent, names = list(message.joint_names), tuple(self.parameters.get('joint_names', ()))
         if not names or not self._joints.take(sent, at.positions, at.velocities, stamp, now):

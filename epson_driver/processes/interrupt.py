@@ -34,7 +34,7 @@ def leave_at_interrupt() -> None:
 
 
 def raise_at_interrupt() -> None:
-    """Have the signals that end a process raise KeyboardInterrupt, as SIGINT does in Python.
+    """Raise KeyboardInterrupt at all signals that end a process, as Python does at SIGINT.
 
     A signal that is ignored stays so.
     """
@@ -53,7 +53,7 @@ def ignore_interrupts() -> None:
 
 
 def raise_at_first_signal() -> None:
-    """Have the first signal that ends a process raise KeyboardInterrupt, and ignore the others.
+    """Raise KeyboardInterrupt at the first signal that ends a process, and ignore the others.
 
     So what was started is always ended. SIGINT too: a shell's `&` passes it on ignored.
     """
@@ -84,7 +84,7 @@ def interrupts_held(numbers: Sequence[int]) -> Iterator[None]:
 
 @contextmanager
 def ended_by_signals(loop: asyncio.AbstractEventLoop, end: Callable[[], object]) -> Iterator[None]:
-    """Have the signals that end a process call `end` in a loop until all has been stopped.
+    """Call `end` in a loop at each signal that ends a process, until everything is stopped.
 
     All but SIGTERM call it to the loop's end, and do nothing from then on. (With a handler of the
     loop's own, which it takes back while it closes, another Ctrl-C in that moment would be a

@@ -41,6 +41,11 @@ def test_the_variable_is_enough_where_fast_dds_obeys_it(
     assert changed(monkeypatch, **{RANGE: given}) == ({TRANSPORTS: 'UDPv4'}, '')
 
 
+@pytest.mark.parametrize('name', [*PROFILES, TRANSPORTS])
+def test_an_empty_variable_is_not_set(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert changed(monkeypatch, **{RANGE: 'SUBNET', name: ''}) == ({TRANSPORTS: 'UDPv4'}, '')
+
+
 @pytest.mark.parametrize('name', [RANGE, 'ROS_LOCALHOST_ONLY'])
 def test_localhost_is_a_profile_with_the_same_peers(
     name: str, monkeypatch: pytest.MonkeyPatch

@@ -410,7 +410,7 @@ class GoalQueue:
         self._prepare(handle, execution, sample)
 
     def _prepare(self, handle: GoalHandle, execution: GoalExecution, sample: JointSample) -> None:
-        """Execute a goal, after its motion was planned if there is a smoother, at its start."""
+        """Plan a goal's motion if a smoother is set, and execute it at its start time."""
         if self.smoother is None and execution.goal.start <= _now():
             self._execute(execution, execution.goal.trajectory, sample)
             return

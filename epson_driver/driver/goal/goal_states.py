@@ -40,7 +40,7 @@ class GoalState(Enum):
     """Where a goal is.
 
     Rejected: a point was refused, and none was taken before it; rejected midway: one was. While it
-    is canceling, stopping or pausing, STOP is pending; when it is confirmed, STOP was
+    is canceling, stopping or pausing, STOP is pending. Confirmed: STOP was
     acknowledged. Paused: the arm is at rest, and the goal waits for another factor.
     """
 

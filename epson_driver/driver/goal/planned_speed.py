@@ -51,9 +51,9 @@ class Timing:
 
 
 class PlannedSpeed:
-    """Whether the controller keeps the times of points: this decides which speeds it can be given.
+    """Whether the controller keeps the times of points, and so which speeds it can execute.
 
-    The only judge for speed scaling, plans and streams, whoever asks.
+    All checks of speed scaling, plans and streams are here.
     """
 
     def __init__(self, rules: DeliveryRules, limits: JointLimits) -> None:
@@ -63,7 +63,7 @@ class PlannedSpeed:
         self.by_velocity = uses is not FieldsUsed.DURATION
         """Whether it may go by the velocities of points."""
         self.unplanned = uses is FieldsUsed.NOTHING and not statements
-        """Whether it moves at a speed of its own, whatever the points say."""
+        """Whether it ignores the velocities and durations of points."""
         self._downloads = rules.interface == 'download'
         self._why = WHY[uses]
         self._fixed = self._no_pause = ''
@@ -88,7 +88,7 @@ class PlannedSpeed:
     def check_factor(self, factor: float, running: Trajectory | None) -> None:
         """Raise ValueError if the arm would not move at this speed scaling.
 
-        `running`: the trajectory that is executed; None: none is.
+        `running`: the trajectory that is executed, or None.
         """
         why = self._no_pause if factor == 0.0 else self._fixed if factor < 1.0 else ''
         if running is not None and self._downloads and factor < 1.0:

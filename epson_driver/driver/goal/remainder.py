@@ -3,9 +3,9 @@
 """The rest of a plan after a pause, from where the arm came to rest.
 
 STOP does not end at a planned point, and no controller reports how far along the plan it stopped.
-So the rest is found by geometry: it starts at the nearest place of the planned path. A path may
-pass one place several times, as a pick and place does. Of places that are about as near, the one
-counts that the plan reaches closest to the expected time.
+Geometry finds the rest: it starts at the nearest place of the planned path. A path may pass one
+place several times, as a pick and place does. Between places at about the same distance, the time
+at which the plan reaches them decides: the closest to the expected time counts.
 """
 
 import numpy as np
@@ -25,7 +25,7 @@ def remainder(
 ) -> Trajectory:
     """Return the trajectory from `rest` through the points that the arm has not passed.
 
-    `start`, `rest`: shape (n,), rad: where the plan began, and where the arm is at rest.
+    `start`, `rest`: positions at the start of the plan and of the arm at rest, shape (n,), rad.
     `expected`: time on the plan at which the arm stopped, s, as far as known. The points keep
     their distances in time. The arm reaches the first of them no faster than the plan's fastest
     joint moves, as a share of its limit.
@@ -51,7 +51,7 @@ def remainder(
     needed = FROM_REST * max(float(times[first] - reached[segment]), way, MIN_DURATION_S)
 
     def from_rest(values: Array | None) -> Array | None:
-        """Return the rows of the points that are left, after one of an arm at rest."""
+        """Return a row of zeros for the arm at rest, then the rows of the remaining points."""
         if values is None:
             return None
         return np.vstack([np.zeros_like(rest), values[first - added :]])
