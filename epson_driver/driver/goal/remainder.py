@@ -10,7 +10,11 @@ at which the plan reaches them decides: the closest to the expected time counts.
 
 import numpy as np
 
-from epson_driver.driver.delivery.trajectory_points import MIN_DURATION_S, START_MARGIN_RAD
+from epson_driver.driver.delivery.trajectory_points import (
+    MIN_DURATION_S,
+    MIN_VELOCITY,
+    START_MARGIN_RAD,
+)
 from epson_driver.motion import Array, JointLimits, Trajectory
 
 TIME_WEIGHT = 0.05
@@ -47,7 +51,8 @@ def remainder(
     first, last = segment + 1, len(times) - 1
     if first < last and np.max(np.abs(positions[first] - rest)) < START_MARGIN_RAD:
         first += 1
-    way = float(np.max(np.abs(positions[first] - rest) / limits.velocity)) / fastest
+    way = float(np.max(np.abs(positions[first] - rest) / limits.velocity))
+    way /= max(fastest, MIN_VELOCITY)  # slower is not sent
     needed = FROM_REST * max(float(times[first] - reached[segment]), way, MIN_DURATION_S)
 
     def from_rest(values: Array | None) -> Array | None:

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.driver_harness import HOME, LIMITS, pose
 
+from epson_driver.driver.delivery.trajectory_points import MIN_VELOCITY
 from epson_driver.driver.goal.goal import check_limits
 from epson_driver.driver.goal.remainder import FROM_REST, remainder
 from epson_driver.motion import Trajectory
@@ -65,6 +66,10 @@ def test_a_plan_that_does_not_move_is_its_own_rest(noise):
     assert rest_of(made, 0.01, 0.5) is made
 
 
+def test_an_arm_beside_a_plan_that_hardly_moves_does_not_take_hours():
+    assert rest_of(plan(0.0, 2e-4), 0.03, 0.0).duration < 10.0
+
+
 @pytest.mark.invariant(2)
 @given(
     st.lists(st.floats(-1.0, 1.0), min_size=2, max_size=8),
@@ -81,7 +86,7 @@ def test_inv2_the_rest_is_no_faster_than_the_plan(points, share, aside, step):
     speeds = np.abs(np.diff(rest.positions, axis=0)) / np.diff(rest.times)[:, None]
     planned = np.abs(np.diff(made.positions, axis=0)) / np.diff(made.times)[:, None]
     fastest = (planned / LIMITS.velocity).max()
-    assert (speeds / LIMITS.velocity).max() <= fastest * (1 + 1e-9)
+    assert (speeds / LIMITS.velocity).max() <= max(fastest, MIN_VELOCITY) * (1 + 1e-9)
     np.testing.assert_array_equal(rest.positions[-1], made.positions[-1])
     if fastest < 1.0:
         check_limits(rest, LIMITS)
