@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.driver_harness import HOME, JOINTS, LIMITS, Submitted, pose
+from support.driver_harness import HOME, JOINTS, LIMITS, Submitted, pose, smooth_on_the_spot
 from support.event_loop import now, until
 from support.fault_play import cell_of, make_ready, standing, where
 from support.streams import velocities
@@ -213,6 +213,79 @@ async def test_inv10_a_pause_brakes_and_the_rest_goes_through_the_same_points(na
         assert np.abs(places[:, 1:]).max() < 1e-3
         np.testing.assert_allclose(places[-1], pose(1.0), atol=2e-3)
         assert speedometer.peak < 1.3 * SPEED or name == 'fanuc'
+
+
+def to_and_fro(count, share, way=0.2):
+    """Return a way of joint 1 to a place and back, `count` times each."""
+    places = np.tile([0.0, way], count + 1)[: 2 * count + 1]
+    times = np.arange(len(places)) * way / (share * LIMITS.velocity[0])
+    return Trajectory(LIMITS.names, times, np.array([pose(place) for place in places]))
+
+
+def visits(places, way=0.2):
+    """Return how often joint 1 came to the far end after it was at the near one, and back."""
+    ends = [place > way / 2 for place in places if not way * 0.15 < place < way * 0.85]
+    return int(np.count_nonzero(np.diff(ends)))
+
+
+@pytest.mark.invariant(10)
+@pytest.mark.parametrize('at', [0.1, 0.45, 0.8])
+@pytest.mark.parametrize(('name', 'share'), [('fanuc', 0.2), ('spel', 0.05), ('rc620', 0.05)])
+async def test_inv10_no_point_of_a_way_to_and_fro_is_skipped_after_a_pause(
+    name, share, at, monkeypatch
+):
+    """Paused on the way, and, where the rest is planned first, once more while it is."""
+    smooth_on_the_spot(monkeypatch, delay=0.2)
+    plan = to_and_fro(4, share)
+    async with robot(name) as (harness, controller):
+        speedometer = Speedometer(controller)
+        goal = submit(harness, plan)
+        times = []
+        take = goal.handle.on_feedback
+
+        def on_feedback(execution, sample):
+            times.append(0.0 if execution.desired is None else execution.desired[0])
+            take(execution, sample)
+
+        goal.handle.on_feedback = on_feedback
+        queue = harness.driver.goal_queue
+        await asyncio.sleep(at * (1.6 if name == 'fanuc' else 1.0) * plan.duration)
+        for _ in range(2):
+            queue.set_speed(0.0)
+            await until(lambda: goal.handle.execution.state.value == 'paused')
+            queue.set_speed(1.0)
+            await until(lambda: goal.handle.execution.state.value != 'paused')
+        outcome = await goal.end()
+        assert outcome.end is End.SUCCEEDED, outcome.text
+        turns = visits(np.array(speedometer.places)[:, 0])
+        assert 8 <= turns <= (10 if name == 'fanuc' else 8)
+        assert min(times) >= 0.0
+        if name != 'fanuc':  # whose clock is not that of the arm
+            assert np.diff(times).min() > -0.3
+
+
+@pytest.mark.invariant(10)
+@pytest.mark.parametrize(('name', 'slow'), [('fanuc', 0.01), ('spel', 0.009)])
+async def test_inv10_a_plan_that_was_accepted_is_resumed_in_its_slow_part(name, slow, monkeypatch):
+    """Its rest alone would be refused as slower than the controller."""
+    smooth_on_the_spot(monkeypatch)
+    places = np.array([0.0, 0.3, 0.33])
+    times = np.append(
+        0.0, np.cumsum(np.diff(places) / (np.array((0.2, slow)) * LIMITS.velocity[0]))
+    )
+    way = Trajectory(LIMITS.names, times, np.array([pose(place) for place in places]))
+    async with robot(name) as (harness, controller):
+        goal, _ = await paused_on_the_way(harness, controller, way, at=0.302)
+        for _ in range(2):
+            await until(lambda: goal.handle.execution.state.value == 'paused')
+            harness.driver.goal_queue.set_speed(1.0)
+            await until(lambda: goal.handle.execution.state.value == 'streaming')
+            await asyncio.sleep(0.05)
+            harness.driver.goal_queue.set_speed(0.0)
+        await until(lambda: goal.handle.execution.state.value == 'paused')
+        harness.driver.goal_queue.set_speed(1.0)
+        outcome = await goal.end()
+        assert outcome.end is End.SUCCEEDED, outcome.text
 
 
 async def test_a_goal_that_comes_in_a_pause_starts_after_it():

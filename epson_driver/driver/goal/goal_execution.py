@@ -124,16 +124,22 @@ class GoalExecution:
         return self._pause.paused
 
     @property
+    def resumed(self) -> bool:
+        """True if the trajectory is the rest of a plan after a pause."""
+        return self._paused_at is not None
+
+    @property
     def desired(self) -> tuple[float, Array, Array] | None:
         """Where the plan is: its time in s, positions and velocities, shape (n,), rad and rad/s.
 
         None before the goal is prepared. Velocities are 0 while the plan waits and at its end.
         """
         if self._schedule is None:
-            return None
+            at = self._paused_at
+            return None if at is None else (self._reached, at, np.zeros_like(at))
         clock = self._schedule.clock
         time = min(clock.time, self.goal.trajectory.duration)
-        return self._passed + time, *clock.desired()
+        return max(self._passed + time, self._reached), *clock.desired()
 
     def speed(self, now: float) -> float:
         """Return the share of the planned speed that the goal runs at: 0 while it is paused."""
@@ -275,7 +281,7 @@ class GoalExecution:
             rest = remainder(self._plan, self._start, sample.positions, self._reached, limits)
             self._passed = self._plan.duration - rest.duration
             self.goal = replace(self.goal, trajectory=rest)
-        self.point, self._rest_at = 0, None
+        self.point, self._rest_at, self._schedule = 0, None, None
         self._step(GoalEvent.RESUME)
 
     @property
@@ -285,9 +291,14 @@ class GoalExecution:
             return 0.0
         plan, left = self._plan, len(self._schedule) - self.point
         if self._planned_speed is not None and self._planned_speed.unplanned:
-            return float(plan.times[max(len(plan.times) - left - ACCEPTED_EARLY, 0)])
-        share = min(self._plan_time / max(self.goal.trajectory.duration, MIN_DURATION_S), 1.0)
-        return self._passed + (plan.duration - self._passed) * share - EARLY_S
+            target = max(len(plan.times) - left - ACCEPTED_EARLY, 0)
+            since = plan.times[target - 1] if target else 0.0
+            expected = float(since + plan.times[target]) / 2
+        else:
+            sent = self.goal.trajectory.times[self.target]  # the arm is not farther
+            share = min(self._plan_time, sent) / max(self.goal.trajectory.duration, MIN_DURATION_S)
+            expected = self._passed + (plan.duration - self._passed) * share - EARLY_S
+        return max(expected, self._reached)
 
     def fault(
         self,

@@ -454,7 +454,7 @@ class GoalQueue:
             if (message := execution.goal.message) is not None:
                 prepared = PreparedTrajectory(trajectory, [message])
             else:
-                if self._settings.require_planned_speed:
+                if self._settings.require_planned_speed and not execution.resumed:
                     factor = self.scaling.target
                     self._planned_speed.check(trajectory, sample.positions, factor)
                 prepared = self._stopper.delivery.prepare(trajectory, sample.positions)

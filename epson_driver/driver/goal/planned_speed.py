@@ -96,7 +96,7 @@ class PlannedSpeed:
                 'the controller has all points of the running motion, which keeps its speed: '
                 'wait for its end, or stop the arm'
             )
-        if running is not None and factor:
+        if running is not None and 0.0 < factor < 1.0:
             why = why or self._too_slow(self._fastest(running, running.positions[0]) * factor)
         if why:
             raise ValueError(f'factor = {factor:g}: {why}')
