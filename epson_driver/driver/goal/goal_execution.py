@@ -289,15 +289,14 @@ class GoalExecution:
         """Time on the plan at which the arm stopped, s, as far as the driver knows."""
         if self._schedule is None:
             return 0.0
-        plan, left = self._plan, len(self._schedule) - self.point
+        times = self.goal.trajectory.times
         if self._planned_speed is not None and self._planned_speed.unplanned:
-            target = max(len(plan.times) - left - ACCEPTED_EARLY, 0)
-            since = plan.times[target - 1] if target else 0.0
-            expected = float(since + plan.times[target]) / 2
-        else:
-            sent = self.goal.trajectory.times[self.target]  # the arm is not farther
-            share = min(self._plan_time, sent) / max(self.goal.trajectory.duration, MIN_DURATION_S)
-            expected = self._passed + (plan.duration - self._passed) * share - EARLY_S
+            target = max(self.point - ACCEPTED_EARLY, 0)
+            time = float((times[target - 1] if target else 0.0) + times[target]) / 2
+        else:  # the arm is not beyond the point that was sent last
+            time = min(self._plan_time, float(times[self.target])) - EARLY_S
+        share = time / max(self.goal.trajectory.duration, MIN_DURATION_S)
+        expected = self._passed + (self._plan.duration - self._passed) * share
         return max(expected, self._reached)
 
     def fault(
