@@ -288,11 +288,11 @@ class Motions(Arm):
 
     @checked_arguments
     def set_speed_scaling(self, factor: float) -> None:
-        """Run all motions at this share of their planned speed, also those that run: 0 pauses.
+        """Run all motions at this share of their planned speed, also the running one.
 
-        From 0.01 to 1, or 0. It is reached in half a second at most, and acts on what the
-        controller does not have yet: an arm that moves rests within three seconds (docs/goals.md).
-        For a rest at once, call `stop`. Raises ArgumentError, and RobotError where the controller
-        cannot do it.
+        From 0.01 to 1, or 0 for a pause: the arm brakes, and the motion continues at the next
+        share. A lower share applies to the points that the controller does not have yet
+        (docs/goals.md has the delay). Raises ArgumentError, and RobotError if the controller
+        cannot keep it.
         """
         self._connection.set_speed_scaling(moves.checked_factor(factor))

@@ -205,10 +205,10 @@ def _check_shared_memory(findings: Findings) -> None:
     if users := users - {os.geteuid()}:
         text = f'user {", ".join(map(str, users))} uses it, too: no message passes between users'
         findings.note(about, text, f'run programs as one user, or {remedy}')
-    files = (LOGIND, *LOGIND.parent.glob('logind.conf.d/*.conf'))
-    if LOGIND.exists() and not any(
-        re.search(r'^RemoveIPC=(no|false|0)', path.read_text('utf-8'), re.MULTILINE)
-        for path in files
-    ):
+    settings = ''
+    for path in (LOGIND, *LOGIND.parent.glob('logind.conf.d/*.conf')):
+        with contextlib.suppress(OSError):  # not for this user
+            settings += path.read_text('utf-8', 'replace') + '\n'
+    if settings and not re.search(r'^RemoveIPC=(no|false|0)', settings, re.MULTILINE):
         text = f'systemd removes the files of a user who logs out: no RemoveIPC=no in {LOGIND}'
         findings.note(about, text, 'add it, or use UDP as this driver does')

@@ -14,7 +14,7 @@ import pytest
 from support.driver_harness import HOME, JOINTS, LIMITS, Submitted, pose, smooth_on_the_spot
 from support.event_loop import now, until
 from support.fault_play import cell_of, make_ready, standing, where
-from support.streams import velocities
+from support.streams import going_on, velocities
 
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.goal import Goal, GoalSettings, cause_timeout
@@ -294,6 +294,27 @@ async def test_inv10_a_plan_that_was_accepted_is_resumed_in_its_slow_part(name, 
         harness.driver.goal_queue.set_speed(1.0)
         outcome = await goal.end()
         assert outcome.end is End.SUCCEEDED, outcome.text
+
+
+@pytest.mark.invariant(3, 10)
+@pytest.mark.parametrize('name', ['rc620', 'generic', 'spel'])
+async def test_inv10_a_pause_stops_a_stream_which_continues_after_it(name):
+    async with robot(name) as (harness, controller):
+        period = load_controller_profile(name).program.setpoint_period
+        harness.driver.servo.settings = replace(harness.driver.servo.settings, period=period)
+        async with going_on(harness, lambda _: velocities(pose(0.2))):
+            await until(lambda: where(controller)[0] > 0.1)
+            here = where(controller)
+            harness.driver.goal_queue.set_speed(0.0)
+            await asyncio.sleep(1.0)
+            stopped = where(controller)
+            assert 0.0 <= stopped[0] - here[0] < 0.05
+            await asyncio.sleep(1.0)
+            np.testing.assert_array_equal(where(controller), stopped)
+            harness.driver.goal_queue.set_speed(1.0)
+            await until(lambda: where(controller)[0] > stopped[0] + 0.05)
+        await standing(controller)
+        assert harness.gate is None
 
 
 async def test_a_goal_that_comes_in_a_pause_starts_after_it():

@@ -389,6 +389,8 @@ class GoalQueue:
         handle.execution.pause(now)
         if handle.preparation is not None:
             handle.preparation.cancel()
+        if handle.execution.state is GoalState.PAUSED:
+            return 'motions are paused'
         return 'pausing: the arm brakes, and the motion waits'
 
     def _resume(self, now: float) -> None:

@@ -26,7 +26,7 @@ MIN_DEVIATION_S = 0.3
 MAX_FASTER = 1.25
 """The controller may be faster than the fastest joint of a plan by this factor."""
 
-REMEDY = "lower the controller's own speed (the override of its pendant)"
+REMEDY = "lower the controller's own speed (in its program, or by the override of its pendant)"
 
 WHY = {
     FieldsUsed.NOTHING: 'this kind of controller ignores the velocities and durations of points',

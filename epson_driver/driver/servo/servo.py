@@ -15,9 +15,10 @@ Rules:
 4. After that, and after each closing of the gate, a stream must be let go of first, whoever sends
    it (restart_interlock.py); so must one that was refused. Positions must begin near the arm.
 5. Velocities that are all zero, or silent for `timeout`, send STOP: a key was let go of, and what
-   a controller still has of the way it would go. The arm stands before it is followed again.
-   Positions that are silent for `timeout` end at the last one. An arm that they left behind
-   brakes where it is, and so does every arm with a `timeout` of FRESH_S or less.
+   a controller still has of the way it would go. The arm stands before it is followed again. A
+   pause (speed scaling 0) sends STOP, too. Positions that are silent for `timeout` end at the last
+   one. An arm that they left behind brakes where it is, and so does every arm with a `timeout` of
+   FRESH_S or less.
    A stream that was silent for RELEASE_S is over when the arm stands; so it is when a goal comes
    and all is still.
 6. Behind positions the arm catches up at `catch_up` times their own speed at most, whatever the
@@ -492,11 +493,14 @@ class Servo:
     def _cycle(self, session: _Session, now: float) -> None:
         """Let the tracker go on, and send where it is, if that may be."""
         gap, self._looked = now - self._looked, now
+        paused = not self._goals.scaling.target
         if (why := self._why_not_on(session)) is not None:
             self.stop(why)
         elif session.let_go:
-            if self._stopper.over:
+            if self._stopper.over and (not paused or self._silent(session, now)):
                 self._go_on_or_end(session, now)
+        elif paused and not self._done(session, now):
+            self._let_go(session, now)
         elif session.setpoint.mode is Mode.VELOCITY and self._silent(session, now):
             session.braked = True
             self._let_go(session, now)

@@ -26,7 +26,7 @@ BEAT = 0.05
 """Period of the heartbeats as a share of the time-out. The loop may stall for the rest of it."""
 
 BUSY = 'this machine is too busy: '
-REMEDY = ', end other programs or allow real-time priority (docs/troubleshooting.md)'
+REMEDY = ', end other programs or allow a higher priority (docs/troubleshooting.md)'
 """Around the first report."""
 
 FIRST_VERSION = (0, 2)
