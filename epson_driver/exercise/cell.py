@@ -111,6 +111,7 @@ def simulated_cell(
             'joint_names': f'[{",".join(model.joint_names)}]',
             'robot_model': robot,
             'controller': controller,
+            'require_planned_speed': False,  # simulated: faults are the subject, not speeds
             'trace_folder': str(folder),
             'trace_file': TRACE,
         }

@@ -16,6 +16,9 @@ from support.ros_peer import PATIENCE, RosPeer
 
 processes.END_TIMEOUT_S = PATIENCE  # a process that is not scheduled does not hang
 
+SLOW_PLANS = {'require_planned_speed': False}
+"""Plans are slow here, so that there is time for what happens in the middle of them."""
+
 TIMEOUTS = {'state_timeout': 45.0, 'io_timeout': 45.0, 'reply_timeout': 90.0}
 """A controller that is not scheduled is not silent. Who tests a time-out says how long it is."""
 
@@ -49,7 +52,7 @@ class Cell:
         self._folder = folder
         self._controller_arguments = controller_arguments
         self.spel = SPEL in controller_arguments
-        self._parameters = (TIMEOUTS if patience else {}) | parameters
+        self._parameters = SLOW_PLANS | (TIMEOUTS if patience else {}) | parameters
         self._run = [*run, *(patient.COMMAND if patience else processes.EXECUTABLE)]
         self.domain = processes.free_ros_domain()
         self.start = START
