@@ -33,7 +33,7 @@ ROOMS = {
     'spel': 'error_texts inputs share',
     'remote_ethernet': 'inputs socket_errors',
     'link': 'inputs log_lines remote_ethernet simple_message socket_errors',
-    'trace': 'inputs link simple_message socket_errors',
+    'trace': 'inputs link simple_message',
     'sim_controller': 'error_texts inputs log_lines motion numpy processes profiles '
     'remote_ethernet robots share simple_message socket_errors spel tool_motion',
     'driver': 'error_texts inputs link log_lines motion numpy processes profiles remote_ethernet '

@@ -323,7 +323,7 @@ TABLE = (
         'trace_file',
         '',
         'Name of a file in `trace_folder` to record what goes over the wire into, for Wireshark '
-        'and `epson_driver replay`; %Y%m%d-%H%M%S and the like are filled in; it must not exist '
+        'and `epson_driver report`; %Y%m%d-%H%M%S and the like are filled in; it must not exist '
         'yet. Empty: no trace.',
         now=True,
     ),

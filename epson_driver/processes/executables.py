@@ -14,7 +14,6 @@ EXECUTABLES = {
     'doctor': 'what is wrong from this machine to the controller, and what to do',
     'first-run': 'the first day with a real robot, step by step, into one file',
     'report': 'what happened in a run, from a trace or a bag, as one HTML page',
-    'replay': "play the controller's side of a recorded run, for bug reports",
     'robots': 'list the robot models, with their numbers and where those come from',
     'spel': 'check and test EPSON programs (SPEL+) without a robot',
     'pendant': 'do what a person does at the controller: motors, E-stop, reset, status',

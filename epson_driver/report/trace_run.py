@@ -48,9 +48,9 @@ from epson_driver.simple_message import (
     decode,
 )
 from epson_driver.simple_message.motoman import Command, Result
+from epson_driver.trace.messages import Entry, Kind, MessagesError, messages_of
 from epson_driver.trace.pcap import PcapError
 from epson_driver.trace.recording import DamagedError, read_recording
-from epson_driver.trace.script import Entry, Kind, ScriptError, make_script
 
 SILENCE_S = 0.3
 """Without a joint state for longer, while the state port is connected, an event says so, s."""
@@ -85,17 +85,16 @@ def read_trace(
             steps = read_recording(path, damage)
         except DamagedError as error:
             steps, damage = error.steps, [f'{error}: what comes after it is missing here']
-        script = make_script(steps, controller)
-    except (PcapError, ScriptError) as error:
+        messages = messages_of(steps, controller)
+    except (PcapError, MessagesError) as error:
         raise RunError(printable(f'{path}: {error}')) from error
-    roles = {port: role for role, port in script.ports.items()}
-    reader = _Reader(limits, {n: roles.get(p, '') for n, p in script.port_of.items()})
-    for entry in script.entries:
+    reader = _Reader(limits, messages.roles)
+    for entry in messages.entries:
         reader.take(entry)
     if not reader.times:
         raise RunError(printable(f'{path}: no joint states are in it'))
-    began = min(step.time for step in steps if step.number in script.port_of)
-    run = reader.run(path.name, round(began * NANOSECONDS), limits.names, texts)
+    began = round(messages.began * NANOSECONDS)
+    run = reader.run(path.name, began, limits.names, texts)
     return replace(run, notes=[*damage, *run.notes])
 
 

@@ -96,7 +96,6 @@ def test_ros_really_cannot_be_imported_there(module: str) -> None:
             ('sim_controller', '--help'),
             ('pendant', '--help'),
             ('smooth', '--help'),
-            ('replay', '--help'),
             ('spel', '--help'),
         ],
     ),

@@ -145,9 +145,7 @@ def test_the_first_example_of_the_docs_runs_there(python: Path) -> None:
     assert 'the arm is enabled' in ran.stdout
 
 
-@pytest.mark.parametrize(
-    'name', ['robots', 'sim_controller', 'pendant', 'replay', 'smooth', 'spel']
-)
+@pytest.mark.parametrize('name', ['robots', 'sim_controller', 'pendant', 'smooth', 'spel'])
 def test_executables_that_need_no_ros_work(python: Path, name: str) -> None:
     ran = run(python.with_name('epson_driver'), name, '--help', where=python.parent)
     assert ran.returncode == 0, ran.stderr

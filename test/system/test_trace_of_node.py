@@ -1,22 +1,16 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A run of the real node, recorded through its parameter, and played to another real node."""
+"""A run of the real node, recorded through its parameter."""
 
-import subprocess
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import pytest
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
-from support import patient
 from support.cell import START, Cell
 from support.ros_peer import RosPeer, trajectory
 
 from epson_driver.link.connection import WireEvent
-from epson_driver.processes import processes
 from epson_driver.trace.recording import read_recording
 
 TARGET = [0.2, 0.0, 0.3, 0.1, -0.6, 0.1]
@@ -34,30 +28,7 @@ def plan() -> Any:
     return trajectory((0.0, START), (0.3, TARGET), (0.6, START))
 
 
-@pytest.fixture
-def replay() -> Iterator[Any]:
-    """Start `replay FILE` on free ports; it ends with the test."""
-    started: list[subprocess.Popen[str]] = []
-
-    def start(path: Path) -> tuple[subprocess.Popen[str], processes.Ports]:
-        free = ['--motion-port', '0', '--state-port', '0', '--io-port', '0']
-        command = [sys.executable, '-m', 'epson_driver.cli', 'replay', str(path), *free]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        started.append(process)
-        assert process.stdout is not None
-        words = dict(word.split('=') for word in process.stdout.readline().split()[1:])
-        numbers = [int(words.get(name, 0)) for name in ('motion', 'state', 'io')]
-        return process, processes.Ports(*numbers, remote=0)
-
-    yield start
-    for process in started:
-        process.kill()
-        process.communicate()
-
-
-def test_a_recorded_goal_is_played_to_another_node(
-    make_cell: Any, replay: Any, tmp_path: Path
-) -> None:
+def test_a_goal_is_recorded_until_the_parameter_is_cleared(make_cell: Any, tmp_path: Path) -> None:
     cell: Cell = make_cell(trace_folder=tmp_path, trace_file='run-%Y.pcap').ready()
     cell.peer.enable()
     ended, _, text = cell.peer.goal(plan()).result()
@@ -67,28 +38,6 @@ def test_a_recorded_goal_is_played_to_another_node(
     [path] = tmp_path.glob('run-2*.pcap')
     points = sum(step.event is SENT for step in read_recording(path))
     assert points >= 3
-
-    process, ports = replay(path)
-    domain = processes.free_ros_domain()
-    client = processes.client(tmp_path / 'replayed.log', ports, domain, run=patient.COMMAND)
-    peer = RosPeer(domain)
-    with processes.ended_at_exit(client):
-        try:
-            peer.wait_until_ready()
-            peer.wait_for(
-                lambda: peer.robot_status and peer.robot_status[-1].drives_powered.val == 1,
-                'the recorded motors on',
-            )
-            assert peer.call('enable')[0]
-            goal = peer.goal(plan())
-            assert goal.result()[0] == 'succeeded'
-            recorded = {tuple(state.position) for state in cell.peer.joint_states}
-            assert {tuple(state.position) for state in peer.joint_states} <= recorded
-        finally:
-            peer.close()
-    output, _ = process.communicate(timeout=60)
-    assert '0 not recorded, 0 missing' in output
-    assert process.returncode == 0
 
 
 def test_the_parameter_is_refused_with_the_reason_and_may_change(

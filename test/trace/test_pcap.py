@@ -3,10 +3,14 @@
 """Pcap files: what is written is an orderly TCP conversation, and comes back as it was."""
 
 import io
+import shutil
 import struct
+import subprocess
 
 import pytest
+from support.recorded_run import Recorder
 
+from epson_driver.simple_message import Status
 from epson_driver.trace.pcap import (
     MAX_SEGMENT_BYTES,
     Conversation,
@@ -231,3 +235,25 @@ def test_of_two_gaps_each_is_waited_for():
     assert stream.take(segment(108, b'ij')) == b''
     assert stream.take(segment(102, b'cd')) == b'cdef'  # not what is behind the other gap
     assert stream.take(segment(106, b'gh')) == b'ghij'
+
+
+@pytest.mark.skipif(shutil.which('tshark') is None, reason='tshark is not installed')
+@pytest.mark.parametrize(
+    'fault',
+    ['_ws.malformed', 'tcp.analysis.flags', 'tcp.checksum.status == 0 || ip.checksum.status == 0'],
+)
+def test_wireshark_finds_no_fault(fault, tmp_path):
+    recorder = Recorder()
+    recorder.connect(0.0, 11002)
+    for number in range(40):
+        recorder.says(0.1 * number, 11002, Status())
+    recorder.lose(5.0, 11002)
+    path = recorder.write(tmp_path / 'run.pcap')
+    checks = ['-o', 'tcp.check_checksum:TRUE', '-o', 'ip.check_checksum:TRUE']
+
+    def matching(rule):
+        command = ['tshark', '-r', str(path), *checks, '-Y', rule]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+    assert matching(fault) == ''
+    assert len(matching('tcp.checksum.status == 1').splitlines()) > 40

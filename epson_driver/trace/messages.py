@@ -1,24 +1,19 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The script of a recording: the client's turns and the controller's, in the recorded order."""
+"""The messages of a recording, both ways, in the recorded order."""
 
-import itertools
-import statistics
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum, auto
 
 from epson_driver.link.connection import WireEvent
-from epson_driver.link.replies import sequence_of
 from epson_driver.simple_message import (
     CommType,
     Frame,
     FrameError,
     Framer,
     MessageType,
-    SimpleMessageError,
-    decode,
 )
 from epson_driver.trace.recording import Step
 
@@ -43,12 +38,12 @@ TELLS = {
 """What a port is for, by the topics that the controller sends and the requests that it gets."""
 
 
-class ScriptError(ValueError):
-    """A recording that cannot be played, with the reason as its text."""
+class MessagesError(ValueError):
+    """A recording in which no controller's messages are found, with the reason as its text."""
 
 
 class Kind(Enum):
-    """The kind of an entry of a script. The first two are the client's turn."""
+    """The kind of an entry: REQUEST is the driver's, SEND, END and RESET are the controller's."""
 
     OPEN = auto()
     REQUEST = auto()
@@ -68,29 +63,16 @@ class Entry:
     frame: Frame | None = None
     """The data as a frame, if it is one."""
 
-    @property
-    def clients_turn(self) -> bool:
-        """Whether the client does this."""
-        return self.kind in (Kind.OPEN, Kind.REQUEST)
-
-    @property
-    def topic(self) -> int | None:
-        """The message type of a topic, which newer ones of its type replace, or None otherwise."""
-        if self.frame is None or self.frame.comm_type != CommType.TOPIC:
-            return None
-        return self.frame.msg_type
-
 
 @dataclass(frozen=True)
-class Script:
-    """A recording made ready. `ports` are the recorded ports by purpose."""
+class Messages:
+    """What went between one controller and its drivers."""
 
+    began: float
+    """When, s since 1970."""
     entries: tuple[Entry, ...]
-    ports: dict[str, int]
-    port_of: dict[int, int] = field(default_factory=dict)
-    """The recorded port of each connection."""
-    periods: dict[tuple[int, int], float] = field(default_factory=dict)
-    """The usual time between two topics of a type, s, by connection and type."""
+    roles: dict[int, str]
+    """What each connection is for, one of ROLES."""
 
 
 class Splitter:
@@ -127,29 +109,20 @@ class Splitter:
         return data
 
 
-def signature(frame: Frame) -> tuple[int, int, int | None]:
-    """Return the signature by which a request is taken for a recorded one."""
-    try:
-        sequence = sequence_of(decode(frame).message)
-    except SimpleMessageError:
-        sequence = None
-    return frame.msg_type, frame.comm_type, sequence
+def messages_of(steps: Sequence[Step], controller: str | None = None) -> Messages:
+    """Return the messages of a recording, of one controller's address if there are several.
 
-
-def make_script(steps: Sequence[Step], controller: str | None = None) -> Script:
-    """Return the script of a recording, of one controller's address if there are several.
-
-    Connections that do not speak simple message are left out. Raises ScriptError.
+    Connections that do not speak simple message are left out. Raises MessagesError.
     """
     steps = _of_one_controller(steps, controller)
     if not steps:
-        raise ScriptError('no connection to a controller is in it')
+        raise MessagesError('no connection to a controller is in it')
     entries = list(_entries(steps))
     port_of = {step.number: step.server[1] for step in steps}
-    ports = _ports(entries, port_of)
-    kept = {number for number, port in port_of.items() if port in ports.values()}
-    entries = [entry for entry in entries if entry.connection in kept]
-    return Script(tuple(entries), ports, port_of, _periods(entries))
+    by_port = _roles(entries, port_of)
+    roles = {number: by_port[port] for number, port in port_of.items() if port in by_port}
+    entries = [entry for entry in entries if entry.connection in roles]
+    return Messages(min(step.time for step in steps), tuple(entries), roles)
 
 
 def _of_one_controller(steps: Sequence[Step], controller: str | None) -> list[Step]:
@@ -165,7 +138,7 @@ def _of_one_controller(steps: Sequence[Step], controller: str | None) -> list[St
     ]
     addresses = sorted({step.server[0] for step in chosen})
     if len(addresses) > 1:
-        raise ScriptError(f'controllers {", ".join(addresses)} are in it: choose one')
+        raise MessagesError(f'controllers {", ".join(addresses)} are in it: choose one')
     return chosen
 
 
@@ -196,8 +169,8 @@ def _entries(steps: Sequence[Step]) -> Iterator[Entry]:
         yield Entry(time, kind, step.number)
 
 
-def _ports(entries: Sequence[Entry], port_of: dict[int, int]) -> dict[str, int]:
-    """Find out which port is which."""
+def _roles(entries: Sequence[Entry], port_of: dict[int, int]) -> dict[int, str]:
+    """Find out what each port is for."""
     roles: dict[int, str] = {}
     for entry in entries:
         told_by = CommType.TOPIC if entry.kind is Kind.SEND else CommType.SERVICE_REQUEST
@@ -210,20 +183,7 @@ def _ports(entries: Sequence[Entry], port_of: dict[int, int]) -> dict[str, int]:
         usual = USUAL_PORTS.get(port)
         if free:
             roles[port] = usual if usual in free else free[0]
-    ports = {role: port for port, role in roles.items()}
-    if len(ports) < len(roles):
+    if len(set(roles.values())) < len(roles):
         text = ', '.join(f'{port} ({role})' for port, role in sorted(roles.items()))
-        raise ScriptError(f'two ports of the same kind are in it: {text}')
-    return {role: ports[role] for role in ROLES if role in ports}
-
-
-def _periods(entries: Sequence[Entry]) -> dict[tuple[int, int], float]:
-    times: dict[tuple[int, int], list[float]] = defaultdict(list)
-    for entry in entries:
-        if entry.kind is Kind.SEND and entry.topic is not None:
-            times[entry.connection, entry.topic].append(entry.time)
-    return {
-        key: statistics.median(b - a for a, b in itertools.pairwise(at))
-        for key, at in times.items()
-        if len(at) > 2
-    }
+        raise MessagesError(f'two ports of the same kind are in it: {text}')
+    return roles
