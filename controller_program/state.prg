@@ -96,6 +96,8 @@ Function SendStatus
   bits = RobotInfo(0)
   moving = STATE_FALSE
   If (bits And &H200) <> 0 And (bits And &H400) = 0 Then moving = STATE_TRUE
+  ' Between two points the arm may stand: main has not begun the next one yet
+  If g_head <> g_tail And why = 0 And PauseOn = 0 And SafetyOn = 0 Then moving = STATE_TRUE
   number = SysErr
   If number = 0 Then number = g_main_error
   If number = 0 Then number = g_point_error

@@ -123,6 +123,21 @@ def test_in_motion_and_errors_of_points_and_of_main(harness: RobotHarness, clien
     assert status(harness, client).error_code == 4242
 
 
+def test_an_arm_that_stands_with_points_to_go_to_is_in_motion(
+    harness: RobotHarness, client: Client
+) -> None:
+    motion = harness.client()
+    harness.stream(motion, [point(0, list(harness.robot.joints), 1.0)])  # a dwell
+    harness.run(0.3)
+    assert harness.robot.move_now is None
+    assert status(harness, client).in_motion == 1
+    harness.robot.states.update(pauseon=-1)
+    assert status(harness, client).in_motion == 0
+    harness.robot.states.update(pauseon=0)
+    harness.run(1.0)
+    assert status(harness, client).in_motion == 0
+
+
 def test_requests_are_answered_between_the_messages(harness: RobotHarness, client: Client) -> None:
     client.send(request(Ping()), request(Opaque(1599)))
     harness.run(0.2)

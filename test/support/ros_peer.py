@@ -321,19 +321,20 @@ class RosPeer:
             'motion',
         )
 
-    def wait_until_still(self, states: int = 30) -> np.ndarray:
-        """Wait until so many joint states in a row are the same and the controller says so, too.
+    def wait_until_still(self, seconds: float = 0.5) -> np.ndarray:
+        """Wait until the joints and the controller report rest for so long; return the position.
 
-        One state without velocity may be that of an arm between two points, or of one whose next
-        point waits for a controller that is not scheduled. Returns the position.
+        A controller that was not scheduled sends many states at once: their number is no time.
         """
         begin = len(self.joint_states)
 
         def still() -> bool:
-            last = self.joint_states[begin:][-states:]
-            if len(last) < states or self.robot_status[-1].in_motion.val != 0:
+            states = self.joint_states[begin:]
+            if not states or self.robot_status[-1].in_motion.val != 0:
                 return False
-            return all(list(each.position) == list(last[0].position) for each in last)
+            until = stamp(states[-1]) - seconds
+            moved = (each for each in reversed(states) if each.position != states[-1].position)
+            return stamp(next(moved, states[0])) <= until
 
         self.wait_for(still, 'standstill')
         return np.array(self.joint_states[-1].position)
