@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The reference of the Python API, from its docstrings: a page of the site.
 
-The sources are read, not imported.
+The sources are read, not imported, but for the table of settings.
 """
 
 import ast
@@ -10,6 +10,8 @@ import inspect
 import textwrap
 from collections.abc import Iterator
 from pathlib import Path
+
+from epson_driver.setup.table import ROWS
 
 DOCS = Path(__file__).parent
 PACKAGE = DOCS.parent / 'epson_driver'
@@ -118,6 +120,12 @@ def _is_property(function: Function) -> bool:
 
 
 def _field(node: ast.AnnAssign) -> str:
+    """Return a field, one of `Settings` with the default of its row."""
+    if isinstance(node.value, ast.Call) and ast.unparse(node.value.func) == 'setting':
+        name, *usual = (ast.literal_eval(each) for each in node.value.args)
+        default = usual[0] if usual else ROWS[name].default
+        value = tuple(default) if isinstance(default, list) else default
+        return f'{ast.unparse(node.target)}: {ast.unparse(node.annotation)} = {value!r}'
     return ast.unparse(node)
 
 

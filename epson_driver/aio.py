@@ -31,7 +31,7 @@ from epson_driver.api.motions import Motions
 from epson_driver.api.points import Points
 from epson_driver.api.poses import Waypoint
 from epson_driver.api.recording import Recording
-from epson_driver.api.settings import Settings
+from epson_driver.api.settings import Settings, given_values
 from epson_driver.api.simulation import SimulatedController, Simulation
 from epson_driver.api.status import ControllerError, RobotStatus, Sample
 from epson_driver.api.streams import Streams
@@ -85,11 +85,19 @@ class Robot(Motions, Streams):
         settings: Settings | None = None,
         enable: bool = False,
     ) -> None:
-        from epson_driver.api.setup import Ports, make_setup
+        from epson_driver.setup.setup import make_setup
 
-        ports = Ports(motion=motion_port, state=state_port, io=io_port, remote=remote_port)
-        more = Settings() if settings is None else settings
-        super().__init__(make_setup(host, controller, model, ports, more))
+        given = given_values(
+            Settings() if settings is None else settings,
+            host,
+            controller,
+            model,
+            motion_port=motion_port,
+            state_port=state_port,
+            io_port=io_port,
+            remote_port=remote_port,
+        )
+        super().__init__(make_setup(given))
         self._enable = enable
         connection = self._connection  # not self: a robot that is lost is to be collected at once
         self.io = Io(lambda: connection.running.io)

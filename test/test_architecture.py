@@ -38,12 +38,13 @@ ROOMS = {
     'remote_ethernet robots share simple_message socket_errors spel tool_motion',
     'driver': 'error_texts inputs link log_lines motion numpy processes profiles remote_ethernet '
     'simple_message trace',
-    'api': 'driver error_texts inputs link motion numpy processes profiles remote_ethernet '
-    'robots simple_message taught_points tool_motion trace trajectory_file',
-    'aio': 'api taught_points',
+    'setup': 'driver error_texts inputs motion numpy profiles robots simple_message',
+    'api': 'driver error_texts inputs link motion numpy processes remote_ethernet '
+    'robots setup simple_message taught_points tool_motion trace trajectory_file',
+    'aio': 'api setup taught_points',
     'robot': 'aio api taught_points',
     'node': 'ROS driver error_texts inputs link log_lines motion numpy processes profiles robots '
-    'simple_message taught_points tool_motion trace',
+    'setup simple_message taught_points tool_motion trace',
     'report': 'driver error_texts inputs link matplotlib motion numpy pages robots rosbags '
     'simple_message trace',
     'bringup': 'inputs profiles robots share yaml',

@@ -27,8 +27,8 @@ from epson_driver.driver.arm_commands import CommandError
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.io.io_driver import IoUnavailableError
 from epson_driver.driver.stopping.arm_gate import ArmGate
-from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
+from epson_driver.setup.setup import profile_defaults
 from epson_driver.sim_controller.network.servers import Ports
 from epson_driver.simple_message import (
     CommType,

@@ -24,7 +24,7 @@ from epson_driver.taught_points.posture import Posture, posture
 from epson_driver.tool_motion.tool_pose import quaternion_pose
 
 if TYPE_CHECKING:  # the driver is loaded with the first Robot
-    from epson_driver.api.setup import Setup
+    from epson_driver.setup.setup import Setup
 
 T = TypeVar('T')
 

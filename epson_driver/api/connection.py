@@ -11,7 +11,7 @@ import logging
 import time
 from collections.abc import Callable, Coroutine
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 from epson_driver.api.callbacks import Changes
 from epson_driver.api.driver_status import robot_status
@@ -19,13 +19,11 @@ from epson_driver.api.errors import RobotError, not_begun, refusals
 from epson_driver.api.motion import HeldPath, Motion
 from epson_driver.api.moves import divided
 from epson_driver.api.ownership import Process, close_soon, let_go, take_over
-from epson_driver.api.setup import Setup
 from epson_driver.api.simulation import SimulatedController
 from epson_driver.api.status import RobotStatus, Sample
 from epson_driver.driver.arm_commands import ArmCommands, CommandError
 from epson_driver.driver.delivery.statements import NO_PLANS, Load, Moves, last_point
 from epson_driver.driver.driver import Driver
-from epson_driver.driver.goal.goal import Goal
 from epson_driver.driver.goal.planning_scope import PlanningScope
 from epson_driver.driver.io.gripper import Gripper as DrivenGripper
 from epson_driver.driver.state.robot_state import JointSample
@@ -34,7 +32,9 @@ from epson_driver.link import Link
 from epson_driver.link.link_reports import MAX_SHORT, TURNED_AWAY
 from epson_driver.link.replies import Statement
 from epson_driver.motion import Array, Trajectory
+from epson_driver.setup.setup import Setup
 from epson_driver.simple_message import Status
+from epson_driver.trace import TraceError, open_trace
 
 FRESH_POSE_TIMEOUT_S = 0.5
 """How long to wait for joints if those that are there are too old, s."""
@@ -124,34 +124,26 @@ class Connection:
             raise RobotError('the robot is connected already')
         self.loop = asyncio.get_running_loop()
         self._lost = False
-        configuration = self._setup.configuration
+        setup = self._setup
         try:
             if self.simulation is not None:
-                there = await self.simulation.start()
-                configuration = replace(
-                    configuration,
-                    host='127.0.0.1',
-                    motion_port=there.motion or 0,
-                    state_port=there.state or 0,
-                    io_port=there.io or 0,
-                    remote_port=there.remote or 0,
-                )
-            await self._take_over(configuration.address, timeout)
-            trace = await self._setup.open_trace()
-            driver = Driver(configuration, self, self._setup.goals)
+                ports: dict[str, Any] = await self.simulation.start()
+                there = replace(setup.configuration, host='127.0.0.1', **ports)
+                setup = replace(setup, configuration=there)
+            await self._take_over(setup.configuration.address, timeout)
+            trace = await self._open_trace()
+            driver = setup.make_driver(self)
             if driver.moves is not None:
                 driver.moves.load = self._load
             if trace is not None:
                 driver.trace.begin(trace)
-            driver.goal_queue.start_tolerance = self._setup.start_tolerance
-            driver.servo.settings = self._setup.servo
             self.driver, self._commands = driver, ArmCommands(driver)
-            wiring = self._setup.gripper
+            wiring = setup.gripper
             self._gripper = None if wiring is None else DrivenGripper(driver.io, wiring)
             self.task = asyncio.create_task(driver.run())
             self.task.add_done_callback(lambda _: self._heard.notify_all())
             if self.simulation is None:
-                for sentence in self._setup.model.cautions:
+                for sentence in setup.model.cautions:
                     _log.warning('%s', sentence)
             await self._wait_until_ready(driver, timeout)
         except BaseException:
@@ -208,6 +200,14 @@ class Connection:
             link.transport.get_extra_info('socket') for link in links if link and link.transport
         ]
         return [each.fileno() for each in sockets] + (simulation.files if simulation else [])
+
+    async def _open_trace(self) -> BinaryIO | None:
+        """Open the file for a trace, if one is asked for. Raises RobotError."""
+        folder, name = (self._setup.values[f'trace_{each}'] for each in ('folder', 'file'))
+        try:
+            return await asyncio.to_thread(open_trace, folder, name) if name else None
+        except TraceError as error:
+            raise RobotError(str(error)) from error
 
     async def _take_over(self, address: tuple[str, int], timeout: float) -> None:
         try:
@@ -372,8 +372,6 @@ class Connection:
         self._check_idle(driver)
         with refusals():
             plan.check()
-        setup = self._setup
-        units = setup.model.limits.units
         sample, statement = driver.robot.sample, None
         if driver.moves is not None:
             if move is None:
@@ -381,9 +379,7 @@ class Connection:
             statement, trajectory = move(driver.moves), last_point(trajectory)
         elif sample is not None:
             trajectory = divided(trajectory, sample.positions)
-        goal = Goal(
-            trajectory, setup.goal_tolerance, setup.goal_time, units=units, message=statement
-        )
+        goal = replace(self._setup.goal(trajectory), message=statement)
         motion = Motion(driver.goal_queue, goal, path)
         motion.begin()
         if wait:

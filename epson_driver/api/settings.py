@@ -2,13 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 """What most robots need not set."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
+from pathlib import Path
 from typing import Any, Literal
 
 from epson_driver.driver.io.gripper_wiring import GripperWiring
-from epson_driver.driver.state.joint_mapping import OFFSETS, SIGNS
-from epson_driver.inputs import JOINT_NAMES, Rule, choice, number
+from epson_driver.setup.table import ROWS, is_a
+
+ARGUMENTS = {'host': 'robot_ip', 'model': 'robot_model'}
+"""Names of parameters for arguments of Robot that have others."""
+
+
+def setting(name: str, *usual: object) -> Any:
+    """Return a field for a row of the table. `usual`: another default than the row has."""
+    row = ROWS[name]
+    default = usual[0] if usual else row.default
+    return field(
+        default=tuple(default) if isinstance(default, list) else default, metadata={'row': row}
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,75 +27,72 @@ class Settings:
     """What most robots need not set. Names, units and defaults are those of the ROS parameters.
 
     None: what the controller's profile says, or the robot model. goal_tolerance, start_tolerance:
-    rad (m), all joints. Times in s. require_planned_speed: refuse motions that the controller is
-    known to execute faster. servo_scale: the share of the joint limits that streams may use;
-    servo_timeout: so long after the last setpoint the arm brakes. gripper: how it is wired, if
-    there is one. trace_file: a new pcap file that `connect` begins (docs/report.md), with its
-    folder; %Y%m%d-%H%M%S in its name is filled in. See docs/ros_interface.md for each.
+    rad (m), all joints; a goal tolerance of 0 is none. Times in s. require_planned_speed: refuse
+    motions that the controller is known to execute faster. servo_scale: the share of the joint
+    limits that streams may use; servo_timeout: so long after the last setpoint the arm brakes.
+    gripper: how it is wired, if there is one. trace_file: a new pcap file that `connect` begins
+    (docs/report.md), with its folder; %Y%m%d-%H%M%S in its name is filled in. See
+    docs/ros_interface.md for each.
     """
 
-    joint_names: tuple[str, ...] | None = None
-    joint_signs: tuple[int, ...] = (1,)
-    joint_offsets: tuple[float, ...] = (0.0,)
-    j23_factor: int = 0
-    error_texts: str | None = None
-    interface: Literal['streaming', 'download', 'statements'] | None = None
-    point_message: Literal['joint_traj_pt', 'joint_traj_pt_full'] | None = None
-    byte_order: Literal['auto', 'little', 'big'] = 'auto'
-    state_timeout: float = 1.0
-    io_timeout: float = 1.0
-    reply_timeout: float = 5.0
-    start_tolerance: float = 0.02
-    goal_tolerance: float | None = None
-    goal_time: float = 0.0
-    stopped_velocity_tolerance: float = 0.01
-    require_planned_speed: bool = True
-    servo_scale: float = 0.25
-    servo_timeout: float = 0.15
+    joint_names: tuple[str, ...] | None = setting('joint_names', None)
+    joint_signs: tuple[int, ...] = setting('joint_signs')
+    joint_offsets: tuple[float, ...] = setting('joint_offsets')
+    j23_factor: int = setting('j23_factor')
+    error_texts: str | None = setting('error_texts', None)
+    interface: Literal['streaming', 'download', 'statements'] | None = setting('interface', None)
+    point_message: Literal['joint_traj_pt', 'joint_traj_pt_full'] | None = setting(
+        'point_message', None
+    )
+    byte_order: Literal['auto', 'little', 'big'] = setting('byte_order')
+    state_timeout: float = setting('state_timeout')
+    io_timeout: float = setting('io_timeout')
+    reply_timeout: float = setting('reply_timeout')
+    start_tolerance: float = setting('start_tolerance')
+    goal_tolerance: float | None = setting('constraints.<joint>.goal', None)
+    goal_time: float = setting('constraints.goal_time')
+    stopped_velocity_tolerance: float = setting('constraints.stopped_velocity_tolerance')
+    require_planned_speed: bool = setting('require_planned_speed')
+    servo_scale: float = setting('servo.scale')
+    servo_timeout: float = setting('servo.timeout')
     gripper: GripperWiring | None = None
-    trace_file: str | None = None
+    trace_file: str | None = setting('trace_file', None)
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if value is not None or field.default is not None:
-                _RULES[field.name].checked(value, field.name)
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if value is not None or each.default is not None:
+                rule = each.metadata['row'].allowed if each.metadata else _GRIPPER
+                rule.checked(list(value) if isinstance(value, tuple) else value, each.name)
 
 
-def _is(*kinds: type) -> Callable[[Any], Any]:
-    def read(value: Any) -> Any:
-        if not isinstance(value, kinds):
-            raise TypeError
-        return value
-
-    return read
+_GRIPPER = is_a(GripperWiring, 'must be GripperWiring(...)')
 
 
-def _each(rule: Rule) -> Rule:
-    return Rule(lambda values: rule.read(list(values)), rule.text)
+def given_values(
+    settings: Settings, host: str, controller: str, model: str, **ports: int | None
+) -> dict[str, Any]:
+    """Return what settings and the arguments of a Robot give, by the names of the parameters.
 
-
-_FILE = Rule(_is(str), 'must be the path of a file')
-
-_RULES: dict[str, Rule] = {
-    'state_timeout': number(0.05, 60.0, 's'),
-    'io_timeout': number(0.05, 60.0, 's'),
-    'reply_timeout': number(0.1, 600.0, 's'),
-    'start_tolerance': number(0.0, 1.0, 'rad or m'),
-    'goal_tolerance': number(0.0, 10.0, 'rad or m'),
-    'goal_time': number(0.0, 3600.0, 's'),
-    'stopped_velocity_tolerance': number(1e-6, 10.0, 'rad/s or m/s'),
-    'require_planned_speed': Rule(_is(bool), 'must be True or False'),
-    'servo_scale': number(0.01, 1.0),
-    'servo_timeout': number(0.02, 1.0, 's'),
-    'joint_names': JOINT_NAMES,
-    'joint_signs': _each(SIGNS),
-    'joint_offsets': _each(OFFSETS),
-    'j23_factor': choice(-1, 0, 1),
-    'error_texts': _FILE,
-    'interface': choice('streaming', 'download', 'statements'),
-    'point_message': choice('joint_traj_pt', 'joint_traj_pt_full'),
-    'byte_order': choice('auto', 'little', 'big'),
-    'gripper': Rule(_is(GripperWiring), 'must be GripperWiring(...)'),
-    'trace_file': _FILE,
-}
+    A port of None is the profile's. Raises ValueError that names argument, value and what is
+    allowed.
+    """
+    values: dict[str, Any] = {}
+    there = {name: port for name, port in ports.items() if port is not None}
+    for name, value in {'host': host, 'controller': controller, 'model': model, **there}.items():
+        row = ROWS[ARGUMENTS.get(name, name)]
+        row.allowed.checked(value, name)
+        values[row.name] = value
+    for each in fields(settings):
+        value = getattr(settings, each.name)
+        if value is not None and 'row' in each.metadata:
+            name = each.metadata['row'].name
+            values[name] = list(value) if isinstance(value, tuple) else value
+    if (wiring := settings.gripper) is not None:
+        values['gripper.outputs'] = [wiring.open_output, wiring.close_output]
+        values['gripper.inputs'] = [wiring.opened_input, wiring.closed_input]
+        values |= {'gripper.stroke': wiring.stroke, 'gripper.time': wiring.time}
+    if settings.trace_file is not None:
+        path = Path(settings.trace_file)
+        values |= {'trace_folder': str(path.parent), 'trace_file': path.name}
+    return values

@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import signal
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 from epson_driver.api.arguments import checked_arguments
 from epson_driver.api.errors import RobotError
@@ -14,9 +13,6 @@ from epson_driver.api.ownership import Unique
 from epson_driver.inputs import Rule, choice, count
 from epson_driver.processes.command import module_command
 from epson_driver.remote_ethernet.client import RemoteError, connected
-
-if TYPE_CHECKING:  # the driver is loaded with the first Robot
-    from epson_driver.api.setup import Ports
 
 START_TIMEOUT_S = 60.0
 """How long it may take to listen, s: it loads numpy, and starts a planner."""
@@ -52,10 +48,8 @@ class SimulatedController:
         stdin = None if self._process is None else self._process.stdin
         return [] if stdin is None else [stdin.get_extra_info('pipe').fileno()]
 
-    async def start(self) -> 'Ports':
+    async def start(self) -> dict[str, int]:
         """Start it and return its ports when it listens. Raises RobotError with what it said."""
-        from epson_driver.api.setup import Ports
-
         words = [f'--{name}-port=0' for name in sorted(_WORDS)]
         process = self._process = await asyncio.create_subprocess_exec(
             *module_command('epson_driver.cli', 'sim_controller', '--until-stdin-ends'),
@@ -85,7 +79,7 @@ class SimulatedController:
             why = said.removeprefix('epson_driver sim_controller: ').removeprefix('error: ')
             raise RobotError(f'the simulated controller did not start: {why}')
         numbers = dict(word.split('=') for word in line.split()[1:])
-        return Ports(**{name: int(numbers[name]) for name in _WORDS})
+        return {f'{name}_port': int(numbers[name]) for name in _WORDS}
 
     async def _listen(self, stream: asyncio.StreamReader) -> None:
         """Take what it says, so that it never waits for a reader."""

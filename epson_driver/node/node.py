@@ -23,16 +23,10 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from epson_driver.driver.arm_commands import ArmCommands, CommandError
-from epson_driver.driver.driver import Driver
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks import run_task_group
 from epson_driver.node import messages, parameters
 from epson_driver.node.diagnostics import Diagnostics
-from epson_driver.node.driver_configuration import (
-    driver_configuration,
-    goal_settings,
-    servo_settings,
-)
 from epson_driver.node.goal_server import GoalServer
 from epson_driver.node.gripper_server import GripperServer, gripper_wiring
 from epson_driver.node.io_interface import IoInterface
@@ -48,8 +42,7 @@ from epson_driver.node.speed_scaling import SpeedScalingInterface
 from epson_driver.node.static_frames import StaticFrames
 from epson_driver.node.tool_interface import ToolInterface
 from epson_driver.node.tracing import Tracing
-from epson_driver.profiles import load_controller_profile
-from epson_driver.robots import load_robot_model
+from epson_driver.setup.setup import make_setup
 from epson_driver.simple_message import Status
 from epson_driver.trace import TraceError
 
@@ -64,17 +57,14 @@ class ClientNode:
         self._node = node
         self._loop = asyncio.get_running_loop()
         self._context = context_of(node.get_logger())
-        self._parameters = parameters.declare(node)
-        model = load_robot_model(self._parameters['robot_model'])
-        for sentence in (*parameters.undeclared(node), *model.cautions):
+        values = parameters.declare(node)
+        for sentence in parameters.undeclared(node):
             node.get_logger().warning(sentence)
-        self._profile = load_controller_profile(self._parameters['controller'])
-        self.driver = Driver(
-            driver_configuration(self._parameters, self._profile),
-            self,
-            goal_settings(self._parameters, self._profile),
-        )
-        self._apply_settings()
+        self._setup = make_setup(values)
+        self._parameters = self._setup.values
+        for sentence in self._setup.model.cautions:
+            node.get_logger().warning(sentence)
+        self.driver = self._setup.make_driver(self)
         self._tracing = self._context.run(Tracing, self.driver.trace, self._parameters)
         self._bridge = LoopBridge(node, self._context, self.driver.fault)
         self.commands = ArmCommands(self.driver, self._bridge.all_taken)
@@ -161,12 +151,6 @@ class ClientNode:
 
     # --- setting up -------------------------------------------------------------------------
 
-    def _apply_settings(self) -> None:
-        self.driver.goal_queue.settings = goal_settings(self._parameters, self._profile)
-        self.driver.goal_queue.start_tolerance = self._parameters['start_tolerance']
-        self.driver.servo.settings = servo_settings(self._parameters)
-        self.driver.io.timeout = self._parameters['io_timeout']
-
     def _make_publishers(self) -> None:
         node = self._node
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -226,8 +210,8 @@ class ClientNode:
         if why := parameters.rejection(changes):
             return why
         self._context.copy().run(self._tracing.change, values)  # the loop is in the first
-        self._parameters |= values
-        self._bridge.to_loop(self._apply_settings)
+        self._parameters.update(values)
+        self._bridge.to_loop(self._setup.apply, self.driver)
         return ''
 
     # --- from the driver: these run in the loop's thread ------------------------------------

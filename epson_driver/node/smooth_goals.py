@@ -51,7 +51,7 @@ from epson_driver.node.goal_action import CANCELED, ActionType, GoalAction, OnEn
 from epson_driver.node.goal_requests import check_unsupported, start_time
 from epson_driver.node.goal_server import RESULT_TIMEOUT_S
 from epson_driver.node.loop_bridge import LoopBridge
-from epson_driver.node.parameters import Row, declare_rows, undeclared
+from epson_driver.node.parameters import declare_rows, undeclared
 from epson_driver.node.ros_log import context_of
 from epson_driver.node.trajectory_messages import (
     duration_in_s,
@@ -59,6 +59,7 @@ from epson_driver.node.trajectory_messages import (
     trajectory_message,
 )
 from epson_driver.robots.limit_files import Rows, file_limits, limits_of, urdf_limits
+from epson_driver.setup.table import Row
 
 TABLE = (
     Row(

@@ -9,14 +9,12 @@ import pytest
 from support.api_harness import program
 from support.longer_arm import arm_file
 
-from epson_driver import Robot, Settings
+from epson_driver import Robot, Settings, aio
 from epson_driver.api.errors import WORDS
-from epson_driver.api.setup import Ports, make_setup
 from epson_driver.driver.remedy import Remedy
-from epson_driver.node import parameters
-from epson_driver.node.driver_configuration import driver_configuration, goal_settings
-from epson_driver.profiles import load_controller_profile
-from epson_driver.robots import load_robot_model
+from epson_driver.setup.setup import make_setup
+from epson_driver.setup.table import GOAL_TOLERANCE
+from epson_driver.simple_message import ByteOrder
 
 PROFILES = ['rc620', 'rc700a', 'spel', 'thesis', 'generic', 'fanuc', 'abb', 'motoman']
 
@@ -34,19 +32,51 @@ def flat(value):
 
 @pytest.mark.parametrize('name', PROFILES)
 @pytest.mark.parametrize('model', ['c3_a601s', 'gx4_c251s'])
-def test_the_configuration_is_that_of_the_node_s_default_parameters(name, model):
-    profile = load_controller_profile(name)
-    values = {row.name: row.default for row in parameters.TABLE}
-    values |= parameters.profile_defaults(profile)
-    names = load_robot_model(model).joint_names
-    values |= {'controller': name, 'robot_model': model, 'joint_names': list(names)}
-    setup = make_setup('127.0.0.1', name, model, Ports(), Settings())
-    assert flat(setup.configuration) == flat(driver_configuration(values, profile))
-    assert setup.goals == goal_settings(values, profile)
-    assert setup.start_tolerance == values['start_tolerance']
-    assert setup.goal_time == values['constraints.goal_time']
+def test_a_robot_is_made_as_the_node_is_with_its_default_parameters(name, model):
+    setup = aio.Robot(controller=name, model=model)._setup
+    node = make_setup({'controller': name, 'robot_model': model})
+    assert flat(setup.configuration) == flat(node.configuration)
+    assert setup.goals == node.goals
+    assert setup.servo == node.servo
     units = setup.model.limits.units
-    assert list(setup.goal_tolerance) == [parameters.GOAL_TOLERANCE[unit] for unit in units]
+    assert list(setup.tolerances('goal').position) == [GOAL_TOLERANCE[unit] for unit in units]
+
+
+def test_each_setting_reaches_its_parameter():
+    changed = {
+        'joint_signs': (-1,),
+        'joint_offsets': (0.5,),
+        'j23_factor': 1,
+        'error_texts': 'none',
+        'byte_order': 'big',
+        'state_timeout': 2.0,
+        'io_timeout': 2.5,
+        'reply_timeout': 3.0,
+        'start_tolerance': 0.03,
+        'goal_tolerance': 0.04,
+        'goal_time': 6.0,
+        'stopped_velocity_tolerance': 0.07,
+        'require_planned_speed': False,
+        'servo_scale': 0.5,
+        'servo_timeout': 0.2,
+        'trace_file': 'traces/one.pcap',
+    }
+    setup = aio.Robot(settings=Settings(**changed))._setup
+    for name in ('state_timeout', 'io_timeout', 'reply_timeout', 'start_tolerance', 'byte_order'):
+        assert setup.values[name] == changed[name]
+    assert setup.configuration.byte_order == ByteOrder.BIG
+    assert setup.values['joint_signs'] == [-1]
+    assert setup.goals.stopped_velocity == 0.07
+    assert not setup.goals.require_planned_speed
+    assert (setup.servo.share, setup.servo.timeout) == (0.5, 0.2)
+    assert list(setup.tolerances('goal').position) == [0.04] * 6
+    assert setup.values['constraints.goal_time'] == 6.0
+    assert (setup.values['trace_folder'], setup.values['trace_file']) == ('traces', 'one.pcap')
+
+
+def test_a_goal_tolerance_of_0_is_none_as_it_is_for_the_parameter():
+    setup = aio.Robot(settings=Settings(goal_tolerance=0.0))._setup
+    assert np.isinf(setup.tolerances('goal').position).all()
 
 
 @pytest.mark.parametrize(
@@ -67,7 +97,7 @@ def test_an_argument_that_cannot_be_is_refused_by_its_name(arguments, expected):
 
 def test_joints_have_the_names_that_were_asked_for_and_there_are_at_most_ten(tmp_path):
     names = tuple('abcdef')
-    setup = make_setup('127.0.0.1', 'rc620', 'c3_a601s', Ports(), Settings(joint_names=names))
+    setup = aio.Robot(settings=Settings(joint_names=names))._setup
     assert setup.model.joint_names == setup.configuration.limits.names == names
     with pytest.raises(ValueError, match='c3_with_11_joints has 11 joints: at most 10'):
         Robot(model=str(arm_file(tmp_path, 11)))
@@ -141,13 +171,10 @@ def test_the_api_passes_strict_type_checks_in_a_user_s_file(tmp_path):
 
 
 def test_a_tolerance_of_the_smoothing_needs_a_smoothing():
-    profile = load_controller_profile('rc620')
-    values = {row.name: row.default for row in parameters.TABLE}
-    values |= parameters.profile_defaults(profile) | {'smoothing_tolerance': 0.002}
     with pytest.raises(ValueError, match=r'parameter smoothing_tolerance = 0\.002 rad: must be 0'):
-        driver_configuration(values, profile)
-    found = driver_configuration(values | {'smoothing': 'resample'}, profile)
-    assert found.smoothing.tolerance == 0.002
+        make_setup({'smoothing_tolerance': 0.002})
+    found = make_setup({'smoothing_tolerance': 0.002, 'smoothing': 'resample'})
+    assert found.configuration.smoothing.tolerance == 0.002
 
 
 def test_settings_that_are_none_are_refused():

@@ -21,8 +21,8 @@ from epson_driver.bringup import (
     robot_description,
     several_robots,
 )
-from epson_driver.node.parameters import TABLE
 from epson_driver.processes import processes
+from epson_driver.setup.table import TABLE
 
 DEFAULTS = {each['name']: each['default_value'] for each in launch_arguments(*INTERFACE)}
 VALUES = DEFAULTS | {'interface': 'streaming'}

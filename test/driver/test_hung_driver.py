@@ -23,8 +23,8 @@ from support.streams import going_on, positions, velocities
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.outcome import End
 from epson_driver.link import WireEvent
-from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
+from epson_driver.setup.setup import profile_defaults
 from epson_driver.share import share_file, share_folder
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.faults.faults import parse

@@ -5,7 +5,6 @@
 import re
 import runpy
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from support.driver_harness import (
@@ -20,10 +19,10 @@ from support.event_loop import until
 from support.pages import unwrapped
 
 from epson_driver.driver.arm_commands import CommandError
-from epson_driver.node.parameters import TABLE as PARAMETERS
-from epson_driver.node.parameters import declare
 from epson_driver.processes.executables import EXECUTABLES
 from epson_driver.profiles import load_controller_profile
+from epson_driver.setup.setup import make_setup
+from epson_driver.setup.table import ROWS
 from epson_driver.simple_message import ByteOrder
 
 PAGE = Path(__file__).parents[2] / 'docs' / 'migration.md'
@@ -52,8 +51,7 @@ def test_the_nodes_that_the_migration_leads_to_are_there():
     for name in names_here('Nodes'):
         if ': ' in name:
             parameter, value = name.split(': ')
-            row = next(row for row in PARAMETERS if row.name == parameter)
-            assert value in row.choices or parameter == 'controller'
+            assert value in ROWS[parameter].choices or parameter == 'controller'
         elif name not in ('motoman', 'fanuc', 'abb'):
             assert name in EXECUTABLES
     for name in ('motoman', 'fanuc', 'abb'):
@@ -86,13 +84,8 @@ async def test_b2_a_wrong_byte_order_ends_the_connection_and_says_why():
 
 def test_147_more_than_ten_joints_are_refused_with_the_name_of_the_parameter():
     names = [f'joint_{number}' for number in range(1, 12)]
-    node = SimpleNamespace(
-        declare_parameter=lambda name, default, _descriptor: SimpleNamespace(
-            value=names if name == 'joint_names' else default
-        )
-    )
-    with pytest.raises(ValueError, match='joint_names has 11 names: a message carries 10'):
-        declare(node)
+    with pytest.raises(ValueError, match='parameter joint_names has 11 names'):
+        make_setup({'joint_names': names})
 
 
 async def test_191_the_first_point_leaves_at_once():

@@ -21,8 +21,8 @@ from support.event_loop import until
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.driver.remedy import Remedy
-from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
+from epson_driver.setup.setup import profile_defaults
 from epson_driver.sim_controller.condition.states import Event
 
 POSSIBLE = (1, 0, 0, 0, 0, 2, 1)

@@ -22,8 +22,8 @@ from epson_driver.driver.goal.planned_speed import PlannedSpeed
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.driver.smoothing import Smoothing, usual_smoothing
 from epson_driver.motion import Trajectory
-from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
+from epson_driver.setup.setup import profile_defaults
 from epson_driver.share import share_folder
 from epson_driver.sim_controller.condition.states import Event
 

@@ -13,8 +13,8 @@ from support.driver_harness import Harness, pose, simulated
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.reference import RAMP_PER_S
 from epson_driver.driver.outcome import End
-from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
+from epson_driver.setup.setup import profile_defaults
 from epson_driver.simple_message import JointTrajPt, JointTrajPtFull, decode
 
 STEP = 0.2

@@ -96,7 +96,7 @@ def process_faults(process: Any) -> Iterator[str]:
 
 def client_faults(node: Node) -> Iterator[str]:
     """Yield parameters that the client does not declare, or not with this type or range."""
-    from epson_driver.node.parameters import TABLE
+    from epson_driver.setup.table import TABLE
 
     rows = {row.name: row for row in TABLE}
     for name, value in node.parameters.items():

@@ -16,10 +16,10 @@ import yaml
 from support.examples import one_in
 
 from epson_driver.bringup import move_group_parameters, rviz_parameters
-from epson_driver.node.parameters import JOINTS, TABLE
 from epson_driver.processes import processes
 from epson_driver.robots import load_robot_model
 from epson_driver.robots.urdf import srdf, urdf
+from epson_driver.setup.table import JOINTS, TABLE
 
 FOLDER = Path(__file__).parents[2] / 'config' / 'moveit'
 DEFAULTS = {row.name: row.default for row in TABLE}

@@ -25,8 +25,8 @@ from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.node.goal_requests import GoalRequests
 from epson_driver.node.gripper_server import refusal
 from epson_driver.node.motion_primitive_messages import primitives_from_message
-from epson_driver.node.parameters import TABLE, joint_rows
 from epson_driver.robots import load_robot_model
+from epson_driver.setup.table import TABLE, joint_rows
 
 PAGE = Path(__file__).parents[2] / 'docs' / 'goals.md'
 LIMITS = load_robot_model('c3_a601s').limits

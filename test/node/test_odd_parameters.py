@@ -14,8 +14,8 @@ from support.examples import quickly
 
 from epson_driver.inputs import InputError
 from epson_driver.node.node import ClientNode
-from epson_driver.node.parameters import TABLE, joint_rows
 from epson_driver.processes.processes import free_ros_domain
+from epson_driver.setup.table import TABLE, joint_rows
 
 OF_TRACES = ('trace_file', 'trace_size')  # a name of a file here makes a file
 ROWS = {row.name: row for row in (*TABLE, *joint_rows('joint_1')) if row.name not in OF_TRACES}

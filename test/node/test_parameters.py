@@ -12,8 +12,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from epson_driver.inputs import InputError
-from epson_driver.node.parameters import JOINTS, TABLE, declare, joint_rows, undeclared
+from epson_driver.node.parameters import declare, descriptor, undeclared
 from epson_driver.processes.processes import free_ros_domain
+from epson_driver.setup.table import JOINTS, TABLE, joint_rows
 
 ROWS = {row.name: row for row in (*TABLE, *joint_rows('joint_1'))}
 WITH_RANGE = [row for row in ROWS.values() if row.low is not None]
@@ -177,7 +178,7 @@ def test_the_others_can_be_changed_at_any_time_within_their_range(node, row):
 
 def test_what_the_connection_depends_on_is_read_only():
     for name in ('robot_ip', 'motion_port', 'state_port', 'joint_names', 'robot_model'):
-        assert ROWS[name].descriptor.read_only
+        assert descriptor(ROWS[name]).read_only
 
 
 def test_a_wrong_type_is_refused(node):

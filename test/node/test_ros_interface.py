@@ -28,8 +28,9 @@ from epson_driver.driver.goal.goal import GoalSettings
 from epson_driver.driver.goal.planned_speed import Timing
 from epson_driver.node.diagnostics import Diagnostics
 from epson_driver.node.node import ClientNode
-from epson_driver.node.parameters import TABLE, joint_rows, rejection
+from epson_driver.node.parameters import rejection
 from epson_driver.processes.processes import free_ros_domain
+from epson_driver.setup.table import TABLE, joint_rows
 from epson_driver.share import share_file
 from epson_driver.simple_message import Status
 from epson_driver.trace.trace import MEGABYTE

@@ -29,8 +29,8 @@ import numpy as np
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.goal import GoalSettings
 from epson_driver.driver.outcome import End, ErrorCode
-from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
+from epson_driver.setup.setup import profile_defaults
 from epson_driver.sim_controller.condition.states import Event, RejectedError
 from epson_driver.sim_controller.faults.faults import parse
 from support.driver_harness import Harness, pose, simulated

@@ -23,7 +23,7 @@ from sensor_msgs.msg import JointState
 from support.cell import Cell
 from support.ros_peer import JOINTS, PATIENCE
 
-from epson_driver.node.parameters import TABLE, joint_rows
+from epson_driver.setup.table import TABLE, joint_rows
 
 NODE = 'epson_driver'
 LATCHED = {

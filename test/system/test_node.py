@@ -22,8 +22,8 @@ from support import patient
 from support.cell import START, Cell
 from support.ros_peer import PATIENCE, RosPeer, trajectory
 
-from epson_driver.node.parameters import TABLE, joint_rows
 from epson_driver.processes import processes
+from epson_driver.setup.table import TABLE, joint_rows
 
 PLAIN = ('--motion=ptp', '--state-period=0.02')
 """A controller without a planner, where it does not matter how it moves."""
@@ -174,7 +174,7 @@ def test_where_security_is_asked_for_and_cannot_be_had_the_driver_does_not_start
         ('joint_names:=[]', ('parameter joint_names = []', 'must be a list of names')),
         pytest.param(
             'joint_signs:=[]',
-            ('parameter joint_signs = []', 'needs one number'),
+            ('parameter joint_signs = []', 'must be a list'),
             marks=pytest.mark.slow,
         ),
         ('robot_ip:=', ('Failed to parse ROS arguments', 'robot_ip')),

@@ -32,8 +32,8 @@ from epson_driver.driver.goal.goal_states import GoalState
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.driver.state.joint_mapping import joint_mapping
 from epson_driver.motion import Trajectory
-from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
+from epson_driver.setup.setup import profile_defaults
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.simple_message import (
     ByteOrder,

@@ -25,8 +25,8 @@ from epson_driver.driver.stopping.motors import (
     SerializedMotors,
     make_motors,
 )
-from epson_driver.node.parameters import profile_defaults
 from epson_driver.profiles import load_controller_profile
+from epson_driver.setup.setup import profile_defaults
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.simple_message import MessageType, MotionCtrl, decode
 from epson_driver.simple_message.motoman import Command, Result

@@ -1,0 +1,210 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""From the settings, a controller's profile and a robot model to a driver."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from epson_driver.driver.configuration import Configuration
+from epson_driver.driver.delivery.delivery_factory import delivery_rules
+from epson_driver.driver.driver import Driver, DriverEvents
+from epson_driver.driver.goal.goal import Goal, GoalSettings, Tolerances, cause_timeout
+from epson_driver.driver.io.gripper_wiring import GripperWiring
+from epson_driver.driver.servo.setpoint import ServoSettings
+from epson_driver.driver.smoothing import Smoothing, check_tolerance
+from epson_driver.driver.state.joint_mapping import joint_mapping
+from epson_driver.driver.state.plausibility import Margins
+from epson_driver.error_texts import load_error_texts
+from epson_driver.inputs import InputError
+from epson_driver.motion import Trajectory
+from epson_driver.profiles import ControllerProfile, load_controller_profile
+from epson_driver.robots import RobotModel, load_robot_model
+from epson_driver.setup.table import EACH_JOINT, TABLE, joint_rows
+from epson_driver.simple_message import MAX_JOINTS, ByteOrder
+
+BYTE_ORDERS = {'auto': None, 'little': ByteOrder.LITTLE, 'big': ByteOrder.BIG}
+NOT_WIRED = [-1, -1]
+
+
+@dataclass(frozen=True)
+class Setup:
+    """All that a driver is made with: `configuration` does not change, the rest by `values`.
+
+    values: of all settings by name; after a change of those that may change at any time `apply` is
+    to be called. model: with the joint names that were asked for. gripper: None without one.
+    """
+
+    values: dict[str, Any]
+    profile: ControllerProfile
+    model: RobotModel
+    configuration: Configuration
+    gripper: GripperWiring | None
+
+    def make_driver(self, events: DriverEvents) -> Driver:
+        """Return a driver that does not run yet."""
+        driver = Driver(self.configuration, events, self.goals)
+        self.apply(driver)
+        return driver
+
+    def apply(self, driver: Driver) -> None:
+        """Have a driver follow the values as they are now."""
+        driver.goal_queue.settings = self.goals
+        driver.goal_queue.start_tolerance = self.values['start_tolerance']
+        driver.servo.settings = self.servo
+        driver.io.timeout = self.values['io_timeout']
+
+    @property
+    def goals(self) -> GoalSettings:
+        """How goals are executed."""
+        return GoalSettings(
+            stopped_velocity=self.values['constraints.stopped_velocity_tolerance'],
+            reply_timeout=self.values['reply_timeout'],
+            cause_timeout=cause_timeout(self.profile.state),
+            require_planned_speed=self.values['require_planned_speed'],
+        )
+
+    @property
+    def servo(self) -> ServoSettings:
+        """How streams of setpoints are followed."""
+        return ServoSettings(
+            share=self.values['servo.scale'],
+            timeout=self.values['servo.timeout'],
+            start_tolerance=self.values['servo.start_tolerance'],
+            reply_timeout=self.values['reply_timeout'],
+            period=self.values['servo.period'],
+            catch_up=self.values['servo.catch_up'],
+        )
+
+    def tolerances(self, kind: str) -> Tolerances:
+        """Return those of the settings constraints.<joint>.`kind`, where 0 is not checked."""
+        names = self.model.joint_names
+        given = np.array([self.values[f'constraints.{name}.{kind}'] for name in names])
+        return Tolerances(np.where(given > 0.0, given, np.inf), np.full(len(names), np.inf))
+
+    def goal(self, trajectory: Trajectory) -> Goal:
+        """Return the goal of a trajectory, with the tolerances of the settings."""
+        path = self.tolerances('trajectory')
+        return Goal(
+            trajectory,
+            self.tolerances('goal').position,
+            self.values['constraints.goal_time'],
+            path_tolerance=path if path.checked else None,
+            units=self.model.limits.units,
+            may_end_moving=self.values['allow_nonzero_velocity_at_trajectory_end'],
+        )
+
+
+def profile_defaults(profile: ControllerProfile) -> dict[str, Any]:
+    """Return the settings that a controller's profile has values for.
+
+    The byte order is not among them: it is found out; the profile says what to begin with.
+    """
+    return {
+        'motion_port': profile.ports.motion,
+        'state_port': profile.ports.state,
+        'io_port': profile.ports.io,
+        'remote_port': profile.ports.remote,
+        'error_texts': profile.error_texts,
+        'interface': profile.program.interface,
+        'point_message': profile.program.point_message,
+        'smoothing': profile.program.smoothing,
+        'resample_period': profile.program.resample_period,
+        'thin_deviation': profile.program.thin_deviation,
+        'servo.period': profile.program.setpoint_period,
+    }
+
+
+def make_setup(given: Mapping[str, Any]) -> Setup:
+    """Return the setup for values of the settings, each checked before, by name.
+
+    What is not given is as the controller's profile, the robot model and the table have it. Raises
+    ValueError for values that do not go together, FileNotFoundError that lists the profiles or
+    models there are.
+    """
+    values = {row.name: row.default for row in TABLE} | {**given}
+    profile = load_controller_profile(values['controller'])
+    model = load_robot_model(values['robot_model'])
+    usual = profile_defaults(profile) | {'joint_names': list(model.joint_names)}
+    values |= usual | {**given}
+    names = tuple(values['joint_names'])
+    if len(names) != len(model.joint_names):
+        raise ValueError(
+            f'parameter joint_names has {len(names)} names, but {model.name} has '
+            f'{len(model.joint_names)} joints'
+        )
+    if len(names) > MAX_JOINTS:
+        raise ValueError(f'{model.name} has {len(names)} joints: at most {MAX_JOINTS}')
+    model = replace(model, limits=replace(model.limits, names=names))
+    for name, unit in zip(names, model.limits.units, strict=True):
+        for row, each in zip(joint_rows(name, unit), joint_rows(EACH_JOINT), strict=True):
+            values.setdefault(row.name, values.get(each.name, row.default))
+    configuration = _configuration(values, profile, model)
+    return Setup(values, profile, model, configuration, _gripper_wiring(values))
+
+
+def _configuration(
+    values: Mapping[str, Any], profile: ControllerProfile, model: RobotModel
+) -> Configuration:
+    smoothing = Smoothing(
+        None if values['smoothing'] == 'none' else values['resample_period'],
+        time_optimal=values['timing'] == 'time_optimal',
+        thin=values['smoothing'] == 'thin',
+        deviation=values['thin_deviation'],
+        tolerance=values['smoothing_tolerance'],
+    )
+    try:
+        check_tolerance(smoothing)
+    except ValueError as error:
+        raise ValueError(f'parameter smoothing_tolerance = {error}') from error
+    return Configuration(
+        host=values['robot_ip'],
+        motion_port=values['motion_port'],
+        state_port=values['state_port'],
+        remote_port=values['remote_port'],
+        io_port=values['io_port'],
+        io_timeout=values['io_timeout'],
+        io=profile.io,
+        byte_order=BYTE_ORDERS[values['byte_order']],
+        state_timeout=values['state_timeout'],
+        limits=model.limits,
+        errors=load_error_texts(values['error_texts']),
+        delivery=delivery_rules(profile, values['interface'], values['point_message']),
+        mapping=joint_mapping(
+            len(model.joint_names),
+            values['joint_signs'],
+            values['joint_offsets'],
+            values['j23_factor'],
+        ),
+        usual_byte_order=profile.byte_order,
+        motors=profile.program.motors,
+        client_timeout=profile.server.client_timeout,
+        password=profile.remote.password,
+        state_period=profile.state.period,
+        margins=Margins(values['state_position_margin'], values['state_velocity_margin']),
+        configured_as=f'{profile.name}, {model.name}',
+        smoothing=smoothing,
+    )
+
+
+def _gripper_wiring(values: Mapping[str, Any]) -> GripperWiring | None:
+    """Return how a gripper is wired, or None without one. Raises InputError."""
+    outputs, inputs = values['gripper.outputs'], values['gripper.inputs']
+    if outputs == inputs == NOT_WIRED:
+        return None
+    try:
+        return GripperWiring(
+            open_output=outputs[0],
+            close_output=outputs[1],
+            opened_input=inputs[0],
+            closed_input=inputs[1],
+            stroke=values['gripper.stroke'],
+            time=values['gripper.time'],
+        )
+    except ValueError as error:
+        raise InputError(
+            f'parameters gripper.outputs = {outputs}, gripper.inputs = {inputs}: {error}; '
+            'both are needed for a gripper'
+        ) from error
