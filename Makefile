@@ -36,8 +36,7 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 help:
 	@echo "make demo          execute a planned trajectory through ROS 2 on a simulated EPSON controller, and report"
-	@echo "                   (ARGS='--trajectory FILE': another one; ARGS=--plan: plan a pick and place first;"
-	@echo "                   ARGS=--panel: watch it in a browser, and go on until Ctrl-C)"
+	@echo "                   (ARGS='--trajectory FILE': another one; ARGS=--panel: watch it in a browser, until Ctrl-C)"
 	@echo "make fleet N=16    run so many simulated robots with their drivers behind a discovery server, until Ctrl-C"
 	@echo "make test          run the tests (4 to 12 minutes on two cores; some of them: make test ARGS=test/driver)"
 	@echo "make browser       install what drives Debian's chromium in tests of the panel, which are skipped without"
@@ -56,14 +55,12 @@ help:
 	@echo "make fuzz          a million mutated messages to both roles and all ports (ARGS='--inputs 50000 --seed 1')"
 	@echo "make simulate      the whole system from new seeds, for ten minutes (ARGS='--seed 7': one; ARGS='--minutes 60')"
 	@echo "make soak-tests    run 2,000 random plans, and new examples for every property (hours)"
-	@echo "make pictures      redraw all pictures of docs, and the animation of the README (a quarter of an hour)"
+	@echo "make pictures      redraw the pictures of docs (minutes)"
 	@echo "make hashes        write requirements/constraints.txt anew, after a change of requirements or versions"
 	@echo "make clean         remove the environment and everything else that make has created"
 	@echo "PYTHON=...         the interpreter to use, 3.11 or newer (now: $(PYTHON))"
 
-DEMO_EXTRAS := $(if $(filter --plan,$(ARGS)),planning) $(if $(filter --panel,$(ARGS)),panel)
-
-demo: $(VENV)/.driver $(DEMO_EXTRAS:%=$(VENV)/.%)
+demo: $(VENV)/.driver $(if $(filter --panel,$(ARGS)),$(VENV)/.panel)
 	$(BIN)/epson_driver demo $(ARGS)
 
 fleet: $(VENV)/.driver
@@ -128,10 +125,8 @@ fuzz: $(VENV)/.driver $(VENV)/.dev
 simulate: $(VENV)/.driver $(VENV)/.dev
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m simulation $(or $(ARGS),--minutes 10)
 
-# a quarter of an hour, most of it the animation
 pictures: $(VENV)/.driver $(VENV)/.dev $(VENV)/.browser
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m generate.picture $(ARGS)
-	$(if $(ARGS),,OPENBLAS_NUM_THREADS=1 $(BIN)/python -m generate.animation)
 	$(if $(ARGS),,$(BIN)/python -m generate.screenshots)
 
 # for all Pythons and systems at once; versions that constraints.txt has are kept: delete a line to get a newer one
@@ -151,8 +146,7 @@ clean:
 # The sizes are those of Linux on x86-64 (test/requirements/test_make.py).
 SIZE_runtime := 90 MB to download, 310 MB on disk
 SIZE_interfaces := 30 MB to download, 30 MB on disk
-SIZE_dev := 190 MB to download, 690 MB on disk
-SIZE_planning := 120 MB to download, 260 MB on disk
+SIZE_dev := 180 MB to download, 670 MB on disk
 SIZE_panel := 1 MB to download, 1 MB on disk
 SIZE_browser := 45 MB to download, 125 MB on disk
 SIZE_optimum := 75 MB to download, 280 MB on disk
@@ -200,9 +194,9 @@ $(VENV)/.driver: $(VENV)/.interfaces $(PACKAGE_FILES)
 	@$(PIP) install --no-compile --no-build-isolation --no-deps . || $(FAILED)
 	@touch $@
 
-$(VENV)/.dev: requirements/generate.txt requirements/panel.txt requirements/planning.txt requirements/report.txt
+$(VENV)/.dev: requirements/generate.txt requirements/panel.txt requirements/report.txt
 $(VENV)/.browser: $(VENV)/.dev
-$(VENV)/.dev $(VENV)/.docs $(VENV)/.planning $(VENV)/.panel $(VENV)/.browser $(VENV)/.optimum: \
+$(VENV)/.dev $(VENV)/.docs $(VENV)/.panel $(VENV)/.browser $(VENV)/.optimum: \
 $(VENV)/.%: $(VENV)/.interfaces requirements/%.txt
 	$(call install,requirements/$*.txt)
 	@touch $@

@@ -121,7 +121,6 @@ setup(
         ],
         'report': ['matplotlib', 'rosbags'],
         'panel': ['websockets>=14'],
-        'planning': ['ompl', 'pin'],  # of demo --plan alone
         # The name that colcon looks for: without it, `colcon test` collects with unittest.
         'test': ['catkin-pkg', 'hypothesis', 'pytest', 'pytest-timeout', 'scipy'],
         'dev': [
@@ -131,6 +130,7 @@ setup(
             'coverage',
             'hypothesis',
             'mypy',
+            'pin',
             'pytest',
             'pytest-timeout',
             'pytest-xdist',

@@ -17,6 +17,14 @@ SHARED = Path(__file__).parents[1] / 'config' / 'trajectories'
 WITHOUT_TIMES = 'around_pillar_positions_only'
 """The shared plan that is run as one that came without times."""
 
+PLANS = (
+    'around_pillar_11_points',
+    'around_pillar_fast_100ms',
+    WITHOUT_TIMES,
+    'pick_and_place_20ms',
+    'shuttle_1000_points',
+)
+
 MIN_POSE_RAD = np.array([-1.6, -1.6, 0.2, -1.6, -1.5, -2.5])
 MAX_POSE_RAD = np.array([1.6, 0.1, 2.0, 1.6, -0.2, 2.5])
 """Where generated poses lie, rad: well inside the arm's range, so that a spline stays inside."""
@@ -47,8 +55,7 @@ class BenchmarkTrajectory:
 def benchmark_set() -> tuple[BenchmarkTrajectory, ...]:
     """Return all trajectories, the generated ones first; the same every time."""
     generated = [_named(name, kind, make) for name, (kind, make) in GENERATED.items()]
-    shared = (_shared(path) for path in sorted(SHARED.glob('*.yaml')))
-    return (*generated, *(each for each in shared if each.positions.shape[1] == 6))
+    return (*generated, *(_shared(SHARED / f'{name}.yaml') for name in PLANS))
 
 
 def _shared(path: Path) -> BenchmarkTrajectory:

@@ -48,7 +48,6 @@ ROOMS = {
     'report': 'driver error_texts inputs link matplotlib motion numpy pages robots rosbags '
     'simple_message trace',
     'bringup': 'inputs profiles robots share yaml',
-    'planning': 'coal motion numpy ompl pinocchio robots',
     'doctor': 'ROS driver error_texts motion node numpy processes profiles remote_ethernet robots '
     'simple_message socket_errors trace yaml',
     'first_run': 'doctor driver error_texts inputs motion numpy profiles robots sim_controller '
@@ -59,8 +58,8 @@ ROOMS = {
     'fleet': 'ROS node processes rich',
     'exercise': 'ROS error_texts inputs motion node numpy pendant processes profiles pytest '
     'remote_ethernet report robots sim_controller',
-    'demo': 'ROS error_texts inputs matplotlib motion node numpy panel planning processes '
-    'remote_ethernet report rich robots simple_message',
+    'demo': 'ROS error_texts inputs matplotlib motion node numpy panel processes remote_ethernet '
+    'report rich robots simple_message',
 }
 """Files and folders of the package, from the ground up: what each imports, of them and of others.
 

@@ -79,8 +79,8 @@ def test_every_extra_serves_code(setup_arguments: dict[str, Any]) -> None:
         path.read_text(encoding='utf-8') for path in (ROOT / 'epson_driver').rglob('*.py')
     )
     extras = setup_arguments['extras_require']
-    assert set(extras) == {'dev', 'panel', 'planning', 'report', 'ros', 'test'}
-    for extra in ('panel', 'planning', 'report'):
+    assert set(extras) == {'dev', 'panel', 'report', 'ros', 'test'}
+    for extra in ('panel', 'report'):
         for requirement in extras[extra]:
             name = re.split('[=<>]', requirement)[0]
             module = IMPORTED_AS.get(name, name)

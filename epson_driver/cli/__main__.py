@@ -24,7 +24,7 @@ INTERFACES = ('epson_msgs', 'industrial_msgs')
 NO_WHEELS = ('control_msgs', 'tf2_msgs', *INTERFACES)
 """Message packages that there are no wheels of."""
 
-NOT_OF_ROS = {'matplotlib': 'report', 'ompl': 'planning'}
+NOT_OF_ROS = {'matplotlib': 'report'}
 """Modules that come with another extra than `ros`, and that one."""
 
 BROKEN_PIPE = 141

@@ -4,21 +4,19 @@
 
 Starts sim_controller and client as processes of their own, enables the arm, sends the trajectory
 as a FollowJointTrajectory goal, and reports what the joint states showed. With --compare twice: a
-controller that rests at every point, then one that smooths. With --plan the trajectory is planned
-on the spot (demo/plan.py). With --stay controller and driver go on afterwards, with a panel in the
-browser.
+controller that rests at every point, then one that smooths. With --stay controller and driver go
+on afterwards, with a panel in the browser.
 """
 
 import argparse
-from importlib.util import find_spec
 from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
 
-from epson_driver.cli.arguments import argument, page, picture
+from epson_driver.cli.arguments import page, picture
 from epson_driver.demo.run import run
-from epson_driver.inputs import InputError, count, printable
+from epson_driver.inputs import InputError, printable
 from epson_driver.motion import Trajectory
 from epson_driver.panel import INSTALL as INSTALL_PANEL
 from epson_driver.panel import missing as panel_missing
@@ -30,16 +28,6 @@ from epson_driver.robots import RobotModel, load_robot_model
 from epson_driver.robots.model import SCARA, SIX_AXIS
 from epson_driver.share import share_file
 from epson_driver.trajectory_file import read_trajectory
-
-MAX_SEEDS = 1_000_000
-
-PLANNING = ('coal', 'ompl', 'pinocchio')
-"""The additional modules that --plan needs."""
-
-INSTALL = (
-    "pip install 'epson_driver[planning]' (in the source tree: make demo ARGS=--plan); "
-    'OMPL comes for Python up to 3.13'
-)
 
 ROBOT = 'c3_a601s'
 TRAJECTORY = share_file('config', 'trajectories', 'around_pillar_11_points.yaml')
@@ -54,32 +42,11 @@ def main() -> int:
     """Run the demo. Returns 0 only if the arm did what was planned, 3 if that cannot be judged."""
     arguments = _arguments()
     console = Console()
-    if arguments.plan:
-        missing = [name for name in PLANNING if find_spec(name) is None]
-        if missing:
-            console.print(
-                f'--plan needs {", ".join(missing)}: {INSTALL}', highlight=False, markup=False
-            )
-            return 2
     if arguments.panel and panel_missing():
         console.print(INSTALL_PANEL, highlight=False, markup=False)
         return 2
-    staying = arguments.stay or arguments.panel
     raise_at_first_signal()
     try:
-        if arguments.plan:
-            from epson_driver.demo import plan  # imports the optional modules
-
-            first = arguments.seed or 1
-            seeds = range(first, first + (arguments.seeds or 1))
-            return plan.run(
-                arguments.robot,
-                seeds,
-                arguments.picture,
-                arguments.report,
-                console,
-                staying=staying,
-            )
         return run(
             _fitting(arguments.trajectory, arguments.model),
             arguments.robot,
@@ -87,7 +54,7 @@ def main() -> int:
             arguments.picture,
             arguments.report,
             console,
-            staying=staying,
+            staying=arguments.stay or arguments.panel,
         )
     except (RunError, ReportError, InputError, OSError) as error:
         said = f'[bold red]demo failed:[/] {escape(printable(error))}'
@@ -147,23 +114,6 @@ def _arguments() -> argparse.Namespace:
         help='where to write the page with arm and figures (default: beside the picture)',
     )
     parser.add_argument(
-        '--plan',
-        action='store_true',
-        help='plan a pick and place around obstacles, execute it, and check it for collisions',
-    )
-    parser.add_argument(
-        '--seed',
-        type=argument(count(1, 2**63 - 1)),
-        metavar='N',
-        help='seed of the random task of --plan (default: 1)',
-    )
-    parser.add_argument(
-        '--seeds',
-        type=argument(count(1, MAX_SEEDS)),
-        metavar='COUNT',
-        help='how many tasks --plan executes, one seed after the other (default: 1)',
-    )
-    parser.add_argument(
         '--stay',
         action='store_true',
         help='keep controller and driver running until Ctrl-C, for other terminals, and the panel '
@@ -174,10 +124,6 @@ def _arguments() -> argparse.Namespace:
     )
     arguments = parser.parse_args()
     arguments.report = arguments.report or arguments.picture.with_suffix('.html')
-    if arguments.plan and (arguments.compare or arguments.motion == 'ptp'):
-        parser.error('--plan is for smooth motion: leave out --compare and --motion ptp')
-    if arguments.plan and arguments.controller != NATIVE:
-        parser.error(f'--plan is for {NATIVE}: leave out --controller')
     try:
         arguments.model = load_robot_model(arguments.robot)
         profile = load_controller_profile(arguments.controller)
@@ -186,15 +132,11 @@ def _arguments() -> argparse.Namespace:
     arguments.spel = bool(profile.spel.project)
     if arguments.spel and arguments.motion is not None:
         parser.error('--motion: a SPEL+ program moves as its statements say')
-    if arguments.plan and arguments.trajectory is not None:
-        parser.error('--plan makes a trajectory of its own: leave out --trajectory')
     if arguments.trajectory is None:
         scara = arguments.model.kind == SCARA
         arguments.trajectory = TRAJECTORY_OF_SCARAS if scara else TRAJECTORY
     if arguments.model.kind not in (SIX_AXIS, SCARA):
         parser.error(f'--robot: {arguments.model.name} is neither a six-axis arm nor a SCARA')
-    if not arguments.plan and (arguments.seed is not None or arguments.seeds is not None):
-        parser.error('--seed and --seeds say what --plan plans: add --plan, or leave them out')
     if arguments.compare and (arguments.stay or arguments.panel):
         parser.error('--compare has two runs: leave out --stay and --panel')
     return arguments

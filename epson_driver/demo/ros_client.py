@@ -11,8 +11,6 @@ import rclpy
 from action_msgs.msg import GoalStatus
 from control_msgs.action import FollowJointTrajectory
 from diagnostic_msgs.msg import DiagnosticArray
-from epson_msgs.msg import IoPoint
-from epson_msgs.srv import WriteIo
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -52,7 +50,6 @@ class RosClient:
         self._link_state = ''
         self._recording = False
         self._enable = self._node.create_client(Trigger, 'epson_driver/enable')
-        self._write_io = self._node.create_client(WriteIo, 'epson_driver/write_io')
         self._action = ActionClient(
             self._node, FollowJointTrajectory, 'epson_driver/follow_joint_trajectory'
         )
@@ -128,14 +125,6 @@ class RosClient:
             )
         self._recording = False
         return answer.result.error_string, succeeded
-
-    def write_output(self, index: int, value: int) -> None:
-        """Set a digital output of the controller. Raises RunError that says why it was not set."""
-        self._wait(self._write_io.service_is_ready, 'no ~/write_io service')
-        point = IoPoint(type=IoPoint.DIGITAL_OUTPUT, index=index, value=value)
-        answer = self._complete(self._write_io.call_async(WriteIo.Request(points=[point])))
-        if not answer.success:
-            raise RunError(f'~/write_io: {answer.message}')
 
     def reply_latencies(self) -> dict[str, str]:
         """Return the values that the driver's diagnostics have for the motion link."""

@@ -13,7 +13,7 @@ from benchmark.metrics import Metrics, measure, stops
 from benchmark.motion_record import Record
 from benchmark.references import References, digest
 from benchmark.strategies import ON_SPLINE, SAMPLE_STEP_S, STRATEGIES, Strategy, run
-from benchmark.trajectories import GENERATED, SHARED, BenchmarkTrajectory, benchmark_set
+from benchmark.trajectories import GENERATED, PLANS, BenchmarkTrajectory, benchmark_set
 from benchmark.waypoints import may_be_merged, passages
 from epson_driver.motion import Array, JointLimits, LineMotion, go
 
@@ -252,9 +252,7 @@ def test_a_turn_is_no_stop(accelerations: list[float], found: int, phase: float)
     assert len(stops(record, LIMITS)) == found
 
 
-SCARAS = {'scara_pick_and_place'}
-
-NAMES = [*GENERATED, *sorted({path.stem for path in SHARED.glob('*.yaml')} - SCARAS)]
+NAMES = [*GENERATED, *PLANS]
 
 Trajectories = dict[str, BenchmarkTrajectory]
 

@@ -70,16 +70,6 @@ def test_every_executable_is_installed_for_ros2_run() -> None:
     assert scripts == {'executable', *EXECUTABLES}
 
 
-@pytest.mark.parametrize(
-    'words',
-    one_in(3, [['--compare', '--seed=1'], ['--seed=3'], ['--seeds=2']]),
-)
-def test_seeds_without_plan_are_refused(words: list[str]) -> None:
-    run = command('demo', *words)
-    assert run.returncode == 2
-    assert 'error: --seed and --seeds say what --plan plans' in run.stderr
-
-
 @pytest.mark.parametrize('package', ['epson_msgs', 'industrial_msgs'])
 def test_without_the_messages_it_says_how_they_are_built(package: str) -> None:
     run = command('client', before=f'sys.modules["{package}"] = None')
@@ -219,8 +209,6 @@ TABLE = (
     ('spel', NUMBERS, 'run', PROGRAM, '--remote-port={}'),
     ('spel', (*NUMBERS, '=1', 'NOWHERE=1'), 'run', '--fast', PROGRAM, '--define={}'),
     ('demo', FILES, '--trajectory={}'),
-    ('demo', (*NUMBERS, '0'), '--seed={}'),
-    ('demo', (*NUMBERS, '0'), '--seeds={}'),
     ('demo', ('x.foo', '.', ''), '--picture={}'),
 )
 

@@ -339,8 +339,6 @@ def alone(monkeypatch):
 def test_without_a_driver_each_request_says_what_is_missing(alone):
     with pytest.raises(RunError, match=r'no ~/enable service within 0\.05 s'):
         alone.enable()
-    with pytest.raises(RunError, match=r'no ~/write_io service within 0\.05 s'):
-        alone.write_output(3, 1)
     with pytest.raises(RunError, match='no joint states came while the goal ran'):
         alone.recording()
     with pytest.raises(RunError, match=r'no answer within 0\.1 s'):
@@ -353,5 +351,3 @@ def test_what_the_driver_refuses_is_said_in_its_words(alone, monkeypatch):
     monkeypatch.setattr(alone, '_complete', lambda *_: refused)
     with pytest.raises(RunError, match=r'^~/enable: the E-stop is pressed$'):
         alone.enable()
-    with pytest.raises(RunError, match=r'^~/write_io: the E-stop is pressed$'):
-        alone.write_output(3, 1)

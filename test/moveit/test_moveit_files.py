@@ -128,12 +128,6 @@ def test_every_pipeline_has_its_file_in_the_form_of_jazzy() -> None:
     assert timed not in load('pilz_industrial_motion_planner_planning.yaml')['response_adapters']
 
 
-def test_the_planners_that_are_configured_exist_in_ompl() -> None:
-    geometric = pytest.importorskip('ompl.geometric')
-    for name in load('ompl_planning.yaml')['planner_configs']:
-        assert hasattr(geometric, name)
-
-
 def test_cartesian_limits_are_within_what_spel_allows() -> None:
     limits = load('pilz_cartesian_limits.yaml')['cartesian_limits']
     assert 0.0 < limits['max_trans_vel'] <= 2.0  # SpeedS

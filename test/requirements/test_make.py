@@ -57,15 +57,9 @@ def test_no_file_of_requirements_names_an_index() -> None:
         assert not re.search(r'https?://|--(extra-)?index-url|--find-links', text), path
 
 
-def test_setup_py_and_the_requirement_files_name_the_same_packages() -> None:
-    text = (REQUIREMENTS / 'planning.txt').read_text(encoding='utf-8')
-    names = re.findall(r'(?m)^[a-z][\w-]*', text)
-    assert f"'planning': {names}" in (ROOT / 'setup.py').read_text(encoding='utf-8')
-
-
 @pytest.mark.parametrize(
     ('goal', 'last'),
-    [('demo', 'driver'), ('test', 'dev'), ('docs', 'docs'), ('demo ARGS=--plan', 'planning')],
+    [('demo', 'driver'), ('test', 'dev'), ('docs', 'docs'), ('demo ARGS=--panel', 'panel')],
 )
 def test_what_comes_from_an_index_is_checked_by_its_hash(goal: str, last: str) -> None:
     run = make('--dry-run', *goal.split(), 'VENV=no-such-folder')
@@ -85,7 +79,7 @@ def test_the_sizes_that_make_names_are_about_those_of_this_environment() -> None
     text = (ROOT / 'Makefile').read_text(encoding='utf-8')
     sizes = dict(re.findall(r'(?m)^SIZE_(\w+) := \d+ MB to download, (\d+) MB on disk$', text))
     environment = Path(sys.prefix)
-    steps = ('runtime', 'interfaces', 'dev', 'browser', 'docs')  # panel and planning are in dev
+    steps = ('runtime', 'interfaces', 'dev', 'browser', 'docs')  # panel is in dev
     there = [int(sizes[step]) for step in steps if (environment / f'.{step}').is_file()]
     if not there:
         pytest.skip('this environment was not made by make')

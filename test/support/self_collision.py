@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which links of an arm touch each other: coal tells whether two do, pinocchio where they are."""
+"""Which links of an arm touch each other, by Pinocchio."""
 
 from collections.abc import Iterator
 from itertools import combinations
@@ -10,7 +10,6 @@ import numpy as np
 import pinocchio
 
 from epson_driver.motion import Array, JointLimits
-from epson_driver.planning.scene import solid_links
 from epson_driver.robots import RobotModel
 from epson_driver.robots.urdf import urdf
 
@@ -25,14 +24,18 @@ class CollisionBodies:
     """
 
     def __init__(self, model: RobotModel) -> None:
-        self._model, self._bodies = solid_links(model)
+        text = urdf(model.file)
+        self._model = pinocchio.buildModelFromXML(text)
+        self._bodies = pinocchio.buildGeomFromUrdfString(
+            self._model, text, pinocchio.GeometryType.COLLISION
+        )
         self._data = self._model.createData()
         owners = [
             self._model.frames[each.parentFrame].name for each in self._bodies.geometryObjects
         ]
         self.links = tuple(dict.fromkeys(owners))
         self.pairs = tuple(combinations(self.links, 2))
-        self.adjacent = frozenset(_neighbours(urdf(model.file))) & frozenset(self.pairs)
+        self.adjacent = frozenset(_neighbours(text)) & frozenset(self.pairs)
         number = {pair: index for index, pair in enumerate(self.pairs)}
         self._pair_of_check = []
         for first, second in combinations(range(len(owners)), 2):

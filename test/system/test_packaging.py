@@ -23,7 +23,6 @@ UNDECLARED = (
     'embreex',
     'mcap',
     'mcap_ros2',
-    'ompl',
     'pinocchio',
     'playwright',
     'rosbags',
@@ -178,7 +177,7 @@ def test_colcon_test_runs_pytest(colcon_install: Path) -> None:
 
 @pytest.mark.slow
 def test_tests_are_collected_where_only_the_declared_libraries_are() -> None:
-    """rosdep brings no Python module of OMPL, for one: tests that need it are skipped there."""
+    """rosdep brings no Pinocchio, for one: tests that need it are skipped there."""
     code = (
         'import sys, pytest\n'
         'class Missing:\n'
