@@ -3,32 +3,24 @@
 """`epson_driver spel check|run|test|export …`: SPEL+ programs without a robot, without RC+."""
 
 import argparse
-import logging
 import re
 import sys
-from collections.abc import Collection, Iterator
-from dataclasses import replace
+from collections.abc import Iterator
 from ipaddress import IPv4Address
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
 
 from epson_driver.cli.arguments import FREE_PORT, argument, define
-from epson_driver.cli.problem_formats import FORMATS, path_from_here, placed
-from epson_driver.inputs import InputError, Rule, count, number, printable, shown, write_file
+from epson_driver.cli.problem_formats import FORMATS, placed
+from epson_driver.inputs import InputError, Rule, count, number, shown
 from epson_driver.spel import (
     NetSettings,
     Problem,
     ProgramError,
-    Surroundings,
-    build,
-    read_answers,
     read_project,
 )
 from epson_driver.spel.commands import VERSIONS
-from epson_driver.spel.files import Files
 from epson_driver.spel.lint import check
 from epson_driver.spel.project_data import PROJECT, decoded
-from epson_driver.spel.testing import TestResult, covered, run_tests
 
 FOUND = 1
 """Exit code: something is wrong with the program."""
@@ -51,6 +43,9 @@ def main() -> int:
     except BrokenPipeError:
         sys.stderr.close()
         return FOUND
+    except ProgramError as error:
+        print(error)
+        return FOUND
     except (OSError, InputError) as error:
         parser.error(str(error))
     except KeyboardInterrupt:
@@ -72,6 +67,8 @@ def _net(text: str) -> tuple[int, NetSettings]:
 
 
 def _add_surroundings(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('--robot', default='c3_a601s', help='robot model (%(default)s)')
+    parser.add_argument('--controller', default='rc620', help='controller profile (%(default)s)')
     parser.add_argument(
         '--stub',
         type=Path,
@@ -86,11 +83,6 @@ def _add_surroundings(parser: argparse.ArgumentParser) -> None:
         metavar='201=ADDRESS:PORT',
         help='a port as the system configuration of RC+ has it, without SetNet; may be repeated',
     )
-
-
-def _surroundings(arguments: argparse.Namespace, folder: Path, keep: bool = False) -> Surroundings:
-    answers = read_answers(arguments.stub) if arguments.stub is not None else {}
-    return Surroundings(answers, dict(arguments.net), Files(folder, keep))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -126,8 +118,6 @@ def _parser() -> argparse.ArgumentParser:
     running.add_argument(
         'program', type=Path, metavar='FILE', help='a project folder, its .sprj or a .prg'
     )
-    running.add_argument('--robot', default='c3_a601s', help='robot model (%(default)s)')
-    running.add_argument('--controller', default='rc620', help='controller profile (%(default)s)')
     running.add_argument(
         '--define',
         type=define,
@@ -178,35 +168,21 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _export(arguments: argparse.Namespace) -> int:
-    from epson_driver.cli import spel_export  # imports numpy
+    from epson_driver.cli import spel_commands  # imports numpy and the whole controller
 
-    return spel_export.export(arguments)
+    return spel_commands.export(arguments)
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from epson_driver.sim_controller import spel_run  # imports numpy and the whole controller
+    from epson_driver.cli import spel_commands
 
-    logging.basicConfig(level=logging.WARNING, format='%(message)s')
-    ((folder, files),) = _projects([arguments.program])
-    try:
-        return spel_run.run(
-            files,
-            dict(arguments.define),
-            arguments.robot,
-            arguments.controller,
-            arguments.remote_port,
-            fast=arguments.fast,
-            seconds=arguments.seconds,
-            around=_surroundings(arguments, folder, keep=True),
-            setup=arguments.setup,
-        )
-    except ProgramError as error:
-        return _refused(error, folder)
+    return spel_commands.run(arguments, *_projects([arguments.program]))
 
 
-def _refused(error: ProgramError, folder: Path) -> int:
-    print(ProgramError(placed(error.problems, folder)))
-    return FOUND
+def _test(arguments: argparse.Namespace) -> int:
+    from epson_driver.cli import spel_commands
+
+    return spel_commands.test(arguments, _projects(arguments.files))
 
 
 def _check(arguments: argparse.Namespace) -> int:
@@ -235,87 +211,6 @@ def _projects(paths: list[Path]) -> Iterator[tuple[Path, dict[str, str]]]:
         else:
             single.setdefault(path.parent, {}).update(read_project(path))
     yield from single.items()
-
-
-def _test(arguments: argparse.Namespace) -> int:
-    results: list[TestResult] = []
-    for folder, files in _projects(arguments.files):
-        around = _surroundings(arguments, folder)
-        try:
-            program = build(files)
-        except ProgramError as error:
-            return _refused(error, folder)
-        for result in run_tests(program, lambda name: arguments.k.lower() in name.lower(), around):
-            results.append(_from_here(result, folder))
-            _report(results[-1])
-    failed = sum(bool(result.error) for result in results)
-    if arguments.junit is not None:
-        write_file(arguments.junit, _junit(results))
-    if not results:
-        print('no function is named Test…')
-        return FOUND
-    lines = covered(results)
-    if arguments.coverage is not None:
-        write_file(arguments.coverage, _cobertura(lines))
-    for file, ran in sorted(lines.items()):
-        print(f'{printable(file)}: {sum(ran.values())} of {len(ran)} lines ran')
-    print(f'{len(results) - failed} passed, {failed} failed')
-    return FOUND if failed else 0
-
-
-def _from_here(result: TestResult, folder: Path) -> TestResult:
-    at = result.position._replace(file=path_from_here(folder, result.position.file))
-    lines = {path_from_here(folder, file): ran for file, ran in result.lines.items()}
-    return replace(result, position=at, lines=lines)
-
-
-def _report(result: TestResult) -> None:
-    if not result.error:
-        print(f'passed {result.name} ({result.seconds:.3f} s)')
-        return
-    at = result.position
-    text = printable(result.error)
-    print(f'FAILED {result.name}: {printable(at.file)}:{at.line}: {text}')
-    for line in result.printed.splitlines():
-        print(f'  {printable(line)}')
-
-
-def _cobertura(files: dict[str, dict[int, bool]]) -> str:
-    ran = [each for lines in files.values() for each in lines.values()]
-
-    def rate(of: Collection[bool]) -> str:
-        return f'line-rate="{sum(of) / len(of) if of else 1.0:.4f}"'
-
-    text = ['<?xml version="1.0" encoding="utf-8"?>']
-    text.append(f'<coverage {rate(ran)} lines-covered="{sum(ran)}" lines-valid="{len(ran)}">')
-    text.append(f'  <packages><package name="spel" {rate(ran)}><classes>')
-    for file, lines in sorted(files.items()):
-        name = quoteattr(printable(file))
-        text.append(f'    <class name={name} filename={name} {rate(lines.values())}><lines>')
-        text += [
-            f'      <line number="{number}" hits="{int(hit)}"/>'
-            for number, hit in sorted(lines.items())
-        ]
-        text.append('    </lines></class>')
-    return '\n'.join([*text, '  </classes></package></packages>', '</coverage>', ''])
-
-
-def _junit(results: list[TestResult]) -> str:
-    failed = sum(bool(result.error) for result in results)
-    lines = [
-        '<?xml version="1.0" encoding="utf-8"?>',
-        f'<testsuite name="spel" tests="{len(results)}" failures="{failed}">',
-    ]
-    for result in results:
-        at = result.position
-        named = f'name={quoteattr(result.name)} file={quoteattr(printable(at.file))}'
-        begun = f'  <testcase {named} line="{at.line}" time="{result.seconds:.3f}"'
-        if result.error:
-            message = quoteattr(printable(result.error))
-            lines.append(f'{begun}><failure message={message}/></testcase>')
-        else:
-            lines.append(f'{begun}/>')
-    return '\n'.join([*lines, '</testsuite>', ''])
 
 
 if __name__ == '__main__':

@@ -28,7 +28,7 @@ from epson_driver.sim_controller.programs.motoman_program import MotomanProgram
 from epson_driver.sim_controller.programs.points import clipped
 from epson_driver.sim_controller.programs.program import Program
 from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
-from epson_driver.sim_controller.spel_host.spel_program import SpelProgram
+from epson_driver.sim_controller.spel_host.spel_program import MAIN, SpelProgram
 from epson_driver.simple_message import MAX_JOINTS, Dialect
 from epson_driver.spel import ErrorNumber, SpelError, Surroundings, Terminal, build
 from epson_driver.spel import Program as CompiledProgram
@@ -38,12 +38,16 @@ DEFAULT_SPEED = 0.05
 
 
 class SpelSource(NamedTuple):
-    """A SPEL+ program, its ports, and its terminal, or None to log what it prints."""
+    """A SPEL+ program, its ports, and its terminal, or None to log what it prints.
+
+    `starts`: a function that runs instead of main and BgMain.
+    """
 
     program: CompiledProgram
     network: ProgramNetwork
     terminal: Terminal | None = None
     around: Surroundings | None = None
+    starts: str = MAIN
 
 
 def new_controller(
@@ -118,6 +122,7 @@ def _spel_factories(source: SpelSource, where: Array) -> Factories:
             source.network,
             source.terminal,
             around=source.around,
+            starts=source.starts,
         )
 
     return Factories(

@@ -84,7 +84,7 @@ class ProgramPorts(Protocol):
     listen: Callable[[int], None]
     """Called when the program opens a TCP port that has no name here. May raise OSError."""
 
-    connect: Callable[[ClientSession], None]
+    connect: Callable[[ClientSession], None] | None
     """Called with a port that the program opens as a client."""
 
     def rejection(self, port: str) -> str | None:

@@ -4,14 +4,17 @@
 
 Print goes to stdout, Input reads stdin. It ends when all tasks are over, or an error has ended
 one. What people do at the controller (`pendant io`, E-stop, door) comes over the remote port.
+`epson_driver spel test`: each function named Test… runs on a controller of its own, as fast as
+this machine can. It passes when it ends without an error that nothing handles:
+`If x <> 3 Then Error 8001`.
 """
 
 import asyncio
 import sys
 import threading
 from collections import deque
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
 
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.robots import load_robot_model
@@ -19,8 +22,17 @@ from epson_driver.sim_controller.assembly import SpelSource, new_controller, pro
 from epson_driver.sim_controller.condition.states import Fault, Tasks
 from epson_driver.sim_controller.core import CYCLE_PERIOD_S, Controller
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
-from epson_driver.sim_controller.spel_host.terminals import CANCEL
-from epson_driver.spel import Caller, Surroundings, build, with_defines, with_setup
+from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
+from epson_driver.sim_controller.spel_host.spel_program import MAIN, SpelProgram
+from epson_driver.sim_controller.spel_host.terminals import KeptText, Unattended
+from epson_driver.spel import (
+    Caller,
+    Position,
+    Program,
+    Surroundings,
+    Terminal,
+)
+from epson_driver.spel.code import FunctionCode
 
 LOOK_S = 0.02
 """How often it is looked at whether the program is over, s of the controller's time."""
@@ -28,11 +40,14 @@ LOOK_S = 0.02
 ALL_BITS, ALL_FLAGS = 4096, 1024
 """Inputs, outputs; memory bits: no file of a project tells which boards a controller has."""
 
+LONGEST_S = 600.0
+"""How long a fast run and a test may take, s of the controller's time."""
+
 FAILED, NOT_OVER = 1, 3
 """Exit codes: a task has ended with an error; the time was over before the program."""
 
 
-class Console:
+class Console(Unattended):
     """The terminal that the command was started in."""
 
     def __init__(self) -> None:
@@ -51,11 +66,6 @@ class Console:
         """Return the next line that was typed."""
         return self._typed.popleft() if self._typed else None
 
-    def message_box(self, caller: Caller, text: str, _buttons: int, title: str) -> int | None:
-        """Show the text and answer Cancel."""
-        self.write(caller, f'MsgBox {title}: {text} (answered with Cancel)\n')
-        return CANCEL
-
 
 class WaitingConsole(Console):
     """The same where time stands still while a person types."""
@@ -65,54 +75,70 @@ class WaitingConsole(Console):
         return sys.stdin.readline().removesuffix('\n') or None
 
 
+class Bench:
+    """Makes simulated controllers that run a program, with all boards of inputs and outputs."""
+
+    def __init__(self, robot: str, controller_profile: str) -> None:
+        self._model = load_robot_model(robot)
+        profile = load_controller_profile(controller_profile)
+        boards = replace(
+            profile.io, digital_inputs=ALL_BITS, digital_outputs=ALL_BITS, flags=ALL_FLAGS
+        )
+        self._profile = replace(profile, io=boards)
+
+    def controller(
+        self, program: Program, terminal: Terminal, around: Surroundings, starts: str = MAIN
+    ) -> tuple[Controller, ProgramNetwork]:
+        """Return a controller that has just booted, and its program's ports."""
+        network = program_network(self._profile)
+        source = SpelSource(program, network, terminal, around, starts)
+        return new_controller(self._model, self._profile, spel=source), network
+
+
 def run(
-    project: Mapping[str, str],
-    defines: Mapping[str, str],
-    robot: str,
-    controller_profile: str,
+    program: Program,
+    bench: Bench,
     remote_port: int,
     *,
     fast: bool,
     seconds: float | None,
     around: Surroundings,
-    setup: str = '',
 ) -> int:
     """Run a program to its end or for a time, and return the exit code.
 
-    `fast`: as fast as this machine can, without ports. `setup`: statements that main begins with.
-    Raises OSError, InputError, ProgramError.
+    `fast`: as fast as this machine can, without ports. Raises OSError.
     """
-    files = with_defines(project, dict(defines))
-    files = with_setup(files, setup) if setup else files
-    model = load_robot_model(robot)
-    profile = load_controller_profile(controller_profile)
-    boards = replace(
-        profile.io, digital_inputs=ALL_BITS, digital_outputs=ALL_BITS, flags=ALL_FLAGS
-    )
-    profile = replace(profile, io=boards)
     console = WaitingConsole() if fast else Console()
-    source = SpelSource(build(files), program_network(profile), console, around)
-    controller = new_controller(model, profile, spel=source)
+    controller, network = bench.controller(program, console, around)
     if fast:
-        return _run_fast(controller, seconds or 600.0)
-    return asyncio.run(_run(controller, source, console, remote_port, seconds))
+        return _run_fast(controller, seconds or LONGEST_S)
+    return asyncio.run(_run(controller, network, console, remote_port, seconds))
 
 
 def _run_fast(controller: Controller, seconds: float) -> int:
     """Let the controller's time pass as fast as this machine can."""
     while (code := _exit_code(controller)) is None and controller.clock.now < seconds:
-        controller.step(CYCLE_PERIOD_S)
+        _pass_time(controller, seconds)
     return _ended(controller, code)
+
+
+def _pass_time(controller: Controller, until: float) -> bool:
+    """Let the time pass to what happens next, or `until`, s, and return whether anything does."""
+    due = controller.clock.next_due
+    if controller.in_motion:
+        due = controller.clock.now + CYCLE_PERIOD_S
+    controller.step(min(until if due is None else due, until) - controller.clock.now)
+    return due is not None
 
 
 async def _run(
     controller: Controller,
-    source: SpelSource,
+    network: ProgramNetwork,
     console: Console,
     remote_port: int,
     seconds: float | None,
 ) -> int:
-    servers = ControllerServers(controller, None, source.network)
+    servers = ControllerServers(controller, None, network)
     ports = await servers.open('127.0.0.1', Ports(0, 0, 0, remote_port))
     listening = ' '.join(f'{name}={port}' for name, port in ports._asdict().items())
     print(f'listening {listening}', file=sys.stderr, flush=True)
@@ -170,3 +196,67 @@ def _ended(controller: Controller, code: int | None) -> int:
     for row in controller.tasks():
         print(f'  task {row.number} {row.name} ({row.type}): {row.state}', file=sys.stderr)
     return NOT_OVER
+
+
+@dataclass(frozen=True, slots=True)
+class TestResult:
+    """What became of a test: `error` is empty if it passed. `seconds` of the controller."""
+
+    __test__ = False
+
+    name: str
+    position: Position
+    error: str
+    printed: str
+    seconds: float
+    lines: dict[str, dict[int, bool]] = field(default_factory=dict)
+    """The lines with statements by file, and whether the test has run them."""
+
+
+def run_tests(
+    program: Program, bench: Bench, names: Callable[[str], bool], around: Surroundings
+) -> Iterator[TestResult]:
+    """Run the tests whose names are wanted, in the order of the files, and yield each result."""
+    for code in program.functions:
+        if code.name.lower().startswith('test') and names(code.name):
+            yield run_function(program, code, bench, around.fresh())
+
+
+def run_function(
+    program: Program,
+    code: FunctionCode,
+    bench: Bench,
+    around: Surroundings,
+    longest: float = LONGEST_S,
+) -> TestResult:
+    """Run a function in place of main until it is over, for `longest` s at most."""
+    if code.parameters:
+        return TestResult(code.name, code.at, 'a test cannot have parameters', '', 0.0)
+    terminal = KeptText()
+    controller, _ = bench.controller(program, terminal, around, code.name)
+    spel, clock = controller.program, controller.clock
+    assert isinstance(spel, SpelProgram)  # noqa: S101 - the bench makes no other
+    goes_on = True
+    while goes_on and not spel.failure and spel.main_runs and clock.now < longest:
+        goes_on = _pass_time(controller, longest)
+    at, error = code.at, ''
+    if spel.failure is not None:
+        at, error = spel.failure.position, f'error {spel.failure.number}: {spel.failure.text}'
+    elif spel.main_runs:
+        view = next(spel.machine.tasks())
+        at, error = Position(view.file, view.line), 'waits for what never comes'
+        if goes_on:
+            error = f'not over after {longest:g} s of the controller'
+    printed, lines = ''.join(terminal.printed), spel.machine.lines()
+    return TestResult(code.name, at, error, printed, clock.now, lines)
+
+
+def covered(results: Iterable[TestResult]) -> dict[str, dict[int, bool]]:
+    """Return the lines with statements by file, and whether any test has run them."""
+    found: dict[str, dict[int, bool]] = {}
+    for result in results:
+        for file, lines in result.lines.items():
+            known = found.setdefault(file, {})
+            for line, ran in lines.items():
+                known[line] = known.get(line, False) or ran
+    return found

@@ -41,6 +41,7 @@ Function TestNeverEnds
   Loop
 Fend
 Function TestForNobody
+  SetNet #201, "", 2001
   OpenNet #201 As Server
   WaitNet #201
 Fend
@@ -149,9 +150,9 @@ def test_tests_run_and_are_reported(program: Path) -> None:
         '  about to fail',
         'passed TestWaits (100.000 s)',
         'FAILED TestNeverEnds: tests.prg:15: not over after 600 s of the controller',
-        'FAILED TestForNobody: tests.prg:20: waits for what never comes',
-        'FAILED TestWith: tests.prg:22: a test cannot have parameters',
-        'tests.prg: 10 of 17 lines ran',
+        'FAILED TestForNobody: tests.prg:21: waits for what never comes',
+        'FAILED TestWith: tests.prg:23: a test cannot have parameters',
+        'tests.prg: 11 of 18 lines ran',
         '2 passed, 4 failed',
     ]
     suite = Xml.parse(report).getroot()
@@ -356,6 +357,19 @@ def test_a_program_is_the_client_of_who_listens_on_this_machine(tmp_path: Path) 
                 assert client.recv(100) == b''
             assert done.communicate(timeout=30)[0] == b'and you\n'
     assert done.returncode == 0
+
+
+def test_tests_have_the_arm_of_run(tmp_path: Path) -> None:
+    (tmp_path / 'main.prg').write_text(
+        'Function TestJumps\n  Motor On\n  Jump XY(0, 300, -50, 0)\n'
+        '  If CZ(Here) <> -50 Or Tmr(0) < 0.1 Or In(511) <> 0 Then Error 8001\nFend\n'
+    )
+    done = run('test', '--robot', 't3_401s', tmp_path)
+    assert done.returncode == 0, done.stdout
+    done = run('test', 'main.prg', cwd=tmp_path)
+    said = 'FAILED TestJumps: main.prg:3: error 9993: Jump: only a SCARA can; c3_a601s is none'
+    assert done.stdout.startswith(said)
+    assert done.stderr == ''
 
 
 def test_which_lines_the_tests_ran(tmp_path: Path) -> None:

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 from support.examples import one_in
+from support.spel_harness import ScriptedHost
 
 from epson_driver.spel import Array, Machine, Timing, build, read_project
-from epson_driver.spel.bare_host import BareHost
 from epson_driver.spel.lint import check
 
 FOLDER = Path(__file__).parents[2] / 'controller_program'
@@ -64,7 +64,7 @@ class BytesHarness:
     """bytes.prg with a program that calls it for a batch of values."""
 
     def __init__(self) -> None:
-        self.host = BareHost()
+        self.host = ScriptedHost()
         self.machine = Machine(
             build({**FILES, 'driver.prg': DRIVER}), self.host, Timing(endless=10**9)
         )

@@ -10,7 +10,6 @@ from support.spel_harness import ScriptedHost, printed, run, value
 
 from epson_driver.spel import Machine, Memory, ProgramError, build
 from epson_driver.spel.areas import AREA_FUNCTIONS
-from epson_driver.spel.bare_host import OF_A_ROBOT
 from epson_driver.spel.builtins import TASK_FUNCTIONS
 from epson_driver.spel.commands import COMMANDS, KEYWORDS, WITHOUT_EFFECT
 from epson_driver.spel.file_access import FILE_FUNCTIONS
@@ -191,7 +190,7 @@ def test_a_function_of_the_table(name: str) -> None:
     assert name.rstrip('$') in expression.lower()
     host = ScriptedHost()
     host.write_bits(Memory.INPUT, 3, 1, 1)
-    host.states |= dict.fromkeys(OF_A_ROBOT, 0) | {'ctrlinfo': 12, 'targetok': 0}
+    host.states |= {'ctrlinfo': 12}
     run(f'Function main\n  Print {expression}\nFend', host=host)
     assert host.failures == []
     assert host.text.splitlines() == [expected]
@@ -297,8 +296,8 @@ STATEMENTS_AT_WORK = {
     'j1angle': ('P1 = XY(1, 2, 3, 4) /2\nJ1Angle P1, 90\nPrint J1Angle(P1), PLocal(P1)', ['90 2']),
     'j4angle': ('P1 = XY(1, 2, 3, 4)\nJ4Angle P1, 10\nJ4Angle P1, 20\nJ4Angle P1', ['20']),
     'fmtstr': ('String s$\nFmtStr 1.5, "00.00", s$\nPrint s$', ['01.50']),
-    'where': ('OnErr GoTo a\nWhere\na:\nPrint Err', ['9999']),
-    'joint': ('OnErr GoTo a\nJoint\na:\nPrint Err', ['9999']),
+    'where': ('Where', ['0']),
+    'joint': ('Joint', ['0']),
     'motor': ('Motor On\nPrint Motor', ['1']),
     'power': ('Power High\nPrint Power\nPower Low, Forced\nPrint Power', ['1', '0']),
     'speed': ('Speed 50, 30, 30\nPrint Speed', ['50']),
@@ -597,8 +596,3 @@ def test_outputs_need_forced_in_an_estop_and_with_an_open_door(statement: str, s
     (failure,) = host.failures
     assert (failure.number, failure.position.line) == (9996, 4)
     assert 'outputs need Forced' in failure.text
-
-
-def test_a_bare_host_says_what_it_has_no_joints_for() -> None:
-    host = run('Function main\n  Print Agl(1)\nFend')
-    assert 'Agl needs the joints of a robot' in str(host.failures[0])

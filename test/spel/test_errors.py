@@ -254,7 +254,6 @@ def test_an_error_in_the_condition_of_a_trap_is_the_error_of_its_task() -> None:
         ('i = 1e308 * 10', ErrorNumber.OVERFLOW, 4, 'inf does not fit Long'),
         ('Pallet 1, JA(1, 2), JA(3, 4), JA(5, 6), 2, 2', ErrorNumber.ARGUMENT, 4, 'in space'),
         ('P1 = JA(1, 2, 3, 4, 5, 6) +X(1)', ErrorNumber.ARGUMENT, 4, 'no coordinate X'),
-        ('r = CX(JA(1, 2, 3, 4, 5, 6))', ErrorNumber.ARGUMENT, 4, 'CX: no place in space'),
         ('Error 2, 8001', ErrorNumber.NO_SUCH_TASK, 4, 'task 2 does not exist'),
         ('Error 1, 0', ErrorNumber.ARGUMENT, 4, 'Error: 0 is not in 1..9999'),
     ],

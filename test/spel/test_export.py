@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from support.examples import one_in
 
-from epson_driver.cli.spel_export import CONTROLLERS, export
+from epson_driver.cli.spel_commands import CONTROLLERS, export
 from epson_driver.inputs import InputError
 from epson_driver.inputs.rc_files import header_fault, parsed
 from epson_driver.robots import load_robot_model, robot_models

@@ -6,9 +6,7 @@ from pathlib import Path
 from textwrap import dedent, indent
 
 import pytest
-
-from epson_driver.spel import Machine, build
-from epson_driver.spel.bare_host import BareHost
+from support.spel_harness import on_controller
 
 FACTS = (Path(__file__).parent / 'manual_facts.txt').read_text(encoding='utf-8')
 
@@ -61,12 +59,5 @@ def facts():
 
 @pytest.mark.parametrize(('source', 'wanted'), list(facts()))
 def test_the_manual_says(source: str, wanted: str) -> None:
-    """The machine is advanced when something is due, as controllers do it, and never otherwise."""
-    host = BareHost()
-    machine = Machine(build({'main.prg': source}), host)
-    machine.start()
-    while (due := machine.next_time()) is not None and machine.time < 10.0:
-        machine.advance(due)
-    assert host.failures == []
-    assert '|'.join(''.join(host.printed).splitlines()) == wanted
-    assert 1 not in machine.world.tasks, 'main waits for ever'
+    result = on_controller(source)
+    assert (result.error, '|'.join(result.printed.splitlines())) == ('', wanted)

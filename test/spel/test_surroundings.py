@@ -6,27 +6,22 @@ from itertools import product
 from pathlib import Path
 
 import pytest
+from support.spel_harness import on_controller
 
 from epson_driver.inputs import InputError
-from epson_driver.spel import Machine, NetSettings, Surroundings, build, read_answers
-from epson_driver.spel.bare_host import BareHost
+from epson_driver.sim_controller.spel_run import TestResult
+from epson_driver.spel import NetSettings, Surroundings, read_answers
 from epson_driver.spel.files import Files
 
 
-def run(body: str, around: Surroundings | None = None, more: str = '') -> BareHost:
-    """Run a main with these statements for 10 s; return its host."""
-    host = BareHost()
-    files = {'main.prg': f'Function main\n{body}\nFend\n{more}'}
-    machine = Machine(build(files), host, around=around)
-    machine.start()
-    while (due := machine.next_time()) is not None and machine.time < 10.0:
-        machine.advance(due)
-    return host
+def run(body: str, around: Surroundings | None = None, more: str = '') -> TestResult:
+    """Run a main with these statements."""
+    return on_controller(f'Function main\n{body}\nFend\n{more}', around)
 
 
-def lines(host: BareHost) -> list[str]:
-    assert host.failures == [], str(host.failures[0])
-    return ''.join(host.printed).splitlines()
+def lines(result: TestResult) -> list[str]:
+    assert result.error == ''
+    return result.printed.splitlines()
 
 
 VISION = """
@@ -54,8 +49,8 @@ def test_answers_are_given_in_turn_and_the_last_one_stays(tmp_path: Path) -> Non
         'vget find.geom01.robotxyu: [[1, 250.0, 40.5, 90], [0, 1, 2, 3]]\n'
         'VGet: [1]\nCnv_QueLen: [2, 1, 0]\nCnv_QueGet: [[5, 6, 7]]\nSF_GetParam$: name\n'
     )
-    host = run(VISION, Surroundings(read_answers(path)))
-    assert lines(host) == [
+    result = run(VISION, Surroundings(read_answers(path)))
+    assert lines(result) == [
         '1 -1 250 40.5 90 2', '2 0 1 2 3 1', '3 0 1 2 3 0', '-1', '6 name', '0'
     ]  # fmt: skip
 
@@ -84,6 +79,7 @@ PEERS = """
   Input #202, s$
   Print s$
   CloseNet #202
+  Wait 0.2
 """
 SERVED = """
 Function served
@@ -124,8 +120,8 @@ def test_files_are_those_of_the_folder_and_written_there_only_if_asked(
 ) -> None:
     (tmp_path / 'Data.csv').write_bytes(b'1\r\n')
     (tmp_path / 'old.txt').write_bytes(b'')
-    host = run(WRITES.replace('\\\\', '\\'), Surroundings(files=Files(tmp_path, keep)))
-    assert lines(host) == ['6 -1 -1', '0']
+    result = run(WRITES.replace('\\\\', '\\'), Surroundings(files=Files(tmp_path, keep)))
+    assert lines(result) == ['6 -1 -1', '0']
     assert (tmp_path / 'Data.csv').read_bytes() == (b'1\r\n5\r\n' if keep else b'1\r\n')
     assert (tmp_path / 'new').exists() is keep
     assert (tmp_path / 'old.txt').exists() is not keep
@@ -147,8 +143,8 @@ POINTS = """
 def test_taught_points_are_never_replaced_by_those_of_a_simulated_robot(tmp_path: Path) -> None:
     for name in ('robot1.pts', 'old.pts'):
         (tmp_path / name).write_text('taught')
-    host = run(POINTS, Surroundings(files=Files(tmp_path, keep=True)))
-    assert lines(host) == ['-1', '0']
+    result = run(POINTS, Surroundings(files=Files(tmp_path, keep=True)))
+    assert lines(result) == ['-1', '0']
     assert {each.name for each in tmp_path.iterdir()} == {'robot1.pts', 'old.pts', 'new.pts'}
     assert (tmp_path / 'robot1.pts').read_text() == (tmp_path / 'old.pts').read_text() == 'taught'
 
@@ -200,13 +196,11 @@ def test_nothing_is_written_outside_the_folder_or_over_the_project(
     project.mkdir()
     elsewhere.mkdir()
     (project / 'link').symlink_to(elsewhere)
-    host = run(f'  WOpen "{name}" As #30\n', Surroundings(files=Files(project, keep=True)))
-    (failure,) = host.failures
-    assert failure.number == 9993
+    result = run(f'  WOpen "{name}" As #30\n', Surroundings(files=Files(project, keep=True)))
+    assert result.error.startswith('error 9993: ')
     assert {each.name for each in tmp_path.rglob('*')} == {'project', 'elsewhere', 'link'}
 
 
 def test_a_file_cannot_grow_without_end() -> None:
     body = '  WOpen "a" As #30\n  Do\n    Print #30, Space$(255)\n  Loop\n'
-    (failure,) = run(body).failures
-    assert failure.number in (2556, 9993)
+    assert run(body).error.startswith(('error 2556: ', 'error 9993: '))

@@ -7,10 +7,9 @@ import struct
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.spel_harness import files, printed, run, value
+from support.spel_harness import ScriptedHost, files, printed, run, value
 
 from epson_driver.spel import ErrorNumber, Machine, ProgramError, SpelError, build
-from epson_driver.spel.bare_host import BareHost
 
 
 @pytest.mark.parametrize(
@@ -117,7 +116,7 @@ def test_a_double_never_holds_infinity() -> None:
 @pytest.mark.parametrize(('rounding', 'expected'), [('nearest', '3 -3'), ('truncate', '2 -2')])
 def test_how_a_real_becomes_whole_can_be_chosen(rounding: str, expected: str) -> None:
     source = 'Function main\n  Integer a, b\n  a = 2.5; b = -2.5\n  Print a, b\nFend\n'
-    host = BareHost()
+    host = ScriptedHost()
     machine = Machine(build(files(source)), host, rounding=rounding)
     machine.start()
     machine.advance(1.0)
@@ -264,7 +263,7 @@ def test_preserved_globals_outlive_the_machine_and_others_are_cleared_by_main() 
       Print g_kept, g_many(1), g_lost
     Fend
     """
-    program, host = build(files(source)), BareHost()
+    program, host = build(files(source)), ScriptedHost()
     first = Machine(program, host)
     for _ in range(2):
         first.start()
@@ -279,7 +278,7 @@ def test_preserved_globals_outlive_the_machine_and_others_are_cleared_by_main() 
 def test_how_a_real_becomes_whole_does_not_change_what_is_too_large() -> None:
     source = 'Function main\n  Long a\n  a = 1e308 * 10\nFend\n'
     for rounding in ('nearest', 'truncate'):
-        host = BareHost()
+        host = ScriptedHost()
         machine = Machine(build(files(source)), host, rounding=rounding)
         machine.start()
         machine.advance(1.0)
@@ -299,7 +298,7 @@ def test_what_is_typed_must_fit_its_variable(
     statement: str, typed: str, number: int, said: str
 ) -> None:
     source = f'Function main\n  Integer i\n  String s$\n  {statement}\n  Print "never"\nFend\n'
-    host = BareHost()
+    host = ScriptedHost()
     host.typed = [typed]
     machine = Machine(build(files(source)), host)
     machine.start()
@@ -311,7 +310,7 @@ def test_what_is_typed_must_fit_its_variable(
 
 def test_a_preserved_value_of_another_type_is_refused_by_its_value() -> None:
     source = 'Global Preserve Long g_kept\nFunction main\nFend\n'
-    machine = Machine(build(files(source)), BareHost())
+    machine = Machine(build(files(source)), ScriptedHost())
     with pytest.raises(SpelError, match="'many' is not a number"):
         machine.restore({'g_kept': ['many']})
     assert machine.preserved() == {'g_kept': [0]}

@@ -35,7 +35,7 @@ from epson_driver.spel import (
     build,
     read_project,
 )
-from epson_driver.spel.bare_host import BareHost
+from support.spel_harness import ScriptedHost
 
 FOLDER = Path(__file__).parents[2] / 'controller_program'
 FILES = read_project(FOLDER)
@@ -113,7 +113,7 @@ class Socket:
         self.closed_by_program = False
 
 
-class SimpleRobot(BareHost):
+class SimpleRobot(ScriptedHost):
     """An arm of six joints, its motors, its conditions; everything by the machine's clock."""
 
     def __init__(self) -> None:
@@ -127,7 +127,6 @@ class SimpleRobot(BareHost):
         self.times: list[float] = []
         """When each of them began, s."""
         self.path: list[tuple[float, tuple[float, ...]]] = []
-        self.commands: list[tuple[str, tuple[object, ...], tuple[str, ...]]] = []
         self.fails_with = 0
         self.states.update(ctrlinfo=1)
         self.till_works = True
@@ -218,7 +217,6 @@ class SimpleRobot(BareHost):
     def command(
         self, name: str, arguments: Sequence[Value | Point | None], words: tuple[str, ...]
     ) -> Rest | None:
-        self.commands.append((name, tuple(arguments), words))
         super().command(name, arguments, words)
         if name == 'motor':
             self.power = False

@@ -6,17 +6,22 @@ from collections.abc import Sequence
 from textwrap import dedent
 from typing import Any
 
+from epson_driver.sim_controller.spel_run import Bench, TestResult, run_function
 from epson_driver.spel import (
+    Caller,
+    Completion,
     ErrorNumber,
     Machine,
+    Memory,
     MotionRequest,
     NetSettings,
     SpelError,
+    Surroundings,
+    TaskError,
     Timing,
     Value,
     build,
 )
-from epson_driver.spel.bare_host import BareHost
 from epson_driver.spel.values import Array, Point
 
 
@@ -41,11 +46,35 @@ class Peer:
         self.sent = b''
 
 
-class ScriptedHost(BareHost):
-    """A bare host with peers on its ports, and motions that take as long as the test wants."""
+SPEL_SETTINGS = {
+    'speed': 5,
+    'accel': 5,
+    'speeds': 50,
+    'accels': 200,
+    'speedfactor': 100,
+    'tool': 0,
+    'limz': 0,
+    'cp': 0,
+    'arm': 0,
+    'robot': 1,
+}
+
+
+class ScriptedHost:
+    """A host that keeps what is set, with peers on its ports, and motions that the test ends."""
 
     def __init__(self) -> None:
-        super().__init__()
+        self.terminal = self.network = self
+        self.printed: list[str] = []
+        self.typed: list[str] = []
+        self.failures: list[TaskError] = []
+        self.bits: dict[Memory, dict[int, int]] = {memory: {} for memory in Memory}
+        self.states: dict[str, int] = {}
+        """What functions of the controller return that are not worked out here."""
+        self.settings: dict[str, tuple[float, ...]] = {}
+        self.motors = self.power = False
+        self.here = Point('xy', (0.0,) * 6)
+        self.moves: list[MotionRequest] = []
         self.peers: dict[int, Peer] = {}
         self.slow = False
         self.running: list[Motion] = []
@@ -59,6 +88,12 @@ class ScriptedHost(BareHost):
         """Return all that was printed."""
         return ''.join(self.printed)
 
+    def write(self, _caller: Caller, text: str) -> None:
+        self.printed.append(text)
+
+    def read_line(self) -> str | None:
+        return self.typed.pop(0) if self.typed else None
+
     def message_box(self, caller, text, buttons, title):
         """Return the button as soon as the test has one."""
         return self.button
@@ -68,6 +103,9 @@ class ScriptedHost(BareHost):
 
     def close_net(self, port: int) -> None:
         self.peers.pop(port, None)
+
+    def orphan_net(self, _port: int) -> None:
+        pass
 
     def connected(self, port: int) -> bool:
         return port in self.peers and self.peers[port].there
@@ -86,16 +124,52 @@ class ScriptedHost(BareHost):
             raise SpelError(ErrorNumber.NETWORK)
         peer.sent += data
 
+    def read_bits(self, memory: Memory, index: int, width: int) -> int:
+        if index < 0:
+            raise SpelError(ErrorNumber.ARGUMENT)
+        bits = self.bits[memory]
+        return sum(bits.get(index * width + each, 0) << each for each in range(width))
+
+    def write_bits(self, memory: Memory, index: int, width: int, value: int) -> None:
+        for each in range(width):
+            self.bits[memory][index * width + each] = value >> each & 1
+
+    def value(self, name: str, arguments: Sequence[int | float | Point]) -> float | Point | str:
+        if name in ('here', 'curpos', 'realpos', 'findpos', 'tlset'):
+            return self.here
+        if name == 'ljm':
+            return arguments[0]
+        if name in ('cx', 'cy', 'cz', 'cu', 'cv', 'cw'):
+            (point,) = arguments
+            if not isinstance(point, Point) or point.kind != 'xy':
+                raise SpelError(ErrorNumber.ARGUMENT)
+            return point.values['xyzuvw'.index(name[1])]
+        if name in ('motor', 'power'):
+            return int(self.motors if name == 'motor' else self.power)
+        if name in SPEL_SETTINGS:
+            values = self.settings.get(name) or (SPEL_SETTINGS[name],)
+            which = int(arguments[0]) if arguments else 1  # type: ignore[arg-type]
+            return values[min(which, len(values)) - 1]
+        return self.states.get(name, '' if name.endswith('$') else 0)
+
     def command(self, name, arguments, words):
         self.commands.append((name, tuple(arguments), words))
-        super().command(name, arguments, words)
+        if name == 'motor':
+            self.motors = 'on' in words
+        elif name == 'power':
+            self.power = 'high' in words
+        numbers = [float(each) for each in arguments if isinstance(each, int | float)]
+        self.settings[name] = tuple(numbers) if name != 'cp' else (float('on' in words),)
         if self.slow:
             self.running.append(Motion())
             return self.running[-1]
         return None
 
-    def move(self, request: MotionRequest) -> Motion:
-        super().move(request)
+    def move(self, request: MotionRequest) -> Completion:
+        if not self.motors:
+            raise SpelError(4031, 'motion attempted with the motors off')
+        self.moves.append(request)
+        self.here = request.points[-1]
         self.running.append(Motion(request))
         self.running[-1].done = not self.slow
         return self.running[-1]
@@ -110,9 +184,22 @@ class ScriptedHost(BareHost):
                 argument.d[0] = 77
         return 5
 
+    def task_failed(self, error: TaskError) -> None:
+        self.failures.append(error)
+
     def paused(self, on: bool) -> bool:
         self.pauses.append(on)
         return True
+
+
+SCARA = Bench('t3_401s', 'rc620')
+
+
+def on_controller(source: str, around: Surroundings | None = None) -> TestResult:
+    """Run main on a simulated controller, for 60 s at most."""
+    program = build({'main.prg': source})
+    main = program.by_name['main']
+    return run_function(program, main, SCARA, around or Surroundings(), longest=60.0)
 
 
 def files(source: str, **others: str) -> dict[str, str]:
@@ -121,7 +208,7 @@ def files(source: str, **others: str) -> dict[str, str]:
     return {'main.prg': dedent(source).lstrip('\n'), **named}
 
 
-def machine(source: str, host: BareHost | None = None, **timing: Any) -> Machine:
+def machine(source: str, host: ScriptedHost | None = None, **timing: Any) -> Machine:
     """Return a machine for a program, without any task yet."""
     made = Timing(**timing)
     return Machine(build(files(source)), host or ScriptedHost(), made)

@@ -26,9 +26,12 @@ _log = logging.getLogger(__name__)
 class PortObject(Session):
     """One open port object of the program, and its client if it has one."""
 
-    def __init__(self, settings: NetSettings, name: str, news: Callable[[], None]) -> None:
+    def __init__(
+        self, settings: NetSettings, name: str, news: Callable[[], None], client: bool = False
+    ) -> None:
         self.settings = settings
         self.name = name
+        self.client = client
         self.connected = False
         self.taken = False
         """Whether it has, or had, a client."""
@@ -90,7 +93,8 @@ class ProgramNetwork:
 
     `names`: TCP port as the program names it → the controller's port. Others are named by their
     number; `listen` is called with it when the program opens one for the first time, and may raise
-    OSError. `connect` is called with a port that is opened as a client.
+    OSError. `connect` is called with a port that is opened as a client; without it, a client of a
+    TCP port that the program serves itself is the peer of that port, and others have none.
     """
 
     def __init__(self, names: Mapping[int, str]) -> None:
@@ -98,7 +102,7 @@ class ProgramNetwork:
         self._objects: dict[int, PortObject] = {}
         self._listened: set[int] = set()
         self.listen: Callable[[int], None] = _nobody
-        self.connect: Callable[[ClientSession], None] = _nobody
+        self.connect: Callable[[ClientSession], None] | None = None
         self.news: Callable[[], None] = _nothing
 
     def name(self, tcp_port: int) -> str:
@@ -141,9 +145,12 @@ class ProgramNetwork:
             raise SpelError(OPEN_FAILED, text)
         self.close_net(port)
         if not server:
-            client = PortObject(settings, f'{tcp_port} (client)', lambda: self.news())
+            client = PortObject(settings, f'{tcp_port} (client)', lambda: self.news(), client=True)
             self._objects[port] = client
-            self.connect(client)
+            if self.connect is not None:
+                self.connect(client)
+            else:
+                self._meet()
             return
         name = self.name(tcp_port)
         if self._open(name) is not None:
@@ -156,6 +163,17 @@ class ProgramNetwork:
                 raise SpelError(OPEN_FAILED, f'OpenNet #{port}: {error}') from error
             self._listened.add(tcp_port)
         self._objects[port] = PortObject(settings, name, lambda: self.news())
+        if self.connect is None:
+            self._meet()
+
+    def _meet(self) -> None:
+        """Let clients and the server of a TCP port that have had no peer yet be each other's."""
+        for client in self._objects.values():
+            server = self._open(self.name(client.tcp_port)) if client.client else None
+            if server is None or client.taken or server.taken or server.orphaned:
+                continue
+            client.begin(server.receive, server.closed)
+            server.begin(client.receive, client.closed)
 
     def close_net(self, port: int) -> None:
         """Close a port object if it is open."""

@@ -80,7 +80,7 @@ class SpelProgram:
     BgMain at boot. Global variables are cleared with a start by hand unless there is a BgMain,
     which may share them. Without a `terminal` what it prints is logged. Raises ProgramError for a
     program with statements that are not simulated. `claim` is called before a motion: it makes the
-    arm obey, or raises SpelError.
+    arm obey, or raises SpelError. `starts`: a function that is started instead of main, alone.
     """
 
     def __init__(
@@ -92,8 +92,13 @@ class SpelProgram:
         terminal: Terminal | None = None,
         claim: Callable[[], None] = _nothing,
         around: Surroundings | None = None,
+        starts: str = MAIN,
     ) -> None:
         self._program = program
+        self._starts = starts.lower()
+        self._background = program.by_name.get(BACKGROUND) if self._starts == MAIN else None
+        self.failure: TaskError | None = None
+        """The first error that ended a task since the program was started."""
         self._controller = controller
         self._arm = arm
         self._network = network
@@ -129,8 +134,8 @@ class SpelProgram:
 
     def _new_machine(self) -> tuple[Machine, float]:
         machine = Machine(self._program, self._host, self._timing, around=self._around)
-        if BACKGROUND in self._program.by_name:
-            machine.start_background(self._program.by_name[BACKGROUND].name)
+        if self._background is not None:
+            machine.start_background(self._background.name)
         self._soon()
         return machine, self._controller.clock.now
 
@@ -188,11 +193,12 @@ class SpelProgram:
         if not self._starting or self._controller.condition.tasks is not Tasks.RUNNING:
             return
         self._starting = False
-        if MAIN not in self._program.by_name:
+        self.failure = None
+        main = self._program.by_name.get(self._starts)
+        if main is None:
             return
-        clear = BACKGROUND not in self._program.by_name
         try:
-            self._machine.start(self._program.by_name[MAIN].name, clear=clear)
+            self._machine.start(main.name, clear=self._background is None)
         except SpelError as error:
             _log.error('main is not started: %s', error)
             self._controller.raise_error(error.number)
@@ -279,6 +285,16 @@ class SpelProgram:
     def ready(self) -> bool:
         """Always, as its own statements decide what to take."""
         return True
+
+    @property
+    def main_runs(self) -> bool:
+        """Whether main is not over: the task 1."""
+        return self._starting or 1 in self._machine.world.tasks
+
+    @property
+    def machine(self) -> Machine:
+        """The interpreter that runs the tasks, a new one after each boot."""
+        return self._machine
 
     @property
     def statements(self) -> int:
@@ -383,6 +399,7 @@ class SpelProgram:
             return
         critical = FIRST_BACKGROUND <= error.task <= LAST_BACKGROUND
         _log.error('%s', error)
+        self.failure = self.failure or error
         told = error.told
         self._later.append(lambda: self._controller.raise_error(error.number, critical, told))
         self._soon()

@@ -3,6 +3,7 @@
 """The terminal of SPEL+ programs without a person."""
 
 import logging
+from abc import ABC, abstractmethod
 from typing import Final
 
 from epson_driver.sim_controller.clock import Clock
@@ -17,7 +18,35 @@ MAX_LINE = 1000
 _terminal = logging.getLogger('epson_driver.spel.terminal')
 
 
-class LogTerminal:
+class Unattended(ABC):
+    """A terminal at which nobody types, and every MsgBox is answered with Cancel."""
+
+    @abstractmethod
+    def write(self, caller: Caller, text: str) -> None:
+        """Show a text."""
+
+    def read_line(self) -> str | None:
+        """Return None, as there is no input."""
+        return None
+
+    def message_box(self, caller: Caller, text: str, _buttons: int, title: str) -> int | None:
+        """Show the text and answer Cancel."""
+        self.write(caller, f'MsgBox {title}: {text} (answered with Cancel)\n')
+        return CANCEL
+
+
+class KeptText(Unattended):
+    """Keeps what is printed."""
+
+    def __init__(self) -> None:
+        self.printed: list[str] = []
+
+    def write(self, _caller: Caller, text: str) -> None:
+        """Keep a text."""
+        self.printed.append(text)
+
+
+class LogTerminal(Unattended):
     """Logs what is printed, line by line, with the controller's time, task and function."""
 
     def __init__(self, clock: Clock) -> None:
@@ -43,12 +72,3 @@ class LogTerminal:
         )
         if _terminal.isEnabledFor(logging.INFO):
             _terminal.handle(record)
-
-    def read_line(self) -> str | None:
-        """Return None, as there is no input."""
-        return None
-
-    def message_box(self, caller: Caller, text: str, _buttons: int, title: str) -> int | None:
-        """Show the text and answer Cancel."""
-        self.write(caller, f'MsgBox {title}: {text} (answered with Cancel)\n')
-        return CANCEL
