@@ -1,8 +1,7 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Package manifests: what release tools ask for is there, and nothing that no code uses."""
+"""Package manifests: what release tools ask for is there."""
 
-import re
 import runpy
 import sys
 from pathlib import Path
@@ -19,9 +18,6 @@ MANIFESTS = sorted(
 )
 COPIES = ('control_msgs', 'industrial_msgs', 'tf2_msgs')
 """Packages of others, with the versions of the originals."""
-
-IMPORTED_AS = {'pin': 'pinocchio'}
-"""Distributions that are imported by another name."""
 
 
 @pytest.fixture(scope='module')
@@ -72,19 +68,3 @@ def test_setup_names_only_files_that_exist(setup_arguments: dict[str, Any]) -> N
     files = [file for _, files in setup_arguments['data_files'] for file in files]
     assert 'scripts/client' in files
     assert [file for file in files if not (ROOT / file).is_file()] == []
-
-
-def test_every_extra_serves_code(setup_arguments: dict[str, Any]) -> None:
-    code = '\n'.join(
-        path.read_text(encoding='utf-8') for path in (ROOT / 'epson_driver').rglob('*.py')
-    )
-    extras = setup_arguments['extras_require']
-    assert set(extras) == {'dev', 'panel', 'report', 'ros', 'test'}
-    for extra in ('panel', 'report'):
-        for requirement in extras[extra]:
-            name = re.split('[=<>]', requirement)[0]
-            module = IMPORTED_AS.get(name, name)
-            assert re.search(rf'^\s*(import|from) {module}\b', code, re.MULTILINE), name
-    runtime = (ROOT / 'requirements' / 'runtime.txt').read_text(encoding='utf-8')
-    assert extras['ros'] == re.findall(r'(?m)^ros-\S+$', runtime)
-    assert set(extras['test']) <= set(extras['dev'])

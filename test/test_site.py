@@ -107,35 +107,6 @@ def test_no_page_asks_another_host_for_anything(pages: dict[Path, Page]) -> None
 
 
 @pytest.mark.slow
-def test_diagrams_are_pictures_that_need_nothing_else(pages: dict[Path, Page]) -> None:
-    drawings = list(SITE.glob('docs/*_?.svg'))
-    assert {drawing.stem for drawing in drawings} >= {'architecture_1', 'controller_7'}
-    text = ''.join(file.read_text(encoding='utf-8') for file in pages)
-    assert 'stateDiagram' not in text
-    for drawing in drawings:
-        svg = drawing.read_text(encoding='utf-8')
-        asked = re.findall(r'(?:href|src)="(?!#)([^"]*)"|url\((?!#)([^)]*)\)|@import', svg)
-        assert not asked, drawing
-        assert '<script' not in svg
-
-
-@pytest.mark.slow
-def test_parts_that_come_from_code_and_data_are_in_the_site(pages: dict[Path, Page]) -> None:
-    for name, words in {
-        'troubleshooting': 'correct the controller',
-        'new_robot': 'vt6_a901s',
-        'controller': 'the E-stop is pressed: release the E-stop',
-        'invariants': 'test/driver/stopping/test_stopper.py',
-        'controllers': 'dead_time</code>: must be a number from 0 to 10',
-        'remote': 'the controller took too long',
-        'spel': 'AbortMotion',
-        'python_api': 'Robot.move_joints',
-        'licences': 'Apache-2.0',
-    }.items():
-        assert words in (SITE / 'docs' / f'{name}.html').read_text(encoding='utf-8'), name
-
-
-@pytest.mark.slow
 @pytest.mark.usefixtures('pages')
 def test_the_search_finds_a_page_without_a_server() -> None:
     with browser_page() as (tab, told, requested):
