@@ -143,7 +143,7 @@ clean:
 
 # The steps of the installation. Each leaves a stamp when it is complete: what was interrupted or has failed is repeated
 # by the next make, with what pip has loaded meanwhile. constraints.txt pins all versions and the SHA-256 of all files.
-# The sizes are those of Linux on x86-64 (test/requirements/test_make.py).
+# The sizes are those of Linux on x86-64.
 SIZE_runtime := 90 MB to download, 310 MB on disk
 SIZE_interfaces := 30 MB to download, 30 MB on disk
 SIZE_dev := 180 MB to download, 670 MB on disk
