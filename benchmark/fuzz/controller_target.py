@@ -249,7 +249,6 @@ class _World:
         controller = self.controller
         if self._remote:
             controller.faults.clear()
-        if self._remote or not self._profile.server.reconnect:
             controller.reboot(0.1)
         self._step(REOPENING_S)
         self._next('state', b'')

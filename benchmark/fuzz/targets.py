@@ -31,7 +31,7 @@ def in_process() -> dict[Target, float]:
     """Return the targets that need no process of their own, with their shares of the inputs."""
     targets: dict[Target, float] = {DecodeTarget(): 20.0, RemoteClientTarget(): 4.0}
     for armed in (False, True):
-        for name in ('rc620', 'thesis', 'generic', 'fanuc', 'abb', 'motoman'):
+        for name in ('rc620', 'generic', 'fanuc', 'abb', 'motoman'):
             targets[ControllerTarget(name, MESSAGES, armed=armed)] = 3.0
         targets[ControllerTarget('spel', MESSAGES, armed=armed)] = 1.0
     targets[ControllerTarget('rc620', ('motion', 'state'), armed=True, smooth=True)] = 1.0

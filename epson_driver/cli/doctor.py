@@ -116,7 +116,6 @@ def _question(
         seconds=arguments.seconds,
         may_ask=arguments.ask,
         may_use_io=arguments.io,
-        once=arguments.once,
     )
 
 
@@ -226,9 +225,6 @@ def _parser() -> argparse.ArgumentParser:
         '--io',
         action='store_true',
         help='also ask the I/O port: when it leaves, outputs may change',
-    )
-    parser.add_argument(
-        '--once', action='store_true', help='also connect to a program that serves one client once'
     )
     parser.add_argument(
         '--jog',

@@ -140,7 +140,6 @@ def _question(arguments: argparse.Namespace) -> Question:
         seconds=LISTENING_S,
         may_ask=False,
         may_use_io=False,
-        once=True,
     )
 
 

@@ -26,9 +26,7 @@ from epson_driver.simple_message import (
     JointPosition,
     JointTrajPt,
     MotionReply,
-    Opaque,
     Packet,
-    ReplyCode,
     SpecialSequence,
     TriState,
     joint_data,
@@ -91,8 +89,7 @@ async def ask_motion_port(host: str, port: int, state: Conversation, findings: F
         remedy = 'start the motion program; check motion_port and the firewall'
         findings.wrong('motion port', f'{host}:{port}: {error}', remedy)
         return facts
-    facts['server.reconnect'] = again = await _serves_again(host, port, motion)
-    if again:
+    if await _serves_again(host, port, motion):
         findings.ok('motion port', 'serves the next client when one has left')
     else:
         text = 'serves nobody after its client has left'
@@ -116,11 +113,7 @@ def _reply_facts(reply: Packet) -> Facts:
     message = reply.message
     if isinstance(message, MotionReply):
         return {'program.kind': 'motoman', 'program.motors': 'motoman'}
-    form = 'zero'
-    if isinstance(message, Opaque) or not isinstance(message, JointPosition):
-        form = 'header'
-    elif message.sequence == SpecialSequence.STOP_TRAJECTORY:
-        form = 'sequence'
+    form = 'sequence' if isinstance(message, JointPosition) else 'header'
     return {'program.kind': 'points', 'program.reply': form}
 
 
@@ -142,7 +135,6 @@ async def _ask_points(motion: Conversation, state: Conversation) -> Facts:
     reply = await motion.ask(point, REPLY_TIMEOUT_S)
     if reply is not None:  # else its tasks may be paused, and its silence tells nothing
         facts.setdefault('program.special_sequences', 'stop')
-        facts['program.failure_replies'] = reply.reply_code is ReplyCode.FAILURE
     await motion.ask(JointTrajPt(SpecialSequence.STOP_TRAJECTORY), REPLY_TIMEOUT_S)
     return facts
 

@@ -87,8 +87,6 @@ class Question:
     seconds: float
     may_ask: bool
     may_use_io: bool
-    once: bool
-    """Whether to connect although the profile says that servers serve one client once."""
 
 
 async def check_controller(
@@ -118,14 +116,6 @@ def _name_tasks(findings: Findings) -> None:
 async def _check(question: Question, findings: Findings, ask: Ask | None) -> Facts:
     if question.profile.program.interface == 'statements':
         return await _check_remote(question, findings)
-    if not question.profile.server.reconnect and not question.once:
-        text = (
-            f'not opened: a {question.profile.name} serves one client, once, and has to be '
-            'started again afterwards'
-        )
-        findings.skipped('controller', text, 'allow it with --once')
-        findings.doubt = 'nothing was looked at at the controller'
-        return {}
     where = f'{question.host}:{question.state_port}'
     try:
         findings.busy(f'connecting to {where}')

@@ -12,10 +12,8 @@ from epson_driver.profiles import ControllerProfile
 from epson_driver.profiles.profile_rules import RULES
 
 _MOTION = 'it takes a motion to see it, and the doctor moves nothing'
-_WRONG_MESSAGE = 'it takes a wrong message to see it, which can end a program'
 _PERSON = 'only a person knows'
 _CHOICE = 'what the driver sends of a plan is the choice of a person'
-_EDGE = 'it takes an error, an E-stop or a lost link to see it'
 
 NOT_FOUND: Mapping[str, str] = {
     'name': 'the name of the file',
@@ -34,15 +32,11 @@ NOT_FOUND: Mapping[str, str] = {
     'program.kind': 'not asked (see --ask), or not answered',
     'program.reply': 'not asked (see --ask), or it has no replies of that kind',
     'program.acknowledge': _MOTION,
-    'program.failure_replies': 'not asked (see --ask), or it has no replies of that kind',
     'program.check_sequence': _MOTION,
     'program.check_limits': 'a point outside the limits is not sent to a robot to try it out',
-    'program.negative_is_stop': _MOTION,
-    'program.stop_works': _MOTION,
     'program.uses': _MOTION,
-    'program.corrupt': _WRONG_MESSAGE,
     'program.late_failure': 'a point outside the limits is not sent to a robot to try it out',
-    'program.accepts': _WRONG_MESSAGE,
+    'program.accepts': 'it takes a wrong message to see it, which can end a program',
     'program.special_sequences': 'not asked (see --ask), or it has no special sequences',
     'program.skip_first': _MOTION,
     'program.motors': 'not asked (see --remote-port and --ask), or not answered',
@@ -58,11 +52,8 @@ NOT_FOUND: Mapping[str, str] = {
     'state.feedback_time': 'it sends no JOINT_FEEDBACK',
     'state.in_motion': 'too few STATUS came',
     'state.motion_possible': 'too few STATUS came',
-    'state.errors': _EDGE,
+    'state.errors': 'it takes an error, an E-stop or a lost link to see it',
     'server.full': 'it takes one client more than are served',
-    'server.reconnect': 'not asked, see --ask',
-    'server.byte_by_byte': 'too few messages came',
-    'server.aborted': _EDGE,
     'server.lost_client': 'it takes a motion and a lost client to see it',
     'server.client_timeout': _MOTION,
     'server.state_clients': 'not asked (see --ask), or 20 at once are served',

@@ -76,9 +76,6 @@ class Heard:
     handshake: float
     """How long TCP's handshake took, s."""
     packets: list[tuple[float, Packet]] = field(default_factory=list)
-    pieces: int = 0
-    broken_pieces: int = 0
-    """How many pieces of the stream there were, and how many ended within a message."""
     frames: int = 0
     unreadable: str = ''
     """What was wrong with the first bytes that were no message."""
@@ -108,7 +105,6 @@ class Conversation:
         self._reader = reader
         self._writer = writer
         self._framer = Framer()
-        self._bytes = self._framed = 0
         self._news = asyncio.Event()
         self._task = asyncio.create_task(self._read())
         self._ticks = asyncio.create_task(self._watch_lateness())
@@ -204,17 +200,13 @@ class Conversation:
 
     def _take(self, data: bytes, now: float) -> None:
         heard = self.heard
-        self._bytes += len(data)
-        heard.pieces += 1
         self._framer.receive_data(data)
         try:
             while (frame := self._framer.next_frame()) is not None:
-                self._framed += FRAME_HEADER_BYTES + len(frame.body)
                 heard.frames += 1
                 self._take_frame(frame, now)
         except FrameError as error:
             heard.unreadable = str(error)
-        heard.broken_pieces += self._framed != self._bytes
 
     def _take_frame(self, frame: Frame, now: float) -> None:
         try:

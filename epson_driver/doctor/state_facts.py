@@ -33,11 +33,6 @@ TOGETHER_SHARE = 0.3
 UNEVEN_SHARE = 0.25
 """A period that may be off by more than this share of it was not found out."""
 
-BROKEN_SHARE = 0.1
-"""If so many pieces of a stream end within a message, it is sent byte by byte."""
-
-MIN_PIECES = 20
-
 
 def state_facts(heard: Heard) -> Facts:
     """Return what is certain from what was heard, by key.
@@ -48,8 +43,6 @@ def state_facts(heard: Heard) -> Facts:
     packets = heard.packets
     order = packets[0][1].dialect.byte_order
     facts['byte_order'] = 'little' if order is ByteOrder.LITTLE else 'big'
-    if heard.pieces >= MIN_PIECES:
-        facts['server.byte_by_byte'] = heard.broken_pieces > BROKEN_SHARE * heard.pieces
     joints = [(at, p.message) for at, p in packets if is_joints(p)]
     statuses = [p.message for _, p in packets if isinstance(p.message, Status)]
     feedback = [m for _, m in joints if isinstance(m, JointFeedback)]

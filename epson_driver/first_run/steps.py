@@ -173,8 +173,6 @@ async def _ask_still(run: FirstRun) -> Found:
     found = Found(facts)
     if 'program.kind' not in facts:
         raise NotMovedError('the motion port was not asked: see above')
-    if facts.get('program.failure_replies') is False:
-        found.habits.append('a point that cannot be is answered with SUCCESS')
     host, port = question.host, question.motion_port
     async with (
         conversation(host, question.state_port) as state,
@@ -385,7 +383,6 @@ async def _stop(run: FirstRun) -> Found:
         if made.begin is None or made.stopped is None:
             raise NotMovedError('the arm did not move')
         stopped = bool(np.abs(made.moved).max() < 0.9 * np.abs(target - here).max())
-        found.facts['program.stop_works'] = stopped
         if not stopped:
             found.habits.append('a STOP does not stop the arm')
         else:

@@ -103,17 +103,12 @@ class ProgramProfile:
     * `kind`: JOINT_TRAJ_PT ('points'), or Motoman's messages.
     * `interface`: how a driver hands trajectories over unless it is told otherwise; 'statements':
       by Remote Ethernet, as no program is loaded, and no port but that one is served.
-    * `reply`: JOINT_POSITION with the request's sequence, all zero, or only a header of the
-      request's type.
+    * `reply`: JOINT_POSITION with the request's sequence, or only a header of the request's type.
     * `acknowledge`: when a streamed point is answered: when the arm has taken it, when it is
       there ('done'), or 'default': done point to point, taken in smooth motion.
-    * `failure_replies`: False: every reply is SUCCESS.
     * `check_sequence`, `check_limits`: whether a point is refused for them. A point outside the
       limits that is not refused ends the motion with error 4001 when its turn comes.
-    * `negative_is_stop`: every negative sequence is a STOP.
-    * `stop_works`: False: a STOP is answered and nothing else.
     * `uses`: which of a point's velocity and duration count.
-    * `corrupt`: a message with a wrong length or header is refused, or the servers quit.
     * `late_failure`: a point outside the limits is answered with SUCCESS, then with FAILURE too,
       and the connection is closed; the arm finishes the points before it.
     * `accepts`: which messages are points: a JOINT_TRAJ_PT of its exact length ('exact'); one that
@@ -133,15 +128,11 @@ class ProgramProfile:
 
     kind: Literal['points', 'motoman']
     interface: Literal['streaming', 'download', 'statements']
-    reply: Literal['sequence', 'zero', 'header']
+    reply: Literal['sequence', 'header']
     acknowledge: Literal['default', 'taken', 'done']
-    failure_replies: bool
     check_sequence: bool
     check_limits: bool
-    negative_is_stop: bool
-    stop_works: bool
     uses: FieldsUsed
-    corrupt: Literal['refuse', 'quit']
     late_failure: bool
     accepts: Literal['exact', 'longer', 'any']
     special_sequences: Literal['all', 'stop']
@@ -182,11 +173,7 @@ class StateProfile:
 
 @dataclass(frozen=True, slots=True)
 class ServerProfile:
-    """How the ports treat their clients.
-
-    `reconnect` False: a server whose client is gone serves nobody until the program is started
-    again. `byte_by_byte`: every byte is sent for itself. `aborted` is what a port does whose task
-    is aborted: refuse requests, stay silent, or close. `…_clients`: how many at once.
+    """How the ports treat their clients, of which they serve `…_clients` at once.
 
     `lost_client` is what the arm does when the motion client is gone: 'brake', and its motors go
     off; 'finish' the points it has, motors on; 'keep' them: it stands, motors on, and goes on when
@@ -199,9 +186,6 @@ class ServerProfile:
     the one that came first, unless the arm has somewhere to go.
     """
 
-    reconnect: bool
-    byte_by_byte: bool
-    aborted: Literal['refuse', 'silent', 'close']
     lost_client: Literal['brake', 'finish', 'keep']
     client_timeout: float
     full: Literal['refuse', 'replace']

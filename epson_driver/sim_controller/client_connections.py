@@ -8,14 +8,7 @@ A client connection is one client of one port: a transport, which may be faulty,
 import logging
 
 from epson_driver.sim_controller.clock import Timer
-from epson_driver.sim_controller.condition.states import Event, Tasks
-from epson_driver.sim_controller.condition.tasks import (
-    IO_SERVER,
-    MOTION_SERVER,
-    STATE_SERVER,
-    Task,
-    TaskState,
-)
+from epson_driver.sim_controller.condition.states import Tasks
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.faults.faulty_transport import FaultyTransport
 from epson_driver.sim_controller.io.io_session import IoSession
@@ -23,7 +16,6 @@ from epson_driver.sim_controller.io.motoman_io_session import MotomanIoSession
 from epson_driver.sim_controller.ports import Client, ProgramPorts, Send, Session
 from epson_driver.sim_controller.programs.motion_program import MotionProgram
 from epson_driver.sim_controller.programs.motion_session import ClientWatchdog, MotionSession
-from epson_driver.sim_controller.programs.program import ProgramQuit
 from epson_driver.sim_controller.remote.remote_session import RemoteSession
 from epson_driver.sim_controller.state import StateSession
 from epson_driver.simple_message import FrameError
@@ -39,17 +31,6 @@ GRACE_S = 0.1
 MAX_NEWCOMERS = MAX_REMOTE_CLIENTS // 2
 """How many clients of a full remote port may be in their grace time at once."""
 
-_SERVERS: dict[str, Task | None] = {
-    'motion': MOTION_SERVER,
-    'state': STATE_SERVER,
-    'io': IO_SERVER,
-    'remote': None,
-}
-"""The task that serves a port; the remote port is the controller's own."""
-
-_ENDING = (MOTION_SERVER, IO_SERVER)
-"""Tasks that an E-stop ends."""
-
 
 class ClientConnection(Session):
     """One client of one port."""
@@ -64,14 +45,8 @@ class ClientConnection(Session):
         self._abort = client.abort
         self._close = client.close
         self._controller = controller
-        by_byte = controller.profile.server.byte_by_byte and clients.server(port) is not None
         self._transport = FaultyTransport(
-            port,
-            controller.clock,
-            controller.faults,
-            client.send,
-            self.hang_up,
-            byte_by_byte=by_byte,
+            port, controller.clock, controller.faults, client.send, self.hang_up
         )
         self.session = clients.session(port, self._transport.send, client)
         self._open = True
@@ -91,26 +66,15 @@ class ClientConnection(Session):
         return new, self.local, session.obeyed, session.heard
 
     def receive(self, data: bytes) -> None:
-        """Take bytes from the client. Raises FrameError as the session does.
-
-        A port whose task is aborted or stopped reads nothing where the profile says `silent`.
-        """
+        """Take bytes from the client. Raises FrameError as the session does."""
         data = self._transport.receive(data)
-        if not data or not self._open or self._clients.silent(self.port):
+        if not data or not self._open:
             return
         try:
             self.session.receive(data)
-        except ProgramQuit as reason:
-            self._quit(reason)
-        except FrameError as error:
-            if self.port == 'motion' and self._controller.profile.program.corrupt == 'quit':
-                self._quit(error)
+        except FrameError:
             self.closed()
             raise
-
-    def _quit(self, reason: Exception) -> None:
-        _log.error('the program has ended: %s', reason)
-        self._clients.quit()
 
     def hang_up(self) -> None:
         """Close the connection at once, dropping what is still read from it."""
@@ -137,9 +101,7 @@ class ClientConnections:
     def __init__(self, controller: Controller, spel: ProgramPorts | None = None) -> None:
         self._controller = controller
         self._spel = spel
-        self._servers = _SERVERS if spel is None else {}
         self._connections: list[ClientConnection] = []
-        self._ended: set[str] = set()
         self._boot: Timer | None = None
 
     def connect(self, port: str, client: Client) -> ClientConnection:
@@ -158,50 +120,15 @@ class ClientConnections:
         self._connections.append(connection)
         return connection
 
-    def ended(self, task: Task) -> bool:
-        """Return whether the task has ended because its client has gone, or with the program."""
-        return any(self._servers[port] is task for port in self._ended)
-
-    def server(self, port: str) -> Task | None:
-        """Return the task of the built-in program that serves a port, if one does."""
-        return self._servers.get(port)
-
     def session(self, port: str, send: Send, client: Client) -> Session:
         """Return a session with a client that has just come."""
         if self._spel is not None and port != 'remote':
             return self._spel.session(port, send, client.close)
         return _open(self._controller, port, send, client)
 
-    def silent(self, port: str) -> bool:
-        """Return whether the port's bytes are not read: its task has ended, its socket is open."""
-        return self._down(port) and self._controller.profile.server.aborted == 'silent'
-
     def gone(self, connection: ClientConnection) -> None:
-        """Remove a closed connection, the last one if the program does not reconnect."""
+        """Remove a closed connection."""
         self._connections.remove(connection)
-        dies = not self._controller.profile.server.reconnect
-        if dies and self.server(connection.port) is not None:
-            self._ended.add(connection.port)
-
-    def quit(self) -> None:
-        """End the program, as SPEL+ `Quit All` in the thesis: motion and state server end."""
-        self._controller.apply(Event.STOP)
-        self._ended |= {'motion', 'state'}
-        self.hang_up('motion', 'state')
-
-    def serve_all(self) -> None:
-        """Serve all ports again."""
-        self._ended.clear()
-
-    def tasks_begin(self) -> None:
-        """Close connections that were not read meanwhile: the program opens its ports anew."""
-        if self._controller.profile.server.aborted == 'silent':
-            self.hang_up(*(port for port, task in self._servers.items() if task in _ENDING))
-
-    def tasks_ended(self) -> None:
-        """Close the connections that the profile closes when the Normal tasks end."""
-        if self._controller.profile.server.aborted == 'close':
-            self.hang_up(*(port for port in self._servers if self._down(port)))
 
     def hang_up(self, *ports: str) -> None:
         """Close the connections of all clients of the ports."""
@@ -246,7 +173,7 @@ class ClientConnections:
             raise ConnectionRefusedError('a client is logged in, and one is served')
 
     def boot(self, seconds: float) -> None:
-        """Close all connections, refuse others for `seconds`, and serve all ports again."""
+        """Close all connections, and refuse others for `seconds`."""
         if self._boot is not None:
             self._boot.cancel()
         self._boot = self._controller.clock.after(seconds, self._booted)
@@ -254,18 +181,13 @@ class ClientConnections:
 
     def _booted(self) -> None:
         self._boot = None
-        self._ended.clear()
         _log.info('booted')
 
     def _rejection(self, port: str) -> str | None:
         if self._boot is not None:
             return 'the controller boots'
-        if port in self._ended:
-            return 'the program that served it has ended: start it'
         if self._controller.faults.rejects(port):
             return 'cut, as asked for'
-        if self._down(port) and self._controller.profile.server.aborted == 'close':
-            return 'its task does not run'
         if self._spel is not None and port != 'remote':
             return self._spel.rejection(port)
         if port != 'remote' and self._controller.profile.program.interface == 'statements':
@@ -283,11 +205,6 @@ class ClientConnections:
             return f'{len(held)} clients of this machine are connected'
         self.dismiss_remote(f'{len(held)} are connected')
         return None
-
-    def _down(self, port: str) -> bool:
-        task = self.server(port)
-        ended = (TaskState.NOT_RUNNING, TaskState.ABORTED)
-        return task is not None and task.state(self._controller.condition) in ended
 
 
 def _open(controller: Controller, port: str, send: Send, client: Client) -> Session:

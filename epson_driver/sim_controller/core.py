@@ -47,7 +47,7 @@ from epson_driver.sim_controller.condition.states import (
     Tasks,
     after,
 )
-from epson_driver.sim_controller.condition.tasks import Task, TaskRow, TaskState, rows
+from epson_driver.sim_controller.condition.tasks import TaskRow, rows
 from epson_driver.sim_controller.faults.faults import Faults
 from epson_driver.sim_controller.io.io_points import IoPoints
 from epson_driver.sim_controller.ports import (
@@ -110,20 +110,8 @@ class Clients(Protocol):
     def dismiss_remote(self, why: str) -> None:
         """Close the connection of the remote client with the least claim to it, if any."""
 
-    def serve_all(self) -> None:
-        """Serve all ports again: the program was started."""
-
-    def tasks_begin(self) -> None:
-        """Called when the Normal tasks run again after they had ended."""
-
-    def tasks_ended(self) -> None:
-        """Called when the Normal tasks are stopped or aborted."""
-
-    def ended(self, task: Task) -> bool:
-        """Return whether a task has ended because its client went, or the program quit."""
-
     def boot(self, seconds: float) -> None:
-        """Close all connections, take no others for `seconds`, and serve all ports again."""
+        """Close all connections, take no others for `seconds`."""
 
 
 class Window(Program, CommandWindow, Protocol):
@@ -218,7 +206,6 @@ class Controller:
             self.errors.clear(ErrorNumber.MOTORS_OFF)
         elif event is Event.START:
             self.errors.clear(ErrorNumber.TASK_ABORTED)
-            self.clients.serve_all()
         elif event is Event.BOOT:
             self.io.boot()
             self.errors.clear()
@@ -359,11 +346,7 @@ class Controller:
     def tasks(self) -> Iterable[TaskRow]:
         """Yield the tasks there are, as people see them."""
         own = self.program.tasks()
-        return own if own is not None else rows(self.task_state)
-
-    def task_state(self, task: Task) -> TaskState:
-        """Return the state of a task, if its port is served at all."""
-        return TaskState.NOT_RUNNING if self.clients.ended(task) else task.state(self.condition)
+        return own if own is not None else rows(self.condition)
 
     # Time.
 
@@ -473,14 +456,11 @@ class Controller:
         if now.tasks in ENDED and before.tasks not in ENDED:
             for program in self._programs():
                 program.restart()
-            self.clients.tasks_ended()
         elif now.motors in (Motors.OFF, Motors.BRAKING) and before.motors is not now.motors:
             for program in self._programs():
                 program.abort()
         if now.tasks is before.tasks:
             return
-        if before.tasks in ENDED and now.tasks not in ENDED:
-            self.clients.tasks_begin()
         if now.tasks is Tasks.RECOVERING:
             self._recover()
         elif now.tasks in (Tasks.PAUSED, Tasks.INTERRUPTED, Tasks.WAIT_RECOVER):

@@ -16,7 +16,7 @@ from epson_driver.setup.setup import make_setup
 from epson_driver.setup.table import GOAL_TOLERANCE
 from epson_driver.simple_message import ByteOrder
 
-PROFILES = ['rc620', 'rc700a', 'spel', 'thesis', 'generic', 'fanuc', 'abb', 'motoman']
+PROFILES = ['rc620', 'rc700a', 'spel', 'generic', 'fanuc', 'abb', 'motoman']
 
 
 def flat(value):

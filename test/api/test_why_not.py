@@ -23,7 +23,6 @@ PROFILES = (
     'abb',
     'fanuc',
     'generic',
-    'thesis',
 )
 NO_STREAMS = ('motoman', 'abb', 'remote')
 NO_REMOTE_ETHERNET = ('motoman',)
@@ -64,7 +63,7 @@ ROWS = {
 }
 
 
-LONG = [*product(['thesis'], ROWS), *product(['spel'], list(ROWS)[1:])]
+LONG = list(product(['spel'], list(ROWS)[1:]))
 """A SPEL+ program takes longer than the other controllers."""
 
 

@@ -35,7 +35,6 @@ NAMES = (
     'rc700a',
     'simulated',
     'spel',
-    'thesis',
 )
 KINDS = [pytest.param(name, marks=() if name == 'rc620' else pytest.mark.slow) for name in NAMES]
 
@@ -51,8 +50,6 @@ SEEN = {
     'state.message',
     'state.in_motion',
     'state.motion_possible',
-    'server.byte_by_byte',
-    'server.reconnect',
     'server.state_clients',
     'program.kind',
     'io',
@@ -72,7 +69,7 @@ BOOTED_S = 1.0
 
 
 def question(profile, ports, **options):
-    allowed = {'may_ask': False, 'may_use_io': False, 'once': False, 'seconds': 5.0} | options
+    allowed = {'may_ask': False, 'may_use_io': False, 'seconds': 5.0} | options
     return Question(
         host='127.0.0.1',
         profile=profile,
@@ -156,7 +153,7 @@ def test_a_driver_that_has_the_only_place_is_named():
 @pytest.mark.parametrize('name', KINDS)
 def test_a_learned_profile_has_the_keys_of_the_original_or_says_why_not(tmp_path, name):
     original = load_controller_profile(name)
-    facts, _ = examined(name, may_ask=True, may_use_io=True, once=True)
+    facts, _ = examined(name, may_ask=True, may_use_io=True)
     assert facts.keys() >= SEEN - NOT_OF.get(name, set())
     path = tmp_path / 'learned.yaml'
     path.write_text(profile_text('learned', facts, 'generic', 'in a test'), encoding='utf-8')
@@ -186,10 +183,10 @@ def test_a_learned_profile_has_the_keys_of_the_original_or_says_why_not(tmp_path
 
 @pytest.mark.parametrize('name', KINDS)
 def test_the_simulator_with_a_learned_profile_behaves_as_the_original(tmp_path, name):
-    facts, _ = examined(name, may_ask=True, may_use_io=True, once=True)
+    facts, _ = examined(name, may_ask=True, may_use_io=True)
     path = tmp_path / 'learned.yaml'
     path.write_text(profile_text('learned', facts, 'generic', 'in a test'), encoding='utf-8')
-    again, _ = examined(str(path), may_ask=True, may_use_io=True, once=True)
+    again, _ = examined(str(path), may_ask=True, may_use_io=True)
     same = {key for key in facts if not key.startswith('ports.')} - {'state.period'}
     if name == 'spel':
         same.remove('program.motors')  # no program runs there that would have to be stopped
@@ -204,9 +201,8 @@ def test_every_key_can_be_found_out_or_has_a_reason_why_not():
 
 @pytest.mark.parametrize('name', KINDS)
 def test_a_profile_fits_its_own_controller(name):
-    _, findings = examined(name, may_ask=True, once=True)
-    wrong = told(findings, Level.WRONG)
-    assert wrong.keys() <= ({'motion port'} if name == 'thesis' else set())
+    _, findings = examined(name, may_ask=True)
+    assert told(findings, Level.WRONG) == {}
     assert 'fits in' in told(findings, Level.OK)['profile']
 
 
@@ -260,13 +256,6 @@ def test_with_motors_on_nothing_is_asked(name):
     facts, findings = examined(name, prepare=motors_on, may_ask=True, may_use_io=True)
     assert 'motors are on' in told(findings, Level.SKIPPED)['motion, I/O port']
     assert 'program.kind' not in facts
-
-
-def test_a_program_that_serves_one_client_once_is_left_alone():
-    facts, findings = examined('thesis')
-    assert facts == {}
-    assert 'serves one client, once' in told(findings, Level.SKIPPED)['controller']
-    assert findings.exit_code == 0
 
 
 def test_a_controller_that_vanishes_while_it_is_examined_is_told_and_that_is_all():
@@ -463,8 +452,3 @@ def test_main_that_does_not_run_and_another_control_device_are_told(monkeypatch)
     assert held['control device'].startswith('the control device is the PC with RC+')
     assert held['main'] == 'main does not run'
     assert findings.exit_code == 1
-
-
-def test_without_once_nothing_was_looked_at_and_that_is_said():
-    _, findings = examined('thesis')
-    assert findings.verdict == 'nothing was looked at at the controller'

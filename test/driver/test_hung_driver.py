@@ -286,7 +286,7 @@ async def test_a_version_that_was_read_wrongly_is_asked_for_again_by_an_enable(m
         assert (await harness.submit(FAR, step=4.0).end()).end is End.SUCCEEDED
 
 
-@pytest.mark.parametrize(('name', 'timeout'), [('rc620', 0.0), ('generic', 0.5), ('thesis', 0.5)])
+@pytest.mark.parametrize(('name', 'timeout'), [('rc620', 0.0), ('generic', 0.5)])
 async def test_no_other_controller_gets_anything_new(name, timeout):
     """Without the key in the driver's profile, or with a program that does not have it."""
     sent = []

@@ -123,7 +123,7 @@ async def test_inv10_a_tenth_of_the_speed_is_a_tenth_at_the_arm_or_refused(name,
     """By the speed scaling, and by a plan that is ten times as slow, as MoveIt makes it."""
     refused, usual = await executed(name, plan(0.5))
     if refused:
-        assert name in ('fanuc', 'thesis')
+        assert name == 'fanuc'
     for trajectory, factor in ((plan(0.5), 0.1), (plan(5.0), 1.0)):
         why, peak = await executed(name, trajectory, factor)
         if why:
@@ -155,16 +155,14 @@ async def test_inv10_a_stream_at_a_tenth_is_a_tenth_at_the_arm(name):
 
 
 @pytest.mark.invariant(10)
-@pytest.mark.parametrize(
-    ('name', 'why'), [('fanuc', 'override'), ('thesis', 'override'), ('remote', 'no streams')]
-)
+@pytest.mark.parametrize(('name', 'why'), [('fanuc', 'override'), ('remote', 'no streams')])
 async def test_inv10_a_stream_without_a_speed_of_its_own_is_refused(name, why):
     assert await jogged(name, 1.0, refused=why) == 0.0
 
 
 # --- pauses -----------------------------------------------------------------------------------
 
-OBEYS_STOP = [name for name in PROFILES if name not in ('abb', 'remote', 'thesis')]
+OBEYS_STOP = [name for name in PROFILES if name not in ('abb', 'remote')]
 
 SLOW = 0.05
 """Share of the velocity limit in the pauses here."""
@@ -398,7 +396,6 @@ async def test_pause_and_resume_at_any_time_end_in_one_success():
     [
         ('abb', 'the controller has all points of a download'),
         ('remote', 'by Remote Ethernet alone'),
-        ('thesis', 'this program ends its present move before it obeys STOP'),
     ],
 )
 def test_a_pause_that_cannot_be_is_refused_by_name(name, why):

@@ -3,7 +3,6 @@
 """Motors, E-stop, lost clients and state of the core, on a manual clock."""
 
 import struct
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,7 +19,6 @@ from support.controller_harness import (
     point,
 )
 
-from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.condition.states import EStop, Motors, Power, RejectedError, Tasks
 from epson_driver.sim_controller.faults.fault_text import parse
@@ -323,56 +321,6 @@ def test_a_reset_waits_for_the_arm():
         harness.do('reset')
 
 
-def silent_profile():
-    return replace(PROFILE, server=replace(PROFILE.server, aborted='silent'))
-
-
-def test_a_port_that_was_not_read_is_opened_anew():
-    harness = Harness(profile=silent_profile())
-    harness.do('E-stop press')
-    harness.send(point(0, THERE)[:30])
-    assert harness.peer.ended is None
-    assert harness.codes() == []
-    harness.do('E-stop release', 'reset')
-    assert harness.peer.ended == 'aborted'
-    harness.connect()
-    harness.do('motors on')
-    harness.send(point(0, HERE))
-    assert harness.codes() == [(0, SUCCESS)]
-
-
-def test_a_port_that_closes_while_its_task_is_aborted():
-    closing = replace(PROFILE, server=replace(PROFILE.server, aborted='close'))
-    harness = Harness(profile=closing)
-    harness.do('E-stop press')
-    assert harness.peer.ended == 'aborted'
-    with pytest.raises(ConnectionRefusedError, match='does not run'):
-        harness.connect()
-    harness.controller.connect('state', Peer())
-    harness.do('E-stop release', 'reset')
-    harness.connect()
-
-
-def test_a_program_that_does_not_reconnect_serves_nobody_until_it_is_started():
-    thesis = load_controller_profile('thesis')
-    harness = Harness(profile=thesis)
-    harness.disconnect()
-    with pytest.raises(ConnectionRefusedError, match='start it'):
-        harness.connect()
-    harness.do('start')
-    harness.connect()
-    state = Peer()
-    harness.controller.connect('state', state)
-    with pytest.raises(FrameError):
-        harness.send(b'GET / HTTP/1.0\r\n\r\n')  # both servers end
-    assert state.ended == 'aborted'
-    for port in ('motion', 'state'):
-        with pytest.raises(ConnectionRefusedError, match='start it'):
-            harness.controller.connect(port, Peer())
-    harness.do('start')
-    harness.connect()
-
-
 @pytest.mark.parametrize('smooth', [False, True])
 def test_an_estop_at_a_point_comes_when_the_arm_goes_to_it(smooth):
     harness = Harness(planner=InlinePlanner() if smooth else None)
@@ -406,15 +354,6 @@ def test_after_the_door_the_arm_goes_on_at_its_power():
     assert harness.condition.power is Power.HIGH
     harness.rest()
     assert harness.codes() == [(0, SUCCESS)]
-
-
-def test_a_server_that_is_dead_does_not_run():
-    harness = Harness(profile=load_controller_profile('thesis'))
-    harness.controller.connect('state', Peer()).closed()
-    assert harness.remote('Sim,tasks') == [
-        '#Sim,1=motion server,Normal,runs;2=state server,NoEmgAbort,does not run;'
-        '3=I/O server,Normal,runs'
-    ]
 
 
 def test_a_client_of_a_port_that_controllers_have_not_is_not_served():

@@ -51,7 +51,7 @@ class Cell:
     ) -> None:
         self._folder = folder
         self._controller_arguments = controller_arguments
-        self.spel = SPEL in controller_arguments
+        self.spel = SPEL in controller_arguments or parameters.get('controller') == 'spel'
         self._parameters = SLOW_PLANS | (TIMEOUTS if patience else {}) | parameters
         self._run = [*run, *(patient.COMMAND if patience else processes.EXECUTABLE)]
         self.domain = processes.free_ros_domain()

@@ -16,10 +16,9 @@ from epson_driver.driver.outcome import ErrorCode
 from epson_driver.sim_controller.condition.states import Event
 from support.driver_harness import LIMITS, pose
 
-PROFILES = ('rc620', 'rc700a', 'thesis', 'generic', 'fanuc', 'abb', 'motoman', 'spel', 'remote')
+PROFILES = ('rc620', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman', 'spel', 'remote')
 DOWNLOADS = ('rc620', 'rc700a', 'spel')
-"""Controllers that take whole trajectories, too, although they usually get points. To the thesis'
-program every negative sequence is a STOP, the one that begins a download included."""
+"""Controllers that take whole trajectories, too, although they usually get points."""
 
 SETPOINTS = ('rc620', 'generic', 'spel')
 """Controllers for which a stream of setpoints is interrupted."""
@@ -191,21 +190,7 @@ EXCEPTIONS: dict[tuple[str, str], dict[str, Any]] = {
             ('cut', 'cut', 0.3),
         )
     },
-    # Its servers are dead when their client is gone or the tasks were aborted.
-    **{
-        (fault, 'thesis'): {'boots': True}
-        for fault in (
-            'e_stop',
-            'motors_off',
-            'door',
-            'lost_reply',
-            'silence',
-            'cut',
-            'wrong_byte_order',
-        )
-    },
     ('door', 'remote'): dict.fromkeys(('text', 'gate'), 'the safeguard door is open'),
-    ('door', 'thesis'): {'repair': (Event.DOOR_CLOSE,), 'boots': True},
 }
 
 ANSWER_A_POINT_FIRST = ('rc620', 'rc700a', 'generic', 'fanuc')
@@ -264,8 +249,6 @@ class Cell:
         if self.interface == 'setpoints' and self.phase != 'moving':
             return 'a stream of setpoints has no end of its own'
         if self.fault == 'failure_reply':
-            if self.profile == 'thesis':
-                return 'its replies are always SUCCESS'
             if self.phase != 'moving':
                 return 'it strikes when the arm is on its way to the point before'
             if self.interface == 'setpoints':

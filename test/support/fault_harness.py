@@ -59,12 +59,12 @@ class RecordedActions:
 class Client:
     """What arrives at the other end: (time, segment), and whether the transport hung up."""
 
-    def __init__(self, harness, port, byte_by_byte=False):
+    def __init__(self, harness, port):
         self.harness = harness
         self.segments = []
         self.hung_up = 0
         self.transport = FaultyTransport(
-            port, harness.clock, harness.faults, self._take, self._end, byte_by_byte=byte_by_byte
+            port, harness.clock, harness.faults, self._take, self._end
         )
 
     def _take(self, data):

@@ -45,7 +45,7 @@ LONG_CAUSE_TIME = 1.0
 """How long a goal waits for the STATUS that says why, s: as long as a busy machine may need."""
 
 LONGEST = 20.0
-"""How long one cell may take before it fails, s: the way alone takes the thesis' program 6.6 s."""
+"""How long one cell may take before it fails, s."""
 
 QUIET = 0.25
 """How long the arm is watched before it is enabled, s."""

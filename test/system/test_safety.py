@@ -3,6 +3,7 @@
 """What stops the arm, and what lets it move again, end to end."""
 
 import random
+import shutil
 import signal
 import sys
 import time
@@ -16,6 +17,8 @@ from control_msgs.action import FollowJointTrajectory
 from support import in_terminal
 from support.cell import LASTS, PROGRAMS, START, Cell, cell_with
 from support.ros_peer import RosPeer, trajectory
+
+from epson_driver.share import share_file
 
 FAR = [1.5, 0.0, 0.3, 0.1, -0.6, 0.1]
 
@@ -314,16 +317,20 @@ def test_invariant_4_no_enable_on_its_way_arms_after_disable(
 def test_invariant_3_a_controller_that_does_not_stop_is_said_and_its_motors_go_off(
     make_cell: Any, tmp_path: Path
 ) -> None:
+    project = tmp_path / 'deaf'
+    shutil.copytree(share_file('controller_program', 'motion.prg').parent, project)
+    program = (project / 'motion.prg').read_text(encoding='utf-8')
+    stops = 'If sequence = SEQ_STOP_TRAJECTORY Then\n    DropPoints\n'
+    assert program.count(stops) == 1
+    deaf = program.replace(stops, stops.replace('DropPoints', 'Exit Function'))
+    (project / 'motion.prg').write_text(deaf, encoding='utf-8')
     profile = tmp_path / 'deaf.yaml'
     profile.write_text(
-        'like: rc620\nname: deaf\ndescription: does not stop\nprogram:\n  stop_works: false\n',
+        f'like: spel\nname: deaf\ndescription: does not stop\nspel:\n  project: {project}\n',
         encoding='utf-8',
     )
-    from epson_driver.share import share_file
-
-    text = share_file('config', 'controllers', 'rc620.yaml').read_text(encoding='utf-8')
-    (tmp_path / 'rc620.yaml').write_text(text, encoding='utf-8')
-    cell: Cell = make_cell(f'--controller={profile}', patience=False).ready()
+    options = {'patience': False, 'controller': 'spel', 'smoothing': 'none'}
+    cell: Cell = make_cell(f'--controller={profile}', **options).ready()
     peer = cell.peer
     peer.enable()
     goal = peer.goal(trajectory((0.0, START), (LASTS, [1.5, *START[1:]])))

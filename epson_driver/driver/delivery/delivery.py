@@ -35,8 +35,7 @@ class DeliveryRules:
     motoman: its points need Motoman's commands. uses: which fields of a JOINT_TRAJ_PT count;
     speed: a fraction, of a controller that uses none of them. slowest: the smallest speed, a
     fraction, of any other. buffer, dead_time (s per point): of a download. power: what statements
-    ask for. stops: whether the arm obeys STOP in a motion. All as in the profile
-    (docs/controllers.md).
+    ask for. All as in the profile (docs/controllers.md).
     """
 
     interface: Literal['streaming', 'download', 'statements'] = 'streaming'
@@ -48,7 +47,6 @@ class DeliveryRules:
     dead_time: float = 0.0
     power: Literal['high', 'low'] = 'low'
     slowest: float = 0.0
-    stops: bool = True
 
 
 @dataclass(frozen=True)

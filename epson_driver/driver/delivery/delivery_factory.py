@@ -60,7 +60,6 @@ def delivery_rules(profile: ControllerProfile, interface: str, message: str) -> 
         dead_time=download.dead_time,
         power=profile.motion.power,
         slowest=WHOLE_PERCENT if profile.spel.project or usual == 'statements' else 0.0,
-        stops=profile.program.stop_works,
     )
 
 

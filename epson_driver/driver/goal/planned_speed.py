@@ -74,8 +74,6 @@ class PlannedSpeed:
             self._fixed = self._no_pause = FIXED_SPEED
         elif self._downloads:
             self._no_pause = 'the controller has all points of a download: stop the arm instead'
-        elif not rules.stops:
-            self._no_pause = 'this program ends its present move before it obeys STOP'
         self._speed, self._slowest = rules.speed, rules.slowest
         self._limits = limits
 

@@ -6,7 +6,7 @@ A Normal task pauses with pause and door, and is aborted by an E-stop and by err
 task survives all of that. (SPEL+ language reference, Xqt and TaskState.)
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from enum import Enum
 from typing import NamedTuple
 
@@ -99,7 +99,8 @@ class TaskRow(NamedTuple):
     state: str
 
 
-def rows(state: Callable[[Task], TaskState]) -> Iterator[TaskRow]:
+def rows(condition: Condition) -> Iterator[TaskRow]:
     """Yield the tasks of the built-in program."""
     for task in PROGRAM:
-        yield TaskRow(task.number, task.name, TASK_TYPES[task.type], TASK_WORDS[state(task)])
+        state = TASK_WORDS[task.state(condition)]
+        yield TaskRow(task.number, task.name, TASK_TYPES[task.type], state)

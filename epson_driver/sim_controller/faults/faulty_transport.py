@@ -33,8 +33,7 @@ class FaultyTransport:
     """One connection of a port, whose messages keep their order under every fault.
 
     `transmit` takes what goes into the socket at once; `hang_up` closes the connection and is
-    called at most once, possibly within `send` or `receive`. With `byte_by_byte` every byte is
-    transmitted by itself, fault or none.
+    called at most once, possibly within `send` or `receive`.
     """
 
     def __init__(
@@ -44,13 +43,11 @@ class FaultyTransport:
         faults: Faults,
         transmit: Send,
         hang_up: Callable[[], None],
-        byte_by_byte: bool = False,
     ) -> None:
         self.port = port
         self._clock = clock
         self._faults = faults
-        self._transmit = self._transmit_bytes if byte_by_byte else transmit
-        self._transmit_raw = transmit
+        self._transmit = transmit
         self._hang_up = hang_up
         self._disturbing: list[tuple[ActiveFault, random.Random]] = []
         self._held: deque[_Held] = deque()
@@ -177,7 +174,7 @@ class FaultyTransport:
 
     def _transmit_bytes(self, data: bytes) -> None:
         for index in range(len(data)):
-            self._transmit_raw(data[index : index + 1])
+            self._transmit(data[index : index + 1])
 
     def _forget_held(self) -> None:
         self._held.clear()

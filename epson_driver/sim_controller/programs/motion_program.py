@@ -45,14 +45,13 @@ from epson_driver.sim_controller.ports import UNANSWERED, answer, failure
 from epson_driver.sim_controller.programs.download import FIRST, LAST, Download
 from epson_driver.sim_controller.programs.point_queue import Entry, PointQueue
 from epson_driver.sim_controller.programs.points import (
-    frame_fault,
     limits_rejection,
     numbers_rejection,
     sequence_of,
     taken_for_point,
     target_of,
 )
-from epson_driver.sim_controller.programs.program import ProgramQuit, SendPacket
+from epson_driver.sim_controller.programs.program import SendPacket
 from epson_driver.simple_message import (
     BodyError,
     CommType,
@@ -73,7 +72,6 @@ from epson_driver.simple_message import (
 
 REPLIES: dict[str, Callable[[int], Message]] = {
     'sequence': JointPosition,
-    'zero': lambda sequence: JointPosition(),
     'header': lambda sequence: Opaque(MessageType.JOINT_TRAJ_PT),
 }
 """The reply to the point with a sequence, by the profile's word for its form."""
@@ -127,7 +125,7 @@ class MotionProgram:
         self._pending_limit = pending_limit
         self._errors = errors
         self._blocked = blocked
-        self._send_packet = send
+        self._send = send
         self._clock = clock
         self._used = FieldsUsed(profile.uses)
         self._arm = arm
@@ -168,11 +166,7 @@ class MotionProgram:
         return len(self._download)
 
     def receive(self, frame: Frame) -> None:
-        """Obey, queue or refuse one frame. Raises ProgramQuit if the profile says so."""
-        if self._profile.corrupt == 'quit' and (fault := frame_fault(frame)) is not None:
-            self._errors.enter(corrupt(fault))
-            self.restart()
-            raise ProgramQuit(f'a corrupt message: {fault}')
+        """Obey, queue or refuse one frame."""
         taken = taken_for_point(frame, self._profile.accepts, POINT_BODY_BYTES[self._real])
         if taken is None or taken.comm_type == CommType.SERVICE_REPLY:
             _log.warning('not answered: message type %d', frame.msg_type)
@@ -258,7 +252,7 @@ class MotionProgram:
             self._reject(sequence, corrupt(f'JOINT_TRAJ_PT: the body must be {size} bytes'))
         elif self._is_ignored(point.sequence):
             _log.warning('%s is not supported: ignored', _name(point))
-        elif self._silent is not None and not self._is_stop(point.sequence):
+        elif self._silent is not None and point.sequence != STOP:
             asked = packet.comm_type is CommType.SERVICE_REQUEST
             self._reject(point.sequence if asked else None, self._silent.about(_name(point)))
         elif self._concerns_download(point.sequence, packet.comm_type):
@@ -266,33 +260,24 @@ class MotionProgram:
         elif packet.comm_type is CommType.TOPIC and self._topics:
             self._errors.enter(corrupt('no download is under way').about(_name(point)))
         elif packet.comm_type is CommType.TOPIC:
-            if self._is_stop(point.sequence) and self._profile.accepts != 'exact':
+            if point.sequence == STOP and self._profile.accepts != 'exact':
                 self._stop(None)
             else:
                 self._reject(None, corrupt('JOINT_TRAJ_PT must be a request, not a topic'))
-        elif self._is_stop(point.sequence):
+        elif point.sequence == STOP:
             self._stop(point.sequence)
         else:
             self._receive_request(point)
 
     def _concerns_download(self, sequence: int, comm_type: CommType) -> bool:
-        return not self._is_stop(sequence) and self._download.concerns(sequence, comm_type)
-
-    def _is_stop(self, sequence: int) -> bool:
-        return sequence == STOP or (sequence < 0 and self._profile.negative_is_stop)
+        return sequence != STOP and self._download.concerns(sequence, comm_type)
 
     def _is_ignored(self, sequence: int) -> bool:
         return sequence < 0 and self._profile.special_sequences == 'stop' and sequence != STOP
 
     def _stop(self, sequence: int | None) -> None:
-        if self._profile.stop_works:
-            self.restart()
-            self._answer(sequence, ReplyCode.SUCCESS)
-        elif (rejection := self._queue_rejection()) is not None:
-            self._reject(sequence, rejection)
-        else:
-            self._queue.append(Entry(reply_to=sequence))
-            self._queue.advance()
+        self.restart()
+        self._answer(sequence, ReplyCode.SUCCESS)
 
     def _receive_request(self, point: JointTrajPt) -> None:
         self._download.forget()
@@ -424,8 +409,3 @@ class MotionProgram:
     def _answer(self, sequence: int | None, code: ReplyCode) -> None:
         if sequence is not None:
             self._send(reply(self._reply(sequence), code))
-
-    def _send(self, packet: Packet) -> None:
-        if packet.reply_code is ReplyCode.FAILURE and not self._profile.failure_replies:
-            packet = packet._replace(reply_code=ReplyCode.SUCCESS)
-        self._send_packet(packet)

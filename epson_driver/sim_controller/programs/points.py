@@ -16,7 +16,6 @@ from epson_driver.simple_message import (
     ReplyCode,
     decode,
 )
-from epson_driver.simple_message.framer import HEADER_SIZE
 
 MIN_VELOCITY = 1e-6
 """Smallest velocity field obeyed: below it a move would take days. 0 means: none given."""
@@ -27,24 +26,6 @@ MAX_DURATION_S = 86_400.0
 
 POINT_REALS = 12
 """Reals in a JOINT_TRAJ_PT, after the sequence: ten joints, velocity and duration."""
-
-POINT_LENGTH_BYTES = 64
-"""The length prefix of a JOINT_TRAJ_PT."""
-
-
-def frame_fault(frame: Frame) -> str | None:
-    """Return the fault of a frame for a program that knows JOINT_TRAJ_PT only, or None."""
-    length = HEADER_SIZE + len(frame.body)
-    if length != POINT_LENGTH_BYTES:
-        return f'length = {length}: must be {POINT_LENGTH_BYTES}'
-    for name, value, right in (
-        ('msg_type', frame.msg_type, MessageType.JOINT_TRAJ_PT),
-        ('comm_type', frame.comm_type, CommType.SERVICE_REQUEST),
-        ('reply_code', frame.reply_code, ReplyCode.INVALID),
-    ):
-        if value != right:
-            return f'{name} = {value}: must be {right.value}'
-    return None
 
 
 def taken_for_point(frame: Frame, accepts: str, size: int) -> Frame | None:

@@ -12,10 +12,6 @@ SendPacket = Callable[[Packet], None]
 """Takes a reply."""
 
 
-class ProgramQuit(Exception):  # noqa: N818  # SPEL+'s word for it
-    """The program has ended itself, and all its servers with it. The text says why."""
-
-
 class Program(Protocol):
     """Has the points of one client executed, one after the other, and answers them."""
 
@@ -31,7 +27,7 @@ class Program(Protocol):
         """
 
     def receive(self, frame: Frame) -> None:
-        """Obey, queue or refuse one frame, or raise ProgramQuit, after which the arm brakes."""
+        """Obey, queue or refuse one frame."""
 
     def step(self, dt: float) -> None:
         """Let `dt` ≥ 0 s pass for the executor, which the program feeds.

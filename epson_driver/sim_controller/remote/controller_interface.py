@@ -12,7 +12,7 @@ from epson_driver.sim_controller.arm.streaming import DeadlineCounters
 from epson_driver.sim_controller.condition.errors import Rejection
 from epson_driver.sim_controller.condition.spel_settings import SpelSettings
 from epson_driver.sim_controller.condition.states import Condition, Event
-from epson_driver.sim_controller.condition.tasks import Task, TaskRow, TaskState
+from epson_driver.sim_controller.condition.tasks import TaskRow
 from epson_driver.sim_controller.faults.faults import Faults
 from epson_driver.sim_controller.io.io_points import IoPoints
 from epson_driver.sim_controller.ports import CommandWindow
@@ -84,9 +84,6 @@ class ControllerInterface(Protocol):
 
     def tasks(self) -> Iterable[TaskRow]:
         """Yield the tasks there are, as people see them."""
-
-    def task_state(self, task: Task) -> TaskState:
-        """Return the state of a task."""
 
     def disturb(self, joint: int, push: float) -> None:
         """Push one joint (index from 0) by some rad or m. Raises RejectedError."""

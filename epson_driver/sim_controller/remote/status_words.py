@@ -110,7 +110,7 @@ def _task_runs(number: int) -> Predicate:
     task = next((task for task in PROGRAM if task.number == number), None)
     if task is None:
         return never
-    return lambda controller: controller.task_state(task) in _ALIVE
+    return lambda controller: task.state(controller.condition) in _ALIVE
 
 
 _ALIVE = (TaskState.RUNNING, TaskState.WAITING, TaskState.HALTED, TaskState.QUICK_PAUSE)

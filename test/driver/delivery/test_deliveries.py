@@ -50,7 +50,7 @@ from epson_driver.simple_message import (
 )
 from epson_driver.simple_message.motoman import Command, Invalid, NotReady, Result
 
-PROFILES = ('rc620', 'rc700a', 'thesis', 'generic', 'fanuc', 'abb', 'motoman')
+PROFILES = ('rc620', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman')
 AT_GOAL = 0.01
 
 

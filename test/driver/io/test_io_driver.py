@@ -152,9 +152,7 @@ async def test_values_are_told_at_first_and_when_one_changes(dialect):
         assert len(client.told) == 2
 
 
-@pytest.mark.parametrize(
-    'profile', ['rc620', 'rc700a', 'thesis', 'generic', 'fanuc', 'abb', 'motoman']
-)
+@pytest.mark.parametrize('profile', ['rc620', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman'])
 async def test_io_with_every_profile_of_the_simulated_controller(profile):
     """Through a whole driver: the way is the profile's, the byte order the state messages'."""
     async with (

@@ -70,7 +70,7 @@ async def to_rest(controller, phase, end):
 
 CONTROLLERS = [
     ('rc620', True),
-    *((name, False) for name in ('rc620', 'generic', 'fanuc', 'spel', 'thesis')),
+    *((name, False) for name in ('rc620', 'generic', 'fanuc', 'spel')),
 ]
 """Profiles that follow streams, and whether the arm moves smoothly."""
 

@@ -110,7 +110,6 @@ JOG_BARS = {
     ('generic', False): 0.33,
     ('fanuc', False): 0.31,
     ('spel', False): 0.28,
-    ('thesis', False): 0.75,
 }
 """s; some more than was measured."""
 

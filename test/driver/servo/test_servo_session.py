@@ -680,7 +680,7 @@ def test_inv9_a_withdrawn_acknowledgement_breaks_a_stream_off():
 
 def test_no_stream_is_followed_where_all_of_a_trajectory_is_sent_before_it_moves(said):
     async def check():
-        rules = delivery_rules(load_controller_profile('thesis'), 'download', 'joint_traj_pt')
+        rules = delivery_rules(load_controller_profile('generic'), 'download', 'joint_traj_pt')
         async with cell(smooth=False, delivery=rules) as (harness, _):
             harness.driver.servo.take(positions(pose(0.04)))
             await asyncio.sleep(0.1)

@@ -54,17 +54,6 @@ def test_without_a_fault_everything_passes_at_once(harness):
     assert harness.clock.next_due is None
 
 
-def test_byte_by_byte_needs_no_fault(harness):
-    client = harness.client(byte_by_byte=True)
-    client.send(state(1))
-    assert client.taken() == [bytes([byte]) for byte in state(1)]
-    harness.start('delay:seconds=0.2')
-    client.send(state(2))
-    assert client.taken() == []
-    harness.wait(0.2)
-    assert client.taken() == [bytes([byte]) for byte in state(2)]
-
-
 def test_cut_closes_the_ports_connections_at_once_and_refuses_new_ones(harness):
     clients = {port: harness.client(port) for port in ('motion', 'state', 'io', 'remote')}
     harness.start('cut:for=2,port=motion+io')

@@ -652,7 +652,7 @@ def test_the_next_client_may_be_silent_again():
     assert harness.joints == pytest.approx(FAR, abs=1e-6)
 
 
-@pytest.mark.parametrize('name', ['generic', 'fanuc', 'abb', 'thesis'])
+@pytest.mark.parametrize('name', ['generic', 'fanuc', 'abb'])
 def test_programs_of_others_have_no_watchdog(name):
     profile = load_controller_profile(name)
     harness = Harness(profile=profile)
