@@ -55,7 +55,6 @@ ROOMS = {
     'panel': 'ROS driver motion node numpy pages remote_ethernet robots sim_controller '
     'tool_motion websockets',
     'pendant': 'driver error_texts processes remote_ethernet sim_controller simple_message',
-    'fleet': 'ROS node processes rich',
     'exercise': 'ROS error_texts inputs motion node numpy pendant processes profiles pytest '
     'remote_ethernet report robots sim_controller',
     'demo': 'ROS error_texts inputs matplotlib motion node numpy panel processes remote_ethernet '
@@ -176,7 +175,7 @@ def test_every_room_imports_what_its_row_says() -> None:
 def test_one_file_has_the_command_that_starts_python() -> None:
     files = (ROOT / PACKAGE).rglob('*.py')
     named = {path.name for path in files if 'sys.executable' in path.read_text('utf-8')}
-    assert named == {'command.py', 'fleet_processes.py', 'environment.py'}  # two only show it
+    assert named == {'command.py', 'fleet.py', 'environment.py'}  # two only show it
 
 
 def test_rows_name_only_what_stands_above_them() -> None:
@@ -214,7 +213,7 @@ def test_the_two_sides_of_the_wire_and_ros_are_kept_apart() -> None:
     assert not {'driver', 'link'} & below('sim_controller')
     for room in ('driver', 'robot', 'node'):
         assert 'sim_controller' not in below(room)
-    users = {'doctor', 'panel', 'fleet', 'exercise', 'demo'}
+    users = {'doctor', 'panel', 'exercise', 'demo'}
     assert {room for room in ROOMS if 'ROS' in ROOMS[room].split()} == {'node', *users}
 
 

@@ -1,85 +1,200 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver fleet`: simulated robots with their drivers, and a table of how they do."""
+"""`epson_driver fleet`: simulated robots behind a discovery server, and a table of how they do."""
 
 import argparse
+import math
+import os
+import re
+import shutil
+import sys
 import tempfile
-from contextlib import closing
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
+from typing import Any, NamedTuple
 
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
+from rich.live import Live
 from rich.markup import escape
+from rich.table import Table
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
 from epson_driver.cli.arguments import argument
-from epson_driver.fleet.fleet_processes import running_fleet
-from epson_driver.fleet.table import say_environment, show, wait
-from epson_driver.fleet.watch import Watch
 from epson_driver.inputs import count, number, printable
-from epson_driver.processes.interrupt import INTERRUPTED, raise_at_first_signal
-from epson_driver.processes.processes import RunError
+from epson_driver.node.ros_transport import udp_by_default
+from epson_driver.node.sampling import sampled, take_all
+from epson_driver.processes import interrupt, processes
+from epson_driver.processes.processes import Process, RunError
 
-MAX_ROBOTS = 64
+PROGRAM, START_TIMEOUT_S = 'fast-discovery-server', 300.0
+SERVER, RANGE = 'ROS_DISCOVERY_SERVER', 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+WINDOW_S, KEPT = 2.0, 2000
+"""The table shows the mean of so long, s, of at most so many joint states of a robot."""
+
+
+class Row(NamedTuple):
+    """One robot: its driver's link state, or which process has ended; cores, bytes."""
+
+    name: str
+    state: str
+    rate: float
+    cpu: float
+    memory: int
+
+    @property
+    def up(self) -> bool:
+        """Whether both processes run, and the driver is connected and sends its state."""
+        return self.state == 'connected' and self.rate > 0.0
+
+
+class Fleet:
+    """The running robots, driver and controller by namespace, and what is heard of them."""
+
+    def __init__(self, robots: dict[str, tuple[Process, Process]]) -> None:
+        self._robots = robots
+        self._links = dict.fromkeys(robots, 'silent')
+        with udp_by_default():
+            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+            self._node, self._counter = map(rclpy.create_node, ('fleet', 'fleet_rates'))
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._states: dict[str, Any] = {}
+        for name in robots:
+            heard = partial(lambda name, said: self._links.update({name: said.data}), name)
+            topic = f'/{name}/epson_driver/link_state'
+            self._node.create_subscription(String, topic, heard, latched)
+            topic = f'/{name}/joint_states'
+            self._states[name] = sampled(self._counter, JointState, topic, KEPT, raw=True)
+
+    def rows(self) -> list[Row]:
+        """Listen for the time of a window, and return how each robot did in it."""
+        before, began, _ = self._used(), time.monotonic(), self._count()
+        while (left := began + WINDOW_S - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=min(left, 0.1))
+        after, counts, lasted = self._used(), self._count(), time.monotonic() - began
+        rows = []
+        for name, both in self._robots.items():
+            ended = [f'{p.name} ended: {p.returncode}' for p in both if p.returncode is not None]
+            cpu, memory = after[name][0] - before[name][0], after[name][1]
+            state, rate = (*ended, self._links[name])[0], counts[name] / lasted
+            rows.append(Row(name, state, rate, max(cpu, 0.0) / lasted, memory))
+        return rows
+
+    def _count(self) -> dict[str, int]:
+        return {name: len(take_all(each, KEPT)) for name, each in self._states.items()}
+
+    def _used(self) -> dict[str, tuple[float, int]]:
+        both = {name: [_use(p.process_id) for p in both] for name, both in self._robots.items()}
+        return {name: (a[0] + b[0], a[1] + b[1]) for name, (a, b) in both.items()}
+
+
+def _use(process_id: int) -> tuple[float, int]:
+    """Return CPU time so far, s, and memory, bytes, as Linux has them; 0 once it has ended."""
+    folder = Path('/proc', str(process_id))
+    try:
+        fields = (folder / 'stat').read_text('ascii').rpartition(')')[2].split()
+        memory = re.search(r'(?m)^Pss:\s+(\d+)', (folder / 'smaps_rollup').read_text('ascii'))
+    except OSError:
+        return 0.0, 0
+    ticks = int(fields[11]) + int(fields[12])
+    return ticks / os.sysconf('SC_CLK_TCK'), int(memory[1]) * 1024 if memory else 0
+
+
+def table(rows: list[Row]) -> Table:
+    """Return a table with a line for each robot, and one for all."""
+    shown = Table(box=None, show_footer=True, padding=(0, 2, 0, 0))
+    totals = (min(r.rate for r in rows), sum(r.cpu for r in rows), sum(r.memory for r in rows))
+    footers = ('all', f'{sum(row.up for row in rows)} of {len(rows)}', *_figures(*totals))
+    for title, footer in zip(('robot', 'up', 'states', 'CPU', 'memory'), footers, strict=True):
+        shown.add_column(title, footer)
+    for row in rows:
+        state = '[green]yes[/]' if row.up else f'[bold red]{row.state.replace("_", " ")}[/]'
+        shown.add_row(row.name, state, *_figures(row.rate, row.cpu, row.memory))
+    return shown
+
+
+def _figures(rate: float, cpu: float, memory: int) -> tuple[str, str, str]:
+    return f'{rate:.0f} Hz', f'{cpu * 100:.0f} %', f'{memory / 1e6:.0f} MB'
+
+
+@contextmanager
+def running_fleet(folder: Path, size: int) -> Iterator[tuple[Fleet, list[str]]]:
+    """Run a fleet in a ROS domain of this machine, until the block ends, with logs in `folder`.
+
+    Yields what another terminal exports to find it. Raises RunError. The server uses no shared
+    memory: what killed processes leave in /dev/shm can keep its answers from its clients.
+    """
+    beside = Path(sys.executable).with_name(PROGRAM)  # in an environment made by pip
+    server = str(beside) if beside.is_file() else shutil.which(PROGRAM)
+    if server is None:
+        raise RunError(f'no {PROGRAM}: it comes with Fast DDS (apt install ros-jazzy-fastrtps)')
+    domain = processes.free_ros_domain()
+    port = str(processes.port_beside(domain))
+    own = os.environ | {'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4', SERVER: ''}
+    running: list[Process] = []
+
+    def start(make: Callable[..., Process], log: str, *words: Any) -> Process:
+        with interrupt.interrupts_held(interrupt.ending_signals()):
+            running.insert(0, make(folder / f'{log}.log', *words))  # drivers end first
+        return running[0]
+
+    try:
+        words = ['-i', '0', '-l', '127.0.0.1', '-p', port]
+        start(lambda log: Process(server, words, log, own, ()), 'server')
+        os.environ |= processes.ros_environment(domain) | {SERVER: f'127.0.0.1:{port}'}
+        names = [f'robot_{index}' for index in range(1, size + 1)]
+        arms = {name: start(processes.sim_controller, name) for name in names}
+        ports = {name: {name: arm.ports()} for name, arm in arms.items()}
+        drive = partial(start, processes.clients)
+        robots = {
+            name: (drive(f'{name}_driver', ports[name], domain), arms[name]) for name in arms
+        }
+        exported = [f'{name}={os.environ[name]}' for name in ('ROS_DOMAIN_ID', RANGE, SERVER)]
+        yield Fleet(robots), [*exported, 'ROS_SUPER_CLIENT=TRUE  # for ros2 topic list']
+    finally:
+        rclpy.try_shutdown()
+        processes.end_together(running)
 
 
 def main() -> int:
     """Run until Ctrl-C, or as long as asked for. Returns 0 if all robots were up to the end."""
-    arguments = _arguments()
-    console = Console()
-    raise_at_first_signal()
-    up = False
+    parser = argparse.ArgumentParser(prog='epson_driver fleet', description=__doc__)
+    robots, seconds = argument(count(1, 64)), argument(number(0.1, 1e6, 's'))
+    parser.add_argument('--robots', type=robots, default=4, metavar='N', help='(%(default)s)')
+    parser.add_argument('--seconds', type=seconds, default=math.inf, help='then end (at Ctrl-C)')
+    arguments = parser.parse_args()
+    console = Console(highlight=False)
+    interrupt.raise_at_first_signal()
+    up, rows = False, list[Row]()
     try:
         with (
             tempfile.TemporaryDirectory(prefix='epson_driver_fleet_') as folder,
-            running_fleet(
-                Path(folder),
-                arguments.robots,
-                together=arguments.together,
-                server=arguments.discovery == 'server',
-            ) as fleet,
-            closing(Watch(fleet.names)) as watch,
+            running_fleet(Path(folder), arguments.robots) as (fleet, where),
         ):
-            wait(fleet, watch, console)
-            say_environment(fleet, console)
-            up = True
-            return show(fleet, watch, arguments.seconds, console)
+            until = time.monotonic() + START_TIMEOUT_S
+            with Live(console=console, auto_refresh=False) as live:
+                while time.monotonic() < until:
+                    rows = fleet.rows()
+                    live.update(table(rows), refresh=True)
+                    if not up and all(row.up for row in rows):
+                        up, until = True, time.monotonic() + arguments.seconds
+                        console.print(
+                            '\nexport '.join(('all up, until Ctrl-C. Elsewhere:', *where))
+                        )
+            console.line()
+            return 0 if all(row.up for row in rows) else 1
     except (RunError, OSError) as error:
-        said = f'[bold red]fleet failed:[/] {escape(printable(error))}'
-        console.print(said, highlight=False, soft_wrap=True)
+        console.print(f'[bold red]fleet failed:[/] {escape(printable(error))}', soft_wrap=True)
         return 1
     except KeyboardInterrupt:
-        console.print('all ended')
-        return 0 if up else INTERRUPTED
-
-
-def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog='epson_driver fleet',
-        description='Simulated robots with their drivers in a ROS domain of their own, each in '
-        'its namespace, and a table of how they do, until Ctrl-C.',
-    )
-    parser.add_argument(
-        '--robots',
-        type=argument(count(1, MAX_ROBOTS)),
-        default=4,
-        metavar='N',
-        help='how many (%(default)s)',
-    )
-    parser.add_argument(
-        '--together',
-        action='store_true',
-        help='one process for all drivers, not one for each',
-    )
-    parser.add_argument(
-        '--discovery',
-        choices=('server', 'simple'),
-        default='server',
-        help='how they find each other: by a discovery server of Fast DDS, which is started too, '
-        'or by asking everybody (%(default)s)',
-    )
-    parser.add_argument(
-        '--seconds',
-        type=argument(number(0.1, 1e6, 's')),
-        metavar='S',
-        help='end by itself after so long (default: at Ctrl-C)',
-    )
-    return parser.parse_args()
+        console.print('\nall ended')
+        return 0 if up else interrupt.INTERRUPTED

@@ -24,6 +24,7 @@ from support.examples import examples
 from epson_driver.motion import JointLimits
 from epson_driver.motion.smoother import PASSED_TYPES, Smoother, plan
 from epson_driver.processes import processes, worker
+from epson_driver.processes.interrupt import interrupts_held
 from epson_driver.processes.processes import (
     SAFE_DOMAINS,
     Ports,
@@ -383,3 +384,40 @@ def test_inv9_a_worker_is_gone_when_its_end_was_canceled():
         await worker.end_worker(process)  # once more does no harm
 
     asyncio.run(check())
+
+
+def test_those_who_end_together_are_told_before_one_is_waited_for():
+    told = []
+
+    class Ending:
+        returncode = None
+
+        def __init__(self, name):
+            self.name = name
+
+        def send(self, number):
+            told.append((self.name, number))
+
+        def ended(self):
+            told.append(self.name)
+
+    processes.end_together([Ending('a'), Ending('b')])
+    assert told == [('a', signal.SIGINT), ('b', signal.SIGINT), 'a', 'b']
+
+
+def test_a_signal_waits_while_something_is_started():
+    known = []
+
+    def start():
+        with interrupts_held((signal.SIGINT,)):
+            signal.raise_signal(signal.SIGINT)
+            known.append('what was started')
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            start()
+        assert known
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
