@@ -38,7 +38,7 @@ ROOMS = {
     'remote_ethernet robots share simple_message socket_errors spel tool_motion',
     'driver': 'error_texts inputs link log_lines motion numpy processes profiles remote_ethernet '
     'simple_message trace',
-    'setup': 'driver error_texts inputs motion numpy profiles robots simple_message',
+    'setup': 'driver error_texts inputs link motion numpy profiles robots simple_message',
     'api': 'driver error_texts inputs link motion numpy processes remote_ethernet '
     'robots setup simple_message taught_points tool_motion trace trajectory_file',
     'aio': 'api setup taught_points',

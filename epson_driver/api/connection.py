@@ -22,7 +22,7 @@ from epson_driver.api.ownership import Process, close_soon, let_go, take_over
 from epson_driver.api.simulation import SimulatedController
 from epson_driver.api.status import RobotStatus, Sample
 from epson_driver.driver.arm_commands import ArmCommands, CommandError
-from epson_driver.driver.delivery.statements import NO_PLANS, Load, Moves, last_point
+from epson_driver.driver.delivery.statements import NO_PLANS, Load, Moves
 from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.planning_scope import PlanningScope
 from epson_driver.driver.io.gripper import Gripper as DrivenGripper
@@ -74,11 +74,6 @@ class Connection:
         errors = setup.configuration.errors
         assert errors is not None  # noqa: S101 - for the type checker: make_setup loads them
         self.changes = Changes(self.callback_failed, errors)
-
-    @property
-    def interpolates(self) -> bool:
-        """Whether the controller interpolates between positions and velocities at given times."""
-        return self._setup.configuration.delivery.point_message == 'joint_traj_pt_full'
 
     @property
     def running(self) -> Driver:
@@ -376,11 +371,10 @@ class Connection:
         if driver.moves is not None:
             if move is None:
                 raise not_begun(NO_PLANS.format(len(trajectory.times)))
-            statement, trajectory = move(driver.moves), last_point(trajectory)
+            statement = move(driver.moves)
         elif sample is not None:
             trajectory = divided(trajectory, sample.positions)
-        goal = replace(self._setup.goal(trajectory), message=statement)
-        motion = Motion(driver.goal_queue, goal, path)
+        motion = Motion(driver.goal_queue, self._setup.goal(trajectory, statement), path)
         motion.begin()
         if wait:
             await motion.finish()

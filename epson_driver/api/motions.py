@@ -58,15 +58,8 @@ class Motions(Arm):
         start, plan = await self._connection.ready()
         if pose:
             positions = self._joints_at('target', target, None, start)
-        trajectory = straight(
-            start, positions, limits, speed, acceleration, sampled=self._connection.interpolates
-        )
-        return await self._connection.execute(
-            trajectory,
-            plan,
-            wait=wait,
-            move=lambda moves: moves.joints(positions, speed, acceleration),
-        )
+        trajectory, written = self._setup.joint_move(start, positions, speed, acceleration)
+        return await self._connection.execute(trajectory, plan, wait=wait, move=written)
 
     @checked_arguments
     async def move_waypoints(
@@ -154,9 +147,7 @@ class Motions(Arm):
         limits = self.model.limits
         way = moves.checked(recording.plan(limits, speed), limits, 'recording')
         start, plan = await self._connection.ready()
-        trajectory = straight(
-            start, way.positions[0], limits, 0.2, 0.5, sampled=self._connection.interpolates
-        )
+        trajectory, _ = self._setup.joint_move(start, way.positions[0], 0.2, 0.5)
         return await self._connection.execute(moves.joined(trajectory, way), plan, wait=wait)
 
     @checked_arguments

@@ -14,9 +14,7 @@ from typing import Any, Protocol
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.callback_groups import CallbackGroup
 from rclpy.impl.rcutils_logger import RcutilsLogger
-from rclpy.node import Node
 
 from epson_driver.driver.goal.planning_scope import PlanningScope
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
@@ -67,28 +65,21 @@ class _Request:
 class GoalAction:
     """Serves an action over a queue of goals."""
 
-    def __init__(
-        self,
-        node: Node,
-        action: ActionType,
-        queue: Queue,
-        bridge: LoopBridge,
-        callback_group: CallbackGroup,
-    ) -> None:
-        self._logger = node.get_logger()
+    def __init__(self, action: ActionType, queue: Queue, bridge: LoopBridge) -> None:
+        self._logger = bridge.node.get_logger()
         self._action = action
         self._queue = queue
         self._bridge = bridge
         self._requests: dict[bytes, _Request] = {}
         """The goals without a result."""
         self.server = ActionServer(
-            node,
+            bridge.node,
             action.kind,
             action.name,
             self._execute,
             goal_callback=lambda goal: GoalResponse.ACCEPT,  # a rejected one needs a result
             cancel_callback=self._cancel,
-            callback_group=callback_group,
+            callback_group=bridge.group,
             goal_service_qos_profile=REQUEST_QOS,
             result_service_qos_profile=REQUEST_QOS,
             cancel_service_qos_profile=REQUEST_QOS,

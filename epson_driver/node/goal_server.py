@@ -7,21 +7,17 @@ feedback and the outcome come back from there.
 """
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 from builtin_interfaces.msg import Time
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTrajectoryControllerState
 from rclpy.action import ActionServer
 from rclpy.action.server import ServerGoalHandle
-from rclpy.callback_groups import CallbackGroup
-from rclpy.node import Node
 from trajectory_msgs.msg import JointTrajectory
 
 from epson_driver.driver.arm_commands import ArmCommands, CommandError
-from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_queue import GoalHandle
 from epson_driver.driver.goal.planning_scope import PlanningScope
@@ -29,9 +25,10 @@ from epson_driver.driver.outcome import GoalRejectedError, Outcome
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks import report_task_error
 from epson_driver.node import messages
+from epson_driver.node.context import NodeContext
 from epson_driver.node.goal_action import ActionType, GoalAction, OnEnd, log_outcome
 from epson_driver.node.goal_requests import GoalRequests
-from epson_driver.node.loop_bridge import DriverEndedError, LoopBridge
+from epson_driver.node.loop_bridge import DriverEndedError
 from epson_driver.node.remedies import error_text
 from epson_driver.node.trajectory_messages import duration_in_s
 
@@ -107,31 +104,20 @@ TRAJECTORY_TOPICS = ('~/joint_trajectory', 'joint_path_command')
 
 
 class GoalServer:
-    """Serves goals over a driver. Make it in the driver's event loop.
+    """Serves goals over a driver. Make it in the driver's event loop."""
 
-    `parameters`: the node's values by name, which may change.
-    """
-
-    def __init__(
-        self,
-        node: Node,
-        driver: Driver,
-        commands: ArmCommands,
-        bridge: LoopBridge,
-        parameters: Mapping[str, Any],
-        callback_group: CallbackGroup,
-    ) -> None:
+    def __init__(self, context: NodeContext, commands: ArmCommands) -> None:
+        node = context.node
         self._logger = node.get_logger()
         self._clock = node.get_clock()
         self._loop = asyncio.get_running_loop()
-        self._queue = driver.goal_queue
+        self._queue = context.driver.goal_queue
         self._commands = commands
-        self._bridge = bridge
-        self._parameters = parameters
-        limits = driver.configuration.limits
-        self.requests = GoalRequests(limits, parameters, self._clock, self._loop.time)
+        self._bridge = context.bridge
+        self._values = context.values
+        self.requests = GoalRequests(context.setup, self._clock, self._loop.time)
         self._feedback_throttle = Throttle()
-        self._names = driver.configuration.limits.names
+        self._names = context.setup.model.joint_names
         self._published = 0.0
         self._point_streams = PointStreams()
         self._controller_state = node.create_publisher(
@@ -139,7 +125,11 @@ class GoalServer:
         )
         for topic in TRAJECTORY_TOPICS:
             node.create_subscription(
-                JointTrajectory, topic, self._on_trajectory, 10, callback_group=callback_group
+                JointTrajectory,
+                topic,
+                self._on_trajectory,
+                10,
+                callback_group=self._bridge.group,
             )
         action = ActionType(
             FollowJointTrajectory,
@@ -149,7 +139,7 @@ class GoalServer:
             messages.result,
             RESULT_TIMEOUT_S,
         )
-        self._action = GoalAction(node, action, self._queue, bridge, callback_group)
+        self._action = GoalAction(action, self._queue, self._bridge)
 
     @property
     def action_server(self) -> ActionServer:
@@ -203,9 +193,7 @@ class GoalServer:
 
     def publish_state(self, execution: GoalExecution, sample: JointSample) -> Time | None:
         """Publish `~/controller_state` at `action_monitor_rate` and return its stamp, if due."""
-        if not self._feedback_throttle.passes(
-            sample.time, self._parameters['action_monitor_rate']
-        ):
+        if not self._feedback_throttle.passes(sample.time, self._values['action_monitor_rate']):
             return None
         stamp = self._clock.now().to_msg()
         self._controller_state.publish(messages.controller_state(execution, sample, stamp))

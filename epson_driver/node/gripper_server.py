@@ -8,48 +8,17 @@ has two positions: more than half of its stroke is open, anything else is closed
 
 import asyncio
 import math
-from collections.abc import Mapping
-from typing import Any
 
 from action_msgs.msg import GoalStatus
 from control_msgs.action import GripperCommand
 from control_msgs.msg import GripperCommand as Command
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.callback_groups import CallbackGroup
-from rclpy.node import Node
 
 from epson_driver.driver.io.gripper import Gripper
 from epson_driver.driver.io.gripper_wiring import GripperError, GripperState, GripperWiring
-from epson_driver.driver.io.io_driver import Io
-from epson_driver.inputs import InputError
-from epson_driver.node.loop_bridge import REQUEST_QOS, DriverEndedError, LoopBridge
-
-NOT_WIRED = [-1, -1]
-
-
-def gripper_wiring(parameters: Mapping[str, Any]) -> GripperWiring | None:
-    """Return how the node's parameters say that the gripper is wired, or None without one.
-
-    Raises InputError, which names the parameters.
-    """
-    outputs, inputs = parameters['gripper.outputs'], parameters['gripper.inputs']
-    if outputs == inputs == NOT_WIRED:
-        return None
-    try:
-        return GripperWiring(
-            open_output=outputs[0],
-            close_output=outputs[1],
-            opened_input=inputs[0],
-            closed_input=inputs[1],
-            stroke=parameters['gripper.stroke'],
-            time=parameters['gripper.time'],
-        )
-    except ValueError as error:
-        raise InputError(
-            f'parameters gripper.outputs = {outputs}, gripper.inputs = {inputs}: {error}; '
-            'both are needed for a gripper'
-        ) from error
+from epson_driver.node.context import NodeContext
+from epson_driver.node.loop_bridge import REQUEST_QOS, DriverEndedError
 
 
 def refusal(command: Command) -> str:
@@ -65,29 +34,22 @@ def refusal(command: Command) -> str:
 
 
 class GripperServer:
-    """Serves the action over a driver's I/O. Make it in the driver's event loop."""
+    """Serves the action for a wiring over a driver's I/O. Make it in the driver's event loop."""
 
-    def __init__(
-        self,
-        node: Node,
-        io: Io,
-        wiring: GripperWiring,
-        bridge: LoopBridge,
-        callback_group: CallbackGroup,
-    ) -> None:
-        self._gripper = Gripper(io, wiring)
+    def __init__(self, context: NodeContext, wiring: GripperWiring) -> None:
+        self._gripper = Gripper(context.driver.io, wiring)
         self._stroke = wiring.stroke
-        self._bridge = bridge
-        self._logger = node.get_logger()
+        self._bridge = context.bridge
+        self._logger = context.node.get_logger()
         self._moves: dict[bytes, asyncio.Task[GripperState]] = {}
         self.action_server = ActionServer(
-            node,
+            context.node,
             GripperCommand,
             '~/gripper_cmd',
             self._execute,
             goal_callback=self._on_goal,
             cancel_callback=self._on_cancel,
-            callback_group=callback_group,
+            callback_group=context.bridge.group,
             goal_service_qos_profile=REQUEST_QOS,
             result_service_qos_profile=REQUEST_QOS,
             cancel_service_qos_profile=REQUEST_QOS,

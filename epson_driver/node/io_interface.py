@@ -9,32 +9,29 @@ from typing import Any
 
 from epson_msgs.msg import IoPoint, IoRange, IoStates
 from epson_msgs.srv import ReadIo, WriteIo
-from rclpy.callback_groups import CallbackGroup
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from epson_driver.driver.io.io_driver import Io, IoAnswer, IoUnavailableError
-from epson_driver.node.loop_bridge import DriverEndedError, LoopBridge
+from epson_driver.driver.io.io_driver import IoAnswer, IoUnavailableError
+from epson_driver.node.context import NodeContext
+from epson_driver.node.loop_bridge import DriverEndedError
 from epson_driver.simple_message import IoAddress, IoSetting
 
 
 class IoInterface:
     """Publishes the I/O states, and serves requests. Made in the driver's event loop."""
 
-    def __init__(
-        self, node: Node, io: Io, bridge: LoopBridge, callback_group: CallbackGroup
-    ) -> None:
-        self._io = io
-        self._bridge = bridge
-        self._clock = node.get_clock()
+    def __init__(self, context: NodeContext) -> None:
+        self._io = context.driver.io
+        self._bridge = context.bridge
+        self._clock = context.node.get_clock()
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._states = node.create_publisher(IoStates, '~/io_states', latched)
-        io.on_states = self._publish
+        self._states = context.node.create_publisher(IoStates, '~/io_states', latched)
+        self._io.on_states = self._publish
         for kind, name, serve in (
             (ReadIo, '~/read_io', self._read),
             (WriteIo, '~/write_io', self._write),
         ):
-            bridge.create_service(kind, name, serve, callback_group)
+            self._bridge.create_service(kind, name, serve)
 
     def _publish(self) -> None:
         message = IoStates(valid=bool(self._io.states), message=self._io.reason)

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
-from rclpy.callback_groups import CallbackGroup
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -78,7 +78,9 @@ class LoopBridge:
         then: str = 'the arm is stopped and disabled',
     ) -> None:
         self._then = then
-        self._node = node
+        self.node = node
+        self.group = ReentrantCallbackGroup()
+        """Of all that the node serves."""
         self._context = context
         self._fault = fault
         self._loop = asyncio.get_running_loop()
@@ -89,9 +91,7 @@ class LoopBridge:
         for service in node.services:  # rclpy's own
             service.callback = _answering(service, node.get_logger())
 
-    def create_service(
-        self, kind: Any, name: str, serve: ServiceCallback, callback_group: CallbackGroup
-    ) -> None:
+    def create_service(self, kind: Any, name: str, serve: ServiceCallback) -> None:
         """Offer a service whose response has `success` and `message`."""
 
         async def answer(request: Any, response: Any) -> Any:
@@ -104,15 +104,15 @@ class LoopBridge:
             except BaseException as error:  # noqa: BLE001 - SystemExit would end the executor, too
                 return kind.Response(message=self.failed(name, error))
 
-        self._node.create_service(
-            kind, name, answer, qos_profile=REQUEST_QOS, callback_group=callback_group
+        self.node.create_service(
+            kind, name, answer, qos_profile=REQUEST_QOS, callback_group=self.group
         )
 
     def failed(self, what: str, error: BaseException) -> str:
         """Log an error, have the arm stopped, and return a sentence about it, in any thread."""
         why = f'{what} failed: {type(error).__name__}: {error}'
         trace = ''.join(traceback.format_exception(error))
-        self._node.get_logger().error(f'{why}; {self._then}\n{trace}')
+        self.node.get_logger().error(f'{why}; {self._then}\n{trace}')
         try:
             self.to_loop(self._fault, why)
         except DriverEndedError:
@@ -172,7 +172,7 @@ class LoopBridge:
                 return
             self._futures.remove(future)
         future.set_result(value)
-        self._node.executor.wake()
+        self.node.executor.wake()
 
     async def wait_for(self, future: Future) -> Any:
         """Wait for a future in rclpy's executor and return its value, or raise its exception."""
@@ -187,7 +187,7 @@ class LoopBridge:
         It takes one request of each action in a turn, reads it in the next, and newer tasks come
         before older ones.
         """
-        executor, turns = self._node.executor, 0
+        executor, turns = self.node.executor, 0
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(TAKEN_TIMEOUT_S):
                 while turns < TURNS:
@@ -202,7 +202,7 @@ class LoopBridge:
         busy: whether there were goals when their end began; is_busy: whether one has no result.
         Raises TimeoutError if that takes longer than RESULTS_TIMEOUT_S.
         """
-        executor = self._node.executor
+        executor = self.node.executor
         async with asyncio.timeout(RESULTS_TIMEOUT_S):
             waiting = busy
             while waiting:  # and once more: the last result leaves right after its handle

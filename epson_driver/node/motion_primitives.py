@@ -6,26 +6,19 @@ The whole sequence is planned from where the arm stands, then executed as one go
 queue: it is checked, stopped and reported as a trajectory is.
 """
 
-import asyncio
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 from control_msgs.action import ExecuteMotionPrimitiveSequence
 from rclpy.action.server import ServerGoalHandle
-from rclpy.callback_groups import CallbackGroup
-from rclpy.node import Node
 
 from epson_driver.driver.delivery.statements import (
     MOST_CHARACTERS,
     Load,
     Moves,
     PathSpeed,
-    last_point,
 )
-from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_queue import FRESH_POSE_TIMEOUT_S, GoalHandle
 from epson_driver.driver.goal.planning_scope import PlanningEndedError, PlanningScope
@@ -34,11 +27,10 @@ from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks import wait_for_fresh_state
 from epson_driver.link.replies import Statement
 from epson_driver.motion import Array
+from epson_driver.node.context import NodeContext
 from epson_driver.node.goal_action import ActionType, GoalAction, OnEnd
 from epson_driver.node.goal_server import RESULT_TIMEOUT_S, GoalServer
-from epson_driver.node.loop_bridge import LoopBridge
 from epson_driver.node.motion_primitive_messages import primitive_result, primitives_from_message
-from epson_driver.robots import load_robot_model
 from epson_driver.robots.kinematics import Kinematics
 from epson_driver.tool_motion.motion_sequence import (
     Kind,
@@ -77,42 +69,26 @@ class ToolBusyError(RuntimeError):
 
 
 class MotionPrimitives:
-    """Serves the action over a driver. Make it in the driver's event loop.
+    """Serves the action over a driver. Make it in the driver's event loop."""
 
-    `parameters`: the node's values by name, which may change. `goals`: of the same driver.
-    """
-
-    def __init__(
-        self,
-        node: Node,
-        driver: Driver,
-        goals: GoalServer,
-        bridge: LoopBridge,
-        parameters: Mapping[str, Any],
-        callback_group: CallbackGroup,
-    ) -> None:
-        self._loop = asyncio.get_running_loop()
-        self._driver = driver
-        self._queue = driver.goal_queue
+    def __init__(self, context: NodeContext, goals: GoalServer) -> None:
+        self._setup = context.setup
+        self._driver = context.driver
+        self._queue = context.driver.goal_queue
         self._goals = goals
-        self._bridge = bridge
-        self._parameters = parameters
-        limits = driver.configuration.limits
-        model = load_robot_model(parameters['robot_model'])
-        self._model = replace(model, limits=limits)
-        self.kinematics = Kinematics(self._model)
+        self._bridge = context.bridge
+        self.kinematics = Kinematics(self._setup.model)
         """Of the tool that poses are about."""
         self._tool = np.eye(4)
-        self._sampled = driver.configuration.delivery.point_message == 'joint_traj_pt_full'
         action = ActionType(
             ExecuteMotionPrimitiveSequence,
             '~/execute_motion_primitive_sequence',
             self._prepare,
-            self._submit,
+            self.submit,
             primitive_result,
             RESULT_TIMEOUT_S,
         )
-        self._action = GoalAction(node, action, self._queue, bridge, callback_group)
+        self._action = GoalAction(action, self._queue, self._bridge)
 
     @property
     def busy(self) -> bool:
@@ -128,7 +104,7 @@ class MotionPrimitives:
         """
         if self.busy:
             raise ToolBusyError
-        self.kinematics, self._tool = Kinematics(self._model, pose), pose
+        self.kinematics, self._tool = Kinematics(self._setup.model, pose), pose
 
     def set_payload(self, mass: float) -> bool:
         """Send a payload, kg, with each motion, and return whether the controller takes one."""
@@ -141,52 +117,58 @@ class MotionPrimitives:
         self, ros_handle: ServerGoalHandle, plan: PlanningScope
     ) -> Callable[[OnEnd], GoalHandle]:
         """Read and plan a sequence. Raises GoalRejectedError, DriverEndedError."""
-        if self._parameters['timing'] == 'time_optimal':
+        if self._setup.values['timing'] == 'time_optimal':
             raise _invalid(RETIMED)
         primitives = primitives_from_message(
             ros_handle.request.trajectory,
-            self._driver.configuration.limits,
-            self._parameters['frame_id'],
+            self._setup.model.limits,
+            self._setup.values['frame_id'],
         )
         planned = await self._bridge.in_loop(partial(self._plan, primitives, plan))
-        goal = self._goals.requests.planned_goal(planned.trajectory)
+        statement = None
         if (moves := self._driver.moves) is not None:
-            message = sequence_statement(self.kinematics, self._tool, primitives, planned, moves)
-            goal = replace(goal, trajectory=last_point(goal.trajectory), message=message)
+            statement = sequence_statement(self.kinematics, self._tool, primitives, planned, moves)
+        goal = self._setup.goal(planned.trajectory, statement)
         return partial(
             GoalHandle, goal, on_feedback=partial(self._on_feedback, ros_handle, planned)
         )
 
     # --- in the loop's thread ---------------------------------------------------------------
 
+    async def standing(self, plan: PlanningScope) -> Array:
+        """Return where the arm stands, and have a plan ended by whatever forbids its motion.
+
+        Raises GoalRejectedError unless the arm may begin to move now.
+        """
+        self._queue.plans.begin(plan)
+        if not self._queue.idle:
+            raise _invalid(BUSY)
+        now = await wait_for_fresh_state(
+            self._driver.robot.why_not_ready, self._driver.changed, FRESH_POSE_TIMEOUT_S
+        )
+        return self._queue.check_ready(now).positions
+
     async def _plan(self, primitives: list[Primitive], plan: PlanningScope) -> PlannedSequence:
         """Plan from where the arm stands, in a thread. Raises GoalRejectedError.
 
         At once if the goal is canceled, or anything else ends it, meanwhile.
         """
-        self._queue.plans.begin(plan)
-        if not self._queue.idle:
-            raise _invalid(BUSY)
-        robot = self._driver.robot
-        now = await wait_for_fresh_state(
-            robot.why_not_ready, self._driver.changed, FRESH_POSE_TIMEOUT_S
-        )
-        sample = self._queue.check_ready(now)
+        start = await self.standing(plan)
         try:
             return await plan.in_thread(
                 lambda look: plan_sequence(
                     self.kinematics,
-                    sample.positions,
+                    start,
                     primitives,
-                    sampled=self._sampled,
+                    sampled=self._setup.interpolates,
                     look=look,
                 )
             )
         except (SequenceError, PlanningEndedError) as error:
             raise _invalid(str(error)) from error
 
-    def _submit(self, handle: GoalHandle, plan: PlanningScope) -> None:
-        """Execute a planned sequence, unless it was ended, or another goal came, meanwhile."""
+    def submit(self, handle: GoalHandle, plan: PlanningScope) -> None:
+        """Execute what was planned, unless it was ended, or another goal came, meanwhile."""
         if plan.why is not None:
             handle.on_end(_invalid(plan.why).outcome)
         elif self._queue.idle:

@@ -14,7 +14,6 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from industrial_msgs.msg import RobotStatus
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -26,9 +25,10 @@ from epson_driver.driver.arm_commands import ArmCommands, CommandError
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks import run_task_group
 from epson_driver.node import messages, parameters
+from epson_driver.node.context import NodeContext
 from epson_driver.node.diagnostics import Diagnostics
 from epson_driver.node.goal_server import GoalServer
-from epson_driver.node.gripper_server import GripperServer, gripper_wiring
+from epson_driver.node.gripper_server import GripperServer
 from epson_driver.node.io_interface import IoInterface
 from epson_driver.node.loop_bridge import DriverEndedError, LoopBridge
 from epson_driver.node.motion_primitives import MotionPrimitives
@@ -76,44 +76,18 @@ class ClientNode:
         self._clock = node.get_clock()
         self._stamps = RosTimeStamps(self._clock, self._loop.time)
         self._make_publishers()
-        group = ReentrantCallbackGroup()
-        self._make_services(group)
-        self._io = IoInterface(node, self.driver.io, self._bridge, group)
-        wiring = gripper_wiring(self._parameters)
-        self.gripper_server = (
-            None
-            if wiring is None
-            else GripperServer(node, self.driver.io, wiring, self._bridge, group)
-        )
-        self._speed = SpeedScalingInterface(node, self.driver.goal_queue, self._bridge, group)
-        self.goal_server = GoalServer(
-            node, self.driver, self.commands, self._bridge, self._parameters, group
-        )
-        self._primitives = MotionPrimitives(
-            node, self.driver, self.goal_server, self._bridge, self._parameters, group
-        )
-        frames = StaticFrames(node, self._parameters['frame_id'], self._parameters['tool.name'])
-        self._tool = ToolInterface(
-            node, self._primitives, frames, self._bridge, self._parameters, group
-        )
-        self._taught = PointsInterface(
-            node,
-            self.driver,
-            self.goal_server,
-            self._primitives,
-            frames,
-            self._bridge,
-            self._parameters,
-            group,
-        )
-        self._servo = ServoInterface(
-            node,
-            self.driver.servo,
-            self.driver.configuration.limits.names,
-            self._bridge,
-            self.goal_server.take_trajectory,
-            group,
-        )
+        self._make_services()
+        context = NodeContext(self.driver, self._setup, self._bridge)
+        self._io = IoInterface(context)
+        wiring = self._setup.gripper
+        self.gripper_server = None if wiring is None else GripperServer(context, wiring)
+        self._speed = SpeedScalingInterface(context)
+        self.goal_server = GoalServer(context, self.commands)
+        self._primitives = MotionPrimitives(context, self.goal_server)
+        frames = StaticFrames(context)
+        self._tool = ToolInterface(context, self._primitives, frames)
+        self._taught = PointsInterface(context, self.goal_server, self._primitives, frames)
+        self._servo = ServoInterface(context, self.goal_server.take_trajectory)
         self._diagnostics = Diagnostics(
             self.driver, node.get_fully_qualified_name().lstrip('/'), self._servo.publishers
         )
@@ -159,7 +133,7 @@ class ClientNode:
         self._link_state = node.create_publisher(String, '~/link_state', latched)
         self._diagnostic_array = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
 
-    def _make_services(self, group: CallbackGroup) -> None:
+    def _make_services(self) -> None:
         for name, command in (
             ('stop', self.commands.stop),
             ('enable', self.commands.enable),
@@ -167,7 +141,7 @@ class ClientNode:
             ('reset_error', self.commands.reset_error),
         ):
             serve = self._trigger(name, command)
-            self._bridge.create_service(Trigger, f'~/{name}', serve, group)
+            self._bridge.create_service(Trigger, f'~/{name}', serve)
 
     # --- from ROS: these run in the executor's thread ---------------------------------------
 

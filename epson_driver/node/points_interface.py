@@ -7,34 +7,26 @@ have them, or, without one, as long as the node lives.
 """
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import replace
+from collections.abc import Awaitable, Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from epson_msgs.srv import TaughtPoints as Service
 from geometry_msgs.msg import Pose
-from rclpy.callback_groups import CallbackGroup
-from rclpy.node import Node
 
-from epson_driver.driver.delivery.statements import last_point
-from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_queue import FRESH_POSE_TIMEOUT_S, GoalHandle
-from epson_driver.driver.goal.planning_scope import PlanningEndedError
+from epson_driver.driver.goal.planning_scope import PlanningScope
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks import wait_for_fresh_state
 from epson_driver.inputs import InputError, number, printable, shown
 from epson_driver.motion import Array
-from epson_driver.motion.point_to_point import straight
+from epson_driver.node.context import NodeContext
 from epson_driver.node.goal_server import GoalServer
-from epson_driver.node.loop_bridge import LoopBridge
-from epson_driver.node.motion_primitives import BUSY, MotionPrimitives
+from epson_driver.node.motion_primitives import MotionPrimitives
 from epson_driver.node.remedies import outcome_text
 from epson_driver.node.static_frames import BASE, StaticFrames, links, set_values
-from epson_driver.robots import load_robot_model
 from epson_driver.taught_points.epson_point import EpsonPoint
 from epson_driver.taught_points.posture import Posture, posture
 from epson_driver.taught_points.taught_points import TaughtPoints
@@ -47,31 +39,27 @@ USUAL_SPEED, ACCELERATION = 0.2, 0.5
 class PointsInterface:
     """Serves taught points over a driver. Make it in the driver's event loop.
 
-    `parameters`: the node's values by name. `primitives`: have the tool. Raises InputError for
-    a file that cannot be used; one that is not there yet is made by the first point.
+    `primitives`: have the tool. Raises InputError for a file that cannot be used; one that is not
+    there yet is made by the first point.
     """
 
     def __init__(
         self,
-        node: Node,
-        driver: Driver,
+        context: NodeContext,
         goals: GoalServer,
         primitives: MotionPrimitives,
         frames: StaticFrames,
-        bridge: LoopBridge,
-        parameters: Mapping[str, Any],
-        callback_group: CallbackGroup,
     ) -> None:
-        self._logger = node.get_logger()
-        self._driver = driver
+        self._logger = context.node.get_logger()
+        self._setup = context.setup
+        self._driver = context.driver
         self._goals = goals
         self._primitives = primitives
-        self._bridge = bridge
-        self._model = load_robot_model(parameters['robot_model'])
+        self._bridge = context.bridge
         self._frames = frames
-        self._links = links(self._model)
+        self._links = links(context.setup.model)
         self._points = TaughtPoints()
-        file: str = parameters['points_file']
+        file: str = context.values['points_file']
         self._file = Path(file).expanduser() if file else None
         try:
             if self._file is not None and self._file.exists():
@@ -85,7 +73,7 @@ class PointsInterface:
             Service.Request.FORGET: self._forget,
         }
         self._publish()
-        bridge.create_service(Service, '~/taught_points', self._serve, callback_group)
+        self._bridge.create_service(Service, '~/taught_points', self._serve)
 
     # --- from ROS: in the executor's thread -------------------------------------------------
 
@@ -184,49 +172,30 @@ class PointsInterface:
         joints, arm = robot.sample.positions, self._primitives.kinematics
         point = EpsonPoint.of(arm.in_base(arm.forward(joints)))
         try:
-            return point, posture(self._model, joints)
+            return point, posture(self._setup.model, joints)
         except ValueError as error:
             return point, str(error)
 
     async def _move(self, name: str, point: EpsonPoint, speed: float) -> Outcome:
         """Go to a point, as a goal of the queue. Raises GoalRejectedError."""
-        queue, configuration = self._driver.goal_queue, self._driver.configuration
-        if not queue.idle:
-            raise _invalid(BUSY)
-        plan = queue.plans.begin()
-        now = await wait_for_fresh_state(
-            self._driver.robot.why_not_ready, self._driver.changed, FRESH_POSE_TIMEOUT_S
-        )
-        start = queue.check_ready(now).positions
-        arm = self._primitives.kinematics
+        plan = PlanningScope()
+        start = await self._primitives.standing(plan)
+        arm, moves = self._primitives.kinematics, self._driver.moves
         found = arm.inverse(arm.from_base(point.pose), start)
         if not len(found):
-            raise _invalid(f'point {name}: no joint positions lead to it: it is out of reach')
-        trajectory = straight(
-            start,
-            found[0],
-            configuration.limits,
-            speed,
-            ACCELERATION,
-            sampled=configuration.delivery.point_message == 'joint_traj_pt_full',
-        )
-        goal = self._goals.requests.planned_goal(trajectory)
-        if (moves := self._driver.moves) is not None:
-            statement = moves.joints(found[0], speed, ACCELERATION)
-            goal = replace(goal, trajectory=last_point(trajectory), message=statement)
+            raise GoalRejectedError(
+                ErrorCode.INVALID_GOAL,
+                f'point {name}: no joint positions lead to it: it is out of reach',
+            )
+        trajectory, written = self._setup.joint_move(start, found[0], speed, ACCELERATION)
+        goal = self._setup.goal(trajectory, None if moves is None else written(moves))
         ended: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
 
         def end(outcome: Outcome) -> None:
             if not ended.done():
                 ended.set_result(outcome)
 
-        try:
-            plan.check()
-        except PlanningEndedError as error:
-            raise _invalid(str(error)) from error
-        if not queue.idle:
-            raise _invalid(BUSY)
-        queue.submit(GoalHandle(goal, end, self._on_feedback))
+        self._primitives.submit(GoalHandle(goal, end, self._on_feedback), plan)
         return await ended
 
     def _on_feedback(self, execution: GoalExecution, sample: JointSample) -> None:
@@ -237,7 +206,3 @@ def _filled(pose: Array) -> Pose:
     message = Pose()
     set_values(message, quaternion_pose(pose), ('position', 'orientation'))
     return message
-
-
-def _invalid(text: str) -> GoalRejectedError:
-    return GoalRejectedError(ErrorCode.INVALID_GOAL, text)

@@ -8,17 +8,15 @@ from functools import partial
 from typing import Any
 
 from control_msgs.msg import JointJog
-from rclpy.callback_groups import CallbackGroup
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from epson_driver.driver.servo.arrivals import Arrivals, came_at
-from epson_driver.driver.servo.servo import Servo
 from epson_driver.driver.servo.setpoint import Setpoint
-from epson_driver.node.loop_bridge import DriverEndedError, LoopBridge
+from epson_driver.node.context import NodeContext
+from epson_driver.node.loop_bridge import DriverEndedError
 from epson_driver.node.setpoint_messages import (
     SetpointError,
     from_jog,
@@ -43,20 +41,12 @@ class ServoInterface:
     `stop` is called, in the executor's thread, with a trajectory without points.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        servo: Servo,
-        joint_names: tuple[str, ...],
-        bridge: LoopBridge,
-        stop: Callable[[JointTrajectory], None],
-        callback_group: CallbackGroup,
-    ) -> None:
-        self._node = node
-        self._clock = node.get_clock()
-        self._servo = servo
-        self._names = joint_names
-        self._bridge = bridge
+    def __init__(self, context: NodeContext, stop: Callable[[JointTrajectory], None]) -> None:
+        self._node = context.node
+        self._clock = self._node.get_clock()
+        self._servo = context.driver.servo
+        self._names = context.setup.model.joint_names
+        self._bridge = context.bridge
         self._stop = stop
         readers: tuple[tuple[Any, str, Callable[..., Setpoint]], ...] = (
             (JointTrajectory, '~/servo', self._from_trajectory),
@@ -66,12 +56,9 @@ class ServoInterface:
             (JointJog, '~/joint_jog', from_jog),
         )
         for kind, topic, read in readers:
-            node.create_subscription(
-                kind,
-                topic,
-                self._callback(topic, read),
-                SETPOINT_QOS,
-                callback_group=callback_group,
+            callback = self._callback(topic, read)
+            self._node.create_subscription(
+                kind, topic, callback, SETPOINT_QOS, callback_group=context.bridge.group
             )
 
     def publishers(self, topic: str) -> int:

@@ -30,7 +30,6 @@ import numpy as np
 from builtin_interfaces.msg import Duration, Time
 from control_msgs.action import FollowJointTrajectory
 from rclpy.action.server import ServerGoalHandle
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
@@ -262,7 +261,7 @@ class SmoothGoals:
         self._last: asyncio.Task[None] | None = None
         self._ending: Outcome | None = None
         self._bridge = LoopBridge(node, self._context, self._leave_all, 'all goals are left')
-        group = ReentrantCallbackGroup()
+        group = self._bridge.group
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         node.create_subscription(
             String, 'robot_description', self._on_description, latched, callback_group=group
@@ -277,7 +276,7 @@ class SmoothGoals:
             messages.result,
             RESULT_TIMEOUT_S,
         )
-        self._action = GoalAction(node, action, self, self._bridge, group)
+        self._action = GoalAction(action, self, self._bridge)
         self._logger.info(f'smooth goals go to {self._behind.name}')
 
     # --- the process ------------------------------------------------------------------------

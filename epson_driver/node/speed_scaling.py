@@ -6,14 +6,11 @@ import asyncio
 from functools import partial
 
 from epson_msgs.srv import SetSpeedScaling
-from rclpy.callback_groups import CallbackGroup
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Float64
 
-from epson_driver.driver.goal.goal_queue import GoalQueue
 from epson_driver.driver.tasks import report_task_error
-from epson_driver.node.loop_bridge import LoopBridge
+from epson_driver.node.context import NodeContext
 
 PERIOD_S = 0.05
 """Time between two published values of a ramp, s."""
@@ -22,22 +19,16 @@ PERIOD_S = 0.05
 class SpeedScalingInterface:
     """Publishes the factor when it changes, and serves requests. Made in the driver's loop."""
 
-    def __init__(
-        self,
-        node: Node,
-        goals: GoalQueue,
-        bridge: LoopBridge,
-        callback_group: CallbackGroup,
-    ) -> None:
-        self._goals = goals
-        self._scaling = goals.scaling
-        self._bridge = bridge
-        self._logger = node.get_logger()
+    def __init__(self, context: NodeContext) -> None:
+        self._goals = context.driver.goal_queue
+        self._scaling = self._goals.scaling
+        self._bridge = context.bridge
+        self._logger = context.node.get_logger()
         self._ramp: asyncio.Task[None] | None = None
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._factor = node.create_publisher(Float64, '~/speed_scaling', latched)
-        self._factor.publish(Float64(data=goals.scaling.target))
-        bridge.create_service(SetSpeedScaling, '~/set_speed_scaling', self._serve, callback_group)
+        self._factor = context.node.create_publisher(Float64, '~/speed_scaling', latched)
+        self._factor.publish(Float64(data=self._scaling.target))
+        self._bridge.create_service(SetSpeedScaling, '~/set_speed_scaling', self._serve)
 
     async def _serve(
         self, request: SetSpeedScaling.Request, response: SetSpeedScaling.Response

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from geometry_msgs.msg import TransformStamped
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from tf2_msgs.msg import TFMessage
 
 from epson_driver.motion import Array
+from epson_driver.node.context import NodeContext
 from epson_driver.robots import RobotModel
 
 BASE, FLANGE = 'base_link', 'tool0'
@@ -30,12 +30,11 @@ class StaticFrames:
     prefix: of the links' names. A frame has one owner, and a name without the prefix.
     """
 
-    def __init__(self, node: Node, frame_id: str, tool: str) -> None:
-        """Take the frame of the joint states, and the usual name of the tool, which is kept."""
-        self.prefix = link_prefix(frame_id)
-        self._clock = node.get_clock()
-        self._publisher = node.create_publisher(TFMessage, '/tf_static', STATIC_QOS)
-        self._tool = tool
+    def __init__(self, context: NodeContext) -> None:
+        self.prefix = link_prefix(context.values['frame_id'])
+        self._clock = context.node.get_clock()
+        self._publisher = context.node.create_publisher(TFMessage, '/tf_static', STATIC_QOS)
+        self._tool: str = context.values['tool.name']
         self._transforms: dict[str, dict[str, TransformStamped]] = {'tool': {}}
 
     def taken(self, name: str, owner: str) -> bool:

@@ -6,22 +6,18 @@ The tool is where the request or the parameters `tool.…` say, in tool0. The pa
 checked, and told to a controller that takes statements; to others it goes not.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from epson_msgs.srv import SetTool
 from geometry_msgs.msg import Pose
-from rclpy.callback_groups import CallbackGroup
-from rclpy.node import Node
 
 from epson_driver.inputs import FRAME_NAME, InputError, shown
 from epson_driver.motion import Array
-from epson_driver.node.loop_bridge import LoopBridge
+from epson_driver.node.context import NodeContext
 from epson_driver.node.motion_primitives import MotionPrimitives, ToolBusyError
 from epson_driver.node.static_frames import FLANGE, StaticFrames, links
-from epson_driver.robots import RobotModel, load_robot_model
+from epson_driver.robots import RobotModel
 from epson_driver.tool_motion.tool_pose import (
     check_tool_distance,
     finite_numbers,
@@ -69,29 +65,20 @@ def named_tool(
 
 
 class ToolInterface:
-    """Sets the tool of motion primitives. `parameters`: the node's values by name.
-
-    Raises InputError for parameters that cannot be used.
-    """
+    """Sets the tool of motion primitives. Raises InputError for parameters that cannot be used."""
 
     def __init__(
-        self,
-        node: Node,
-        primitives: MotionPrimitives,
-        frames: StaticFrames,
-        bridge: LoopBridge,
-        parameters: Mapping[str, Any],
-        callback_group: CallbackGroup,
+        self, context: NodeContext, primitives: MotionPrimitives, frames: StaticFrames
     ) -> None:
-        self._logger = node.get_logger()
+        self._logger = context.node.get_logger()
         self._primitives = primitives
         self._frames = frames
-        self._model = load_robot_model(parameters['robot_model'])
-        self._usual_name: str = parameters['tool.name']
+        self._model = context.setup.model
+        self._usual_name: str = context.values['tool.name']
         try:
             tool = named_tool(
                 self._model,
-                parameters['tool.pose'],
+                context.values['tool.pose'],
                 self._usual_name,
                 ('parameter tool.pose', 'parameter tool.name'),
             )
@@ -99,7 +86,7 @@ class ToolInterface:
             raise InputError(str(error)) from error
         if not np.array_equal(tool.pose, np.eye(4)):
             self._apply(tool)
-        bridge.create_service(SetTool, '~/set_tool', self._serve, callback_group)
+        context.bridge.create_service(SetTool, '~/set_tool', self._serve)
 
     # in the executor's thread, and without an await: no sequence can begin in between
     async def _serve(

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """From the settings, a controller's profile and a robot model to a driver."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
+from epson_driver.driver.delivery.statements import Moves, last_point
 from epson_driver.driver.driver import Driver, DriverEvents
 from epson_driver.driver.goal.goal import Goal, GoalSettings, Tolerances, cause_timeout
 from epson_driver.driver.io.gripper_wiring import GripperWiring
@@ -19,7 +20,9 @@ from epson_driver.driver.state.joint_mapping import joint_mapping
 from epson_driver.driver.state.plausibility import Margins
 from epson_driver.error_texts import load_error_texts
 from epson_driver.inputs import InputError
-from epson_driver.motion import Trajectory
+from epson_driver.link.replies import Statement
+from epson_driver.motion import Array, Trajectory
+from epson_driver.motion.point_to_point import straight
 from epson_driver.profiles import ControllerProfile, load_controller_profile
 from epson_driver.robots import RobotModel, load_robot_model
 from epson_driver.setup.table import EACH_JOINT, TABLE, joint_rows
@@ -57,6 +60,11 @@ class Setup:
         driver.io.timeout = self.values['io_timeout']
 
     @property
+    def interpolates(self) -> bool:
+        """Whether the controller interpolates between positions and velocities at given times."""
+        return self.configuration.delivery.point_message == 'joint_traj_pt_full'
+
+    @property
     def goals(self) -> GoalSettings:
         """How goals are executed."""
         return GoalSettings(
@@ -84,16 +92,31 @@ class Setup:
         given = np.array([self.values[f'constraints.{name}.{kind}'] for name in names])
         return Tolerances(np.where(given > 0.0, given, np.inf), np.full(len(names), np.inf))
 
-    def goal(self, trajectory: Trajectory) -> Goal:
-        """Return the goal of a trajectory, with the tolerances of the settings."""
+    def joint_move(
+        self, start: Array, target: Array, speed: float, acceleration: float
+    ) -> tuple[Trajectory, Callable[[Moves], Statement]]:
+        """Return the way straight in joint space, and what writes it as a statement.
+
+        start, target: shape (n,), rad (m). speed, acceleration: shares of the limits, (0, 1].
+        """
+        limits = self.model.limits
+        way = straight(start, target, limits, speed, acceleration, sampled=self.interpolates)
+        return way, lambda moves: moves.joints(target, speed, acceleration)
+
+    def goal(self, trajectory: Trajectory, statement: Statement | None = None) -> Goal:
+        """Return the goal of a trajectory, with the tolerances of the settings.
+
+        statement: what makes a controller do all of it that takes no points.
+        """
         path = self.tolerances('trajectory')
         return Goal(
-            trajectory,
+            trajectory if statement is None else last_point(trajectory),
             self.tolerances('goal').position,
             self.values['constraints.goal_time'],
             path_tolerance=path if path.checked else None,
             units=self.model.limits.units,
             may_end_moving=self.values['allow_nonzero_velocity_at_trajectory_end'],
+            message=statement,
         )
 
 

@@ -26,13 +26,10 @@ from epson_driver.node.goal_requests import GoalRequests
 from epson_driver.node.gripper_server import refusal
 from epson_driver.node.motion_primitive_messages import primitives_from_message
 from epson_driver.robots import load_robot_model
-from epson_driver.setup.table import TABLE, joint_rows
+from epson_driver.setup.setup import make_setup
 
 PAGE = Path(__file__).parents[2] / 'docs' / 'goals.md'
 LIMITS = load_robot_model('c3_a601s').limits
-PARAMETERS = {row.name: row.default for row in TABLE} | {
-    row.name: row.default for name in LIMITS.names for row in joint_rows(name)
-}
 NAN = float('nan')
 NOW, LOOP_NOW = 1_800_000_000, 50.0
 """The node's clock and the loop's, s."""
@@ -40,8 +37,7 @@ NOW, LOOP_NOW = 1_800_000_000, 50.0
 GOALS = {
     FollowJointTrajectory.Goal: lambda request: checked_goal(
         GoalRequests(
-            LIMITS,
-            PARAMETERS,
+            make_setup({}),
             SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=NOW * 10**9)),
             lambda: LOOP_NOW,
         ).checked_goal(request),

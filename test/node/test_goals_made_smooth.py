@@ -114,7 +114,7 @@ class Front:
         self.behind = Behind()
         values = {row.name: row.default for row in TABLE}
         values |= {'limits_file': 'c3_a601s', 'period': 0.02} | parameters
-        self.busy = False
+        self.busy, self.group = False, None
 
         def logs(text):
             self.logged.append(text)

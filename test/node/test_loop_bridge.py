@@ -23,7 +23,7 @@ def test_a_service_that_fails_answers_so_and_stops_the_arm(made):
     async def serve(_request, _response):
         raise ZeroDivisionError('made for this test')
 
-    made.bridge.create_service(Trigger, '~/enable', serve, None)
+    made.bridge.create_service(Trigger, '~/enable', serve)
     answer = done(made.node.served['~/enable'](Trigger.Request(), Trigger.Response()))
     why = '~/enable failed: ZeroDivisionError: made for this test'
     assert not answer.success
@@ -43,8 +43,8 @@ def test_a_driver_that_has_ended_is_named_in_every_answer(made):
     async def failing(_request, _response):
         raise ZeroDivisionError
 
-    made.bridge.create_service(Trigger, 'late', late, None)
-    made.bridge.create_service(Trigger, 'failing', failing, None)
+    made.bridge.create_service(Trigger, 'late', late)
+    made.bridge.create_service(Trigger, 'failing', failing)
     made.end()
     answers = {
         name: done(serve(Trigger.Request(), Trigger.Response()))
@@ -64,7 +64,7 @@ def test_a_request_that_is_dropped_with_its_executor_is_no_failure(made):
     async def serve(_request, _response):
         return await made.bridge.wait_for(made.bridge.create_future())
 
-    made.bridge.create_service(Trigger, '~/stop', serve, None)
+    made.bridge.create_service(Trigger, '~/stop', serve)
     waiting = made.node.served['~/stop'](Trigger.Request(), Trigger.Response())
     waiting.send(None)
     waiting.close()

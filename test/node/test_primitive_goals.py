@@ -41,7 +41,7 @@ def test_a_sequence_is_executed_only_if_nothing_has_come_since_it_was_planned(wh
     if why is not None:
         plan.end(why)
     queue = SimpleNamespace(idle=idle, submit=submitted.append)
-    MotionPrimitives._submit(SimpleNamespace(_queue=queue), handle, plan)
+    MotionPrimitives.submit(SimpleNamespace(_queue=queue), handle, plan)
     if said is None:
         assert (submitted, handle.outcomes) == ([handle], [])
         return

@@ -18,14 +18,16 @@ from epson_driver.driver.goal.goal_queue import GoalHandle
 from epson_driver.driver.goal.planning_scope import PlanningScope
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.node import goal_action, goal_server, gripper_server
+from epson_driver.node.context import NodeContext
 from epson_driver.node.goal_action import ActionType, GoalAction
 from epson_driver.node.goal_server import GoalServer
 from epson_driver.node.gripper_server import GripperServer
 from epson_driver.node.loop_bridge import DriverEndedError
 from epson_driver.node.servo_interface import ServoInterface
-from epson_driver.robots import load_robot_model
+from epson_driver.setup.setup import make_setup
 
-LIMITS = load_robot_model('c3_a601s').limits
+SETUP = make_setup({})
+LIMITS = SETUP.model.limits
 
 
 @pytest.fixture
@@ -33,6 +35,11 @@ def made():
     found = Made()
     yield found
     found.loop.close()
+
+
+def context(made, **driver):
+    """Return the context of an interface of a driver that has no more than this."""
+    return NodeContext(SimpleNamespace(**driver), SETUP, made.bridge)
 
 
 # --- goals ------------------------------------------------------------------------------------
@@ -59,7 +66,7 @@ def action(made, monkeypatch):
     def make(prepare):
         queue = Queue()
         kind = ActionType(None, '~/x', prepare, queue.submit, lambda outcome: outcome, 60)
-        return GoalAction(made.node, kind, queue, made.bridge, None), queue
+        return GoalAction(kind, queue, made.bridge), queue
 
     return make
 
@@ -155,10 +162,9 @@ class Commands:
 def goals(made, monkeypatch):
     """Return a server of goals whose requests are checked by the real rules."""
     monkeypatch.setattr(goal_server, 'GoalAction', lambda *_: None)
-    driver = SimpleNamespace(goal_queue=Queue(), configuration=SimpleNamespace(limits=LIMITS))
 
     async def make():
-        return GoalServer(made.node, driver, Commands(), made.bridge, {}, None)
+        return GoalServer(context(made, goal_queue=Queue()), Commands())
 
     return made.loop.run_until_complete(make())
 
@@ -218,7 +224,7 @@ class Servo:
 @pytest.mark.invariant(9)
 def test_each_setpoint_is_taken_or_refused_and_an_empty_one_stops(made, monkeypatch):
     servo, stopped = Servo(), []
-    interface = ServoInterface(made.node, servo, LIMITS.names, made.bridge, stopped.append, None)
+    interface = ServoInterface(context(made, servo=servo), stopped.append)
     jog = made.node.taken['~/joint_jog']
     jog(JointJog(joint_names=['joint_1'], velocities=[0.1]), {})
     jog(JointJog(joint_names=['nobody'], velocities=[0.1]), {})
@@ -252,7 +258,7 @@ def test_a_gripper_whose_state_is_not_known_is_aborted_and_has_no_position(
     wiring = gripper_server.GripperWiring(
         open_output=0, close_output=1, opened_input=0, closed_input=1
     )
-    server = GripperServer(made.node, None, wiring, made.bridge, None)
+    server = GripperServer(context(made, io=None), wiring)
     handle = RosHandle(request=GripperCommand.Goal())
 
     async def fails(_work):
