@@ -18,14 +18,13 @@ from epson_driver.spel import (
     ProgramError,
     read_project,
 )
-from epson_driver.spel.commands import VERSIONS
+from epson_driver.spel.commands import CONTROLLERS, VERSIONS
 from epson_driver.spel.lint import check
 from epson_driver.spel.project_data import PROJECT, decoded
 
 FOUND = 1
 """Exit code: something is wrong with the program."""
 
-CONTROLLERS = ('rc620', 'rc700a', 'rc90', 't', 'vt', 'rc800')
 ADDRESS = Rule(lambda text: str(IPv4Address(text)), 'must be an IPv4 address')
 VERSION = Rule(count(VERSIONS[0], VERSIONS[-1]).read, 'must be 6, 7 or 8')
 _FILES = (

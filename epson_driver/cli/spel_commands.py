@@ -28,15 +28,13 @@ from epson_driver.spel import (
     with_defines,
     with_setup,
 )
+from epson_driver.spel.commands import CONTROLLERS
 from epson_driver.spel.export import exported
 from epson_driver.spel.files import Files
 from epson_driver.spel.lint import check
 
 FOUND = 1
 """Exit code: something is wrong with the program."""
-
-CONTROLLERS = {'rc620': 6, 'rc700a': 7, 'rc90': 7, 't': 7, 'vt': 7, 'rc800': 8}
-"""Kinds of controllers, and the version of RC+ that belongs to each."""
 
 OLD_OUTPUTS = '0'
 """RC+ 6 assigns no remote outputs by itself (p953)."""

@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 from epson_driver.spel.commands import TaskType
 from epson_driver.spel.errors import ErrorNumber, SpelError, bad
+from epson_driver.spel.frames import new_pallet
 from epson_driver.spel.host import Memory
 from epson_driver.spel.library import format_string, parse_string, value_of
-from epson_driver.spel.pallets import new_pallet
 from epson_driver.spel.project_data import LAST_POINT
 from epson_driver.spel.task import (
     Counter,
@@ -193,9 +193,8 @@ def resume_paused(world: World) -> None:
 
 
 def continue_all(task: Task) -> None:
-    """Cont: at once, or when the host allows it."""
-    if task.world.host.paused(False):
-        resume_paused(task.world)
+    """Cont: the host lets the tasks go on as soon as it may."""
+    task.world.host.paused(False)
 
 
 def raise_error(task: Task, first: float, second: float | None = None) -> None:

@@ -33,8 +33,10 @@ TASK_TYPE_WORDS = {
     'noemgabort': TaskType.NO_EMG_ABORT,
 }
 
-VERSIONS = (6, 7, 8)
-"""RC620; RC700, RC700-A, RC90, T, VT; RC800."""
+CONTROLLERS = {'rc620': 6, 'rc700a': 7, 'rc90': 7, 't': 7, 'vt': 7, 'rc800': 8}
+"""Kinds of controllers, and the version of RC+ that belongs to each."""
+
+VERSIONS = tuple(sorted({*CONTROLLERS.values()}))
 
 ANYWHERE: frozenset[TaskType] = frozenset()
 NOT_AFTER_ESTOP = frozenset({TaskType.NO_EMG_ABORT, TaskType.BACKGROUND})

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Places in space: offsets along the tool, turns, and the frames that Local defines (p592)."""
+"""Places in space: offsets along the tool, turns, frames of Local (p592), Pallets (p596-602)."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from epson_driver.spel.errors import ErrorNumber, SpelError, bad
@@ -17,6 +17,8 @@ _TURNED = {'rx': 'w', 'ry': 'v', 'rz': 'u'}
 _BASE_U = 'baseu'
 PLACES = 9
 """Decimals, mm or degrees, that a product of turns is rounded to."""
+MOST_PLACES = 32_767
+"""Of a pallet."""
 
 
 class Area(NamedTuple):
@@ -221,3 +223,54 @@ def _values(place: Sequence[float], turn: Sequence[Sequence[float]]) -> tuple[fl
         u, w = math.atan2(turn[1][0], turn[0][0]), math.atan2(turn[2][1], turn[2][2])
     angles = (math.degrees(each) for each in (u, v, w))
     return tuple(round(each, PLACES) + 0.0 for each in (*place, *angles))
+
+
+@dataclass(frozen=True, slots=True)
+class Pallet:
+    """One pallet. `corners`: the first one, the end of its row, that of its column, the opposite.
+
+    With `outside`, columns and rows beyond those there are can be asked for.
+    """
+
+    corners: tuple[Point, ...]
+    columns: int
+    rows: int
+    outside: bool
+
+    def place(self, number: int, position: int, row: int | None) -> Point:
+        """Return a place by its position, from 1 along the first row, or by column and row.
+
+        The orientation is that of the first corner. `number` is the pallet's, for the error.
+        Raises SpelError.
+        """
+        if row is None:
+            column, row = (position - 1) % self.columns + 1, (position - 1) // self.columns + 1
+            within = 1 <= position <= self.columns * self.rows
+        else:
+            column = position
+            within = self.outside or (1 <= column <= self.columns and 1 <= row <= self.rows)
+        if not within:
+            text = f'Pallet {number}: {self.columns} columns, {self.rows} rows have no such place'
+            raise SpelError(ErrorNumber.ARGUMENT, text)
+        across = (column - 1) / max(self.columns - 1, 1)
+        along = (row - 1) / max(self.rows - 1, 1)
+        first, second, third, *opposite = (corner.values for corner in self.corners)
+        moved = []
+        for axis in range(3):
+            a, b, c = first[axis], second[axis], third[axis]
+            d = opposite[0][axis] if opposite else b + c - a
+            near = a + across * (b - a)
+            moved.append(near + along * (c + across * (d - c) - near))
+        return Point('xy', (*moved, *first[3:]), self.corners[0].flags)
+
+
+def new_pallet(given: tuple[Point, ...], columns: int, rows: int, out: bool) -> Pallet:
+    """Return a pallet between corners that are places in space. Raises SpelError."""
+    for name, count in (('columns', columns), ('rows', rows)):
+        if not 1 <= count <= MOST_PLACES:
+            raise bad('Pallet', f'{count} {name} are not in 1..{MOST_PLACES}')
+    if columns * rows >= MOST_PLACES:
+        raise bad('Pallet', f'{columns} times {rows} places are not below {MOST_PLACES}')
+    if any(corner.kind != 'xy' or len(corner.values) < 3 for corner in given):
+        raise bad('Pallet', 'the corners must be places in space')
+    return Pallet(given, columns, rows, out)

@@ -186,9 +186,8 @@ class Host(Bits, Robot, Protocol):
     def task_failed(self, error: TaskError) -> None:
         """Be told that a task ended by an error that it did not handle."""
 
-    def paused(self, on: bool) -> bool:
+    def paused(self, on: bool) -> None:
         """Be told that a program asked for Pause, or for Cont (False).
 
-        Return whether the tasks go on at once after Cont; if not, the host has them go on itself
-        (`Machine.resume`) as soon as it allows that, or never.
+        After Cont the host has the tasks go on (`Machine.resume`) as soon as it allows that.
         """

@@ -21,7 +21,7 @@ from epson_driver.spel.host import NetSettings
 from epson_driver.spel.library import text_of
 from epson_driver.spel.ranges import PORTS
 from epson_driver.spel.task import Port, Reference, Task
-from epson_driver.spel.values import TYPES, Array, Point, Value, nearest, store
+from epson_driver.spel.values import LONGEST_STRING, TYPES, Array, Point, Value, nearest, store
 
 ONE_TASK = ': one task opens, uses and closes a port'
 _DISPLAYS = (0, 20, 21, 24)
@@ -203,7 +203,7 @@ def write_bin(task: Task, number: int, what: Array | int, count: int | None) -> 
 
 def read(task: Task, number: int, into: Reference, count: int | None) -> None:
     """Read #n, s$[, count]: a byte 0 ends the string."""
-    wanted = within('Read', 1 if count is None else count, 1, 255)
+    wanted = within('Read', 1 if count is None else count, 1, LONGEST_STRING)
     container, index, type_name = into
 
     def use(data: bytes) -> None:

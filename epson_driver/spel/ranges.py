@@ -5,10 +5,12 @@
 from math import inf
 
 from epson_driver.spel.errors import ErrorNumber, SpelError
+from epson_driver.spel.values import LONGEST_STRING
 
 PORTS = (201, 216)
 FILES = (30, 63)
 _TASKS = (1, 267)
+_CHARACTERS = (0, LONGEST_STRING)
 _LONGEST = 1e7
 """The longest time that can be waited for, s."""
 _MOST = 32767
@@ -64,9 +66,9 @@ RANGES: dict[str, tuple[tuple[float, float] | None, ...]] = {
         ('lshift rshift bset bclr btst', (None, (0, 31))),
         ('lshift64 rshift64 bset64 bclr64 btst64', (None, (0, 63))),
         ('chr$', ((1, 255),)),
-        ('space$ tab$', ((0, 255),)),
-        ('left$ right$ lset$ rset$', (None, (0, 255))),
-        ('mid$', (None, (1, inf), (0, 255))),
+        ('space$ tab$', (_CHARACTERS,)),
+        ('left$ right$ lset$ rset$', (None, _CHARACTERS)),
+        ('mid$', (None, (1, inf), _CHARACTERS)),
         ('time', ((0, 2),)),
         ('taskinfo', (_TASKS, (0, 4))),
         ('taskstate taskdone quit halt resume taskwait', (_TASKS,)),

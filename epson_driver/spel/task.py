@@ -13,13 +13,13 @@ from typing import Any
 from epson_driver.spel.code import FunctionCode, Program, Variable
 from epson_driver.spel.commands import COMMANDS, TaskType, forbidden
 from epson_driver.spel.errors import ErrorNumber, ProgramError, SpelError, TaskError, meaning
-from epson_driver.spel.frames import Area, in_local, in_world, turned_step
+from epson_driver.spel.frames import Area, Pallet, in_local, in_world, turned_step
 from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.host import Caller, Completion, Host, Memory, MotionRequest, NetSettings
-from epson_driver.spel.pallets import Pallet
 from epson_driver.spel.surroundings import Surroundings
 from epson_driver.spel.values import (
     INT,
+    LONGEST_STRING,
     POINT,
     STRING,
     TYPES,
@@ -399,7 +399,9 @@ class Task:
         text = printed(self.outputs.pop())
         if into is not None:
             container, index, type_name = into
-            container[index] = store(f'!Error: {error}' if error else text[:255], type_name)
+            container[index] = store(
+                f'!Error: {error}' if error else text[:LONGEST_STRING], type_name
+            )
 
     # Errors
 

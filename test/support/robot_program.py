@@ -119,7 +119,6 @@ class SimpleRobot(ScriptedHost):
     def __init__(self) -> None:
         super().__init__()
         self.sockets: dict[int, Socket] = {}
-        self.machine: Machine | None = None
         self.joints: tuple[float, ...] = (0.0, -10.0, 20.0, 0.0, 30.0, 0.0)
         self.move_now: Move | None = None
         self.gone_to: list[tuple[tuple[float, ...], float, float, bool]] = []

@@ -79,7 +79,7 @@ class ScriptedHost:
         self.slow = False
         self.running: list[Motion] = []
         self.commands: list[tuple[str, tuple[object, ...], tuple[str, ...]]] = []
-        self.pauses: list[bool] = []
+        self.machine: Machine | None = None
         self.library: list[tuple[str, str, list[object]]] = []
         self.button: int | None = 2
 
@@ -187,9 +187,9 @@ class ScriptedHost:
     def task_failed(self, error: TaskError) -> None:
         self.failures.append(error)
 
-    def paused(self, on: bool) -> bool:
-        self.pauses.append(on)
-        return True
+    def paused(self, on: bool) -> None:
+        if not on and self.machine is not None:
+            self.machine.resume()
 
 
 SCARA = Bench('t3_401s', 'rc620')
@@ -210,8 +210,9 @@ def files(source: str, **others: str) -> dict[str, str]:
 
 def machine(source: str, host: ScriptedHost | None = None, **timing: Any) -> Machine:
     """Return a machine for a program, without any task yet."""
-    made = Timing(**timing)
-    return Machine(build(files(source)), host or ScriptedHost(), made)
+    host = host or ScriptedHost()
+    host.machine = Machine(build(files(source)), host, Timing(**timing))
+    return host.machine
 
 
 def run(source: str, seconds: float = 10.0, host: ScriptedHost | None = None) -> ScriptedHost:

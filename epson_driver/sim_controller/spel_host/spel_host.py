@@ -146,7 +146,6 @@ class SpelHost:
         """Take note that an error ended a task."""
         self._failed(error)
 
-    def paused(self, on: bool) -> bool:
+    def paused(self, on: bool) -> None:
         """Take note that a program asked for Pause, or for Cont."""
         self._pauses(on)
-        return False
