@@ -15,14 +15,13 @@ import pytest
 import yaml
 from builtin_interfaces.msg import Duration
 from control_msgs.action import FollowJointTrajectory
-from launch_rules import ROOT
-from launch_stand_in import Context, launched
 from rclpy.action import ActionClient
 from rclpy.context import Context as RosContext
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from support.launch_files import launched
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from epson_driver.processes import processes
@@ -39,10 +38,10 @@ def free_addresses() -> list[str]:
 def arguments_of(process: Any, folder: Path) -> list[str]:
     """Return the command line that launch would give a process of this package."""
     if process.executable == 'sim_controller':
-        return list(process.command)
+        return list(process.arguments)
     path = folder / f'{process.namespace}.yaml'
     name = f'/{process.namespace}/{process.name}'
-    path.write_text(yaml.safe_dump({name: {'ros__parameters': process.parameters}}))
+    path.write_text(yaml.safe_dump({name: {'ros__parameters': process.values}}))
     remaps = ['-r', f'__node:={process.name}', '-r', f'__ns:=/{process.namespace}']
     return ['--ros-args', *remaps, '--params-file', str(path)]
 
@@ -84,8 +83,8 @@ class Onlooker:
 @pytest.fixture
 def cell(tmp_path: Path) -> Iterator[Onlooker]:
     """Two robots as the launch file describes them, running."""
-    context: Context = launched(
-        ROOT / 'launch' / 'several_robots.launch.py',
+    started = launched(
+        'several_robots',
         namespaces=','.join(ROBOTS),
         robot_ips=','.join(free_addresses()),
         use_sim_controller='true',
@@ -98,7 +97,7 @@ def cell(tmp_path: Path) -> Iterator[Onlooker]:
             tmp_path / f'{number}.log',
             processes.ros_environment(domain),
         )
-        for number, each in enumerate(context.started)
+        for number, each in enumerate(started)
         if each.package == 'epson_driver'
     ]
     names = ['sim_controller', 'client']

@@ -124,12 +124,11 @@ def test_launch_files_work_where_colcon_installs_them(colcon_install: Path) -> N
     share = colcon_install / 'share' / 'epson_driver'
     (packages,) = colcon_install.glob('lib/python3*/site-packages')
     code = (
-        'import sys; from pathlib import Path; from launch_stand_in import launched\n'
-        'context = launched(Path(sys.argv[1]))\n'
-        'print(*[word for each in context.started for word in each.command])'
+        'import sys; from pathlib import Path; from support.launch_files import launched\n'
+        'print(*[word for each in launched(Path(sys.argv[1])) for word in each.arguments])'
     )
     path = share / 'launch' / 'moveit_planning_execution.launch.py'
-    folders = [str(packages), str(ROOT / 'test' / 'launch')]
+    folders = [str(packages), str(ROOT / 'test')]
     run = subprocess.run(
         [sys.executable, '-c', code, str(path)],
         cwd=colcon_install,

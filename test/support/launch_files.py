@@ -1,0 +1,128 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a launch file would start, where `launch` is not installed; it starts nothing.
+
+Whatever a launch file imports of launch keeps its keywords, and no more: genuine launch reads the
+files where there is one (test_launch_files.py).
+"""
+
+import re
+import runpy
+import sys
+import types
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+FOLDER = Path(__file__).parents[2] / 'launch'
+FILES = sorted(FOLDER.glob('*.launch.py'))
+
+
+class Entity:
+    """An action, a substitution or a source: its kind, and the arguments that it was made with."""
+
+    name: Any = None
+    condition: Any = None
+    on_exit: Any = None
+    parameters: Any = ()
+    arguments: Any = ()
+    namespace = ''
+
+    def __init__(self, kind: str, *arguments: Any, **keywords: Any) -> None:
+        self.kind = kind
+        self.given = arguments
+        vars(self).update(keywords)
+
+
+class Launch(types.ModuleType):
+    """A module of launch: each of its names makes an entity of that kind."""
+
+    def __getattr__(self, kind: str) -> Any:
+        if kind.startswith('__'):
+            raise AttributeError(kind)
+        return lambda *arguments, **keywords: Entity(kind, *arguments, **keywords)
+
+
+def described(path: Path) -> list[Any]:
+    """Return the entities of a launch file."""
+    modules = re.findall(r'(?m)^from (launch[\w.]*) import', path.read_text(encoding='utf-8'))
+    with patch.dict(sys.modules, {name: Launch(name) for name in modules}):
+        entities: list[Any] = runpy.run_path(str(path))['generate_launch_description']().given[0]
+    return entities
+
+
+def declared(path: Path) -> set[str]:
+    """Return the arguments that a launch file declares."""
+    return {each.name for each in described(path) if each.kind == 'DeclareLaunchArgument'}
+
+
+def launched(path: Path | str, **arguments: str) -> list[Any]:
+    """Return the processes and messages of a launch file, by its name or path."""
+    if isinstance(path, str):
+        path = FOLDER / f'{path}.launch.py'
+    started: list[Any] = []
+    _run(described(path), dict(arguments), started)
+    return started
+
+
+def _run(entities: Iterable[Any], values: dict[str, str], started: list[Any]) -> None:
+    for each in entities:
+        if each.condition and _performed(each.condition.given[0], values) != 'true':
+            continue
+        match each.kind:
+            case 'DeclareLaunchArgument':
+                values.setdefault(each.name, each.default_value)
+                choices = getattr(each, 'choices', None)
+                assert choices is None or values[each.name] in choices, each.name
+            case 'OpaqueFunction':
+                context = types.SimpleNamespace(launch_configurations=values)
+                _run(each.function(context) or (), values, started)
+            case 'GroupAction':
+                _run(each.given[0], dict(values), started)
+            case 'IncludeLaunchDescription':
+                path = Path(each.given[0].given[0])
+                given = {name: _performed(to, values) for name, to in each.launch_arguments}
+                assert given.keys() <= declared(path), path
+                values |= given  # they stay set, as in launch
+                _run(described(path), values, started)
+            case 'RegisterEventHandler':
+                handler = each.given[0]
+                assert not handler.on_exit(types.SimpleNamespace(returncode=1), None)
+                _run(handler.on_exit(types.SimpleNamespace(returncode=0), None), values, started)
+            case 'Node' | 'ExecuteProcess' | 'LogInfo':
+                started.append(_settled(each, values))
+            case _:
+                raise AssertionError(f'unknown: {each.kind}')
+
+
+def _performed(value: Any, values: dict[str, str]) -> str:
+    """Return a text, or the argument that a LaunchConfiguration names."""
+    return values[value.given[0]] if isinstance(value, Entity) else value
+
+
+def _settled(entity: Any, values: dict[str, str]) -> Any:
+    """Return a process with its command, its parameters by name, and its parameter files."""
+    if entity.kind == 'ExecuteProcess':
+        first, *entity.arguments = entity.cmd
+        of_path = isinstance(first, str)
+        entity.package = 'ros2cli' if of_path else first.package
+        entity.executable = first if of_path else first.executable
+    entity.namespace = _performed(entity.namespace, values)
+    entity.files = [str(each) for each in entity.parameters if not isinstance(each, Mapping)]
+    entity.values = {}
+    for each in entity.parameters:
+        if isinstance(each, Mapping):
+            entity.values |= _flat(each)
+    return entity
+
+
+def _flat(values: Mapping[str, Any], above: str = '') -> dict[str, Any]:
+    """Return parameters by their names with dots, and texts as ROS would get them."""
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            found |= _flat(value, f'{above}{name}.')
+        else:
+            found[above + name] = value.given[0] if isinstance(value, Entity) else value
+    return found
