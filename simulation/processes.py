@@ -224,7 +224,7 @@ class NodeProcess(Process):
             now = await wait_for_fresh_state(
                 robot.why_not_ready, self.driver.changed, FRESH_POSE_TIMEOUT_S
             )
-            start = queue.check_ready(now).positions
+            start = queue.ready_sample(now).positions
             lines = self._lines(start, ways, blend, speed)
             planned = await plan.in_thread(
                 lambda look: plan_sequence(self._arm, start, lines, look=look)

@@ -99,10 +99,11 @@ INSIDE = {
         'stopping': 'delivery state tasks',
         'configuration': 'delivery smoothing state stopping',
         'goal': 'delivery inhibit outcome remedy smoothing state stopping tasks',
-        'servo': 'delivery goal outcome state stopping',
-        'driver': 'configuration delivery goal inhibit io outcome remedy servo smoothing state '
-        'stopping tasks',
-        'arm_commands': 'driver inhibit remedy stopping',
+        'servo': 'delivery goal inhibit outcome state stopping',
+        'why_not': 'goal inhibit remedy servo state stopping',
+        'driver': 'configuration delivery goal inhibit io outcome servo smoothing state stopping '
+        'tasks why_not',
+        'arm_commands': 'driver inhibit remedy stopping tasks',
     },
 }
 """The same for rooms that have rooms of their own; only each other are named."""

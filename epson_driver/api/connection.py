@@ -344,7 +344,7 @@ class Connection:
             now = await self.wait_for_fresh_state()
         with refusals():
             plan.check()
-            sample = driver.goal_queue.check_ready(now)
+            sample = driver.goal_queue.ready_sample(now)
         return sample.positions, plan
 
     async def execute(

@@ -5,6 +5,7 @@
 from epson_driver.api.errors import WORDS
 from epson_driver.api.status import ControllerError, RobotStatus
 from epson_driver.driver.driver import Driver
+from epson_driver.driver.inhibit import Purpose
 from epson_driver.driver.remedy import Remedy, with_remedy
 from epson_driver.error_texts import ErrorTexts
 from epson_driver.simple_message import Mode, Status, TriState
@@ -31,7 +32,7 @@ def robot_status(driver: Driver, now: float, link_reason: str) -> RobotStatus:
         moves = driver.robot.why_not_standing(driver.goal_queue.settings.stopped_velocity)
         text = 'pausing: the arm brakes' if moves else 'motions are paused: the speed scaling is 0'
         remedy = 'call set_speed_scaling(1.0)'
-    if (found := driver.inhibit(now)) is not None:
+    if (found := driver.why_not(Purpose.REPORT, now)) is not None:
         text, remedy = found.text, with_remedy(found.advice, found.remedy, WORDS)
         if found.remedy is Remedy.CONNECT:
             text += f' ({link_reason})'

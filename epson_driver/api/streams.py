@@ -154,7 +154,7 @@ class Streams(Arm):
             return
         if not servo.active:
             with refusals():
-                driver.goal_queue.check_ready(asyncio.get_running_loop().time())
+                driver.goal_queue.ready_sample(asyncio.get_running_loop().time())
         raise RobotError(f'the setpoint is not followed: {why}')
 
     def _commanded(self, servo: 'Servo') -> Array:

@@ -10,6 +10,7 @@ from epson_driver.driver.driver import Driver
 from epson_driver.driver.inhibit import (
     Cause,
     Inhibit,
+    Purpose,
     manual_inhibit,
     refusal_inhibit,
     seen_inhibit,
@@ -18,6 +19,7 @@ from epson_driver.driver.inhibit import (
 from epson_driver.driver.remedy import Remedy
 from epson_driver.driver.stopping.arm_gate import Enabling, GateError
 from epson_driver.driver.stopping.motors import Action, MotorsError
+from epson_driver.driver.tasks import wait_for_fresh_state
 from epson_driver.simple_message import Status, TriState
 
 ANSWER_TIMEOUT_S = 2.0
@@ -102,7 +104,7 @@ class ArmCommands:
 
         Raises CommandError that says what is in the way and what to do about it.
         """
-        self._check_links()
+        self._check(Purpose.COMMAND)
         if self._disabling:
             raise CommandError('the arm is still being disabled', Remedy.ENABLE)
         gate = self._driver.gate
@@ -119,7 +121,7 @@ class ArmCommands:
                 return said
             status = self._driver.robot.status
             if status is not None:
-                self._check_nothing_to_mend(status)
+                self._check(Purpose.ENABLE)
                 if not self._disabling:
                     await self._check_what_took_the_motors(status)
             raise CommandError(
@@ -139,7 +141,7 @@ class ArmCommands:
             status = await self._wait_for_status(
                 lambda _: driver.robot.status_time > asked, 'the controller sends no STATUS'
             )
-            self._check_nothing_to_mend(status)
+            self._check(Purpose.ENABLE)
             await self._wait_for_first_stop()
             if driver.stopper.delivery.keeps_points:  # with the motors, it would go on with them
                 await self._clear_motion()
@@ -163,26 +165,20 @@ class ArmCommands:
                         'the program was started, but no motion is possible',
                     )
             await self._clear_motion()
-            if (why := await driver.why_not_ready(ANSWER_TIMEOUT_S)) is not None:
-                self._check_nothing_to_mend(driver.robot.status or Status())
-                raise CommandError(f'nobody knows where the arm is: {why}')
-            self._check_links()
-            newest = driver.robot.status
-            if newest is None:
-                raise CommandError('the controller sends no STATUS')
-            if (found := status_inhibit(newest, driver.robot.errors)) is not None:
-                raise _inhibited(found)
+            robot = driver.robot
+            fresh = wait_for_fresh_state(robot.why_not_ready, driver.changed, ANSWER_TIMEOUT_S)
+            self._check(Purpose.OPEN, await fresh)
             driver.look_for_namesakes()  # once more, in the moment in which the gate opens
             if closed:
-                driver.robot.enabled()
+                robot.enabled()
                 driver.stopper.enabled()
                 try:
                     driver.gate.open(enabling)
                 except GateError as error:
                     raise CommandError(str(error)) from error
-            held = driver.held()
+            held = driver.why_not(Purpose.REPORT, _now())
             if held is None and not driver.stopper.delivery.resumes:
-                held = seen_inhibit(newest, driver.robot.errors)
+                held = seen_inhibit(robot.status or Status(), robot.errors)
             return 'the arm is enabled' + ('' if held is None else f', but {held.text}')
 
     async def _wait_for_first_stop(self) -> None:
@@ -319,10 +315,10 @@ class ArmCommands:
             raise CommandError(text, Remedy.ENABLE)
         return await self.enable()
 
-    def _check_nothing_to_mend(self, status: Status) -> None:
-        """Raise CommandError for a condition that must be mended before the arm can be enabled."""
-        found = self._driver.condition_inhibit(status)
-        if found is not None and found.cause is not Cause.MOTORS_OFF:
+    def _check(self, purpose: Purpose, now: float | None = None) -> None:
+        """Raise CommandError for what forbids a purpose at `now`, s, or at present."""
+        found = self._driver.why_not(purpose, _now() if now is None else now)
+        if found is not None:
             raise _inhibited(found)
 
     async def _check_what_took_the_motors(self, status: Status) -> None:
@@ -333,11 +329,6 @@ class ArmCommands:
         told = await self._driver.motors.tell(ANSWER_TIMEOUT_S)
         if told is not None and (found := refusal_inhibit(*told, self._driver.robot.errors)):
             raise _inhibited(found)
-
-    def _check_links(self) -> None:
-        for link in (self._driver.state_link, self._driver.motion_link):
-            if (found := self._driver.link_inhibit(link)) is not None:
-                raise _inhibited(found)
 
     async def _act(self, action: Action) -> None:
         """Send an action to the controller. Raises CommandError that says what to do instead."""

@@ -18,20 +18,9 @@ from epson_driver.driver.delivery.statements import StatementDelivery
 from epson_driver.driver.goal.goal import GoalSettings
 from epson_driver.driver.goal.goal_queue import GoalQueue
 from epson_driver.driver.goal.planned_speed import PlannedSpeed
-from epson_driver.driver.inhibit import (
-    PAUSED,
-    Cause,
-    Inhibit,
-    flags_inhibit,
-    main_ended,
-    manual_inhibit,
-    not_enabled,
-    second_driver,
-    status_inhibit,
-)
+from epson_driver.driver.inhibit import Cause, Inhibit, Purpose, second_driver
 from epson_driver.driver.io.io_access import make_io
 from epson_driver.driver.outcome import Outcome
-from epson_driver.driver.remedy import Remedy
 from epson_driver.driver.servo.servo import Servo
 from epson_driver.driver.smoothing import SmoothingProcess
 from epson_driver.driver.state.joint_mapping import unmapped
@@ -40,7 +29,8 @@ from epson_driver.driver.stopping.arm_gate import ArmGate
 from epson_driver.driver.stopping.heartbeat import Heartbeat
 from epson_driver.driver.stopping.motors import SerializedMotors, make_motors
 from epson_driver.driver.stopping.stopper import Stopper
-from epson_driver.driver.tasks import Notification, run_task_group, wait_for_fresh_state
+from epson_driver.driver.tasks import Notification, run_task_group
+from epson_driver.driver.why_not import STATUS_TIMEOUT_S, WhyNot
 from epson_driver.link import Link, LinkState
 from epson_driver.link.link import DIALECT_MESSAGES
 from epson_driver.link.link_reports import LinkReports
@@ -68,9 +58,6 @@ from epson_driver.trace.trace import END_TIMEOUT_S
 
 SHUT_DOWN_TIMEOUT_S = 0.5
 """How long the arm may take to stop before the process ends all the same, s."""
-
-STATUS_TIMEOUT_S = 1.0
-"""A status that is older says nothing any more, s. (The thesis' controller sends one in 55 ms.)"""
 
 MAX_MIXED_POSITIONS = 2
 """At most this many JOINT_POSITIONs come between two JOINT_FEEDBACKs of a controller that sends
@@ -215,7 +202,7 @@ class Driver:
         self.goal_queue = GoalQueue(
             configuration.limits,
             self.robot,
-            self.gate,
+            self.why_not,
             self.stopper,
             settings,
             self.changed,
@@ -226,19 +213,26 @@ class Driver:
         self.servo = Servo(
             configuration.limits,
             self.robot,
-            self.gate,
+            self.why_not,
             self.stopper,
             self.goal_queue,
             self._on_broken_off,
         )
-        self.goal_queue.occupied = self.servo.occupation
-        self.goal_queue.closed = self._why_closed
-        self.goal_queue.held = self.held
+        self._why_not = WhyNot(
+            self.state_link,
+            self.motion_link,
+            self.robot,
+            self.gate,
+            self.stopper,
+            self.goal_queue,
+            self.servo,
+            configuration.state_timeout,
+            self._connects_later,
+        )
         self.namesakes: Callable[[], str] = str
         """Returns the other processes that take this driver's requests as a clause, or ''."""
         self.namesakes_known = 0.0
         """Until then, in the loop's time, some may not be found yet: no enable."""
-        self._second: Inhibit | None = None
         self._feedback_leads = False
         self._positions_since_feedback = 0
         self._joints_missing = ReceiveTimeout(max(STATUS_TIMEOUT_S, configuration.state_timeout))
@@ -311,104 +305,18 @@ class Driver:
         """True while a goal runs or a stream of setpoints is followed."""
         return self.goal_queue.busy or self.servo.active
 
-    def inhibit(self, now: float) -> Inhibit | None:
-        """Return what keeps the arm from moving: the first cause to deal with, or None.
-
-        What is stale says nothing else. None: the arm is enabled, and moves when it is asked to.
-        """
-        robot, stopper = self.robot, self.stopper
-        if (found := self.link_inhibit(self.state_link) or self._silence(now)) is not None:
-            return found
-        failed = None
-        if stopper.alarm is not None:
-            text = f'STOP did not work: {stopper.alarm}; {stopper.stands}'
-            failed = Inhibit(Cause.STOP_FAILED, Remedy.KEEP_AWAY, text)
-        if failed is not None and not stopper.over:
-            return failed
-        if (found := self.link_inhibit(self.motion_link)) is not None:
-            return found
-        status = robot.status or Status()
-        found = self.condition_inhibit(status)
-        if found is None or found.cause is Cause.MOTORS_OFF:
-            found = failed or self._gate_inhibit(status) or found
-        return found or self.held()
-
-    def held(self) -> Inhibit | None:
-        """Return why a controller that the arm is enabled at denies motion, or None."""
-        if self.robot.main_ended:
-            return main_ended(self.robot.status or Status(), self.robot.errors)
-        return PAUSED if self.robot.paused else None
-
-    def condition_inhibit(self, status: Status) -> Inhibit | None:
-        """Return what in the controller's condition keeps the arm from moving, as it tells it."""
-        if self._second is not None:
-            return self._second
-        errors, link = self.robot.errors, self.state_link
-        found = status_inhibit(status, errors)
-        mended = found is None or found.cause is Cause.MOTORS_OFF
-        if isinstance(link, RemoteLink) and mended:
-            found = flags_inhibit(link.flags, status.error_code, errors) or found
-        return found
+    def why_not(self, purpose: Purpose, now: float) -> Inhibit | None:
+        """Return what forbids a purpose at `now`, s: the first fact to deal with, or None."""
+        return self._why_not(purpose, now)
 
     def look_for_namesakes(self) -> None:
         """Stop and disable the arm while another process takes this driver's requests, too."""
-        who, before = self.namesakes(), self._second
-        found = self._second = second_driver(who) if who else None
+        who, before = self.namesakes(), self._why_not.second
+        found = self._why_not.second = second_driver(who) if who else None
         if found is not None:
             self.fault(found.text)
         if found != before:
             _log.warning('%s', 'no second driver any more' if found is None else found.text)
-
-    def link_inhibit(self, link: Link) -> Inhibit | None:
-        """Return that a link is not connected, or None if it is."""
-        if link.connected:
-            return None
-        cause = Cause.NO_STATE_LINK if link is self.state_link else Cause.NO_MOTION_LINK
-        state = link.state.value.replace('_', ' ')
-        if link is self.motion_link and self._connects_later:
-            state = 'waiting for joints, which show the byte order'
-        text = f'the {link.name} link to {link.host}:{link.port} is {state}'
-        return Inhibit(cause, Remedy.CONNECT, f'no link to the controller: {text}')
-
-    def _silence(self, now: float) -> Inhibit | None:
-        robot = self.robot
-        joints = None if robot.sample is None else robot.sample.measured
-        if self.state_link.joints_withheld:
-            joints = now
-        status = None if robot.status is None else robot.status_time
-        for cause, what, measured, timeout in (
-            (Cause.NO_JOINTS, 'joint state', joints, self.configuration.state_timeout),
-            (Cause.NO_STATUS, 'STATUS', status, STATUS_TIMEOUT_S),
-        ):
-            if measured is None:
-                return Inhibit(cause, Remedy.CHECK_STATE_SERVER, f'no {what}')
-            if now - measured >= timeout:
-                text = f'no {what} for {now - measured:.1f} s'
-                return Inhibit(cause, Remedy.CHECK_STATE_SERVER, text)
-        return None
-
-    def _gate_inhibit(self, status: Status) -> Inhibit | None:
-        if self.gate.reason is None:
-            return None
-        return manual_inhibit(status) or not_enabled(self.gate.reason)
-
-    def _why_closed(self) -> Inhibit | None:
-        """Return what closed the arm gate and is to be mended now, None while it is open."""
-        if self.gate.reason is None:
-            return None
-        closed, found = not_enabled(self.gate.reason), self.inhibit(self._now())
-        if found is None or found.cause is Cause.NOT_ENABLED:
-            return closed
-        more = '' if found.text in closed.text else f': {found.text}'
-        return replace(found, text=closed.text + more)
-
-    async def why_not_ready(self, patience: float) -> str | None:
-        """Wait for fresh joints. Returns why there are none, or None.
-
-        `patience`: how long to wait for that, s.
-        """
-        now = await wait_for_fresh_state(self.robot.why_not_ready, self.changed, patience)
-        return self.robot.why_not_ready(now)
 
     def _on_broken_off(self, outcome: Outcome, unanswered: bool) -> None:
         self.disable(outcome.text, unexplained=outcome.unexplained)
@@ -511,9 +419,7 @@ class Driver:
         if status.drives_powered == TriState.TRUE:
             self.gate.see_motors_on()
         self.stopper.see(now)
-        found = self.condition_inhibit(status)
-        if found is None and self.busy and self.robot.main_ended:  # what was sent may come after
-            found = main_ended(status, self.robot.errors)  # a person has started it again
+        found = self.why_not(Purpose.RUN if self.busy else Purpose.STAY, now)
         if found is not None and found.cause is not Cause.PAUSED:
             self.fault(found.text, motors_off=found.cause is Cause.MOTORS_OFF)
         else:
@@ -556,10 +462,9 @@ class Driver:
 
     async def _before_motion_link(self) -> None:
         """Wait until STOP can leave at once, if the arm may go on as soon as a client connects."""
-        if self._connects_later:
+        if self._connects_later():
             await self._dialect_known.wait()
 
-    @property
     def _connects_later(self) -> bool:
         return self.stopper.delivery.keeps_points and not self._dialect_known.is_set()
 

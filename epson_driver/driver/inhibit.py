@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Why the arm does not move: a cause, a remedy, and a clause.
 
-The driver works it out in one place (`Driver.inhibit`). What is to be called or pressed for a
-remedy, the node, the Python API, the panel and the doctor each say in words of their own.
+The driver works it out in one place (why_not.py). What is to be called or pressed for a remedy,
+the node, the Python API, the panel and the doctor each say in words of their own.
 """
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from enum import Enum, auto
+from enum import Enum, Flag, auto
 
 from epson_driver.driver.remedy import Remedy
 from epson_driver.error_texts import NO_ERROR, ErrorTexts
@@ -16,8 +16,34 @@ from epson_driver.remote_ethernet.status_flags import CONTROL_DEVICES, REMOTE_ET
 from epson_driver.simple_message import Mode, Status, TriState
 
 
+class Purpose(Flag):
+    """What something asks for that may be forbidden.
+
+    REPORT: to say why the arm does not move when it is asked to. COMMAND: to command the
+    controller. ENABLE: to begin to enable the arm; OPEN: to open the arm gate. STAY: to keep it
+    open; RUN: the same while a goal or a stream runs. GOAL: to take a goal while the arm moves;
+    READY: to take one whose motion is still to be planned; START: to start one. STREAM: to begin a
+    stream of setpoints, FOLLOW: to send the next, LET_GO: to keep one after its STOP. RESUME: to
+    resume a paused goal.
+    """
+
+    REPORT = auto()
+    COMMAND = auto()
+    ENABLE = auto()
+    OPEN = auto()
+    STAY = auto()
+    RUN = auto()
+    GOAL = auto()
+    READY = auto()
+    START = auto()
+    STREAM = auto()
+    FOLLOW = auto()
+    LET_GO = auto()
+    RESUME = auto()
+
+
 class Cause(Enum):
-    """What keeps the arm from moving."""
+    """What keeps the arm from moving. Those from NO_STREAMS on forbid a goal or a stream alone."""
 
     NO_STATE_LINK = auto()
     NO_JOINTS = auto()
@@ -35,6 +61,12 @@ class Cause(Enum):
     MAIN_ENDED = auto()
     PAUSED = auto()
     NOT_POSSIBLE = auto()
+    NO_STREAMS = auto()
+    GOAL_RUNS = auto()
+    STOPPING = auto()
+    STREAM = auto()
+    NO_POSE = auto()
+    MOVES = auto()
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from epson_driver.driver.driver import Driver
-from epson_driver.driver.inhibit import Cause
+from epson_driver.driver.inhibit import Cause, Purpose
 from epson_driver.error_texts import NO_ERROR
 from epson_driver.link import Link
 
@@ -63,7 +63,7 @@ class Diagnostics:
                     break
 
     def _cause(self) -> Cause | None:
-        found = self._driver.inhibit(_now())
+        found = self._driver.why_not(Purpose.REPORT, _now())
         return None if found is None else found.cause
 
     def build(self, stamp: Time, now: float) -> DiagnosticArray:
@@ -124,7 +124,7 @@ class Diagnostics:
             yield 'reply latency p99 [ms]', _milliseconds(latencies, 0.99)
 
     def _arm(self, now: float) -> DiagnosticStatus:
-        found = self._driver.inhibit(now)
+        found = self._driver.why_not(Purpose.REPORT, now)
         values: dict[str, object] = {'cause': 'NONE', 'remedy': 'NONE', 'advice': ''}
         level, text = DiagnosticStatus.OK, 'enabled'
         if found is not None:

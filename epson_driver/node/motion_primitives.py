@@ -146,7 +146,7 @@ class MotionPrimitives:
         now = await wait_for_fresh_state(
             self._driver.robot.why_not_ready, self._driver.changed, FRESH_POSE_TIMEOUT_S
         )
-        return self._queue.check_ready(now).positions
+        return self._queue.ready_sample(now).positions
 
     async def _plan(self, primitives: list[Primitive], plan: PlanningScope) -> PlannedSequence:
         """Plan from where the arm stands, in a thread. Raises GoalRejectedError.

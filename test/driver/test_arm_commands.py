@@ -20,7 +20,7 @@ from support.sim_process import vacant_port
 
 from epson_driver.driver import arm_commands
 from epson_driver.driver.arm_commands import CommandError
-from epson_driver.driver.inhibit import Cause
+from epson_driver.driver.inhibit import Cause, Purpose
 from epson_driver.driver.outcome import End
 from epson_driver.sim_controller.condition.states import Event
 from epson_driver.sim_controller.faults.fault_text import parse
@@ -68,7 +68,8 @@ async def test_inv10_a_second_driver_of_its_names_stops_the_arm_and_forbids_enab
         assert await driver.stopper.wait(1.0)
         assert await harness.rests()
         assert await rejection(harness.commands.enable()) == refused
-        assert driver.inhibit(asyncio.get_running_loop().time()).cause is Cause.SECOND_DRIVER
+        now = asyncio.get_running_loop().time()
+        assert driver.why_not(Purpose.REPORT, now).cause is Cause.SECOND_DRIVER
         driver.namesakes = str
         await harness.commands.enable()
         assert harness.gate is None

@@ -28,12 +28,10 @@ from epson_driver.driver.goal.goal_states import AT_REST, GoalState
 from epson_driver.driver.goal.planned_speed import PlannedSpeed, Timing
 from epson_driver.driver.goal.planning_scope import PlanningScopes
 from epson_driver.driver.goal.reference import SpeedScaling
-from epson_driver.driver.inhibit import PAUSED, Inhibit, not_enabled
+from epson_driver.driver.inhibit import Cause, Inhibit, Purpose
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
-from epson_driver.driver.remedy import Remedy
 from epson_driver.driver.smoothing import SmoothingError, SmoothingProcess
 from epson_driver.driver.state.robot_state import JointSample, RobotState
-from epson_driver.driver.stopping.arm_gate import ArmGate
 from epson_driver.driver.stopping.stopper import Stopper
 from epson_driver.driver.tasks import (
     MAX_READING_TURNS,
@@ -76,7 +74,7 @@ class GoalQueue:
         self,
         limits: JointLimits,
         robot: RobotState,
-        gate: ArmGate,
+        why_not: Callable[[Purpose, float], Inhibit | None],
         stopper: Stopper,
         settings: GoalSettings,
         changed: Notification,
@@ -92,18 +90,12 @@ class GoalQueue:
         """How long the last goal that succeeded was planned to take, and took."""
         self.other_speed = 0
         """Goals that were executed at another speed than planned."""
-        self.occupied: Callable[[], str | None] = lambda: None
-        """Returns why no goal may begin, as something else moves the arm; None: nothing does."""
-        self.closed: Callable[[], Inhibit | None] = lambda: (
-            None if gate.reason is None else not_enabled(gate.reason)
-        )
-        """Returns what keeps the arm gate closed; None: it is open."""
-        self.held: Callable[[], Inhibit | None] = lambda: PAUSED if robot.paused else None
-        """Returns why the controller denies motion while the gate is open; None: it does not."""
+        self.stops: list[str] = []
+        """Requests to stop that are under way: no goal begins meanwhile."""
         self._limits = limits
         self._planned_speed = planned_speed
         self._robot = robot
-        self._gate = gate
+        self._why_not = why_not
         self._stopper = stopper
         self._settings = settings
         stopper.stopped_velocity = settings.stopped_velocity
@@ -114,7 +106,6 @@ class GoalQueue:
         self._next: GoalHandle | None = None
         self._unread: GoalHandle | None = None
         self._preparations: set[asyncio.Task[None]] = set()
-        self._stops: list[str] = []
         self.plans = PlanningScopes()
         """Goals of which there is no trajectory yet. One that is submitted ends them."""
 
@@ -155,12 +146,12 @@ class GoalQueue:
     @contextlib.contextmanager
     def stopping(self, why: str) -> Iterator[None]:
         """End waiting goals, and those that come during this block: they may be older."""
-        self._stops.append(why)
+        self.stops.append(why)
         self.end_waiting(why)
         try:
             yield
         finally:
-            self._stops.remove(why)
+            self.stops.remove(why)
 
     def make_ready(self) -> None:
         """Start the smoothing process, so that the first goal need not wait for it."""
@@ -183,15 +174,16 @@ class GoalQueue:
         scheduled for a while, and what came meanwhile is still to be read.
         """
         try:
-            self._check_not_stopping()
+            if self.stops:
+                raise GoalRejectedError(ErrorCode.INVALID_GOAL, self.stops[0])
             handle.goal = checked_goal(handle.goal, self._limits)
         except GoalRejectedError as rejection:
             handle.on_end(rejection.outcome)
             return
         self.plans.end(REPLACED)
         now = _now()
-        replaces = self._running is not None and self._robot.withheld
-        if self._gate.reason is None and self._robot.stale(now) and not replaces:
+        found = self._why_not(self._purpose, now)
+        if found is not None and found.cause is Cause.NO_POSE and self._robot.stale(now):
             if self._unread is not None:
                 self._end_unstarted(self._unread, REPLACED)
             self._unread = handle
@@ -217,21 +209,15 @@ class GoalQueue:
         At one moment in all checks: this process may be held up between two of them.
         """
         try:
-            self._check_allowed()
-            if self._running is None or not self._robot.withheld:  # else when the arm stands
-                self.check_ready(now)
+            self._check(self._purpose, now)
+            if self._running is None and not self._stopper.over:
+                self._check(Purpose.START, now)
         except GoalRejectedError as rejection:
             handle.on_end(rejection.outcome)
             return
         if self._running is None and self._stopper.over:
             self._start(handle, now)
             return
-        if self._running is None:
-            try:
-                self.standing_sample(now)
-            except GoalRejectedError as rejection:
-                handle.on_end(rejection.outcome)
-                return
         if self._next is not None:
             self._end_unstarted(self._next, REPLACED)
         self._next = handle
@@ -315,44 +301,26 @@ class GoalQueue:
         elif was_paused and not execution.paused and not execution.ended:
             _log.info('the controller goes on: so does the motion, %s', execution.where)
 
-    def check_ready(self, now: float) -> JointSample:
+    @property
+    def _purpose(self) -> Purpose:
+        """What a new goal asks for: it needs no pose while the arm moves without one."""
+        moves = self._running is not None and self._robot.withheld
+        return Purpose.GOAL if moves else Purpose.READY
+
+    def _check(self, purpose: Purpose, now: float) -> None:
+        if (found := self._why_not(purpose, now)) is not None:
+            raise GoalRejectedError(ErrorCode.INVALID_GOAL, found.said, found.remedy)
+
+    def ready_sample(self, now: float, purpose: Purpose = Purpose.READY) -> JointSample:
         """Return where the arm is. Raises GoalRejectedError unless it may move at `now`, s."""
-        self._check_allowed()
-        if (why := self._robot.why_not_ready(now)) is not None:
-            raise GoalRejectedError(ErrorCode.INVALID_GOAL, why)
-        if not self._stopper.delivery.resumes and (found := self.held()) is not None:
-            raise _inhibited(found)
+        self._check(purpose, now)
         sample = self._robot.sample
-        assert sample is not None  # noqa: S101 - for the type checker: why_not_ready says so
-        return sample
-
-    def _check_allowed(self) -> None:
-        if (found := self.closed()) is not None:
-            raise _inhibited(found)
-        self._check_not_stopping()
-        if (why := self.occupied()) is not None:
-            raise GoalRejectedError(ErrorCode.INVALID_GOAL, why, Remedy.END_STREAM)
-
-    def _check_not_stopping(self) -> None:
-        if self._stops:
-            raise GoalRejectedError(ErrorCode.INVALID_GOAL, self._stops[0])
-
-    def standing_sample(self, now: float) -> JointSample:
-        """Return where the arm stands. Raises GoalRejectedError if it may not move or moves now.
-
-        Nothing of ours runs then: what still moves is braking after a fault, or moved by others.
-        """
-        sample = self.check_ready(now)
-        why = self._robot.why_not_standing(self._settings.stopped_velocity)
-        if why is not None:
-            raise GoalRejectedError(
-                ErrorCode.INVALID_GOAL, f'the arm moves ({why}): wait until it stands'
-            )
+        assert sample is not None  # noqa: S101 - for the type checker: otherwise there is no pose
         return sample
 
     def _start(self, handle: GoalHandle, now: float) -> None:
         try:
-            sample = self.standing_sample(now)
+            sample = self.ready_sample(now, Purpose.START)
             check_start(
                 handle.goal.trajectory, sample.positions, self._limits, self.start_tolerance
             )
@@ -382,7 +350,9 @@ class GoalQueue:
         running = None if self.execution is None else self.execution.goal.trajectory
         self._planned_speed.check_factor(factor, running)
         now = _now()
-        self.scaling.set(factor, now, ramp=self.busy or self.occupied() is not None)
+        found = self._why_not(Purpose.GOAL, now)
+        streams = found is not None and found.cause is Cause.STREAM
+        self.scaling.set(factor, now, ramp=self.busy or streams)
         handle = self._running
         if factor or handle is None or handle.execution is None:
             return f'motions run at {factor:g} of their speed' if factor else 'motions are paused'
@@ -399,10 +369,11 @@ class GoalQueue:
         if handle is None or handle.execution is None or not self.scaling.target:
             return
         execution = handle.execution
-        if execution.state is not GoalState.PAUSED or not self._stopper.over or self.held():
+        paused = execution.state is GoalState.PAUSED
+        if not paused or self._why_not(Purpose.RESUME, now) is not None:
             return
         try:
-            sample = self.standing_sample(now)
+            sample = self.ready_sample(now, Purpose.START)
             execution.resume(sample, self._limits, self.start_tolerance)
             check_limits(execution.goal.trajectory, self._limits, may_end_moving=True)
         except GoalRejectedError as rejection:
@@ -442,7 +413,7 @@ class GoalQueue:
         if execution.state is not GoalState.PREPARING:
             return
         try:
-            sample = self.standing_sample(now)
+            sample = self.ready_sample(now, Purpose.START)
             check_start(motion, sample.positions, self._limits, self.start_tolerance)
         except GoalRejectedError as rejection:
             execution.fault(str(rejection), rejection.code, rejection.remedy)
@@ -487,10 +458,6 @@ class GoalQueue:
             self._stopper.goal_reached()
         if self._stopper.over:
             self.on_rest()
-
-
-def _inhibited(found: Inhibit) -> GoalRejectedError:
-    return GoalRejectedError(ErrorCode.INVALID_GOAL, found.said, found.remedy)
 
 
 def _now() -> float:

@@ -38,6 +38,7 @@ from epson_driver.driver.delivery.reply_rejection import reply_rejection
 from epson_driver.driver.goal.goal import check_limits
 from epson_driver.driver.goal.goal_execution import MAX_COUNTED_GAP_S
 from epson_driver.driver.goal.goal_queue import GoalQueue
+from epson_driver.driver.inhibit import Cause, Inhibit, Purpose
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.servo.restart_interlock import RELEASE_S, RestartInterlock
 from epson_driver.driver.servo.setpoint import Mode, ServoSettings, Setpoint
@@ -52,7 +53,6 @@ from epson_driver.driver.servo.stream import (
 )
 from epson_driver.driver.state.robot_state import JointSample, RobotState
 from epson_driver.driver.state.standstill import Standstill
-from epson_driver.driver.stopping.arm_gate import ArmGate
 from epson_driver.driver.stopping.stopper import Stopper
 from epson_driver.log_lines import LogThrottle
 from epson_driver.motion import Array, JointLimits, Trajectory
@@ -173,7 +173,7 @@ class Servo:
         self,
         limits: JointLimits,
         robot: RobotState,
-        gate: ArmGate,
+        why_not: Callable[[Purpose, float], Inhibit | None],
         stopper: Stopper,
         goals: GoalQueue,
         on_broken_off: Callable[[Outcome, bool], None],
@@ -184,13 +184,13 @@ class Servo:
         """How far the arm is behind the points that were sent, or was in the end, s."""
         self._limits = limits
         self._robot = robot
-        self._gate = gate
+        self._why_not = why_not
         self._stopper = stopper
         self._goals = goals
         self._on_broken_off = on_broken_off
         self._session: _Session | None = None
         self._interlock = RestartInterlock()
-        self._said: dict[tuple[str, str], float] = {}
+        self._said: dict[tuple[str, Cause | str], float] = {}
         self._begun = asyncio.Event()
         self._looked = 0.0
         self._clipped_throttle = LogThrottle()
@@ -256,7 +256,10 @@ class Servo:
         if asks:
             return self._try_to_begin(setpoint, now, came)
         if setpoint.positions is not None and not self._at(setpoint.positions):
-            return self._refuse(setpoint, *self._why_held())
+            if (found := self._why_not(Purpose.LET_GO, now)) is not None:
+                return self._refuse(setpoint, found.cause, found.said)
+            text = f'it holds still: it must move on, or be silent for {RELEASE_S:g} s first'
+            return self._refuse(setpoint, 'far', text)
         return None
 
     def refuse(self, source: str, why: str, came: float | None = None) -> None:
@@ -306,31 +309,17 @@ class Servo:
     # --- the beginning ----------------------------------------------------------------------
 
     def _try_to_begin(self, setpoint: Setpoint, now: float, came: float) -> str | None:
-        try:
-            why = self._why_not_yet(now - came)
-            if why is None:
-                sample = self._goals.standing_sample(now)
-                why = self._why_blocked(setpoint) or self._why_too_far(setpoint, sample)
-                if why is None:
-                    self._begin(setpoint, sample, now, came)
-                    return None
-        except GoalRejectedError as rejection:
-            why = 'not ready', str(rejection)
-        return self._refuse(setpoint, *why)
-
-    def _why_not_yet(self, waited: float) -> tuple[str, str] | None:
-        """Return what is in the way of a setpoint that waited so long, s, or None.
-
-        The first word is for its kind.
-        """
-        if why := self._stopper.delivery.no_streams or self._goals.why_no_stream:
-            return 'never', why
-        if waited > self.settings.timeout:
-            return 'old', f'this driver was held up for {waited:.3g} s after it came'
-        if not self._goals.idle:
-            return 'goal', 'a motion runs: cancel it, or wait until it has ended'
-        if not self._stopper.over:
-            return 'stop', 'the arm is being stopped'
+        if (found := self._why_not(Purpose.STREAM, now)) is not None:
+            return self._refuse(setpoint, found.cause, found.said)
+        if (waited := now - came) > self.settings.timeout:
+            text = f'this driver was held up for {waited:.3g} s after it came'
+            return self._refuse(setpoint, 'old', text)
+        sample = self._robot.sample
+        assert sample is not None  # noqa: S101 - for the type checker: otherwise there is no pose
+        why = self._why_blocked(setpoint) or self._why_too_far(setpoint, sample)
+        if why is not None:
+            return self._refuse(setpoint, *why)
+        self._begin(setpoint, sample, now, came)
         return None
 
     def _why_blocked(self, setpoint: Setpoint) -> tuple[str, str] | None:
@@ -341,12 +330,6 @@ class Servo:
             f'it must be let go of first: {RELEASE_S:g} s without a message, or with none that '
             'asks for motion'
         )
-
-    def _why_held(self) -> tuple[str, str]:
-        """Return why the arm does not go where a stream holds still."""
-        if self._gate.reason is not None:
-            return 'not ready', self._gate.reason
-        return 'far', f'it holds still: it must move on, or be silent for {RELEASE_S:g} s first'
 
     def _why_too_far(self, setpoint: Setpoint, sample: JointSample) -> tuple[str, str] | None:
         """Return which joint is too far from the first position, or from its range, or None."""
@@ -458,7 +441,7 @@ class Servo:
             self.settings.share,
         )
 
-    def _refuse(self, setpoint: Setpoint, kind: str, text: str) -> str:
+    def _refuse(self, setpoint: Setpoint, kind: Cause | str, text: str) -> str:
         """Count it, say why once for each kind of reason and stream, and return why."""
         self.counts.refused += 1
         if kind != 'far':
@@ -494,8 +477,8 @@ class Servo:
         """Let the tracker go on, and send where it is, if that may be."""
         gap, self._looked = now - self._looked, now
         paused = not self._goals.scaling.target
-        if (why := self._why_not_on(session)) is not None:
-            self.stop(why)
+        if (found := self._why_not_on(session, now)) is not None:
+            self.stop(found.text)
         elif session.let_go:
             if self._stopper.over and (not paused or self._silent(session, now)):
                 self._go_on_or_end(session, now)
@@ -534,15 +517,9 @@ class Servo:
     def _silent(self, session: _Session, now: float) -> bool:
         return now - session.heard > self.settings.timeout
 
-    def _why_not_on(self, session: _Session) -> str | None:
+    def _why_not_on(self, session: _Session, now: float) -> Inhibit | None:
         """Return what forbids every further point, or None."""
-        if self._gate.reason is not None:
-            return self._gate.reason
-        if not self._stopper.over and not session.let_go:
-            return 'the arm is being stopped'
-        if self._robot.paused:
-            return 'the controller is paused'
-        return None
+        return self._why_not(Purpose.LET_GO if session.let_go else Purpose.FOLLOW, now)
 
     def _step(self, session: _Session, now: float) -> None:
         if now - session.stepped < self.settings.period - CYCLE_S / 2.0:
@@ -648,8 +625,8 @@ class Servo:
         """Send a point, unless something forbids it now."""
         if session is not self._session:
             return
-        if (why := self._why_not_on(session)) is not None:
-            self.stop(why)
+        if (found := self._why_not_on(session, now)) is not None:
+            self.stop(found.text)
             return
         sequence = session.sequence
         session.sequence += 1

@@ -1,0 +1,214 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Why the arm may not move: one ordered table for enabling, goals, streams, diagnostics and API.
+
+Who asks has a purpose, and gets the first fact in WhyNot.ROWS that counts for it.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from epson_driver.driver.goal.goal_queue import GoalQueue
+from epson_driver.driver.inhibit import (
+    PAUSED,
+    Cause,
+    Inhibit,
+    Purpose,
+    flags_inhibit,
+    main_ended,
+    manual_inhibit,
+    not_enabled,
+    status_inhibit,
+)
+from epson_driver.driver.remedy import Remedy
+from epson_driver.driver.servo.servo import Servo
+from epson_driver.driver.state.robot_state import RobotState
+from epson_driver.driver.stopping.arm_gate import ArmGate
+from epson_driver.driver.stopping.stopper import Stopper
+from epson_driver.link import Link
+from epson_driver.link.remote_link import RemoteLink
+from epson_driver.simple_message import Status
+
+STATUS_TIMEOUT_S = 1.0
+"""A status that is older says nothing any more, s. (The thesis' controller sends one in 55 ms.)"""
+
+Fact = Callable[['WhyNot', float], Inhibit | None]
+"""Returns a fact that forbids something at the loop's time, s, or None."""
+
+
+@dataclass(eq=False)
+class WhyNot:
+    """What decides whether the arm may move.
+
+    `connects_later`: whether the motion link waits for the byte order. `second`: the other process
+    that takes this driver's requests, if there is one.
+    """
+
+    state_link: Link
+    motion_link: Link
+    robot: RobotState
+    gate: ArmGate
+    stopper: Stopper
+    goals: GoalQueue
+    servo: Servo
+    state_timeout: float
+    connects_later: Callable[[], bool]
+    second: Inhibit | None = None
+
+    def __call__(self, purpose: Purpose, now: float) -> Inhibit | None:
+        """Return the first fact that forbids a purpose at `now`, the loop's time in s, or None."""
+        facts = (fact(self, now) for fact, purposes in self.ROWS if purpose in purposes)
+        return next((found for found in facts if found is not None), None)
+
+    @property
+    def _status(self) -> Status:
+        return self.robot.status or Status()
+
+    def _no_streams(self, _now: float) -> Inhibit | None:
+        why = self.stopper.delivery.no_streams or self.goals.why_no_stream
+        return Inhibit(Cause.NO_STREAMS, Remedy.NONE, why) if why else None
+
+    def _goal_runs(self, _now: float) -> Inhibit | None:
+        text = 'a motion runs: cancel it, or wait until it has ended'
+        return None if self.goals.idle else Inhibit(Cause.GOAL_RUNS, Remedy.NONE, text)
+
+    def _state_link_down(self, _now: float) -> Inhibit | None:
+        return self._link_down(self.state_link, Cause.NO_STATE_LINK)
+
+    def _motion_link_down(self, _now: float) -> Inhibit | None:
+        return self._link_down(self.motion_link, Cause.NO_MOTION_LINK)
+
+    def _link_down(self, link: Link, cause: Cause) -> Inhibit | None:
+        if link.connected:
+            return None
+        state = link.state.value.replace('_', ' ')
+        if cause is Cause.NO_MOTION_LINK and self.connects_later():
+            state = 'waiting for joints, which show the byte order'
+        text = f'the {link.name} link to {link.host}:{link.port} is {state}'
+        return Inhibit(cause, Remedy.CONNECT, f'no link to the controller: {text}')
+
+    def _no_joints(self, now: float) -> Inhibit | None:
+        sample = self.robot.sample
+        if self.robot.withheld:
+            return None
+        measured = None if sample is None else sample.measured
+        return _silence(Cause.NO_JOINTS, 'joint state', now, measured, self.state_timeout)
+
+    def _no_status(self, now: float) -> Inhibit | None:
+        came = None if self.robot.status is None else self.robot.status_time
+        return _silence(Cause.NO_STATUS, 'STATUS', now, came, STATUS_TIMEOUT_S)
+
+    def _stop_fails(self, now: float) -> Inhibit | None:
+        return None if self.stopper.over else self._stop_failed(now)
+
+    def _stop_failed(self, _now: float) -> Inhibit | None:
+        if self.stopper.alarm is None:
+            return None
+        text = f'STOP did not work: {self.stopper.alarm}; {self.stopper.stands}'
+        return Inhibit(Cause.STOP_FAILED, Remedy.KEEP_AWAY, text)
+
+    def _condition(self, _now: float) -> Inhibit | None:
+        """Return what is to be mended at the controller or in ROS before the arm is enabled."""
+        if self.second is not None:
+            return self.second
+        status, errors = self._status, self.robot.errors
+        found = status_inhibit(status, errors)
+        if found is not None and found.cause is not Cause.MOTORS_OFF:
+            return found
+        if isinstance(self.state_link, RemoteLink):
+            return flags_inhibit(self.state_link.flags, status.error_code, errors)
+        return None
+
+    def _manual(self, _now: float) -> Inhibit | None:
+        return None if self.gate.reason is None else manual_inhibit(self._status)
+
+    def _not_enabled(self, _now: float) -> Inhibit | None:
+        return None if self.gate.reason is None else not_enabled(self.gate.reason)
+
+    def _closed(self, now: float) -> Inhibit | None:
+        """Return what closed the arm gate, with what is to be mended now."""
+        if (closed := self._not_enabled(now)) is None:
+            return None
+        found = self(Purpose.REPORT, now)
+        if found is None or found.cause is Cause.NOT_ENABLED:
+            return closed
+        more = '' if found.text in closed.text else f': {found.text}'
+        return replace(found, text=closed.text + more)
+
+    def _motors_off(self, _now: float) -> Inhibit | None:
+        return status_inhibit(self._status, self.robot.errors)
+
+    def _stopping(self, _now: float) -> Inhibit | None:
+        text = 'the arm is being stopped'
+        return None if self.stopper.over else Inhibit(Cause.STOPPING, Remedy.NONE, text)
+
+    def _stop_requested(self, _now: float) -> Inhibit | None:
+        stops = self.goals.stops
+        return Inhibit(Cause.STOPPING, Remedy.NONE, stops[0]) if stops else None
+
+    def _stream(self, _now: float) -> Inhibit | None:
+        why = self.servo.occupation()
+        return None if why is None else Inhibit(Cause.STREAM, Remedy.END_STREAM, why)
+
+    def _no_pose(self, now: float) -> Inhibit | None:
+        why = self.robot.why_not_ready(now)
+        return None if why is None else Inhibit(Cause.NO_POSE, Remedy.NONE, why)
+
+    def _denied(self, _now: float) -> Inhibit | None:
+        """Return why a controller that the arm is enabled at denies motion."""
+        if self.robot.main_ended:
+            return main_ended(self._status, self.robot.errors)
+        return PAUSED if self.robot.paused else None
+
+    def _denied_to_goals(self, now: float) -> Inhibit | None:
+        return None if self.stopper.delivery.resumes else self._denied(now)
+
+    def _ended(self, now: float) -> Inhibit | None:
+        """Return that main has ended: what was sent may come after a person has started it."""
+        return self._denied(now) if self.robot.main_ended else None
+
+    def _moves(self, _now: float) -> Inhibit | None:
+        """Return that the arm moves: it brakes after a fault, or others move it."""
+        why = self.robot.why_not_standing(self.stopper.stopped_velocity)
+        text = f'the arm moves ({why}): wait until it stands'
+        return None if why is None else Inhibit(Cause.MOVES, Remedy.NONE, text)
+
+    _START = Purpose.START | Purpose.STREAM
+
+    ROWS: ClassVar[tuple[tuple[Fact, Purpose], ...]] = (
+        (_no_streams, Purpose.STREAM),
+        (_goal_runs, Purpose.STREAM),
+        (_closed, Purpose.GOAL | Purpose.READY | _START | Purpose.FOLLOW | Purpose.LET_GO),
+        (_state_link_down, Purpose.REPORT | Purpose.COMMAND | Purpose.OPEN),
+        (_no_joints, Purpose.REPORT),
+        (_no_status, Purpose.REPORT | Purpose.OPEN),
+        (_stop_fails, Purpose.REPORT),
+        (_motion_link_down, Purpose.REPORT | Purpose.COMMAND | Purpose.OPEN),
+        (_condition, Purpose.REPORT | Purpose.ENABLE | Purpose.OPEN | Purpose.STAY | Purpose.RUN),
+        (_stop_failed, Purpose.REPORT),
+        (_manual, Purpose.REPORT),
+        (_not_enabled, Purpose.REPORT),
+        (_motors_off, Purpose.REPORT | Purpose.OPEN | Purpose.STAY | Purpose.RUN),
+        (_stopping, Purpose.STREAM | Purpose.FOLLOW | Purpose.RESUME),
+        (_stop_requested, Purpose.GOAL | Purpose.READY | _START),
+        (_stream, Purpose.GOAL | Purpose.READY | _START),
+        (_no_pose, Purpose.OPEN | Purpose.READY | _START),
+        (_ended, Purpose.RUN),
+        (_denied, Purpose.REPORT | Purpose.FOLLOW | Purpose.LET_GO | Purpose.RESUME),
+        (_denied_to_goals, Purpose.READY | _START),
+        (_moves, _START),
+    )
+    """Each fact, and for which purposes it counts; the first to deal with comes first."""
+
+
+def _silence(
+    cause: Cause, what: str, now: float, newest: float | None, timeout: float
+) -> Inhibit | None:
+    """Return that the newest of a state is too old: what it says then says nothing."""
+    if newest is None:
+        return Inhibit(cause, Remedy.CHECK_STATE_SERVER, f'no {what}')
+    if now - newest < timeout:
+        return None
+    text = f'no {what} for {now - newest:.1f} s'
+    return Inhibit(cause, Remedy.CHECK_STATE_SERVER, text)
