@@ -98,11 +98,11 @@ INSIDE = {
         'delivery': 'outcome state',
         'stopping': 'delivery state tasks',
         'configuration': 'delivery smoothing state stopping',
-        'goal': 'delivery inhibit outcome remedy smoothing state stopping tasks',
+        'channel': 'configuration delivery io stopping',
+        'goal': 'configuration delivery inhibit outcome remedy smoothing state stopping tasks',
         'servo': 'delivery goal inhibit outcome state stopping',
-        'why_not': 'goal inhibit remedy servo state stopping',
-        'driver': 'configuration delivery goal inhibit io outcome servo smoothing state stopping '
-        'tasks why_not',
+        'why_not': 'channel goal inhibit remedy servo state stopping',
+        'driver': 'channel configuration goal inhibit outcome servo state stopping tasks why_not',
         'arm_commands': 'driver inhibit remedy stopping tasks',
     },
 }

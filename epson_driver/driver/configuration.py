@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 from epson_driver.driver.delivery.delivery import DeliveryRules
 from epson_driver.driver.smoothing import Smoothing
-from epson_driver.driver.state.joint_mapping import JointMapping
+from epson_driver.driver.state.joint_mapping import JointMapping, unmapped
 from epson_driver.driver.state.plausibility import DEFAULT_MARGINS, Margins
+from epson_driver.driver.state.robot_state import StateRules
 from epson_driver.driver.stopping.motors import MotorsKind
 from epson_driver.error_texts import ErrorTexts
 from epson_driver.motion import JointLimits
@@ -63,6 +64,23 @@ class Configuration:
     def statements(self) -> bool:
         """Whether all goes by Remote Ethernet, as no program is in the controller."""
         return self.delivery.interface == 'statements'
+
+    @property
+    def knows_byte_order(self) -> bool:
+        """Whether messages need not show it: it is given, or text has none."""
+        return self.statements or self.byte_order is not None
+
+    @property
+    def joint_mapping(self) -> JointMapping:
+        """The mapping, or that of a controller that counts joints as ROS does."""
+        return self.mapping or unmapped(len(self.limits.names))
+
+    @property
+    def state_rules(self) -> StateRules:
+        """What is expected of the controller's state."""
+        return StateRules(
+            self.state_period, self.limits, self.margins, self.state_timeout, self.statements
+        )
 
     @property
     def address(self) -> tuple[str, int]:

@@ -9,25 +9,18 @@ told what happened through `DriverEvents`.
 import asyncio
 import logging
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Protocol
 
+from epson_driver.driver.channel import make_channel
 from epson_driver.driver.configuration import Configuration
-from epson_driver.driver.delivery.delivery_factory import make_delivery
-from epson_driver.driver.delivery.statements import StatementDelivery
 from epson_driver.driver.goal.goal import GoalSettings
 from epson_driver.driver.goal.goal_queue import GoalQueue
-from epson_driver.driver.goal.planned_speed import PlannedSpeed
 from epson_driver.driver.inhibit import Cause, Inhibit, Purpose, second_driver
-from epson_driver.driver.io.io_access import make_io
 from epson_driver.driver.outcome import Outcome
 from epson_driver.driver.servo.servo import Servo
-from epson_driver.driver.smoothing import SmoothingProcess
-from epson_driver.driver.state.joint_mapping import unmapped
-from epson_driver.driver.state.robot_state import JointSample, RobotState, StateRules
+from epson_driver.driver.state.robot_state import JointSample, RobotState
 from epson_driver.driver.stopping.arm_gate import ArmGate
 from epson_driver.driver.stopping.heartbeat import Heartbeat
-from epson_driver.driver.stopping.motors import SerializedMotors, make_motors
 from epson_driver.driver.stopping.stopper import Stopper
 from epson_driver.driver.tasks import Notification, run_task_group
 from epson_driver.driver.why_not import STATUS_TIMEOUT_S, WhyNot
@@ -35,15 +28,10 @@ from epson_driver.link import Link, LinkState
 from epson_driver.link.link import DIALECT_MESSAGES
 from epson_driver.link.link_reports import LinkReports
 from epson_driver.link.receive_timeout import ReceiveTimeout, silent
-from epson_driver.link.remote_link import RemoteLink
 from epson_driver.log_lines import LogThrottle
 from epson_driver.processes.worker import until_done
-from epson_driver.remote_ethernet.client import Login
-from epson_driver.remote_ethernet.turns import RemoteTurns
 from epson_driver.simple_message import (
-    ByteOrder,
     CommType,
-    Dialect,
     JointFeedback,
     JointPosition,
     MessageType,
@@ -93,157 +81,58 @@ class Driver:
     def __init__(
         self, configuration: Configuration, events: DriverEvents, settings: GoalSettings
     ) -> None:
-        if configuration.statements:
-            configuration = replace(configuration, byte_order=ByteOrder.LITTLE)  # text has none
         self.configuration = configuration
+        limits, timeout = configuration.limits, configuration.state_timeout
         self.gate = ArmGate()
-        joints = len(configuration.limits.names)
-        mapping = configuration.mapping or unmapped(joints)
-        rules = StateRules(
-            configuration.state_period,
-            configuration.limits,
-            configuration.margins,
-            configuration.state_timeout,
-            configuration.statements,
-        )
-        self.robot = RobotState(
-            joints,
-            configuration.errors,
-            mapping,
-            rules,
-            lambda: self.state_link.joints_withheld,
-        )
-        self._events = events
-        order = configuration.byte_order
-        login: Login | None = None
-        if configuration.statements:
-            remote = RemoteLink(
-                configuration.host,
-                configuration.remote_port,
-                configuration.limits.units,
-                on_packet=self._on_state_packet,
-                on_state=self._on_remote_link,
-                password=configuration.password,
-                period=configuration.state_period,
-                timeout=configuration.state_timeout,
-            )
-            self.state_link: Link = remote
-            self.motion_link: Link = remote
-            login = remote.session
-        else:
-            self.state_link = Link(
-                'state',
-                configuration.host,
-                configuration.state_port,
-                on_packet=self._on_state_packet,
-                on_state=self._on_state_link,
-                receive_timeout=configuration.state_timeout,
-                byte_order=order,
-            )
-            self.motion_link = Link(
-                'motion',
-                configuration.host,
-                configuration.motion_port,
-                on_packet=self._on_motion_packet,
-                on_state=self._on_motion_link,
-                byte_order=order,
-                before_connecting=self._before_motion_link,
-            )
-        self.links = tuple(dict.fromkeys((self.state_link, self.motion_link)))
-        """Those of state and motion: one, where one is both."""
-        turns = RemoteTurns()
-        self.io = make_io(
-            configuration.io,
-            configuration.host,
-            (configuration.io_port, configuration.remote_port),
-            byte_order=order,
-            timeout=configuration.io_timeout,
-            turns=turns,
-            login=login,
-        )
-        self.trace = Trace([*self.links, *([] if self.io.link is None else [self.io.link])])
-        if order is None:
-            for link in self.links:
-                link.dialect = Dialect(configuration.usual_byte_order)
-        self.changed = Notification()
+        self.changed = changed = Notification()
         """Notified when a status came, a goal or a stop ended, or STOP was answered."""
-        self.motors = SerializedMotors(
-            make_motors(
-                configuration.motors,
-                configuration.host,
-                configuration.remote_port,
-                self.motion_link,
-                turns,
-                login,
-            )
-        )
-        self.heartbeat = Heartbeat(
-            self.motion_link,
-            self.state_link,
-            configuration.client_timeout,
-            lambda: self.stopper.ours,
-            self.fault,
-        )
-        delivery = make_delivery(
-            configuration.delivery, self.motion_link, configuration.limits, mapping
-        )
-        self.moves = delivery.moves if isinstance(delivery, StatementDelivery) else None
-        """What writes the statements of motions for a controller that takes no points."""
-        self.stopper = Stopper(
-            delivery,
-            self.robot,
-            joints,
-            self.changed,
-            self.motors,
-            self._on_alarm,
-            lambda: self.goal_queue.on_rest(),
-            self.heartbeat.before_point,
-        )
-        self.goal_queue = GoalQueue(
-            configuration.limits,
-            self.robot,
-            self.why_not,
-            self.stopper,
-            settings,
-            self.changed,
-            self._on_broken_off,
-            _smoother(configuration),
-            PlannedSpeed(configuration.delivery, configuration.limits),
-        )
-        self.servo = Servo(
-            configuration.limits,
-            self.robot,
-            self.why_not,
-            self.stopper,
-            self.goal_queue,
-            self._on_broken_off,
-        )
-        self._why_not = WhyNot(
-            self.state_link,
-            self.motion_link,
-            self.robot,
-            self.gate,
-            self.stopper,
-            self.goal_queue,
-            self.servo,
-            configuration.state_timeout,
-            self._connects_later,
-        )
         self.namesakes: Callable[[], str] = str
         """Returns the other processes that take this driver's requests as a clause, or ''."""
         self.namesakes_known = 0.0
         """Until then, in the loop's time, some may not be found yet: no enable."""
+        self.stop_due = False
+        """STOP waits for the byte order, on a motion connection that needs it first."""
+        channel = make_channel(
+            configuration,
+            self._on_state_packet,
+            self._on_motion_packet,
+            self._on_link,
+            self._before_motion_link,
+        )
+        self.state_link, self.motion_link = state, motion = channel.state_link, channel.motion_link
+        self.links, self.motors, self.io = channel.links, channel.motors, channel.io
+        self.moves = channel.moves
+        self.trace = Trace(channel.all_links)
+        rules, mapping = configuration.state_rules, configuration.joint_mapping
+        self.robot = robot = RobotState(
+            len(limits.names), configuration.errors, mapping, rules, channel.joints_withheld
+        )
+        self.heartbeat = Heartbeat(
+            motion, state, configuration.client_timeout, self._has_points, self.fault
+        )
+        beat = self.heartbeat.before_point
+        self.stopper = stopper = Stopper(
+            channel.delivery, robot, changed, self.motors, self._on_alarm, self._on_rest, beat
+        )
+        ask, end = self.why_not, self._on_broken_off
+        self.goal_queue = goals = GoalQueue(
+            configuration, robot, ask, stopper, settings, changed, end
+        )
+        self.servo = Servo(limits, robot, ask, stopper, goals, end)
+        self._why_not = WhyNot(
+            channel, robot, self.gate, stopper, goals, self.servo, timeout, self._connects_later
+        )
+        self._joints_missing = ReceiveTimeout(max(STATUS_TIMEOUT_S, timeout))
+        self._status_missing = ReceiveTimeout(STATUS_TIMEOUT_S)
+        self._events = events
         self._feedback_leads = False
         self._positions_since_feedback = 0
-        self._joints_missing = ReceiveTimeout(max(STATUS_TIMEOUT_S, configuration.state_timeout))
-        self._status_missing = ReceiveTimeout(STATUS_TIMEOUT_S)
         self._dropped_throttle = LogThrottle()
         self._unsaid: asyncio.TimerHandle | None = None
         self._link_state = LinkState.DISCONNECTED
         self._dialect_known = asyncio.Event()
-        if order is not None:
+        if configuration.knows_byte_order:
             self._dialect_known.set()
-        self.stop_due = False
         kind = configuration.configured_as
         self._reports = {link.name: LinkReports(link, kind) for link in self.links}
 
@@ -317,6 +206,12 @@ class Driver:
             self.fault(found.text)
         if found != before:
             _log.warning('%s', 'no second driver any more' if found is None else found.text)
+
+    def _has_points(self) -> bool:
+        return self.stopper.ours
+
+    def _on_rest(self) -> None:
+        self.goal_queue.on_rest()
 
     def _on_broken_off(self, outcome: Outcome, unanswered: bool) -> None:
         self.disable(outcome.text, unexplained=outcome.unexplained)
@@ -442,23 +337,21 @@ class Driver:
             self.goal_queue.withdraw()
             self.servo.withdraw()
 
-    def _on_remote_link(self, state: LinkState, why: str) -> None:
-        """The one link that is both has come or gone."""
-        self._see_state_link(state)
-        self._on_motion_link(state, why)
-
-    def _on_state_link(self, state: LinkState, why: str) -> None:
-        self._see_state_link(state)
-        self._on_link(self.state_link, why)
-
-    def _see_state_link(self, state: LinkState) -> None:
-        if state is not LinkState.CONNECTED:
+    def _on_link(self, name: str, state: LinkState, why: str) -> None:
+        """Process that a link has come or gone: of state, of motion, or the one that is both."""
+        if name != 'motion' and state is not LinkState.CONNECTED:
             self.robot.clear()
             self.heartbeat.forget()
-            if self.configuration.byte_order is None:
+            if not self.configuration.knows_byte_order:
                 self._dialect_known.clear()
             self._feedback_leads = False
             self._positions_since_feedback = 0
+        if name != 'state' and state is LinkState.CONNECTED:
+            self.stop_due = self.stopper.goes_on
+            self._stop_first()
+        elif name != 'state':
+            self.stopper.link_lost()
+        self._tell_link(self.state_link if name == 'state' else self.motion_link, why)
 
     async def _before_motion_link(self) -> None:
         """Wait until STOP can leave at once, if the arm may go on as soon as a client connects."""
@@ -467,14 +360,6 @@ class Driver:
 
     def _connects_later(self) -> bool:
         return self.stopper.delivery.keeps_points and not self._dialect_known.is_set()
-
-    def _on_motion_link(self, state: LinkState, why: str) -> None:
-        if state is LinkState.CONNECTED:
-            self.stop_due = self.stopper.goes_on
-            self._stop_first()
-        else:
-            self.stopper.link_lost()
-        self._on_link(self.motion_link, why)
 
     def _stop_first(self) -> None:
         """Send STOP on a new motion connection, before anything else, if the arm may go on.
@@ -489,7 +374,8 @@ class Driver:
             self.stop_due = False
             self.stopper.stop()
 
-    def _on_link(self, link: Link, why: str) -> None:
+    def _tell_link(self, link: Link, why: str) -> None:
+        """End all motion if a link was lost, and tell people and the owner."""
         if link.state is LinkState.BACKING_OFF and link.statistics.connections:
             self.fault(f'the {link.name} link was lost: {why}')
         self._reports[link.name].tell(why)
@@ -520,8 +406,3 @@ class Driver:
     @staticmethod
     def _now() -> float:
         return asyncio.get_running_loop().time()
-
-
-def _smoother(configuration: Configuration) -> SmoothingProcess | None:
-    smoothing = configuration.smoothing
-    return SmoothingProcess(configuration.limits, smoothing) if smoothing.wanted else None

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+from epson_driver.driver.channel import Channel
 from epson_driver.driver.goal.goal_queue import GoalQueue
 from epson_driver.driver.inhibit import (
     PAUSED,
@@ -45,8 +46,7 @@ class WhyNot:
     that takes this driver's requests, if there is one.
     """
 
-    state_link: Link
-    motion_link: Link
+    channel: Channel
     robot: RobotState
     gate: ArmGate
     stopper: Stopper
@@ -74,10 +74,10 @@ class WhyNot:
         return None if self.goals.idle else Inhibit(Cause.GOAL_RUNS, Remedy.NONE, text)
 
     def _state_link_down(self, _now: float) -> Inhibit | None:
-        return self._link_down(self.state_link, Cause.NO_STATE_LINK)
+        return self._link_down(self.channel.state_link, Cause.NO_STATE_LINK)
 
     def _motion_link_down(self, _now: float) -> Inhibit | None:
-        return self._link_down(self.motion_link, Cause.NO_MOTION_LINK)
+        return self._link_down(self.channel.motion_link, Cause.NO_MOTION_LINK)
 
     def _link_down(self, link: Link, cause: Cause) -> Inhibit | None:
         if link.connected:
@@ -116,8 +116,8 @@ class WhyNot:
         found = status_inhibit(status, errors)
         if found is not None and found.cause is not Cause.MOTORS_OFF:
             return found
-        if isinstance(self.state_link, RemoteLink):
-            return flags_inhibit(self.state_link.flags, status.error_code, errors)
+        if isinstance(link := self.channel.state_link, RemoteLink):
+            return flags_inhibit(link.flags, status.error_code, errors)
         return None
 
     def _manual(self, _now: float) -> Inhibit | None:

@@ -1,16 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Chooses and makes the delivery that suits a controller and the parameters."""
+"""The rules of delivery that suit a controller and the parameters."""
 
 from typing import Literal
 
-from epson_driver.driver.delivery.delivery import Delivery, DeliveryRules
-from epson_driver.driver.delivery.download import Download
-from epson_driver.driver.delivery.statements import StatementDelivery
-from epson_driver.driver.delivery.streaming import FullStreaming, MotomanDelivery, Streaming
-from epson_driver.driver.state.joint_mapping import JointMapping
-from epson_driver.link import Link
-from epson_driver.motion import JointLimits
+from epson_driver.driver.delivery.delivery import DeliveryRules
 from epson_driver.profiles import ControllerProfile
 from epson_driver.profiles.profile_rules import FieldsUsed
 
@@ -61,18 +55,3 @@ def delivery_rules(profile: ControllerProfile, interface: str, message: str) -> 
         power=profile.motion.power,
         slowest=WHOLE_PERCENT if profile.spel.project or usual == 'statements' else 0.0,
     )
-
-
-def make_delivery(
-    rules: DeliveryRules, link: Link, limits: JointLimits, mapping: JointMapping
-) -> Delivery:
-    """Return the delivery over a motion link for joints within the limits."""
-    if rules.interface == 'statements':
-        return StatementDelivery(link, limits, mapping, rules)
-    if rules.interface == 'download':
-        return Download(link, limits, mapping, rules)
-    if rules.motoman:
-        return MotomanDelivery(link, limits, mapping, rules)
-    if rules.point_message == 'joint_traj_pt_full':
-        return FullStreaming(link, limits, mapping, rules)
-    return Streaming(link, limits, mapping, rules)

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
+from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery import PreparedTrajectory
 from epson_driver.driver.goal.goal import (
     Goal,
@@ -39,7 +40,7 @@ from epson_driver.driver.tasks import (
     report_task_error,
     wait_for_fresh_state,
 )
-from epson_driver.motion import JointLimits, Trajectory
+from epson_driver.motion import Trajectory
 
 REPLACED = 'replaced by a newer goal before it could start'
 
@@ -72,18 +73,18 @@ class GoalQueue:
 
     def __init__(
         self,
-        limits: JointLimits,
+        configuration: Configuration,
         robot: RobotState,
         why_not: Callable[[Purpose, float], Inhibit | None],
         stopper: Stopper,
         settings: GoalSettings,
         changed: Notification,
         on_broken_off: Callable[[Outcome, bool], None],
-        smoother: SmoothingProcess | None,
-        planned_speed: PlannedSpeed,
     ) -> None:
+        self._limits = limits = configuration.limits
+        self._planned_speed = PlannedSpeed(configuration.delivery, limits)
         self.start_tolerance = 0.05
-        self.scaling = SpeedScaling(by_velocity=planned_speed.by_velocity)
+        self.scaling = SpeedScaling(by_velocity=self._planned_speed.by_velocity)
         self.unsmoothed = 0
         """Goals for which no smooth motion inside every limit was found."""
         self.last_timing: Timing | None = None
@@ -92,8 +93,6 @@ class GoalQueue:
         """Goals that were executed at another speed than planned."""
         self.stops: list[str] = []
         """Requests to stop that are under way: no goal begins meanwhile."""
-        self._limits = limits
-        self._planned_speed = planned_speed
         self._robot = robot
         self._why_not = why_not
         self._stopper = stopper
@@ -101,7 +100,8 @@ class GoalQueue:
         stopper.stopped_velocity = settings.stopped_velocity
         self._changed = changed
         self._on_broken_off = on_broken_off
-        self.smoother = smoother
+        smoothing = configuration.smoothing
+        self.smoother = SmoothingProcess(limits, smoothing) if smoothing.wanted else None
         self._running: GoalHandle | None = None
         self._next: GoalHandle | None = None
         self._unread: GoalHandle | None = None

@@ -302,26 +302,3 @@ class SerializedMotors:
                 raise
             if on:
                 self.may_come_on = False
-
-
-def make_motors(
-    kind: MotorsKind,
-    host: str,
-    remote_port: int,
-    motion_link: Link,
-    turns: RemoteTurns | None = None,
-    login: Login | None = None,
-) -> Motors:
-    """Return what switches the motors, by the controller's profile and its Remote Ethernet port.
-
-    login: how to be logged in there; None: anew for each action.
-    """
-    if kind == 'motoman':
-        return MotomanMotors(motion_link)
-    if kind == 'none':
-        return MotorsByHand('the controller takes no such command')
-    if not remote_port:
-        return MotorsByHand('the port of Remote Ethernet is 0')
-    if kind == 'restart':
-        return RestartingMotors(host, remote_port, turns)
-    return RemoteEthernetMotors(host, remote_port, turns, login)

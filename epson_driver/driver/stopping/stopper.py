@@ -65,7 +65,7 @@ _log = logging.getLogger(__name__)
 class Stopper:
     """Sends every message for the motion port, and sees each STOP through.
 
-    `joints` is their number. `before_point` is called before each point, and may raise
+    `before_point` is called before each point, and may raise
     ConnectionError. `on_alarm(why, unanswered)` is called once for each stop that does
     not work, `on_rest` when a stop is over. Runs in one event loop; times are its own, s.
     """
@@ -74,7 +74,6 @@ class Stopper:
         self,
         delivery: Delivery,
         robot: RobotState,
-        joints: int,
         changed: Notification,
         motors: Motors,
         on_alarm: Callable[[str, bool], None],
@@ -87,7 +86,6 @@ class Stopper:
         """Why the last stop did not work; None again when the arm is enabled."""
         self.delivery = delivery
         self._robot = robot
-        self._joints = joints
         self._changed = changed
         self._motors = motors
         self._on_alarm = on_alarm
@@ -222,7 +220,7 @@ class Stopper:
             self._standstill.expect_rest(
                 REST_TIME_S if self._acknowledged else UNCONFIRMED_REST_TIME_S
             )
-        stopped = np.full(self._joints, self.stopped_velocity)
+        stopped = np.full(len(sample.positions), self.stopped_velocity)
         self._standstill.see(sample, self._robot, stopped, now)
         if self._standstill.reached(sample.measured):
             self._end(now)

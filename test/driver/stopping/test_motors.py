@@ -13,6 +13,7 @@ from support.event_loop import until
 
 from epson_driver.driver import arm_commands
 from epson_driver.driver.arm_commands import CommandError
+from epson_driver.driver.channel import make_motors
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.outcome import End
 from epson_driver.driver.stopping.motors import (
@@ -23,7 +24,6 @@ from epson_driver.driver.stopping.motors import (
     RemoteEthernetMotors,
     RestartingMotors,
     SerializedMotors,
-    make_motors,
 )
 from epson_driver.profiles import load_controller_profile
 from epson_driver.setup.setup import profile_defaults

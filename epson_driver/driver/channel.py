@@ -1,0 +1,167 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""All ways to a controller of one kind: links, points, motors and I/O."""
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from functools import partial
+
+from epson_driver.driver.configuration import Configuration
+from epson_driver.driver.delivery.delivery import Delivery, DeliveryRules
+from epson_driver.driver.delivery.download import Download
+from epson_driver.driver.delivery.statements import Moves, StatementDelivery
+from epson_driver.driver.delivery.streaming import FullStreaming, MotomanDelivery, Streaming
+from epson_driver.driver.io.io_access import make_io
+from epson_driver.driver.io.io_driver import Io
+from epson_driver.driver.stopping.motors import (
+    MotomanMotors,
+    Motors,
+    MotorsByHand,
+    MotorsKind,
+    RemoteEthernetMotors,
+    RestartingMotors,
+    SerializedMotors,
+)
+from epson_driver.link import Link, LinkState
+from epson_driver.link.remote_link import RemoteLink
+from epson_driver.remote_ethernet.client import Login
+from epson_driver.remote_ethernet.turns import RemoteTurns
+from epson_driver.simple_message import Dialect, Packet
+
+
+@dataclass(frozen=True)
+class Channel:
+    """The links, and what goes by them.
+
+    `moves` writes the statements of motions for a controller that takes no points, else None.
+    """
+
+    state_link: Link
+    motion_link: Link
+    delivery: Delivery
+    motors: SerializedMotors
+    io: Io
+    moves: Moves | None = None
+
+    @property
+    def links(self) -> tuple[Link, ...]:
+        """Those of state and motion: one, where one is both."""
+        return tuple(dict.fromkeys((self.state_link, self.motion_link)))
+
+    @property
+    def all_links(self) -> list[Link]:
+        """Those of state and motion, and of I/O if it has one."""
+        return [*self.links, *([] if self.io.link is None else [self.io.link])]
+
+    def joints_withheld(self) -> bool:
+        """Return whether the controller reports no joints in its present condition."""
+        return self.state_link.joints_withheld
+
+
+OnPacket = Callable[[Packet], None]
+OnLink = Callable[[str, LinkState, str], None]
+"""on_link(name, state, why) is called when the link of that name has another state."""
+
+
+def make_channel(
+    configuration: Configuration,
+    on_state_packet: OnPacket,
+    on_motion_packet: OnPacket,
+    on_link: OnLink,
+    before_motion_link: Callable[[], Awaitable[object]],
+) -> Channel:
+    """Return the ways to the controller of a configuration.
+
+    `on_motion_packet` gets replies that nobody waits for. `before_motion_link` is awaited before
+    the motion link connects.
+    """
+    host, ports = configuration.host, (configuration.io_port, configuration.remote_port)
+    turns = RemoteTurns()
+    login: Login | None = None
+    state: Link
+    motion: Link
+    if configuration.statements:
+        state = motion = remote = RemoteLink(
+            host,
+            configuration.remote_port,
+            configuration.limits.units,
+            on_packet=on_state_packet,
+            on_state=partial(on_link, 'remote'),
+            password=configuration.password,
+            period=configuration.state_period,
+            timeout=configuration.state_timeout,
+        )
+        login = remote.session
+    else:
+        state = Link(
+            'state',
+            host,
+            configuration.state_port,
+            on_packet=on_state_packet,
+            on_state=partial(on_link, 'state'),
+            receive_timeout=configuration.state_timeout,
+            byte_order=configuration.byte_order,
+        )
+        motion = Link(
+            'motion',
+            host,
+            configuration.motion_port,
+            on_packet=on_motion_packet,
+            on_state=partial(on_link, 'motion'),
+            byte_order=configuration.byte_order,
+            before_connecting=before_motion_link,
+        )
+        if configuration.byte_order is None:
+            state.dialect = motion.dialect = Dialect(configuration.usual_byte_order)
+    delivery = _delivery(configuration.delivery)(
+        motion, configuration.limits, configuration.joint_mapping, configuration.delivery
+    )
+    return Channel(
+        state,
+        motion,
+        delivery,
+        SerializedMotors(make_motors(configuration.motors, host, ports[1], motion, turns, login)),
+        make_io(
+            configuration.io,
+            host,
+            ports,
+            byte_order=configuration.byte_order,
+            timeout=configuration.io_timeout,
+            turns=turns,
+            login=login,
+        ),
+        delivery.moves if isinstance(delivery, StatementDelivery) else None,
+    )
+
+
+def _delivery(rules: DeliveryRules) -> type[Delivery]:
+    if rules.interface == 'statements':
+        return StatementDelivery
+    if rules.interface == 'download':
+        return Download
+    if rules.motoman:
+        return MotomanDelivery
+    return FullStreaming if rules.point_message == 'joint_traj_pt_full' else Streaming
+
+
+def make_motors(
+    kind: MotorsKind,
+    host: str,
+    remote_port: int,
+    motion_link: Link,
+    turns: RemoteTurns | None = None,
+    login: Login | None = None,
+) -> Motors:
+    """Return what switches the motors, by the controller's profile and its Remote Ethernet port.
+
+    login: how to be logged in there; None: anew for each action.
+    """
+    if kind == 'motoman':
+        return MotomanMotors(motion_link)
+    if kind == 'none':
+        return MotorsByHand('the controller takes no such command')
+    if not remote_port:
+        return MotorsByHand('the port of Remote Ethernet is 0')
+    if kind == 'restart':
+        return RestartingMotors(host, remote_port, turns)
+    return RemoteEthernetMotors(host, remote_port, turns, login)
