@@ -35,7 +35,6 @@ from epson_driver.driver.smoothing import SmoothingError, SmoothingProcess
 from epson_driver.driver.state.robot_state import JointSample, RobotState
 from epson_driver.driver.stopping.stopper import Stopper
 from epson_driver.driver.tasks import (
-    MAX_READING_TURNS,
     Notification,
     report_task_error,
     wait_for_fresh_state,
@@ -103,8 +102,7 @@ class GoalQueue:
         smoothing = configuration.smoothing
         self.smoother = SmoothingProcess(limits, smoothing) if smoothing.wanted else None
         self._running: GoalHandle | None = None
-        self._next: GoalHandle | None = None
-        self._unread: GoalHandle | None = None
+        self._waiting: GoalHandle | None = None
         self._preparations: set[asyncio.Task[None]] = set()
         self.plans = PlanningScopes()
         """Goals of which there is no trajectory yet. One that is submitted ends them."""
@@ -135,8 +133,7 @@ class GoalQueue:
     @property
     def idle(self) -> bool:
         """True while no goal runs, waits or is being prepared."""
-        waiting = (self._running, self._next, self._unread)
-        return not self._preparations and all(handle is None for handle in waiting)
+        return self._running is None and self._waiting is None and not self._preparations
 
     @property
     def execution(self) -> GoalExecution | None:
@@ -184,24 +181,18 @@ class GoalQueue:
         now = _now()
         found = self._why_not(self._purpose, now)
         if found is not None and found.cause is Cause.NO_POSE and self._robot.stale(now):
-            if self._unread is not None:
-                self._end_unstarted(self._unread, REPLACED)
-            self._unread = handle
-            asyncio.get_running_loop().call_later(
-                FRESH_POSE_TIMEOUT_S, self._wait_no_longer, handle, MAX_READING_TURNS
-            )
+            handle.preparation = asyncio.create_task(self._submit_later(handle))
+            handle.preparation.add_done_callback(report_task_error)
+            self._wait(handle)
         else:
             self._submit(handle, now)
 
-    def _wait_no_longer(self, handle: GoalHandle, turns: int) -> None:
-        """Submit a goal that still waits for a fresh pose, after `turns` turns of the loop."""
-        if handle is not self._unread:
-            return
-        if turns:
-            asyncio.get_running_loop().call_soon(self._wait_no_longer, handle, turns - 1)
-            return
-        self._unread = None
-        self._submit(handle, _now())
+    async def _submit_later(self, handle: GoalHandle) -> None:
+        """Submit a goal when there is a fresh pose, or none in time."""
+        now = await wait_for_fresh_state(self._robot.stale, self._changed, FRESH_POSE_TIMEOUT_S)
+        if handle is self._waiting:
+            self._waiting = handle.preparation = None
+            self._submit(handle, now)
 
     def _submit(self, handle: GoalHandle, now: float) -> None:
         """Start a goal, or let it wait for a stop. Whether the pose is fresh is judged at `now`.
@@ -218,15 +209,19 @@ class GoalQueue:
         if self._running is None and self._stopper.over:
             self._start(handle, now)
             return
-        if self._next is not None:
-            self._end_unstarted(self._next, REPLACED)
-        self._next = handle
+        self._wait(handle)
         if self.execution is not None:
             self.execution.stop('replaced by a new goal', _now())
 
+    def _wait(self, handle: GoalHandle) -> None:
+        """Let a goal wait for a pose or a stop, instead of the one that waits."""
+        replaced, self._waiting = self._waiting, handle
+        if replaced is not None:
+            self._end_unstarted(replaced, REPLACED)
+
     def cancel(self, handle: GoalHandle) -> None:
         """Stop the goal's motion, so that it ends as canceled when the arm stands."""
-        if handle in (self._next, self._unread):
+        if handle is self._waiting:
             self._end_unstarted(handle, 'canceled before it could start', End.CANCELED)
         elif handle is self._running and handle.execution is not None:
             handle.execution.cancel(_now())
@@ -234,22 +229,22 @@ class GoalQueue:
     def end_waiting(self, why: str) -> None:
         """End the goals that wait to be started, or for their plan."""
         self.plans.end(why)
-        for handle in (self._unread, self._next):
-            if handle is not None:
-                self._end_unstarted(handle, why)
+        if self._waiting is not None:
+            self._end_unstarted(self._waiting, why)
 
     def _end_unstarted(self, handle: GoalHandle, why: str, end: End = End.ABORTED) -> None:
-        if handle is self._next:
-            self._next = None
-        else:
-            self._unread = None
+        if handle is self._waiting:
+            self._waiting = None
+        if handle.preparation is not None:
+            handle.preparation.cancel()
         code = ErrorCode.SUCCESSFUL if end is End.CANCELED else ErrorCode.INVALID_GOAL
         handle.on_end(Outcome(end, code, why))
 
     def on_rest(self) -> None:
-        """Start the goal that waits, as a stop is over."""
-        if self._running is None and self._next is not None:
-            following, self._next = self._next, None
+        """Start the goal that waits, as a stop is over, unless it waits for a pose."""
+        following = self._waiting
+        if self._running is None and following is not None and following.preparation is None:
+            self._waiting = None
             self._start(following, _now())
 
     def fault(self, why: str) -> None:
@@ -279,9 +274,6 @@ class GoalQueue:
 
     def on_joints(self, sample: JointSample, now: float) -> None:
         """Tell the goals that new joints came."""
-        if self._unread is not None and not self._robot.stale(now):
-            fresh, self._unread = self._unread, None
-            self._submit(fresh, now)
         handle = self._running
         if handle is not None and handle.execution is not None:
             handle.execution.on_state(self._robot, now)
