@@ -1,0 +1,111 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What forbids each purpose, and in which order: all is wrong, and mended one by one."""
+
+from types import SimpleNamespace as Fake
+
+import pytest
+
+from epson_driver.driver.inhibit import Cause, Purpose, second_driver
+from epson_driver.driver.why_not import WhyNot
+from epson_driver.error_texts import load_error_texts
+from epson_driver.link import LinkState
+from epson_driver.simple_message import Mode, Status
+
+NOW = 100.0
+
+CLOSED = (
+    'NO_STATE_LINK NO_JOINTS NO_STATUS STOP_FAILED NO_MOTION_LINK SECOND_DRIVER ESTOP '
+    'MANUAL_MODE NOT_ENABLED'
+)
+"""What is told to all while the arm gate is closed."""
+
+ORDER = {
+    Purpose.REPORT: f'{CLOSED} MOTORS_OFF MAIN_ENDED PAUSED',
+    Purpose.COMMAND: 'NO_STATE_LINK NO_MOTION_LINK',
+    Purpose.ENABLE: 'SECOND_DRIVER ESTOP',
+    Purpose.OPEN: 'NO_STATE_LINK NO_STATUS NO_MOTION_LINK SECOND_DRIVER ESTOP MOTORS_OFF NO_POSE',
+    Purpose.STAY: 'SECOND_DRIVER ESTOP MOTORS_OFF',
+    Purpose.RUN: 'SECOND_DRIVER ESTOP MOTORS_OFF MAIN_ENDED',
+    Purpose.GOAL: f'{CLOSED} STOPPING STREAM',
+    Purpose.READY: f'{CLOSED} STOPPING STREAM NO_POSE MAIN_ENDED PAUSED',
+    Purpose.START: f'{CLOSED} STOPPING STREAM NO_POSE MAIN_ENDED PAUSED MOVES',
+    Purpose.STREAM: f'NO_STREAMS GOAL_RUNS {CLOSED} STOPPING STREAM NO_POSE MAIN_ENDED PAUSED '
+    'MOVES',
+    Purpose.FOLLOW: f'{CLOSED} STOPPING MAIN_ENDED PAUSED',
+    Purpose.LET_GO: f'{CLOSED} MAIN_ENDED PAUSED',
+    Purpose.RESUME: 'STOPPING MAIN_ENDED PAUSED',
+}
+
+
+def table(wrong: set[Cause], *, resumes: bool = False) -> WhyNot:
+    """Return one for a driver of which some things are wrong."""
+
+    def link(name: str, cause: Cause) -> Fake:
+        connected = cause not in wrong
+        return Fake(
+            name=name, host='arm', port=1, connected=connected, state=LinkState.BACKING_OFF
+        )
+
+    status = Status(
+        e_stopped=int(Cause.ESTOP in wrong),
+        drives_powered=int(Cause.MOTORS_OFF not in wrong),
+        mode=Mode.MANUAL if Cause.MANUAL_MODE in wrong else Mode.AUTO,
+        motion_possible=0,
+    )
+    robot = Fake(
+        errors=load_error_texts(),
+        withheld=False,
+        sample=Fake(measured=NOW - 5.0 * (Cause.NO_JOINTS in wrong)),
+        status=status,
+        status_time=NOW - 5.0 * (Cause.NO_STATUS in wrong),
+        main_ended=Cause.MAIN_ENDED in wrong,
+        paused=Cause.PAUSED in wrong,
+        why_not_ready=lambda now: 'unknown' if Cause.NO_POSE in wrong else None,
+        why_not_standing=lambda velocity: 'fast' if Cause.MOVES in wrong else None,
+    )
+    stopper = Fake(
+        delivery=Fake(no_streams='never' if Cause.NO_STREAMS in wrong else '', resumes=resumes),
+        over=Cause.STOPPING not in wrong,
+        alarm='no reply' if Cause.STOP_FAILED in wrong else None,
+        stands='the arm moves',
+        stopped_velocity=0.01,
+    )
+    return WhyNot(
+        Fake(
+            state_link=link('state', Cause.NO_STATE_LINK),
+            motion_link=link('motion', Cause.NO_MOTION_LINK),
+        ),
+        robot,
+        Fake(reason='for the test' if Cause.NOT_ENABLED in wrong else None),
+        stopper,
+        Fake(
+            idle=Cause.GOAL_RUNS not in wrong,
+            why_no_stream='',
+            stops=['stopped'] * (Cause.STOPPING in wrong),
+        ),
+        Fake(occupation=lambda: 'a stream' if Cause.STREAM in wrong else None),
+        1.0,
+        lambda: False,
+        second_driver('another') if Cause.SECOND_DRIVER in wrong else None,
+    )
+
+
+def found(purpose: Purpose, **options: bool) -> list[str]:
+    """Return what forbids a purpose, one after the other as each is mended."""
+    wrong, causes = set(Cause), []
+    while (inhibit := table(wrong, **options)(purpose, NOW)) is not None:
+        causes.append(inhibit.cause.name)
+        wrong.remove(inhibit.cause)
+    return causes
+
+
+@pytest.mark.invariant(4)
+@pytest.mark.parametrize('purpose', Purpose)
+def test_inv4_each_fact_forbids_its_purposes_in_one_order(purpose: Purpose) -> None:
+    assert found(purpose) == ORDER[purpose].split()
+
+
+def test_a_controller_that_resumes_gets_a_goal_while_it_is_paused() -> None:
+    assert 'PAUSED' not in found(Purpose.START, resumes=True)
+    assert 'PAUSED' in found(Purpose.REPORT, resumes=True)
