@@ -25,6 +25,7 @@ from epson_driver.driver.arm_commands import ArmCommands, CommandError
 from epson_driver.driver.delivery.statements import NO_PLANS, Load, Moves
 from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.planning_scope import PlanningScope
+from epson_driver.driver.inhibit import Purpose
 from epson_driver.driver.io.gripper import Gripper as DrivenGripper
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks import Notification, report_error, wait_for_fresh_state
@@ -337,9 +338,10 @@ class Connection:
         Raises MotionError unless it may begin to move now.
         """
         driver = self.running
-        self._check_idle(driver)
-        plan = driver.goal_queue.plans.begin()
         now = asyncio.get_running_loop().time()
+        with refusals():
+            driver.goal_queue.check(Purpose.ALONE, now)
+        plan = driver.goal_queue.plans.begin()
         if driver.gate.reason is None:
             now = await self.wait_for_fresh_state()
         with refusals():
@@ -364,7 +366,6 @@ class Connection:
         Raises MotionError if it was ended while it was planned, is not begun, or fails.
         """
         driver = self.running
-        self._check_idle(driver)
         with refusals():
             plan.check()
         sample, statement = driver.robot.sample, None
@@ -397,11 +398,6 @@ class Connection:
             self.running.goal_queue.set_speed(factor)
         except ValueError as error:
             raise RobotError(str(error)) from error
-
-    @staticmethod
-    def _check_idle(driver: Driver) -> None:
-        if not driver.goal_queue.idle:
-            raise not_begun('another motion runs: wait for its end, or cancel it first')
 
     # --- from the driver (DriverEvents) -----------------------------------------------------
 

@@ -38,7 +38,7 @@ class Motion(Unique):
 
         self._queue = queue
         self._planned = goal.trajectory.duration
-        self._handle = GoalHandle(goal, self._on_end, self._see)
+        self._handle = GoalHandle(goal, self._on_end, self._see, alone=True)
         self._path = path
         self._away = 0.0
         self._outcome: Outcome | None = None

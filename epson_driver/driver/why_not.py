@@ -70,7 +70,7 @@ class WhyNot:
         return Inhibit(Cause.NO_STREAMS, Remedy.NONE, why) if why else None
 
     def _goal_runs(self, _now: float) -> Inhibit | None:
-        text = 'a motion runs: cancel it, or wait until it has ended'
+        text = 'another motion runs or waits: wait for its end, or cancel it first'
         return None if self.goals.idle else Inhibit(Cause.GOAL_RUNS, Remedy.NONE, text)
 
     def _state_link_down(self, _now: float) -> Inhibit | None:
@@ -178,7 +178,7 @@ class WhyNot:
 
     ROWS: ClassVar[tuple[tuple[Fact, Purpose], ...]] = (
         (_no_streams, Purpose.STREAM),
-        (_goal_runs, Purpose.STREAM),
+        (_goal_runs, Purpose.STREAM | Purpose.ALONE),
         (_closed, Purpose.GOAL | Purpose.READY | _START | Purpose.FOLLOW | Purpose.LET_GO),
         (_state_link_down, Purpose.REPORT | Purpose.COMMAND | Purpose.OPEN),
         (_no_joints, Purpose.REPORT),

@@ -6,6 +6,7 @@ The whole sequence is planned from where the arm stands, then executed as one go
 queue: it is checked, stopped and reported as a trajectory is.
 """
 
+import asyncio
 from collections.abc import Callable, Sequence
 from functools import partial
 
@@ -22,6 +23,7 @@ from epson_driver.driver.delivery.statements import (
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_queue import FRESH_POSE_TIMEOUT_S, GoalHandle
 from epson_driver.driver.goal.planning_scope import PlanningEndedError, PlanningScope
+from epson_driver.driver.inhibit import Purpose
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks import wait_for_fresh_state
@@ -42,10 +44,6 @@ from epson_driver.tool_motion.motion_sequence import (
 from epson_driver.tool_motion.statement_points import only_turns, passing, tool_frame
 from epson_driver.tool_motion.tool_trajectory import ToolLimits
 
-BUSY = (
-    'another goal runs or waits: a sequence begins where the arm stands; wait for its end, or '
-    'cancel it first'
-)
 RETIMED = (
     'parameter timing = time_optimal: nothing would be left of the velocities and rests of the '
     'motions; as_planned keeps them'
@@ -141,8 +139,7 @@ class MotionPrimitives:
         Raises GoalRejectedError unless the arm may begin to move now.
         """
         self._queue.plans.begin(plan)
-        if not self._queue.idle:
-            raise _invalid(BUSY)
+        self._queue.check(Purpose.ALONE, asyncio.get_running_loop().time())
         now = await wait_for_fresh_state(
             self._driver.robot.why_not_ready, self._driver.changed, FRESH_POSE_TIMEOUT_S
         )
@@ -171,10 +168,9 @@ class MotionPrimitives:
         """Execute what was planned, unless it was ended, or another goal came, meanwhile."""
         if plan.why is not None:
             handle.on_end(_invalid(plan.why).outcome)
-        elif self._queue.idle:
-            self._queue.submit(handle)
         else:
-            handle.on_end(_invalid(BUSY).outcome)
+            handle.alone = True
+            self._queue.submit(handle)
 
     def _on_feedback(
         self,

@@ -250,7 +250,7 @@ async def test_a_move_beside_a_stream_and_a_stream_beside_a_move_are_refused():
             await robot.move_joints(np.zeros(6))
         await robot.servo_end()
         motion = await robot.move_joints(np.full(6, 0.5), speed=0.1, wait=False)
-        with pytest.raises(RobotError, match='a motion runs'):
+        with pytest.raises(RobotError, match='another motion runs'):
             robot.servo(np.full(6, 0.07))
         await motion.wait()
 

@@ -21,6 +21,7 @@ from support.driver_harness import (
     LIMITS,
     Harness,
     ScriptedController,
+    Submitted,
     answer,
     cell,
     frame,
@@ -212,6 +213,19 @@ async def test_cancel_of_a_goal_that_waits_leaves_the_running_one_its_end():
         assert second.outcome.end is End.CANCELED
         assert second.outcome.text == 'canceled before it could start'
         assert (await first.end()).text.startswith('replaced by a new goal')
+
+
+@pytest.mark.invariant(5)
+async def test_inv5_a_goal_that_is_to_be_alone_replaces_none():
+    async with cell() as (harness, _):
+        first = harness.submit(pose(0.5))
+        plan = harness.driver.goal_queue.plans.begin()
+        second = Submitted(first.handle.goal)
+        second.handle.alone = True
+        harness.driver.goal_queue.submit(second.handle)
+        assert second.outcome.text.startswith('another motion runs or waits')
+        assert plan.why is None
+        assert (await first.end()).end is End.SUCCEEDED
 
 
 async def test_a_failure_reply_ends_the_goal_with_the_controllers_error():

@@ -10,7 +10,7 @@ import pytest
 from epson_driver.driver.goal.planning_scope import PlanningScope
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.node.loop_bridge import DriverEndedError
-from epson_driver.node.motion_primitives import BUSY, MotionPrimitives, ToolBusyError
+from epson_driver.node.motion_primitives import MotionPrimitives, ToolBusyError
 from epson_driver.node.node import ClientNode
 from epson_driver.trace import TraceError
 
@@ -27,23 +27,19 @@ class Handle:
 
 @pytest.mark.invariant(3, 5)
 @pytest.mark.parametrize(
-    ('why', 'idle', 'said'),
-    [
-        ('the E-stop is pressed', True, 'the E-stop is pressed'),
-        ('canceled before it could start', False, 'canceled before it could start'),
-        (None, False, BUSY),
-        (None, True, None),
-    ],
-    ids=['ended', 'ended and another goal', 'another goal', 'free'],
+    ('why', 'said'),
+    [('the E-stop is pressed', 'the E-stop is pressed'), (None, None)],
+    ids=['ended', 'free'],
 )
-def test_a_sequence_is_executed_only_if_nothing_has_come_since_it_was_planned(why, idle, said):
+def test_a_sequence_is_executed_only_if_nothing_has_come_since_it_was_planned(why, said):
     plan, handle, submitted = PlanningScope(), Handle(), []
     if why is not None:
         plan.end(why)
-    queue = SimpleNamespace(idle=idle, submit=submitted.append)
+    queue = SimpleNamespace(submit=submitted.append)
     MotionPrimitives.submit(SimpleNamespace(_queue=queue), handle, plan)
     if said is None:
         assert (submitted, handle.outcomes) == ([handle], [])
+        assert handle.alone
         return
     (outcome,) = handle.outcomes
     assert (outcome.end, outcome.code) == (End.ABORTED, ErrorCode.INVALID_GOAL)

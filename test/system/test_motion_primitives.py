@@ -210,7 +210,7 @@ def test_a_sequence_while_a_goal_runs_is_refused_and_a_trajectory_replaces_a_seq
     running.wait_for_motion()
     ended, code, text = Sequence(cell.peer, [joint_move(READY)]).result()
     assert (ended, code) == ('aborted', INVALID_GOAL)
-    assert 'another goal runs' in text
+    assert 'another motion runs' in text
     here = cell.peer.position().tolist()
     cell.peer.goal(trajectory((0.5, here))).result()
     ended, code, text = running.result()

@@ -112,7 +112,7 @@ def test_stop_ends_the_way_to_a_point_and_nothing_goes_on(cell: Cell) -> None:
     cell.peer.wait_for_motion()
     busy = ask(cell, GO, 'home')
     assert not busy.success
-    assert 'another goal runs or waits' in busy.message
+    assert 'another motion runs or waits' in busy.message
     assert cell.peer.call('stop')[0]
     answer = next(going)
     assert not answer.success

@@ -52,7 +52,10 @@ _log = logging.getLogger(__name__)
 
 @dataclass(eq=False)
 class GoalHandle:
-    """A goal in the queue. `on_end` gets its outcome, once, `on_feedback` each sample."""
+    """A goal in the queue. `on_end` gets its outcome, once, `on_feedback` each sample.
+
+    alone: it replaces no other goal.
+    """
 
     goal: Goal
     on_end: Callable[[Outcome], None]
@@ -60,6 +63,7 @@ class GoalHandle:
     execution: GoalExecution | None = None
     outcome: Outcome | None = None
     preparation: asyncio.Task[None] | None = None
+    alone: bool = False
 
 
 class GoalQueue:
@@ -173,6 +177,8 @@ class GoalQueue:
         try:
             if self.stops:
                 raise GoalRejectedError(ErrorCode.INVALID_GOAL, self.stops[0])
+            if handle.alone:
+                self.check(Purpose.ALONE, _now())
             handle.goal = checked_goal(handle.goal, self._limits)
         except GoalRejectedError as rejection:
             handle.on_end(rejection.outcome)
@@ -200,9 +206,9 @@ class GoalQueue:
         At one moment in all checks: this process may be held up between two of them.
         """
         try:
-            self._check(self._purpose, now)
+            self.check(self._purpose, now)
             if self._running is None and not self._stopper.over:
-                self._check(Purpose.START, now)
+                self.check(Purpose.START, now)
         except GoalRejectedError as rejection:
             handle.on_end(rejection.outcome)
             return
@@ -299,13 +305,14 @@ class GoalQueue:
         moves = self._running is not None and self._robot.withheld
         return Purpose.GOAL if moves else Purpose.READY
 
-    def _check(self, purpose: Purpose, now: float) -> None:
+    def check(self, purpose: Purpose, now: float) -> None:
+        """Raise GoalRejectedError for what forbids a purpose at `now`, s."""
         if (found := self._why_not(purpose, now)) is not None:
             raise GoalRejectedError(ErrorCode.INVALID_GOAL, found.said, found.remedy)
 
     def ready_sample(self, now: float, purpose: Purpose = Purpose.READY) -> JointSample:
         """Return where the arm is. Raises GoalRejectedError unless it may move at `now`, s."""
-        self._check(purpose, now)
+        self.check(purpose, now)
         sample = self._robot.sample
         assert sample is not None  # noqa: S101 - for the type checker: otherwise there is no pose
         return sample

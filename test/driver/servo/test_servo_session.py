@@ -427,7 +427,7 @@ def test_a_goal_and_a_stream_exclude_each_other(said):
             await harness.until_moving()
             await send(harness, lambda _: positions(harness.at), 0.2)
             assert not goal.outcomes
-            assert 'is not followed: a motion runs' in said()[-1]
+            assert 'is not followed: another motion runs' in said()[-1]
             assert (await goal.end()).end is End.SUCCEEDED
             await asyncio.sleep(RELEASE_S)
             async with going_on(harness, ramp(start=0.3)):
