@@ -54,8 +54,7 @@ ROOMS = {
     'simple_message trace',
     'panel': 'ROS driver motion node numpy pages remote_ethernet robots sim_controller '
     'tool_motion websockets',
-    'pendant': 'driver error_texts processes remote_ethernet sim_controller simple_message',
-    'exercise': 'ROS error_texts inputs motion node numpy pendant processes profiles pytest '
+    'exercise': 'ROS error_texts inputs motion node numpy processes profiles pytest '
     'remote_ethernet report robots sim_controller',
     'demo': 'ROS error_texts inputs matplotlib motion node numpy panel processes remote_ethernet '
     'report rich robots simple_message',

@@ -12,7 +12,8 @@ from epson_driver.api.errors import RobotError
 from epson_driver.api.ownership import Unique
 from epson_driver.inputs import Rule, choice, count
 from epson_driver.processes.command import module_command
-from epson_driver.remote_ethernet.client import RemoteError, connected
+from epson_driver.remote_ethernet.client import connected
+from epson_driver.remote_ethernet.hand import RefusedError, action, do
 
 START_TIMEOUT_S = 60.0
 """How long it may take to listen, s: it loads numpy, and starts a planner."""
@@ -124,37 +125,36 @@ class Simulation(Unique):
     @checked_arguments
     async def estop(self, pressed: bool = True) -> None:
         """Press the E-stop button, or release it. It stays latched until `Robot.reset`."""
-        await self._do(f'Sim,estop,{"press" if pressed else "release"}')
+        await self._do(f'estop {"press" if pressed else "release"}')
 
     @checked_arguments
     async def door(self, is_open: bool = True) -> None:
         """Open the safeguard door, or close it: what it has paused waits for `go_on` then."""
-        await self._do(f'Sim,door,{"open" if is_open else "close"}')
+        await self._do(f'door {"open" if is_open else "close"}')
 
     async def go_on(self) -> None:
         """Continue at the controller what is paused."""
-        await self._do('Sim,continue')
+        await self._do('continue')
 
     @checked_arguments
     async def input(self, index: int, value: int = 1, *, kind: str = 'DI') -> None:
         """Set an input as if wired so: DI (0 or 1) or AI (mV)."""
         number = VALUE.checked(int(value) if isinstance(value, bool) else value, 'value')
-        point = f'{INPUT.checked(str(kind).upper(), "kind")},{INDEX.checked(index, "index")}'
-        await self._do(f'Sim,io,{point},{number}')
+        point = f'{INPUT.checked(str(kind).upper(), "kind")} {INDEX.checked(index, "index")}'
+        await self._do(f'io {point} {number}')
 
     @checked_arguments
     async def fault(self, text: str) -> None:
         """Begin a fault, such as 'cut for=0.5', or end it: 'clear' (docs/controller.md)."""
-        await self._do(','.join(['Sim,fault', *WORDS.checked(text, 'text')]))
+        await self._do(' '.join(['fault', *WORDS.checked(text, 'text')]))
 
-    async def _do(self, command: str) -> None:
-        """Give a remote command. Raises RobotError with the controller's reason."""
+    async def _do(self, words: str) -> None:
+        """Do what `pendant` calls so. Raises RobotError with the controller's reason."""
         port = self._port()
         try:
             async with connected('127.0.0.1', port, ANSWER_TIMEOUT_S) as ask:
-                try:
-                    await ask(command)
-                except RemoteError as error:
-                    raise RobotError(await ask('Sim,why') or str(error)) from error
+                await do(ask, action(words))
+        except RefusedError as error:
+            raise RobotError(str(error)) from error
         except (ConnectionError, TimeoutError, ValueError) as error:
             raise RobotError(f'the simulated controller does not answer: {error}') from error

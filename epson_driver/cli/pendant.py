@@ -1,80 +1,147 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`pendant`: what a person does at the controller, over its remote port."""
+"""`pendant`: what a person does at a controller; each answer says which controller gave it."""
 
 import argparse
 import asyncio
 import sys
+from contextlib import suppress
 
 from epson_driver.cli.arguments import PORT, argument, host
+from epson_driver.driver.inhibit import flags_inhibit
+from epson_driver.driver.remedy import with_remedy
+from epson_driver.error_texts import load_error_texts
 from epson_driver.inputs import number
-from epson_driver.pendant.commands import TEXTS, UsageError, completion, request
-from epson_driver.pendant.session import RejectedError, ask_controller
-from epson_driver.remote_ethernet.client import RemoteError
+from epson_driver.remote_ethernet.client import (
+    LOGIN_RETRY_PERIOD_S,
+    MAX_LOGINS,
+    Ask,
+    HungUpError,
+    RemoteError,
+    connected,
+    logged_in,
+)
+from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.remote_ethernet.hand import (
+    ACTIONS,
+    FORMS,
+    Action,
+    RefusedError,
+    UsageError,
+    action,
+    do,
+    told,
+)
+from epson_driver.remote_ethernet.identity import identity
+from epson_driver.remote_ethernet.status_flags import ask_flags
 from epson_driver.sim_controller.faults.fault_text import describe
 
-ANSWER_TIMEOUT_S = 5.0
-TIMEOUT = number(0.1, 3600.0, 's')
-
-_LOCAL = {'fault kinds': describe, 'completion': completion}
-"""What needs no controller to be answered."""
+STATUS, KINDS = 'status', 'fault kinds'
+WORDS = {STATUS: 'the state of the controller', KINDS: 'the kinds of faults', **FORMS}
+WORDS |= {said: each.done or 'tell all' for said, each in ACTIONS.items()}
 
 
 def main() -> int:
     """Do one action. Return 0 if it was done, 1 if it was refused or nobody answered."""
-    parser = _parser()
-    args = parser.parse_args()
-    said = ' '.join(args.action)
-    if said in _LOCAL:
-        print(_LOCAL[said]())
-        return 0
-    try:
-        asked = None if said == 'status' else request(args.action)
-    except UsageError as error:
-        parser.error(str(error))
-    try:
-        said = asyncio.run(
-            ask_controller(asked, args.host, args.port, args.password, args.timeout)
-        )
-    except RejectedError as error:
-        print(f'refused: {error}', file=sys.stderr)
-        return 1
-    except RemoteError as error:
-        print(f'refused: {error} [{args.host}:{args.port}]', file=sys.stderr)
-        return 1
-    except TimeoutError:
-        print(f'no answer from {args.host}:{args.port} in {args.timeout:g} s', file=sys.stderr)
-        return 1
-    except ConnectionError as error:
-        print(f'no controller: {error}', file=sys.stderr)
-        return 1
-    print(said)
-    return 0
-
-
-def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='epson_driver pendant',
         description='What a person does at the controller.',
-        usage='%(prog)s [-h] [--host HOST] [--port PORT]\n'
-        '                            [--password PASSWORD] [--timeout S] WORD …',
-        epilog='\n'.join(['words:', *(f'  {said:26}{text}' for said, text in TEXTS.items())]),
+        epilog='\n'.join(('words:', *(f'  {said:26}{text}' for said, text in WORDS.items()))),
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    parser.add_argument(
-        '--host', type=host, default='127.0.0.1', help='the controller (%(default)s)'
-    )
-    parser.add_argument(
-        '--port', type=argument(PORT), default=5000, help='its remote port (%(default)s)'
-    )
-    parser.add_argument('--password', default='', help='password of the remote port (none)')
-    parser.add_argument(
-        '--timeout',
-        type=argument(TIMEOUT),
-        default=ANSWER_TIMEOUT_S,
-        metavar='S',
-        help='how long to try, s (%(default)g)',
-    )
-    parser.add_argument('action', nargs='+', metavar='WORD', help='the action, as listed below')
-    return parser
+    port, time = argument(PORT), argument(number(0.1, 3600.0, 's'))
+    parser.add_argument('--host', type=host, default='127.0.0.1', help='(%(default)s)')
+    parser.add_argument('--port', type=port, default=5000, help='remote port (%(default)s)')
+    parser.add_argument('--password', default='', help='of the remote port (none)')
+    parser.add_argument('--timeout', type=time, default=5.0, help='s to try (%(default)g)')
+    parser.add_argument('words', nargs='+', metavar='WORD', help='as listed below')
+    given = parser.parse_args()
+    said, address = ' '.join(given.words), f'{given.host}:{given.port}'
+    if said == KINDS:
+        print(describe())
+        return 0
+    try:
+        asked = Action((), stops=True) if said == STATUS else action(said)
+        print(asyncio.run(_ask(asked, said, given)))
+    except UsageError as error:
+        parser.error(str(error))
+    except RemoteError as error:
+        print(f'refused: {error} [{address}]', file=sys.stderr)
+    except RefusedError as error:
+        print(f'refused: {error}', file=sys.stderr)
+    except TimeoutError:
+        print(f'no answer from {address} in {given.timeout:g} s', file=sys.stderr)
+    except ConnectionError as error:
+        print(f'no controller: {error}', file=sys.stderr)
+    else:
+        return 0
+    return 1
+
+
+async def _ask(asked: Action, said: str, given: argparse.Namespace) -> str:
+    """Return the answer and who gave it. What looks or stops is tried again after a hang-up."""
+    place, tries = (given.host, given.port, given.timeout), round(given.timeout / 0.2)
+    async with asyncio.timeout(given.timeout):
+        while True:
+            try:
+                if asked.commands and asked.commands[0].startswith('Sim,'):
+                    async with connected(*place) as ask:  # which needs no login
+                        if await told(ask, 'Sim,identity'):
+                            return await _done(ask, asked, said, f'{given.host}:{given.port}')
+                async with logged_in(*place, given.password, max(MAX_LOGINS, tries)) as ask:
+                    return await _done(ask, asked, said, f'{given.host}:{given.port}')
+            except HungUpError:
+                if asked.done and not asked.stops:
+                    raise
+                await asyncio.sleep(LOGIN_RETRY_PERIOD_S)
+
+
+async def _done(ask: Ask, asked: Action, said: str, address: str) -> str:
+    """Do it, and return the answer and the controller's identity."""
+    try:
+        if asked.commands:
+            value = (await do(ask, asked)).replace(';', '\n') or 'none'
+        else:
+            value = await _status(ask)
+    except RefusedError as error:
+        raise RefusedError(f'{await _reason(ask, error)} [{await _who(ask, address)}]') from error
+    return f'{asked.done or f"{said}: {value}"} [{await _who(ask, address)}]'
+
+
+async def _who(ask: Ask, address: str) -> str:
+    """Return the controller's identity, or only its address if it has hung up."""
+    try:
+        return await identity(ask, address)
+    except ConnectionError:
+        return address
+
+
+async def _reason(ask: Ask, error: RefusedError) -> str:
+    """Return why the controller refused: in its own words, or by what its flags show."""
+    text = str(error)
+    with suppress(RemoteError):
+        if error.number == RemoteErrorNumber.NOT_READY and not error.explained:
+            flags, shown = await ask_flags(ask)
+            if found := flags_inhibit(flags, shown, load_error_texts()):
+                text = with_remedy(found.text, found.remedy, {})
+            elif 'Running' in flags:
+                text = 'the arm still moves: try again when it stands'
+    number = f' (error {error.number})'
+    return text if not error.number or number in text else text + number
+
+
+async def _status(ask: Ask) -> str:
+    """Return all that a controller, real or simulated, reports, as rows of text."""
+    flags, shown = await ask_flags(ask)
+    texts, motor = load_error_texts(), (await told(ask, 'GetMotor,0')).split(',')
+    condition, names = await told(ask, 'Sim,condition'), ('joints', 'tasks', 'timing', 'fault')
+    rows = [condition.replace(';', '\n') or f'motors={"".join(motor[1:2])}']
+    if found := flags_inhibit(flags, shown, texts):
+        rows.append(f'state={with_remedy(found.text, found.remedy, {})}')
+    if shown:
+        rows.append(f'error={texts.phrase(shown)}: {texts.advice(shown, "see the manual")}')
+    rows.append(f'flags={" ".join(flags)}')
+    parts = {name: await told(ask, f'Sim,{name}') for name in names}
+    rows += [f'{name}: {each}'.replace(';', '\n') for name, each in parts.items() if each]
+    return '\n'.join(rows)

@@ -13,12 +13,12 @@ import numpy as np
 
 from epson_driver.exercise.observer import Observer
 from epson_driver.motion import Array
-from epson_driver.pendant.commands import request
 from epson_driver.processes import processes
 from epson_driver.processes.command import module_command
 from epson_driver.processes.processes import Ports, Process, RunError
 from epson_driver.profiles import load_controller_profile
 from epson_driver.remote_ethernet.client import execute
+from epson_driver.remote_ethernet.hand import action
 from epson_driver.robots import RobotModel, load_robot_model
 
 PENDANT_TIMEOUT_S = 30.0
@@ -49,7 +49,7 @@ class SimulatedCell:
 
         Raises UsageError for words that mean nothing, RemoteError if the controller refuses.
         """
-        command = request(words.split()).commands[0]
+        command = action(words).commands[0]
         port, limit = self.ports.remote, PENDANT_TIMEOUT_S
         asyncio.run(execute('127.0.0.1', port, [command], limit, self._password))
 

@@ -8,7 +8,7 @@ controller that is simulated or a panel that was started with `--allow-motion`.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from epson_driver.panel.jog import Jog
 from epson_driver.panel.robot import Robot
 from epson_driver.panel.robot_state import ERROR, INFO, WARN, RequestError, Simulation
 from epson_driver.panel.sim_pendant import NotSimulatedError, SimPendant
+from epson_driver.remote_ethernet.hand import ACTIONS, Action, UsageError, action
 from epson_driver.robots import RobotModel, load_robot_model
 
 START_TOLERANCE = 0.02
@@ -27,26 +28,16 @@ STOP_ANSWER_S = 0.5
 """Within which the driver answers a STOP, or it is said that it has not, s."""
 
 
-@dataclass(frozen=True)
-class Press:
-    """A thing to do at the simulated pendant. `moves`: it lets the arm move."""
-
-    command: str
-    moves: bool = False
-
-
-PENDANT: dict[str, dict[str, Press]] = {
-    'E-stop': {'press': Press('Sim,estop,press'), 'release': Press('Sim,estop,release')},
-    'Door': {'open': Press('Sim,door,open'), 'close': Press('Sim,door,close')},
-    'Tasks': {
-        'pause': Press('Pause'),
-        'continue': Press('Continue', moves=True),
-        'stop': Press('Stop'),
-        'start': Press('Start,0', moves=True),
-    },
-    'Motors': {'on': Press('SetMotorsOn,1', moves=True), 'off': Press('SetMotorsOff,1')},
-    'Key': {'auto': Press('Sim,mode,auto'), 'manual': Press('Sim,mode,manual')},
-    'Error': {'reset': Press('Reset')},
+PENDANT: dict[str, dict[str, Action]] = {
+    label: {way: ACTIONS[f'{first} {way}'.strip()] for way in ways}
+    for label, first, ways in (
+        ('E-stop', 'estop', ('press', 'release')),
+        ('Door', 'door', ('open', 'close')),
+        ('Tasks', '', ('pause', 'continue', 'stop', 'start')),
+        ('Motors', 'motors', ('on', 'off')),
+        ('Key', 'mode', ('auto', 'manual')),
+        ('Error', '', ('reset',)),
+    )
 }
 """By what is pressed, and how. A closed door alone lets nothing move: that takes continue."""
 
@@ -358,28 +349,31 @@ class RobotControl:
         press = PENDANT[what][how]
         if press.moves:
             with self.arming.held(browser):
-                self._press(press.command, f'pendant: {what} {how}')
+                self._press(press, f'pendant: {what} {how}')
         else:
-            self._press(press.command, f'pendant: {what} {how}')
+            self._press(press, f'pendant: {what} {how}')
 
     def start_fault(self, text: str) -> None:
         """Make the simulated controller fail: a fault as `pendant fault` takes it."""
-        words = ','.join(text.replace(',', ' ').split())
-        self._press(f'Sim,fault,{words}', f'fault: {text}')
+        try:
+            self._press(action(f'fault {text}'), f'fault: {text}')
+        except UsageError as error:
+            raise RequestError(str(error)) from error
 
     def clear_faults(self) -> None:
         """End all faults."""
-        self._press('Sim,fault,clear', 'faults cleared')
+        self._press(action('fault clear'), 'faults cleared')
 
     def set_input(self, index: int, value: int) -> None:
         """Set a digital input of the simulated controller, as if it were wired so."""
-        self._press(f'Sim,io,DI,{index},{value}', f'input {index}: {"on" if value else "off"}')
+        text = f'input {index}: {"on" if value else "off"}'
+        self._press(action(f'io DI {index} {value}'), text)
 
-    def _press(self, command: str, text: str) -> None:
+    def _press(self, asked: Action, text: str) -> None:
         if self._pendant is None:
             raise NotSimulatedError('no simulated controller is known')
 
         def say(why: str, done: bool) -> None:
             self.robot.log(text if done else f'{text}: refused: {why}', INFO if done else WARN)
 
-        self._pendant.press(command, say)
+        self._pendant.press(asked, say)

@@ -17,6 +17,7 @@ from epson_driver.panel.access import is_loopback
 from epson_driver.panel.robot_state import RequestError, Simulation
 from epson_driver.remote_ethernet.client import Ask, RemoteError, logged_in
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.remote_ethernet.hand import Action, RefusedError, do
 
 POLL_PERIOD_S = 0.4
 ANSWER_TIMEOUT_S = 3.0
@@ -46,15 +47,15 @@ class SimPendant:
         """What it said last, and when by the panel's clock, s."""
         self._loop = loop
         self._clock = clock
-        self._commands: asyncio.Queue[tuple[str, Say]] = asyncio.Queue()
+        self._commands: asyncio.Queue[tuple[Action, Say]] = asyncio.Queue()
         self._task: asyncio.Task[None] | None = None
         loop.call_soon_threadsafe(self._start)
 
-    def press(self, command: str, say: Say) -> None:
-        """Give a command such as `Sim,estop,press`, and call `say` in another thread."""
+    def press(self, asked: Action, say: Say) -> None:
+        """Have something done at the controller, and call `say` in another thread."""
         if self.latest is None:
             raise NotSimulatedError('no simulated controller answers')
-        self._loop.call_soon_threadsafe(self._commands.put_nowait, (command, say))
+        self._loop.call_soon_threadsafe(self._commands.put_nowait, (asked, say))
 
     def end(self) -> None:
         """Log out."""
@@ -84,17 +85,17 @@ class SimPendant:
             await self._poll(ask)
             try:
                 async with asyncio.timeout(POLL_PERIOD_S):
-                    command, say = await self._commands.get()
+                    asked, say = await self._commands.get()
             except TimeoutError:
                 continue
             try:
-                await _in_time(ask(command))
-            except RemoteError as error:
-                say(await self._reason(ask, error), False)
+                await _in_time(do(ask, asked))
+            except RefusedError as error:
+                say(str(error), False)
             except ValueError as error:  # nothing was sent
                 say(str(error), False)
             except BaseException:
-                say(f'{command}: the controller did not answer', False)
+                say(f'{asked.commands[0]}: the controller did not answer', False)
                 raise
             else:
                 say('', True)
@@ -109,16 +110,10 @@ class SimPendant:
             self._clock(),
         )
 
-    async def _reason(self, ask: Ask, error: RemoteError) -> str:
-        try:
-            return await _in_time(ask('Sim,why')) or str(error)
-        except RemoteError:
-            return str(error)
-
     def _refuse_waiting(self) -> None:
         while not self._commands.empty():
-            command, say = self._commands.get_nowait()
-            say(f'{command}: no simulated controller answers', False)
+            asked, say = self._commands.get_nowait()
+            say(f'{asked.commands[0]}: no simulated controller answers', False)
 
 
 class PendantThread:

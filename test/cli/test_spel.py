@@ -309,7 +309,7 @@ def test_people_at_the_controller_reach_a_run_over_the_remote_port(tmp_path: Pat
     assert process.stderr is not None
     listening = next(line for line in process.stderr if line.startswith('listening'))
     ports = dict(word.split('=') for word in listening.split()[1:])
-    do(int(ports['remote']), 'io', 'in', '3', 'on')
+    do(int(ports['remote']), 'io', 'DI', '3', 'on')
     assert process.communicate(timeout=120)[0] == 'seen\n'
     assert process.returncode == 0
 

@@ -11,7 +11,7 @@ import pytest
 from epson_driver.exercise.cases import CASES, said
 from epson_driver.exercise.judge import GOOD, Observed, Result, Verdict, judge, junit
 from epson_driver.exercise.observer import MOVED, standstill
-from epson_driver.pendant.commands import request
+from epson_driver.remote_ethernet.hand import action
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
 
 USUAL = Observed('no fault', 0, 5.0, 'there', 1, np.array([1.0, 0.0]))
@@ -60,7 +60,7 @@ def test_every_fault_of_the_simulated_controller_is_exercised():
     assert CASES.keys() >= FAULTS.keys()
     for case in CASES.values():
         for words in (*case.begin, *case.person):
-            assert request(words.split()).commands
+            assert action(words).commands
 
 
 def test_a_running_spel_program_is_stopped_before_what_it_keeps_from_being_accepted():

@@ -23,6 +23,7 @@ from epson_driver.panel.sim_pendant import (
     SimPendant,
 )
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.remote_ethernet.hand import Action
 
 Take = Callable[[str], str | None]
 
@@ -128,7 +129,7 @@ def test_it_says_what_the_controller_says_again_and_again() -> None:
         assert simulation.condition == {'estop': 'not active', 'door': 'closed'}
         assert simulation.faults == ('cut', 'late')
         assert now() - at < 1.0
-        pendant.press('Sim,estop,press', said)
+        pendant.press(Action(('Sim,estop,press',)), said)
         await until(lambda: said.all)
         assert said.all == [('', True)]
         assert controller.count('Login,') == 1
@@ -145,7 +146,7 @@ def test_a_controller_that_is_real_is_asked_once_and_never_again() -> None:
         await asyncio.sleep(30.0)
         assert controller.commands == ['Login,', 'Sim,condition']
         with pytest.raises(NotSimulatedError, match='no simulated controller answers'):
-            pendant.press('SetMotorsOn,1', said)
+            pendant.press(Action(('SetMotorsOn,1',)), said)
 
     played(simulated({'Sim,condition': f'!Sim,{BAD.value}'}), scene)
 
@@ -160,7 +161,7 @@ def test_who_does_not_say_that_it_is_simulated_is_not_and_is_asked_again(answer:
         await until(lambda: controller.count('Sim,condition') > 2)
         assert (pendant.latest, pendant.real) == (None, False)
         with pytest.raises(NotSimulatedError):
-            pendant.press('Sim,estop,press', said)
+            pendant.press(Action(('Sim,estop,press',)), said)
 
     played(simulated({'Sim,condition': answer}), scene)
 
@@ -176,7 +177,7 @@ def test_who_does_not_say_that_it_is_simulated_is_not_and_is_asked_again(answer:
 def test_a_press_that_is_refused_says_why(why: str, said_why: str) -> None:
     async def scene(pendant: SimPendant, controller: Controller, said: Said) -> None:
         await until(lambda: pendant.latest)
-        pendant.press('Sim,estop,press', said)
+        pendant.press(Action(('Sim,estop,press',)), said)
         await until(lambda: said.all)
         ((text, done),) = said.all
         assert not done
@@ -191,8 +192,8 @@ def test_a_press_that_is_refused_says_why(why: str, said_why: str) -> None:
 def test_a_press_that_is_not_answered_is_said_and_so_are_those_that_wait(answer: Any) -> None:
     async def scene(pendant: SimPendant, controller: Controller, said: Said) -> None:
         await until(lambda: pendant.latest)
-        pendant.press('Sim,estop,press', said)
-        pendant.press('Reset', said)
+        pendant.press(Action(('Sim,estop,press',)), said)
+        pendant.press(Action(('Reset',)), said)
         began = now()
         await until(lambda: len(said.all) == 2)
         assert now() - began < ANSWER_TIMEOUT_S + 1.0
@@ -215,7 +216,8 @@ def test_what_was_pressed_as_the_controller_went_is_not_pressed_when_it_comes_ba
     async def scene(pendant: SimPendant, controller: Controller, said: Said) -> None:
         await until(lambda: hung_up)
         await asyncio.sleep(0.1)
-        pendant._commands.put_nowait(('SetMotorsOn,1', said))  # on its way from another thread
+        late = Action(('SetMotorsOn,1',))  # on its way from another thread
+        pendant._commands.put_nowait((late, said))
         await until(lambda: controller.count('Login,') == 2 and pendant.latest)
         assert said.all == [('SetMotorsOn,1: no simulated controller answers', False)]
         assert controller.count('SetMotorsOn,1') == 0
@@ -235,7 +237,7 @@ def test_a_text_that_is_no_command_is_refused_and_the_session_goes_on() -> None:
 
     async def scene(pendant: SimPendant, controller: Controller, said: Said) -> None:
         await until(lambda: pendant.latest)
-        pendant.press('Sim,fault,\x07', said)
+        pendant.press(Action(('Sim,fault,\x07',)), said)
         await until(lambda: said.all)
         ((text, done),) = said.all
         assert not done
@@ -258,7 +260,7 @@ def test_a_pendant_that_fails_is_reported_at_once() -> None:
         loop = asyncio.get_running_loop()
         loop.set_exception_handler(lambda _, context: told.append(context['exception']))
         await until(lambda: pendant.latest)
-        pendant.press('Sim,estop,press', fails)
+        pendant.press(Action(('Sim,estop,press',)), fails)
         await until(lambda: told)
         assert isinstance(told[0], ZeroDivisionError)
 

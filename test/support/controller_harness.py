@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from epson_driver.motion.smoother import plan
-from epson_driver.pendant.commands import request
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.remote_ethernet.client import execute
+from epson_driver.remote_ethernet.hand import action
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.condition.states import Event
@@ -50,7 +50,7 @@ class Remote:
 
 def do(port: int, *words: str) -> None:
     """Do it over the remote port. Raises RemoteError if the controller refuses."""
-    command = request(words).commands[0]
+    command = action(' '.join(words)).commands[0]
     asyncio.run(execute('127.0.0.1', port, [command], PATIENCE))
 
 

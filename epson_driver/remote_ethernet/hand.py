@@ -1,0 +1,143 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a person does at a controller, in words: the table of `pendant`, panel and Python API.
+
+`$Sim,…` is for the simulated controller only: a hand at the real one does the same.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from epson_driver.remote_ethernet.client import Ask, RemoteError
+from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+
+MAX_ECHO_CHARACTERS = 200
+"""Error texts repeat no more characters of the words given."""
+
+
+class UsageError(ValueError):
+    """Words that have no meaning, with those allowed in its text."""
+
+
+class RefusedError(Exception):
+    """The controller refuses, for the reason in its text; `number`: the error that it told."""
+
+    def __init__(self, text: str, number: int = 0, *, explained: bool = True) -> None:
+        super().__init__(text)
+        self.number = number
+        self.explained = explained
+        """Whether the text is more than the number's meaning."""
+
+
+class Action(NamedTuple):
+    """Equivalent remote commands, of which the first that the controller knows is used.
+
+    `done`: what to say afterwards; empty: what the controller answers. `moves`: it lets the arm
+    move. `stops`: it only stops, so it is given again where a controller that hung up may have
+    done it or not.
+    """
+
+    commands: tuple[str, ...]
+    done: str = ''
+    moves: bool = False
+    stops: bool = False
+
+
+ACTIONS = {
+    'motors on': Action(('SetMotorsOn,1',), 'motors on', moves=True),
+    'motors off': Action(('SetMotorsOff,1',), 'motors off', stops=True),
+    'power high': Action(('Sim,power,high', 'Execute,"Power High"'), 'power high'),
+    'power low': Action(
+        ('Sim,power,low', 'Execute,"Power Low"'), 'power low, until it is said to be high'
+    ),
+    'estop press': Action(('Sim,estop,press',), 'E-stop pressed', stops=True),
+    'estop release': Action(
+        ('Sim,estop,release',), 'E-stop released; it stays latched until the reset'
+    ),
+    'door open': Action(('Sim,door,open',), 'door open', stops=True),
+    'door close': Action(
+        ('Sim,door,close',), 'door closed; what it interrupted waits for continue'
+    ),
+    'mode auto': Action(('Sim,mode,auto',), 'key switch at AUTO'),
+    'mode manual': Action(('Sim,mode,manual',), 'key switch at MANUAL; the motors go off'),
+    'pause': Action(('Pause',), 'paused; continue goes on', stops=True),
+    'continue': Action(('Sim,continue', 'Continue'), 'the tasks go on', moves=True),
+    'stop': Action(('Stop',), 'the tasks are stopped; start runs them again', stops=True),
+    'start': Action(('Start,0',), 'the tasks run', moves=True),
+    'reset': Action(('Reset',), 'reset; the motors are switched on separately'),
+    'io': Action(('Sim,io',)),
+    'fault': Action(('Sim,fault,list',)),
+}
+"""What takes no further words."""
+
+FORMS = {
+    'io KIND INDEX': 'read a point; KIND is DI, DO, AI, AO or flag',
+    'io KIND INDEX VALUE': 'set it (an input: as if wired so): on, off, or mV',
+    'fault NAME [KEY=VALUE …]': 'start a fault',
+    'fault clear [NAME]': 'clear one, or all',
+    'disturb JOINT DEGREES': 'push a joint',
+    'reboot [SECONDS]': 'switch off and on again',
+}
+"""What does, and what it does."""
+
+POINTS = {
+    'DI': ('GetIO,{}', ''),
+    'DO': ('Execute,"Print Oport({})"', 'SetIO,{},{}'),
+    'flag': ('GetMemIO,{}', 'SetMemIO,{},{}'),
+}
+"""How a real controller's points are read and written, where they can be."""
+
+SWITCH = {'off': '0', 'on': '1'}
+
+
+def action(text: str) -> Action:
+    """Return what the words stand for. Raises UsageError."""
+    words = text.split()
+    said = ' '.join(words)
+    if said in ACTIONS:
+        return ACTIONS[said]
+    first, *rest = words or ['']
+    if first not in {form.partition(' ')[0] for form in FORMS} or not text.isprintable():
+        known = ', '.join((*ACTIONS, *FORMS))
+        raise UsageError(f'{said[:MAX_ECHO_CHARACTERS]!r}: must be one of {known}')
+    if first == 'io':
+        return _point(rest)
+    return Action((','.join(('Sim', *words)),), f'{said}: done')
+
+
+def _point(words: Sequence[str]) -> Action:
+    """Return how a point is read or set."""
+    kind, index, value = (*words, '', '', '')[:3]
+    number = SWITCH.get(value, value)
+    if len(words) not in (2, 3) or not index.isdecimal() or (number and not _is_number(number)):
+        said = ' '.join(words)[:MAX_ECHO_CHARACTERS]
+        raise UsageError(f'io {said}: must be io KIND INDEX [VALUE], VALUE on, off or a number')
+    commands = [','.join(filter(None, ('Sim', 'io', kind, index, number)))]
+    if real := POINTS.get(kind, ('', ''))[bool(number)]:
+        commands.append(real.format(index, number))
+    return Action(tuple(commands), f'{kind} {index}: {value}' if number else '')
+
+
+def _is_number(text: str) -> bool:
+    return text.removeprefix('-').isdecimal() and text.isascii()
+
+
+async def do(ask: Ask, asked: Action) -> str:
+    """Have it done, and return what the controller answers. Raises RefusedError."""
+    for command in asked.commands:
+        try:
+            return await ask(command)
+        except RemoteError as error:
+            if error.number == RemoteErrorNumber.BAD_COMMAND and command.startswith('Sim,'):
+                continue
+            why = await told(ask, 'Sim,why')
+            raise RefusedError(why or str(error), error.number, explained=bool(why)) from error
+    raise RefusedError('this is no simulation: it is done by hand, at the controller')
+
+
+async def told(ask: Ask, command: str) -> str:
+    """Return the value of the answer, or nothing if the controller does not know or refuses."""
+    try:
+        return await ask(command)
+    except RemoteError:
+        return ''
