@@ -45,17 +45,15 @@ help:
 	@echo "make coverage      report which statements the tests run (with the slow tests: ARGS=all)"
 	@echo "make lint          run ruff, mypy and codespell"
 	@echo "make docs          build the documentation as a site that needs no network (build/site/index.html)"
-	@echo "make bench         measure the driver beside programs that do the least (docs/reliability.md), and the CPU time of"
-	@echo "                   drivers (ARGS=--quick: only the former)"
-	@echo "make bench-motion  compare the smoother with stop-and-go, splines and optima (ARGS=--quick: a part; ARGS=--help);"
-	@echo "                   tables and pictures go to build/benchmark"
+	@echo "make bench         measure the driver's state path beside a bare program (docs/reliability.md; ARGS=--quick: less)"
+	@echo "make bench-motion  compare the smoother with stop-and-go, splines and optima (ARGS=--quick: a part; ARGS=--help)"
 	@echo "make optimum       find the optima that bench-motion compares with anew, by CasADi and ipopt"
 	@echo "make soak-motion   an hour in which everything happens to goals (ARGS='--minutes 5': less)"
 	@echo "make faults        every fault in every phase of a motion, on every controller (minutes)"
 	@echo "make fuzz          a million mutated messages to both roles and all ports (ARGS='--inputs 50000 --seed 1')"
 	@echo "make simulate      the whole system from new seeds, for ten minutes (ARGS='--seed 7': one; ARGS='--minutes 60')"
 	@echo "make soak-tests    run 2,000 random plans, and new examples for every property (hours)"
-	@echo "make pictures      redraw the pictures of docs (minutes)"
+	@echo "make pictures      take the screenshots of docs anew, in chromium (minutes)"
 	@echo "make hashes        write requirements/constraints.txt anew, after a change of requirements or versions"
 	@echo "make clean         remove the environment and everything else that make has created"
 	@echo "PYTHON=...         the interpreter to use, 3.11 or newer (now: $(PYTHON))"
@@ -101,10 +99,7 @@ docs: $(VENV)/.driver $(VENV)/.docs
 
 # one thread per process: the matrices are small, and two processes share the machine
 bench: $(VENV)/.driver
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.performance $(ARGS)
-ifeq ($(filter --quick,$(ARGS)),)
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.robots
-endif
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.state_path $(ARGS)
 
 bench-motion: $(VENV)/.driver
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.motion $(ARGS)
@@ -112,7 +107,6 @@ bench-motion: $(VENV)/.driver
 optimum: $(VENV)/.driver $(VENV)/.optimum
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmark.optimum $(ARGS)
 
-# figures go to build/benchmark, tables to docs/reliability.md
 soak-motion: $(VENV)/.driver $(VENV)/.dev
 	$(BIN)/python -m benchmark.soak_motion $(ARGS)
 
@@ -126,8 +120,7 @@ simulate: $(VENV)/.driver $(VENV)/.dev
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m simulation $(or $(ARGS),--minutes 10)
 
 pictures: $(VENV)/.driver $(VENV)/.dev $(VENV)/.browser
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m generate.picture $(ARGS)
-	$(if $(ARGS),,$(BIN)/python -m generate.screenshots)
+	$(BIN)/python -m generate.screenshots $(ARGS)
 
 # for all Pythons and systems at once; versions that constraints.txt has are kept: delete a line to get a newer one
 hashes:
@@ -146,7 +139,7 @@ clean:
 # The sizes are those of Linux on x86-64.
 SIZE_runtime := 90 MB to download, 310 MB on disk
 SIZE_interfaces := 30 MB to download, 30 MB on disk
-SIZE_dev := 180 MB to download, 670 MB on disk
+SIZE_dev := 160 MB to download, 620 MB on disk
 SIZE_panel := 1 MB to download, 1 MB on disk
 SIZE_browser := 45 MB to download, 125 MB on disk
 SIZE_optimum := 75 MB to download, 280 MB on disk
@@ -194,7 +187,7 @@ $(VENV)/.driver: $(VENV)/.interfaces $(PACKAGE_FILES)
 	@$(PIP) install --no-compile --no-build-isolation --no-deps . || $(FAILED)
 	@touch $@
 
-$(VENV)/.dev: requirements/generate.txt requirements/panel.txt requirements/report.txt
+$(VENV)/.dev: requirements/panel.txt requirements/report.txt
 $(VENV)/.browser: $(VENV)/.dev
 $(VENV)/.dev $(VENV)/.docs $(VENV)/.panel $(VENV)/.browser $(VENV)/.optimum: \
 $(VENV)/.%: $(VENV)/.interfaces requirements/%.txt

@@ -5,5 +5,3 @@
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-RESULTS = ROOT / 'build' / 'benchmark'
-"""Where whole runs write their figures; docs/ keeps the newest tables and pictures."""

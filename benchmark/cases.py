@@ -2,10 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One trajectory under one set of limits: its references, and every strategy's figures."""
 
-import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
-from functools import partial
+from dataclasses import dataclass, field
 
 from benchmark.baselines import SPLINES, joint_spline
 from benchmark.limit_sets import limit_set
@@ -20,24 +17,15 @@ CUT_AFTER = {'time-preserving, 3·A/J known': (1 / 3, 3 / 4), 'time-optimal, 3·
 """After what share of the points the stream is cut in another run, per strategy."""
 
 
-@dataclass(frozen=True)
-class CutStream:
-    """A stream that stopped after `points` points; the figures are against the last of them."""
-
-    strategy: str
-    points: int
-    metrics: Metrics
-
-
 @dataclass
 class Case:
     """All that was measured; times in s.
 
-    rests: how much of the commanded time is commanded rest. errors: what strategies raised.
+    rests: how much of the commanded time is commanded rest. cut_streams: by their last point,
+    against which they are measured. errors: exceptions of the strategies.
     """
 
     name: str
-    kind: str
     limits: str
     points: int
     commanded: float | None
@@ -45,23 +33,17 @@ class Case:
     references: ReferenceTimes
     splines: dict[str, Figures] = field(default_factory=dict)
     strategies: dict[str, Metrics] = field(default_factory=dict)
-    cut_streams: list[CutStream] = field(default_factory=list)
-    errors: dict[str, str] = field(default_factory=dict)
-    took: float = 0.0
-
-    def as_dict(self) -> dict[str, object]:
-        """Return it as JSON has it."""
-        return asdict(self)
+    cut_streams: dict[str, Metrics] = field(default_factory=dict)
+    errors: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
 class Task:
-    """What to run."""
+    """A trajectory to run under one set of limits."""
 
     trajectory: BenchmarkTrajectory
     limits: str
     references: ReferenceTimes
-    strategies: tuple[str, ...]
 
 
 def run_case(task: Task) -> Case:
@@ -69,23 +51,20 @@ def run_case(task: Task) -> Case:
     trajectory, limits = task.trajectory, limit_set(task.limits)
     case = Case(
         trajectory.name,
-        trajectory.kind,
         task.limits,
         len(trajectory.positions),
         trajectory.commanded,
         _time_at_rest(trajectory, limits),
         task.references,
     )
-    began = time.monotonic()
     if trajectory.durations is not None:
         for name in SPLINES:
             case.splines[name] = joint_spline(
                 name, trajectory.positions, trajectory.durations, limits
             )
-    for name in task.strategies:
-        if STRATEGIES[name].suits(trajectory):
-            _run_strategy(case, STRATEGIES[name], trajectory, limits)
-    case.took = time.monotonic() - began
+    for strategy in STRATEGIES.values():
+        if strategy.suits(trajectory):
+            _run_strategy(case, strategy, trajectory, limits)
     return case
 
 
@@ -97,34 +76,21 @@ def _time_at_rest(trajectory: BenchmarkTrajectory, limits: JointLimits) -> float
 
 
 def _run_strategy(
-    case: Case,
-    strategy: Strategy,
-    trajectory: BenchmarkTrajectory,
-    limits: JointLimits,
+    case: Case, strategy: Strategy, trajectory: BenchmarkTrajectory, limits: JointLimits
 ) -> None:
-    def guarded(label: str, work: Callable[[], None]) -> None:
-        try:
-            work()
-        except Exception as error:  # noqa: BLE001  whatever the class under test raises
-            case.errors[label] = f'{type(error).__name__}: {error}'
-
-    def whole() -> None:
-        record = run(strategy, trajectory, limits)
-        case.strategies[strategy.name] = measure(trajectory, record, limits, strategy.timed)
-
-    def cut(points: int) -> None:
-        durations = trajectory.durations
-        known = BenchmarkTrajectory(
-            trajectory.name,
-            trajectory.kind,
-            trajectory.positions[:points],
-            None if durations is None else durations[:points],
-        )
-        record = run(strategy, known, limits, cut=True)
-        metrics = measure(known, record, limits, strategy.timed)
-        case.cut_streams.append(CutStream(strategy.name, points, metrics))
-
-    guarded(strategy.name, whole)
-    for share in CUT_AFTER.get(strategy.name, ()):
+    """Run the whole trajectory, and streams that are cut on the way."""
+    shares = (1.0, *CUT_AFTER.get(strategy.name, ()))
+    for share in shares:
         points = max(3, int(share * case.points))
-        guarded(f'{strategy.name}, cut after {points} points', partial(cut, points))
+        known = trajectory.first(points)
+        try:
+            record = run(strategy, known, limits, cut=share < 1.0)
+            metrics = measure(known, record, limits, strategy.timed)
+        except Exception as error:  # noqa: BLE001  whatever the class under test raises
+            text = f'{case.name}, {case.limits}, {strategy.name}, {points} points: '
+            case.errors.append(f'{text}{type(error).__name__}: {error}')
+            continue
+        if share < 1.0:
+            case.cut_streams[f'{strategy.name}, {points} points'] = metrics
+        else:
+            case.strategies[strategy.name] = metrics

@@ -7,10 +7,9 @@ wherever it is led: the limits by exact extrema, no rest that was not asked for,
 point to point, and commanded times kept where there is time for them.
 """
 
-import math
 import time
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -54,9 +53,6 @@ LIMIT_TOLERANCE_SHARE, POSITION_TOLERANCE_RAD = 1e-6, 1e-10
 MAX_PLAN_S = 0.06
 """The 99th percentile of the CPU time of a plan may be so long, s."""
 
-SLOWEST_SHARE, TIMED_AGAIN = 0.03, 2
-"""Of the plans, and how often they are timed again."""
-
 
 @dataclass
 class FamilyFigures:
@@ -68,7 +64,7 @@ class FamilyFigures:
     was. velocity, acceleration, jerk: largest multiple of the limit, by exact extrema; sampled:
     the largest of them all in samples each ms. outside: of the position limits, rad. unfinished:
     runs that did not end. violations: of the limits, seen by the smoother's own guard.
-    plan_median, plan_p99: CPU time of a plan, s, as `PlanCosts` has it.
+    plan_median, plan_p99: CPU time of a plan, s.
     """
 
     name: str
@@ -113,78 +109,36 @@ class FamilyFigures:
             if value > most
         ]
 
-    def as_dict(self) -> dict[str, object]:
-        """Return it as JSON has it."""
-        return asdict(self)
-
     def raise_to(self, **values: float) -> None:
         """Take the larger ones."""
         for name, value in values.items():
             setattr(self, name, max(getattr(self, name), value))
 
 
-@dataclass
-class PlanCosts:
-    """What plans cost: CPU time, s, and the slowest of them, by their number.
-
-    While a family runs, another one runs beside it, and moments of the machine are among the
-    slowest plans. They can be timed again when nothing else runs: a plan depends on nothing but
-    its request. The least of its times counts.
-    """
-
-    seconds: list[float]
-    slowest: list[tuple[int, Request, JointLimits]]
-
-    def time_again(self) -> None:
-        """Time the slowest plans again."""
-        for number, request, limits in self.slowest * TIMED_AGAIN:
-            self.seconds[number] = min(self.seconds[number], _timed(request, limits)[1])
-
-    def put_into(self, figures: FamilyFigures) -> None:
-        """Put median and percentile into a family's figures."""
-        figures.plan_median = float(np.median(self.seconds))
-        figures.plan_p99 = float(np.percentile(self.seconds, 99))
-
-
-def _timed(request: Request, limits: JointLimits) -> tuple[Plan | None, float]:
-    """Return a plan, and the CPU time that it took, s."""
-    began = time.process_time()
-    found = plan(request, limits)
-    return found, time.process_time() - began
-
-
 class _Counting:
-    """The planner, counted."""
+    """The planner, counted and timed."""
 
     def __init__(self, figures: FamilyFigures) -> None:
         self.figures = figures
-        self._asked: list[tuple[Request, JointLimits]] = []
-        self._costs: list[float] = []
+        self.costs: list[float] = []
 
     def __call__(self, request: Request, limits: JointLimits) -> Plan | None:
-        found, cost = _timed(request, limits)
-        self._asked.append((request, limits))
-        self._costs.append(cost)
+        began = time.process_time()
+        found = plan(request, limits)
+        self.costs.append(time.process_time() - began)
         self.figures.plans += 1
         self.figures.failed += found is None
         return found
 
-    def costs(self) -> PlanCosts:
-        """Return what the plans cost."""
-        count = math.ceil(SLOWEST_SHARE * len(self._costs))
-        slowest = np.argsort(self._costs)[-count:].tolist()
-        return PlanCosts(self._costs, [(number, *self._asked[number]) for number in slowest])
 
-
-def run_family(name: str, seeds: Iterable[int] = WORK_SEEDS) -> tuple[FamilyFigures, PlanCosts]:
+def run_family(name: str, seeds: Iterable[int] = WORK_SEEDS) -> FamilyFigures:
     """Run every trajectory of a family three times: see `_run_member`."""
     figures = FamilyFigures(name)
     planner = _Counting(figures)
     for number, member in enumerate(members(name, seeds)):
         _run_member(member, bool(number % 2), planner)
-    costs = planner.costs()
-    costs.put_into(figures)
-    return figures, costs
+    figures.plan_median, figures.plan_p99 = np.percentile(planner.costs, (50.0, 99.0)).tolist()
+    return figures
 
 
 def _run_member(member: FamilyMember, feasible: bool, planner: _Counting) -> None:

@@ -3,10 +3,9 @@
 """What every fault does to every controller, in every phase of a motion.
 
 `python -m benchmark.faults` runs all cells of test/support/fault_cells.py: real driver, simulated
-controller and TCP in virtual time, so its times do not depend on the machine. It writes
-build/benchmark/faults.json, and the table of docs/reliability.md. Exit code 1 if anything did
-not hold. `--only PATTERN` runs the cells whose names match, and writes nothing unless `--results`
-is there, too.
+controller and TCP in virtual time, so its times do not depend on the machine. It prints the table
+of docs/reliability.md. Exit code 1 if anything did not hold. `--only PATTERN` runs the cells whose
+names match.
 """
 
 import argparse
@@ -14,6 +13,8 @@ import asyncio
 import logging
 import re
 import sys
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -23,8 +24,6 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 from support.event_loop import run
 from support.fault_cells import Cell, cells
 from support.fault_play import play
-
-from benchmark.reliability_page import FAULTS, command_of, provenance, write_figures
 
 _log = logging.getLogger(__name__)
 
@@ -50,7 +49,6 @@ def main() -> int:
     """Run the cells; return 1 if one failed."""
     parser = argparse.ArgumentParser(prog='benchmark.faults', description=__doc__)
     parser.add_argument('--only', metavar='PATTERN', default='', help='cells whose names match')
-    parser.add_argument('--results', action='store_true', help='write the figures of those, too')
     arguments = parser.parse_args()
     logging.disable(logging.CRITICAL)
     chosen: list[Cell] = [cell for cell in cells() if re.search(arguments.only, cell.name)]
@@ -64,10 +62,25 @@ def main() -> int:
             print(f'\r{number}/{len(chosen)} {cell.name:40}', end='', flush=True)
     failed = sum(bool(figures['failure']) for figures in found)
     print(f'\n{len(found)} cells, {failed} failed')
-    if arguments.results or not arguments.only:
-        run_data = provenance(command_of('benchmark.faults'))
-        write_figures(FAULTS, {'run': run_data, 'cells': found})
+    for row in table(found):
+        print(f'| {" | ".join(row)} |')
     return int(failed > 0)
+
+
+def table(cells: list[dict[str, Any]]) -> Iterator[Sequence[str]]:
+    """Yield the cells of a Markdown table: a row for each fault."""
+    yield 'fault', 'cells', 'how the goal ended', 'longest rest [s]', 'longest recovery [s]'
+    yield '---', '---:', '---', '---:', '---:'
+    for fault in dict.fromkeys(cell['fault'] for cell in cells):
+        found = [cell for cell in cells if cell['fault'] == fault]
+        good = [cell for cell in found if not cell['failure']]
+        ends = [f'{count} {end}' for end, count in Counter(cell['end'] for cell in good).items()]
+        ends += ['**failed**'] * (len(good) < len(found))
+        longest = (
+            f'{max(cell[time] for cell in good):.2f}' if good else ''
+            for time in ('rest', 'recovery')
+        )
+        yield f'`{fault}`', str(len(found)), ', '.join(ends), *longest
 
 
 def _shown(figures: dict[str, Any]) -> str:

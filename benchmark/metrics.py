@@ -51,11 +51,8 @@ class Metrics:
     early: float
     overrun: float
     end: float
-    deviation: float
     outside: float
-    step_median: float
     step_p99: float
-    cycle_p99: float
 
 
 def measure(
@@ -80,9 +77,8 @@ def measure(
         early=_early(trajectory, passed.times[~merged], ~merged) if timed else 0.0,
         overrun=_overrun(positions, last, int(passed.times[-1] / record.dt)),
         end=float(np.max(np.abs(positions[-1] - last))),
-        deviation=_deviation(trajectory.positions, record, passed.times),
         outside=_outside(positions, limits),
-        **_costs(record),
+        step_p99=_step_cost(record),
     )
 
 
@@ -181,30 +177,12 @@ def _overrun(positions: Array, last: Array, reached: int) -> float:
     return float(np.max(np.abs(after - last))) if len(after) else 0.0
 
 
-def _deviation(points: Array, record: Record, passed: Array) -> float:
-    """Return the largest distance of a joint from the straight lines between the points, rad."""
-    times = record.dt * np.arange(len(record.positions))
-    segment = np.clip(np.searchsorted(passed, times, 'right') - 1, 0, len(points) - 2)
-    start, side = points[segment], points[segment + 1] - points[segment]
-    squares = np.maximum(np.einsum('kn,kn->k', side, side), 1e-30)
-    share = np.einsum('kn,kn->k', record.positions - start, side) / squares
-    foot = start + np.clip(share, 0.0, 1.0)[:, None] * side
-    return float(np.max(np.abs(record.positions - foot)))
-
-
 def _outside(positions: Array, limits: JointLimits) -> float:
     below, above = limits.position_min - positions, positions - limits.position_max
     return max(float(np.max(np.maximum(below, above))), 0.0)
 
 
-def _costs(record: Record) -> dict[str, float]:
-    """Return the cost of steps in s: median and p99 without planning, p99 of all."""
-    if not record.costs.size:
-        return {'step_median': 0.0, 'step_p99': 0.0, 'cycle_p99': 0.0}
+def _step_cost(record: Record) -> float:
+    """Return the 99th percentile of the cost of a step without planning, s; 0 without steps."""
     plain = record.costs[~record.planned]
-    plain = plain if plain.size else record.costs
-    return {
-        'step_median': float(np.median(plain)),
-        'step_p99': float(np.percentile(plain, 99)),
-        'cycle_p99': float(np.percentile(record.costs, 99)),
-    }
+    return float(np.percentile(plain, 99)) if plain.size else 0.0

@@ -2,100 +2,165 @@
 # SPDX-License-Identifier: Apache-2.0
 """`make bench-motion`: the smoother against stop-and-go, splines in time, and two optima.
 
-Writes motion.json, motion.md and pictures to build/benchmark. Exit code 0, unless --check is
-given and a required value is missed, or a reference is unsound.
+Prints the times of every strategy as ratios, the required values with the worst ones measured
+(docs/smoother.md), and the families that are hard to plan. Exit code 0, unless --check is given
+and a required value is missed.
 """
 
 import argparse
 import sys
-import time
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
 from itertools import repeat
-from pathlib import Path
 
-from benchmark import RESULTS, tables
+import numpy as np
+
+from benchmark.baselines import SPLINES
 from benchmark.cases import Case, Task, run_case
-from benchmark.families import FamilyFigures, PlanCosts, run_family
+from benchmark.families import FamilyFigures, run_family
 from benchmark.family_members import FAMILIES, MEASURED_SEEDS
-from benchmark.limit_sets import FACTORS, limit_set
-from benchmark.references import References, ReferenceTimes, digest
-from benchmark.results_file import Results, render, write
+from benchmark.limit_sets import FACTORS, limit_set, ramp_time
+from benchmark.metrics import Metrics
+from benchmark.references import References, digest
 from benchmark.strategies import STRATEGIES
-from benchmark.targets import outcomes
 from benchmark.trajectories import BenchmarkTrajectory, benchmark_set
+from epson_driver.motion.motion_figures import Figures
 
 MAX_QUICK_POINTS = 60
-QUICK_STRATEGIES = (
-    'time-optimal, all known',
-    'time-preserving, all known',
-    'time-preserving, 3·A/J known',
+CYCLE_S = 0.004
+"""The controller's cycle, s."""
+
+TOLERANCE_S, TOLERANCE_SHARE = 0.05, 0.02
+"""How long before its commanded time a point may be passed: s, or as a share of the whole time."""
+
+ROUNDING = 1e-6
+FASTEST, TIMED = 'time-optimal, all known', 'time-preserving, all known'
+LITTLE, LESS = 'time-preserving, 3·A/J known', 'time-preserving, 2·A/J known'
+HALF_A_SECOND = 'time-preserving, 0.5 s known'
+
+
+@dataclass(frozen=True)
+class Required:
+    """A quantity, its bound, and its values in a case. `mean`: the bound is for the mean."""
+
+    what: str
+    most: float
+    values: Callable[[Case], Iterator[float]]
+    mean: bool = False
+
+
+def _ratio(
+    strategy: str, of: Callable[[Case, Metrics], float], pace: float = 0.0, points: int = 0
+) -> Callable[[Case], Iterator[float]]:
+    """Return the values of a strategy where the command leaves `pace` times the optimum."""
+
+    def values(case: Case) -> Iterator[float]:
+        metrics = case.strategies.get(strategy)
+        slow = not pace or (
+            case.commanded is not None
+            and case.commanded - case.rests >= pace * case.references.spline
+        )
+        if metrics is not None and slow and case.points >= points:
+            yield of(case, metrics)
+
+    return values
+
+
+def _every(quantity: str, unit: float = 1.0) -> Callable[[Case], Iterator[float]]:
+    """Return a quantity of every run, cut streams included."""
+
+    def values(case: Case) -> Iterator[float]:
+        runs = [*case.strategies.values(), *case.cut_streams.values()]
+        yield from (float(getattr(metrics, quantity)) / unit for metrics in runs)
+
+    return values
+
+
+def _stops(case: Case) -> Iterator[float]:
+    """Yield the stops of the runs with 3·A/J or more known."""
+    limits = limit_set(case.limits)
+    for name, metrics in case.strategies.items():
+        ahead = STRATEGIES[name].look_ahead
+        if ahead is None or ahead(limits) >= 3.0 * ramp_time(limits) - ROUNDING:
+            yield float(metrics.stops)
+
+
+def _optimum(case: Case, metrics: Metrics) -> float:
+    return metrics.duration / case.references.opt
+
+
+def _commanded(case: Case, metrics: Metrics) -> float:
+    return metrics.duration / (case.commanded or np.nan)
+
+
+def _all_known(case: Case, metrics: Metrics) -> float:
+    return metrics.duration / case.strategies[TIMED].duration
+
+
+def _early(case: Case, metrics: Metrics) -> float:
+    return metrics.early / max(TOLERANCE_S, TOLERANCE_SHARE * (case.commanded or np.nan))
+
+
+REQUIRED = (
+    Required(
+        'time / point to point, fastest, 50 points or more',
+        0.25,
+        _ratio(FASTEST, lambda case, m: m.duration / case.references.ptp, points=50),
+    ),
+    Required('time / optimum, fastest', 1.10, _ratio(FASTEST, _optimum)),
+    Required('the same, mean', 1.04, _ratio(FASTEST, _optimum), mean=True),
+    Required('time / commanded from 1.5 · optimum on', 1.10, _ratio(TIMED, _commanded, 1.5)),
+    Required('time / commanded from 1.2 · optimum on', 1.20, _ratio(TIMED, _commanded, 1.2)),
+    Required('with 0.5 s known, from 1.5 on', 1.10, _ratio(HALF_A_SECOND, _commanded, 1.5)),
+    Required('with 0.5 s known, from 1.2 on', 1.20, _ratio(HALF_A_SECOND, _commanded, 1.2)),
+    Required('a point too early / 50 ms or 2 %', 1.0, _ratio(TIMED, _early, 1.2)),
+    Required('time with 3·A/J / all known', 1.10, _ratio(LITTLE, _all_known, 1.2)),
+    Required('time with 2·A/J / all known', np.inf, _ratio(LESS, _all_known, 1.2)),
+    Required('velocity / limit', 1.0 + ROUNDING, _every('velocity')),
+    Required('acceleration / limit', 1.0 + ROUNDING, _every('acceleration')),
+    Required('jerk / limit', 1.02, _every('jerk')),
+    Required('stops not commanded, 3·A/J known', 0.0, _stops),
+    Required('beside a waypoint [rad]', 1e-5, _every('waypoint')),
+    Required('past the last known point [rad]', 1e-9, _every('overrun')),
+    Required('from the last known point at the end [rad]', 1e-9, _every('end')),
+    Required('outside the position limits [rad]', 1e-9, _every('outside')),
+    Required('v, a against positions / limit', 5e-3, _every('mismatch')),
+    Required('a step, 99th percentile / 4 ms', 0.10, _every('step_p99', CYCLE_S)),
 )
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the benchmark; return the exit code."""
     args = _arguments(arguments)
-    if args.render:
-        render(args.output)
-        return 0
-    began = time.monotonic()
-    trajectories = _chosen(args)
+    part = args.only or args.limits or args.quick
+    families = args.family or ([] if part else list(FAMILIES))
     with ProcessPoolExecutor(args.jobs) as pool:
-        references = _references(trajectories, args)
-        cases = _cases(pool, trajectories, references, args)
-        runs = _families(pool, args)
-    families = _timed_alone(runs)
-    results = outcomes(cases)
-    write(args.output, Results(cases, results, families))
-    print(tables.summary(cases), tables.targets(results), sep='\n\n')
-    missed = [result.metric for result in results if not result.met and result.worst is not None]
-    missed += [f'{one.name}: {text}' for one in families for text in one.missed]
-    unknown = [result.metric for result in results if result.worst is None]
-    unsound = [f'{c.name}, {c.limits}' for c in cases if not c.references.sound()]
-    failed = sum(len(case.errors) for case in cases)
-    print()
-    texts = ('MISSED', 'NOT MEASURED', 'UNSOUND REFERENCE')
-    for text, found in zip(texts, (missed, unknown, unsound), strict=True):
-        for one in found:
-            print(f'{text}: {one}')
-    if failed:
-        print(f'ERRORS: {failed} runs raised; they are listed in motion.md')
-    if not (missed or unknown or unsound or failed):
-        print('all that is required is met')
-    print(f'{args.output}, after {time.monotonic() - began:.0f} s')
-    return 1 if args.check and (missed or unknown or unsound or failed) else 0
+        cases = _cases(pool, _chosen(args), args)
+        runs = list(pool.map(run_family, families, repeat(range(*args.seeds))))
+    for line in (*summary(cases), ''):
+        print(line)
+    missed = [text for case in cases for text in case.errors]
+    for line, met in judged(cases):
+        print(line)
+        missed += [] if met else [line]
+    for figures in runs:
+        print(_family(figures))
+        missed += figures.missed
+    print(f'MISSED: {len(missed)}' if missed else 'all that is required is met')
+    return 1 if args.check and missed else 0
 
 
 def _arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog='benchmark.motion', description=__doc__)
-    parser.add_argument(
-        '--only',
-        action='append',
-        metavar='NAME',
-        default=[],
-        help='only trajectories whose name contains NAME (repeatable)',
-    )
+    parser.add_argument('--only', metavar='NAME', default='', help='trajectories named like this')
     parser.add_argument('--limits', choices=FACTORS, help='only one set of limits')
-    parser.add_argument(
-        '--strategy',
-        action='append',
-        metavar='NAME',
-        default=[],
-        choices=STRATEGIES,
-        help='only this strategy (repeatable)',
-    )
-    parser.add_argument(
-        '--quick',
-        action='store_true',
-        help='short trajectories and three strategies, at full limits',
-    )
+    parser.add_argument('--quick', action='store_true', help='short ones, at full limits')
     parser.add_argument(
         '--family',
         action='append',
-        metavar='NAME',
-        default=[],
         choices=FAMILIES,
-        help='this family of hard trajectories as well (repeatable); a whole run has them all',
+        help='this family of hard trajectories (repeatable); a whole run has them all',
     )
     parser.add_argument(
         '--seeds',
@@ -105,36 +170,16 @@ def _arguments(arguments: list[str] | None) -> argparse.Namespace:
         default=(MEASURED_SEEDS.start, MEASURED_SEEDS.stop),
         help='of the families (default: %(default)s; 0 8 are those to work with)',
     )
-    parser.add_argument(
-        '--render',
-        action='store_true',
-        help='run nothing: make report and pictures again from the stored figures',
-    )
-    parser.add_argument(
-        '--check', action='store_true', help='exit 1 if a required value is missed'
-    )
+    parser.add_argument('--check', action='store_true', help='exit 1 if a value is missed')
     parser.add_argument('--jobs', type=int, default=2, help='processes (default: %(default)s)')
-    parser.add_argument(
-        '--output',
-        type=Path,
-        default=None,
-        help='folder for the results (default: build/benchmark for a whole run, '
-        'build/bench-motion for a part)',
-    )
-    args = parser.parse_args(arguments)
-    part = args.only or args.limits or args.strategy or args.quick
-    if args.output is None:
-        args.output = Path('build', 'bench-motion') if part else RESULTS
-    args.sets = [args.limits] if args.limits else ['full'] if args.quick else list(FACTORS)
-    args.strategies = tuple(args.strategy or (QUICK_STRATEGIES if args.quick else STRATEGIES))
-    return args
+    return parser.parse_args(arguments)
 
 
 def _chosen(args: argparse.Namespace) -> list[BenchmarkTrajectory]:
     chosen = [
         trajectory
         for trajectory in benchmark_set()
-        if not args.only or any(name in trajectory.name for name in args.only)
+        if args.only in trajectory.name
         if not args.quick or len(trajectory.positions) <= MAX_QUICK_POINTS
     ]
     if not chosen:
@@ -142,68 +187,99 @@ def _chosen(args: argparse.Namespace) -> list[BenchmarkTrajectory]:
     return chosen
 
 
-def _references(
-    trajectories: list[BenchmarkTrajectory], args: argparse.Namespace
-) -> dict[tuple[str, str], ReferenceTimes]:
-    stored = References()
-    return {
-        (trajectory.name, name): stored[digest(trajectory.positions, limit_set(name))]
-        for name in args.sets
-        for trajectory in trajectories
-    }
-
-
 def _cases(
-    pool: ProcessPoolExecutor,
-    trajectories: list[BenchmarkTrajectory],
-    references: dict[tuple[str, str], ReferenceTimes],
-    args: argparse.Namespace,
+    pool: ProcessPoolExecutor, trajectories: list[BenchmarkTrajectory], args: argparse.Namespace
 ) -> list[Case]:
+    stored = References()
+    sets = [args.limits] if args.limits else ['full'] if args.quick else list(FACTORS)
     tasks = [
-        Task(trajectory, name, references[trajectory.name, name], args.strategies)
-        for name in args.sets
-        for trajectory in trajectories
+        Task(trajectory, name, stored[digest(trajectory.positions, limit_set(name))])
+        for name in sets
+        # the longest first, so that no process is left alone with it at the end
+        for trajectory in sorted(trajectories, key=lambda one: -(one.commanded or 0.0))
     ]
-    # the longest first, so that no process is left alone with it at the end
-    order = sorted(range(len(tasks)), key=lambda i: -(tasks[i].trajectory.commanded or 0.0))
-    jobs = {pool.submit(run_case, tasks[i]): i for i in order}
-    cases: dict[int, Case] = {}
+    jobs = [pool.submit(run_case, task) for task in tasks]
     for count, job in enumerate(as_completed(jobs), 1):
-        case = cases[jobs[job]] = job.result()
-        print(f'{count}/{len(jobs)} {_progress(case)}', flush=True)
-    return [cases[i] for i in range(len(tasks))]
+        case = job.result()
+        errors = ''.join(f'\n  {text}' for text in case.errors)
+        print(f'{count}/{len(jobs)} {case.name}, {case.limits}{errors}', flush=True)
+    return [job.result() for job in jobs]
 
 
-def _progress(case: Case) -> str:
-    ratios = [
-        f'{name.split(" ")[0]} {metrics.duration / case.references.opt:.2f} · optimum'
-        for name, metrics in case.strategies.items()
-        if name.endswith('all known')
-    ]
-    errors = [f'{len(case.errors)} errors'] if case.errors else []
-    return f'{case.name}, {case.limits}: ' + ' '.join([*ratios, *errors, f'({case.took:.0f} s)'])
+def summary(cases: list[Case]) -> Iterator[str]:
+    """Yield a line per strategy: times as mean and worst ratio, use of the limits, stops."""
+    heads = ('/ pt to pt', '/ optimum', '/ commanded')
+    yield f'{"":50} {" ".join(f"{head:>14}" for head in heads)} v, a, j / limit, stops'
+    for name in (*SPLINES, *STRATEGIES):
+        runs: list[tuple[Case, Metrics | Figures]] = [
+            (case, found)
+            for case in cases
+            if (found := case.strategies.get(name) or case.splines.get(name)) is not None
+        ]
+        if not runs:
+            continue
+        ratios = (
+            _pair(
+                [
+                    metrics.duration / by(case)
+                    for case, metrics in runs
+                    if case.commanded or by is not _command
+                ]
+            )
+            for by in (
+                lambda case: case.references.ptp,
+                lambda case: case.references.opt,
+                _command,
+            )
+        )
+        uses = (
+            f'{max(getattr(metrics, use) for _, metrics in runs):.3g}'
+            for use in ('velocity', 'acceleration', 'jerk')
+        )
+        stops = sum(getattr(metrics, 'stops', 0) for _, metrics in runs)
+        title = f'spline in time, {name}' if name in SPLINES else name
+        yield f'{title:50} {" ".join(ratios)} {", ".join(uses)}, {stops}'
 
 
-def _families(
-    pool: ProcessPoolExecutor, args: argparse.Namespace
-) -> list[tuple[FamilyFigures, PlanCosts]]:
-    """Run the families of the whole benchmark, or of --family alone."""
-    part = args.only or args.limits or args.strategy or args.quick
-    names = args.family or ([] if part else list(FAMILIES))
-    found = []
-    for figures, costs in pool.map(run_family, names, repeat(range(*args.seeds))):
-        print(f'{figures.name}: {figures.plans} plans', flush=True)
-        found.append((figures, costs))
-    return found
+def _command(case: Case) -> float:
+    return case.commanded or np.nan
 
 
-def _timed_alone(runs: list[tuple[FamilyFigures, PlanCosts]]) -> list[FamilyFigures]:
-    """Time the slowest plans again, now that nothing runs beside; return the figures."""
-    for figures, costs in runs:
-        costs.time_again()
-        costs.put_into(figures)
-        print(f'{figures.name}: {", ".join(figures.missed) or "all met"}', flush=True)
-    return [figures for figures, _ in runs]
+def _pair(ratios: list[float]) -> str:
+    """Return the geometric mean and the largest."""
+    text = f'{np.exp(np.mean(np.log(ratios))):.3f} / {max(ratios):.3f}' if ratios else '-'
+    return f'{text:>14}'
+
+
+def judged(cases: list[Case]) -> Iterator[tuple[str, bool]]:
+    """Yield a line for each required value, and whether it is met."""
+    for each in REQUIRED:
+        found = [
+            (value, f'{case.name}, {case.limits}') for case in cases for value in each.values(case)
+        ]
+        if not found:
+            yield f'{each.what:50} not measured', False
+            continue
+        worst, where = max(found)
+        mean = float(np.mean([value for value, _ in found]))
+        met = (mean if each.mean else worst) <= each.most
+        mark = '' if met else '  MISSED'
+        yield (
+            (
+                f'{each.what:50} required {each.most:<8.4g} worst {worst:<9.4g} mean {mean:<9.4g} '
+                f'{where}{mark}'
+            ),
+            met,
+        )
+
+
+def _family(figures: FamilyFigures) -> str:
+    return (
+        f'{figures.name:20} {figures.plans} plans, {100.0 * figures.failed_share:.1f} % failed, '
+        f'{figures.stops} stops, {figures.time_ratio:.2f} · point to point, '
+        f'{figures.commanded_ratio:.2f} · commanded, plan {1e3 * figures.plan_median:.0f} ms '
+        f'(p99 {1e3 * figures.plan_p99:.0f} ms): {", ".join(figures.missed) or "all met"}'
+    )
 
 
 if __name__ == '__main__':

@@ -7,8 +7,7 @@ controller, and a user who sends goals, cancels and replaces them, streams setpo
 services, changes parameters, presses the E-stop and cuts the cable, at random moments. Every goal
 must end once, with the true outcome; between the episodes the memory of both processes, and the
 descriptors, threads and asyncio tasks of the client must be what they were after the warm-up.
-Writes build/benchmark/soak.json and the table of docs/reliability.md. Exit code 1 if
-anything does not hold. Linux only.
+Prints the figures of docs/reliability.md. Exit code 1 if anything does not hold. Linux only.
 """
 
 import argparse
@@ -18,13 +17,12 @@ import sys
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from benchmark.reliability_page import SOAK, command_of, provenance, write_figures
 from benchmark.soak_user import FAR, SoakUser
 from epson_driver.processes import processes
 from epson_driver.processes.processes import Process
@@ -299,7 +297,6 @@ def soak(minutes: float, seed: int, folder: Path, warm_up: float = WARM_UP_S) ->
         'episodes': {name: dict(counts) for name, counts in sorted(episodes.outcomes.items())},
         'flat': figures,
         'problems': problems + leaks,
-        'samples': [asdict(each) for each in samples],
     }
 
 
@@ -332,18 +329,17 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog='benchmark.soak_motion', description=__doc__)
     parser.add_argument('--minutes', type=float, default=60.0)
     parser.add_argument('--seed', type=int, default=20)
-    parser.add_argument('--no-results', action='store_true', help='write no figures')
     arguments = parser.parse_args()
     with TemporaryDirectory() as folder:
         figures = soak(arguments.minutes, arguments.seed, Path(folder))
     for name, values in figures['flat'].items():
-        print(f'{name}: {values["warm"]} after the warm-up, {values["last"]} at the end')
+        warm, last, most = (values[when] for when in ('warm', 'last', 'most'))
+        print(f'{name}: {warm} after the warm-up, {last} at the end, {most} at most')
+    print(f'{figures["minutes"]:g} minutes, {figures["goals"]} goals, seed {figures["seed"]}')
     for name, outcomes in figures['episodes'].items():
         print(f'{name}: {", ".join(f"{count} {word}" for word, count in outcomes.items())}')
     for problem in figures['problems']:
         print(f'PROBLEM {problem}')
-    if not arguments.no_results:
-        write_figures(SOAK, {'run': provenance(command_of('benchmark.soak_motion'))} | figures)
     return int(bool(figures['problems']))
 
 

@@ -1,13 +1,14 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""State path: from the byte that a controller sends to the subscriber of `joint_states`.
+"""`make bench`, the state path: from a controller's byte to the subscriber of `joint_states`.
 
 The driver and the bare program of `floor.py` run at once and get the same messages in turns, half
 a period apart, so that what else the machine does meets both alike. Latency: from before the send
 to after the subscriber has taken the message. CPU: of the whole process, all threads, user and
-system, divided by the messages; what the driver does by the second is in it.
+system, divided by the messages; what the driver does by the second is in it. Linux only.
 """
 
+import argparse
 import multiprocessing
 import os
 import statistics
@@ -24,7 +25,6 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from benchmark.state_sender import Order, serve
-from benchmark.state_stages import Stages
 from benchmark.subscriber import Subscriber
 from epson_driver.processes import processes
 
@@ -39,8 +39,10 @@ MAX_LAG_S = 0.25
 
 WARM_UP = 400
 PATIENCE_S = 60.0
-FLOOR, OURS, STAGES = range(3)
-TOPICS = ('/floor/joint_states', '/joint_states', '/stages/joint_states')
+FLOOR, OURS = range(2)
+TOPICS = ('/floor/joint_states', '/joint_states')
+REQUIRED = {'p50': 1.10, 'p99': 1.25, 'cpu': 1.20}
+"""The driver's share of the floor's figures, at most."""
 
 
 @dataclass(frozen=True)
@@ -60,18 +62,7 @@ class Rate:
     rate: float
     floor: Window
     ours: Window
-    p50_ratio: float
-    p99_ratio: float
-    cpu_ratio: float
-
-
-@dataclass(frozen=True)
-class StatePath:
-    """All that was measured. highest: messages per second without loss, floor and driver."""
-
-    rates: tuple[Rate, ...]
-    highest: tuple[float, float]
-    stages: Stages
+    ratios: dict[str, float]
 
 
 class Course:
@@ -128,9 +119,8 @@ class Course:
             )
 
         floors, drivers = zip(*pairs, strict=True)
-        return Rate(
-            rate, median(floors), median(drivers), ratio('p50'), ratio('p99'), ratio('cpu')
-        )
+        ratios = {name: ratio(name) for name in REQUIRED}
+        return Rate(rate, median(floors), median(drivers), ratios)
 
     def highest(self, target: int, seconds: float) -> float:
         """Return the highest rate that was sent and came without loss, Hz."""
@@ -181,8 +171,8 @@ def sender(drivers: int) -> Iterator[tuple[Connection, list[int]]]:
 
 
 @contextmanager
-def course() -> Iterator[tuple[Course, Subscriber, int]]:
-    """Run everything; yield it, with the subscriber and the ROS domain."""
+def course() -> Iterator[Course]:
+    """Run both programs and the subscriber."""
     domain = processes.free_ros_domain()
     with TemporaryDirectory() as name, sender(2) as (pipe, (motion, floor_port, state)):
         folder = Path(name)
@@ -209,40 +199,36 @@ def course() -> Iterator[tuple[Course, Subscriber, int]]:
                 time.sleep(1.0)  # discovery says who is there before both are matched
                 found = Course(pipe, subscriber, (floor.pid, ours.process_id))
                 found.run(200.0, WARM_UP, (FLOOR, OURS))
-                yield found, subscriber, domain
+                yield found
         finally:
             floor.kill()
             floor.wait()
 
 
-def stages(domain: int) -> Stages:
-    """Run the stages one by one in a process of its own, in that domain."""
-    result = subprocess.run(
-        [sys.executable, '-m', 'benchmark.state_stages', TOPICS[STAGES]],
-        env=processes.ros_environment(domain) | {'OMP_NUM_THREADS': '1'},
-        stdout=subprocess.PIPE,
-        check=True,
-        text=True,
-    )
-    return Stages.read(result.stdout)
-
-
-def measure(*, quick: bool) -> StatePath:
-    """Return what the state path costs."""
-    seconds, rounds = (2.0, 1) if quick else (4.0, 3)
-    with course() as (running, _, domain):
-        rates = tuple(running.compare(rate, seconds, rounds) for rate in RATES_HZ)
-        burst = 0.4 if quick else 1.0
-        highest = (running.highest(FLOOR, burst), running.highest(OURS, burst))
-        return StatePath(rates, highest, stages(domain))
-
-
 def main() -> None:
-    """Print the ratios."""
-    found = measure(quick='--quick' in sys.argv)
-    for rate in found.rates:
-        print(rate, flush=True)
-    print(found.highest, found.stages, os.getloadavg())
+    """Print both programs' figures and their ratios, rate by rate, and the highest rates."""
+    parser = argparse.ArgumentParser(prog='benchmark.state_path', description=__doc__)
+    parser.add_argument('--quick', action='store_true', help='half a minute')
+    quick = parser.parse_args().quick
+    seconds, rounds, burst = (2.0, 1, 0.4) if quick else (4.0, 9, 1.0)
+    load = os.getloadavg()[0]
+    with course() as running:
+        for rate in RATES_HZ:
+            found = running.compare(rate, seconds, rounds)
+            for name, most in REQUIRED.items():
+                ours, floor = getattr(found.ours, name), getattr(found.floor, name)
+                print(
+                    f'{rate:4.0f} Hz, {name}: driver {ours * 1e6:6.0f} us, floor '
+                    f'{floor * 1e6:6.0f} us, ratio {found.ratios[name]:.2f}, required {most:.2f}'
+                    f'{"" if found.ratios[name] <= most else "  MISSED"}',
+                    flush=True,
+                )
+            print(
+                f'{rate:4.0f} Hz: the driver lost {found.ours.lost}, the floor {found.floor.lost}'
+            )
+        ours, floor = running.highest(OURS, burst), running.highest(FLOOR, burst)
+    print(f'highest rate without loss: driver {ours:.0f} Hz, floor {floor:.0f} Hz')
+    print(f'load at the start {load:.1f}, at the end {os.getloadavg()[0]:.1f}')
 
 
 if __name__ == '__main__':

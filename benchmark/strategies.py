@@ -146,7 +146,7 @@ def run(
     costs: list[float] = []
     planned: list[bool] = []
     while True:
-        begin = time.perf_counter()
+        begin = time.process_time()
         before = (fed, getattr(smoother, 'plans', 0))
         while fed < n and (ahead is None or smoother.look_ahead < ahead):
             smoother.append(positions[fed], None if durations is None else float(durations[fed]))
@@ -154,7 +154,7 @@ def run(
         if fed == n and before[0] != n and not cut and hasattr(smoother, 'finish'):
             smoother.finish()
         state = smoother.step(SAMPLE_STEP_S)
-        costs.append(time.perf_counter() - begin)
+        costs.append(time.process_time() - begin)
         planned.append((fed, getattr(smoother, 'plans', 0)) != before)
         rows.append(np.concatenate([state.position, state.velocity, state.acceleration]))
         if fed == n and not smoother.moving:

@@ -3,7 +3,7 @@
 """The trajectories of the benchmark: twelve generated ones (fixed seeds) and the shared plans."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -35,14 +35,13 @@ BLEND_RAD = 0.15
 
 @dataclass(frozen=True, eq=False)
 class BenchmarkTrajectory:
-    """A trajectory as it is streamed. `kind` says what it is an example of.
+    """A trajectory as it is streamed.
 
     positions: (n, 6), rad. durations: (n,), s, from the point before, the first one 0; None if the
     plan came without times.
     """
 
     name: str
-    kind: str
     positions: Array
     durations: Array | None
 
@@ -51,23 +50,28 @@ class BenchmarkTrajectory:
         """The commanded time from the first point to the last, s."""
         return None if self.durations is None else float(self.durations.sum())
 
+    def first(self, points: int) -> 'BenchmarkTrajectory':
+        """Return the same up to a number of points."""
+        durations = None if self.durations is None else self.durations[:points]
+        return replace(self, positions=self.positions[:points], durations=durations)
+
 
 def benchmark_set() -> tuple[BenchmarkTrajectory, ...]:
     """Return all trajectories, the generated ones first; the same every time."""
-    generated = [_named(name, kind, make) for name, (kind, make) in GENERATED.items()]
+    generated = [_named(name, make) for name, make in GENERATED.items()]
     return (*generated, *(_shared(SHARED / f'{name}.yaml') for name in PLANS))
 
 
 def _shared(path: Path) -> BenchmarkTrajectory:
     plan = read_trajectory(path)
     durations = None if path.stem == WITHOUT_TIMES else np.diff(plan.times, prepend=plan.times[0])
-    return BenchmarkTrajectory(path.stem, 'shared plan', plan.positions, durations)
+    return BenchmarkTrajectory(path.stem, plan.positions, durations)
 
 
-def _named(name: str, kind: str, make: Callable[[], tuple[Array, Array]]) -> BenchmarkTrajectory:
+def _named(name: str, make: Callable[[], tuple[Array, Array]]) -> BenchmarkTrajectory:
     positions, durations = make()
     # nine decimals, as plans in files have them: the last bits differ from machine to machine
-    return BenchmarkTrajectory(name, kind, positions.round(9), durations.round(9))
+    return BenchmarkTrajectory(name, positions.round(9), durations.round(9))
 
 
 def _timed(seed: int, vias: int, speed: float, blend: float = BLEND_RAD) -> TimedPath:
@@ -144,17 +148,17 @@ def _too_fast() -> tuple[Array, Array]:
     return positions, durations / 1.5
 
 
-GENERATED: dict[str, tuple[str, Callable[[], tuple[Array, Array]]]] = {
-    'moveit_10_percent': ('MoveIt-like, 10 % speed', lambda: _every(_timed(11, 4, 0.1), 0.1)),
-    'moveit_50_percent': ('MoveIt-like, 50 % speed', lambda: _every(_timed(12, 5, 0.5), 0.04)),
-    'moveit_100_percent': ('MoveIt-like, 100 % speed', lambda: _every(_timed(13, 6, 1.0), 0.02)),
-    'totg_100ms': ('TOTG-like, every 100 ms, 100 %', lambda: _every(_timed(21, 6, 1.0), 0.1)),
-    'totg_100ms_long': ('TOTG-like, every 100 ms, 30 %', lambda: _every(_timed(22, 10, 0.3), 0.1)),
-    'dense_4ms': ('every 4 ms, 40 % speed', lambda: _every(_timed(31, 5, 0.4), 0.004)),
-    'dense_4ms_slow': ('every 4 ms, 15 % speed', lambda: _every(_timed(32, 4, 0.15), 0.004)),
-    'reversal': ('there and back on the same path', _reversal),
-    'repeated_points': ('repeated points, one rest', _repeated),
-    'tiny_steps': ('steps of 0.1 to 1 mrad', _tiny_steps),
-    'sparse_corners': ('nine poses far apart', _sparse_corners),
-    'too_fast': ('1.5 times faster than a plan at the limits', _too_fast),
+GENERATED: dict[str, Callable[[], tuple[Array, Array]]] = {
+    'moveit_10_percent': lambda: _every(_timed(11, 4, 0.1), 0.1),
+    'moveit_50_percent': lambda: _every(_timed(12, 5, 0.5), 0.04),
+    'moveit_100_percent': lambda: _every(_timed(13, 6, 1.0), 0.02),
+    'totg_100ms': lambda: _every(_timed(21, 6, 1.0), 0.1),
+    'totg_100ms_long': lambda: _every(_timed(22, 10, 0.3), 0.1),
+    'dense_4ms': lambda: _every(_timed(31, 5, 0.4), 0.004),
+    'dense_4ms_slow': lambda: _every(_timed(32, 4, 0.15), 0.004),
+    'reversal': _reversal,
+    'repeated_points': _repeated,
+    'tiny_steps': _tiny_steps,
+    'sparse_corners': _sparse_corners,
+    'too_fast': _too_fast,
 }

@@ -1,3 +1,3 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Generators of the files in urdf/ and config/moveit/ from config/robots/, for developers."""
+"""Screenshots for the documentation, and the page's bundle of scripts (page_bundle/)."""

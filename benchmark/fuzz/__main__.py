@@ -22,13 +22,11 @@ from benchmark.fuzz.runner import (
     Figures,
     Fuzzer,
     Novelty,
-    as_data,
     listening,
     resident,
     why_it_fails,
 )
 from benchmark.fuzz.targets import Target, in_process
-from benchmark.reliability_page import FUZZ, command_of, provenance, write_figures
 
 FOUND = ROOT / 'build' / 'fuzz'
 WARM_CASES = 3
@@ -49,7 +47,6 @@ def main() -> int:
     parser.add_argument('--seed', type=int, default=20)
     parser.add_argument('--only', default='', metavar='TEXT', help='targets whose names have it')
     parser.add_argument('--no-sockets', action='store_true', help='nothing through real sockets')
-    parser.add_argument('--no-results', action='store_true', help='write no figures')
     parser.add_argument(
         '--case', type=Path, metavar='FILE', help='repeat a case, and nothing else'
     )
@@ -80,13 +77,6 @@ def main() -> int:
     print(f'{sum(figures.inputs for figures in found.values()):,} inputs, {len(texts)} found')
     for text in texts:
         print(f'FOUND {text}')
-    if not (arguments.only or arguments.no_results):
-        figures_of_all = {
-            'run': provenance(command_of('benchmark.fuzz')),
-            'seed': arguments.seed,
-            'targets': {name: as_data(each) for name, each in found.items()},
-        }
-        write_figures(FUZZ, figures_of_all)
     return int(bool(texts))
 
 

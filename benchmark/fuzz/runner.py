@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
-from typing import Any
 
 from benchmark.fuzz.cases import Case, reduced
 from benchmark.fuzz.targets import Target
@@ -179,14 +178,3 @@ def resident() -> int:
     """Return the resident memory of this process, bytes."""
     text = Path('/proc/self/statm').read_text(encoding='ascii')
     return int(text.split()[1]) * PAGE_BYTES
-
-
-def as_data(figures: Figures) -> dict[str, Any]:
-    """Return figures for a file."""
-    return {
-        'inputs': figures.inputs,
-        'cases': figures.cases,
-        'seconds': round(figures.seconds, 2),
-        'corpus': figures.corpus,
-        'found': figures.found,
-    }

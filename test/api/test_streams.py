@@ -10,9 +10,9 @@ import pytest
 from support.api_harness import robot_cell
 from support.event_loop import now
 from support.examples import one_in
+from support.policy_lag import behind, policy
 
 from benchmark.exact_extrema import Recorded, exact_extrema
-from benchmark.policy_lag import behind, policy
 from epson_driver.aio import ArgumentError, MotionError, PathError, RobotError
 from epson_driver.sim_controller.arm import streaming
 from epson_driver.sim_controller.condition.states import Event

@@ -21,14 +21,8 @@ HARD = ('single_joint', 'zigzag', 'near_limits')
 @cache
 def four_members(name: str) -> families.FamilyFigures:
     """Run four trajectories of a family: of fewer plans a share says little."""
-    figures, costs = families.run_family(name, range(4))
+    figures = families.run_family(name, range(4))
     assert figures.runs == 12
-    before = list(costs.seconds)
-    costs.time_again()
-    numbers = {number for number, _, _ in costs.slowest}
-    assert min(before[number] for number in numbers) >= np.percentile(before, 95)
-    for number, (now, then) in enumerate(zip(costs.seconds, before, strict=True)):
-        assert 0.0 < now <= then if number in numbers else now == then
     assert figures.plans > 50
     return figures
 
@@ -53,7 +47,7 @@ def test_plans_are_found(name: str) -> None:
 @pytest.mark.slow
 def test_time_that_steps_too_small_for_theirs_take_is_made_up_for() -> None:
     """Also by a motion that is a little early before them."""
-    figures, _ = families.run_family('mixed_sizes', (9003, 9005))
+    figures = families.run_family('mixed_sizes', (9003, 9005))
     assert 0.0 < figures.commanded_ratio <= 1.2
     assert figures.stops == figures.failed == 0
 
@@ -61,7 +55,7 @@ def test_time_that_steps_too_small_for_theirs_take_is_made_up_for() -> None:
 @pytest.mark.slow
 def test_a_long_way_between_steps_of_a_milliradian_is_not_taken_at_their_pace() -> None:
     """A start so slow was given up for a rest at the first point."""
-    figures, _ = families.run_family('mixed_sizes', (9003, 109))
+    figures = families.run_family('mixed_sizes', (9003, 109))
     assert 0.0 < figures.commanded_ratio <= 1.1
     assert figures.stops == figures.failed == 0
 

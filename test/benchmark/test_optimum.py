@@ -26,6 +26,6 @@ def test_points_near_the_one_before_or_the_goal_count_once() -> None:
 def test_between_two_points_it_is_as_fast_as_the_exact_answer() -> None:
     pytest.importorskip('casadi', reason='no CasADi (make optimum installs it)')
     exact = go(LIMITS, START, END).duration
-    found = optimum(BenchmarkTrajectory('line', 'a test', np.array([START, END]), None), LIMITS)
+    found = optimum(BenchmarkTrajectory('line', np.array([START, END]), None), LIMITS)
     assert found is not None
     assert found.duration == pytest.approx(exact, rel=5e-3)

@@ -4,10 +4,10 @@
 
 import numpy as np
 import pytest
+from support.clocks import CLOCKS, clock_errors, clocked, off_the_clock
 from support.examples import one_in
 from support.smoother_harness import ARM
 
-from benchmark.clocks import CLOCKS, clock_errors, clocked, off_the_clock
 from benchmark.exact_extrema import Recorded, exact_extrema
 from epson_driver.motion.smoother import Mode, Smoother
 

@@ -20,7 +20,6 @@ from epson_driver.processes.executables import EXECUTABLES
 ROOT = Path(__file__).parents[2]
 UNDECLARED = (
     'PIL',
-    'embreex',
     'mcap',
     'mcap_ros2',
     'pinocchio',
@@ -28,7 +27,6 @@ UNDECLARED = (
     'rosbags',
     'rosdep2',
     'toppra',
-    'trimesh',
     'websockets',
 )
 """Modules that some tests need and package.xml does not name: rosdep has no key for them, or for

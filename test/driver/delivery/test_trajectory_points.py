@@ -2,13 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fields of points, alone, in blocks, and along whole trajectories."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.examples import examples
 
+from epson_driver.driver.delivery.delivery import DeliveryRules
 from epson_driver.driver.delivery.download import download_sequences
+from epson_driver.driver.delivery.streaming import Streaming
 from epson_driver.driver.delivery.trajectory_points import (
     BLOCK_POINTS,
     FIRST_POINT_VELOCITY_FRACTION,
@@ -22,7 +26,9 @@ from epson_driver.driver.delivery.trajectory_points import (
     trajectory_points,
     with_velocities,
 )
+from epson_driver.driver.goal.goal import Goal, checked_goal
 from epson_driver.driver.state.joint_mapping import joint_mapping, unmapped
+from epson_driver.link import Link
 from epson_driver.motion import JointLimits, Trajectory
 from epson_driver.motion.trajectory import LIMIT_TOLERANCE_SHARE
 from epson_driver.profiles.profile_rules import FieldsUsed
@@ -404,3 +410,23 @@ def test_the_first_point_takes_as_long_however_many_follow(count):
     blocks = [(at, min(at + BLOCK_POINTS, count)) for at in range(0, count, BLOCK_POINTS)]
     assert [points[index] for index in range(1, count)] == list(range(1, count))
     assert made[1:] == (blocks if count > 1 else [])
+
+
+def most_memory(count):
+    """Return what checking a goal and preparing its first message allocate at most, bytes."""
+    times = 0.004 * np.arange(count)
+    trajectory = plan(times, 0.1 * (1.0 - np.cos(2.0 * np.pi * times / times[-1])))
+    link = Link('none', '127.0.0.1', 1, on_packet=lambda _: None, on_state=lambda *_: None)
+    delivery = Streaming(link, LIMITS, unmapped(JOINTS), DeliveryRules())
+    tracemalloc.start()
+    checked_goal(Goal(trajectory, np.full(JOINTS, 0.01), 0.0), LIMITS)
+    assert delivery.prepare(trajectory, HOME).messages[0].sequence == 0
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return most
+
+
+@pytest.mark.invariant(7)
+def test_inv7_a_long_goal_needs_no_more_memory_for_its_first_point():
+    """docs/invariants.md, 7: a message takes 500 bytes."""
+    assert most_memory(10_000) - most_memory(4_000) < 30_000

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from support.driver_harness import pose
 from support.event_loop import now
+from support.policy_lag import SETTLED_S, behind
 from support.streams import PERIOD, jogging, positions, velocities, window
 
-from benchmark.policy_lag import SETTLED_S, behind
 from epson_driver.driver.servo.stream import StreamLag
 from epson_driver.driver.state.robot_state import JointSample
 
