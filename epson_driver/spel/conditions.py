@@ -7,7 +7,7 @@ the left; the right side is worked out once, when the statement begins (SPEL+ p8
 """
 
 from epson_driver.spel.errors import SyntaxProblem
-from epson_driver.spel.expression_code import Expressions
+from epson_driver.spel.expression_code import Expressions, check_count
 from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.scope import Scope, against_true
 from epson_driver.spel.syntax import Apply, Binary, Expression, Name, Unary
@@ -82,6 +82,7 @@ def _event(expression: Expression, made: Expressions, before: list[str]) -> str:
         if rule is not None and rule.event:
             if isinstance(expression, Name):
                 return made.value(expression).text
+            check_count(rule, expression.arguments, expression.at)
             given = [_once(each.value, made, before) for each in expression.arguments]
             arguments = ', '.join(given)
             if rule.by == 'task':

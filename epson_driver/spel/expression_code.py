@@ -67,6 +67,15 @@ class Code(NamedTuple):
     """Its value is known to fit (a whole number -1 or 0, or a Double from a variable)."""
 
 
+def check_count(rule: FunctionRule, arguments: Sequence[Argument], at: Position) -> None:
+    """Raise SyntaxProblem where a function does not take so many arguments."""
+    least, most = counts(rule.arguments)
+    if not least <= len(arguments) <= most:
+        number = str(least) if least == most else f'{least} to {most}'
+        text = f'{rule.name} takes {number} arguments, not {len(arguments)}'
+        raise SyntaxProblem(at, text, 'arguments')
+
+
 class Expressions:
     """Makes Python of the expressions of one function.
 
@@ -469,11 +478,7 @@ class Expressions:
         return known or scope.variable(name) is not None or self.point_number(name) is not None
 
     def _built_in(self, rule: FunctionRule, arguments: tuple[Argument, ...], at: Position) -> Code:
-        least, most = counts(rule.arguments)
-        if not least <= len(arguments) <= most:
-            number = str(least) if least == most else f'{least} to {most}'
-            text = f'{rule.name} takes {number} arguments, not {len(arguments)}'
-            raise SyntaxProblem(at, text, 'arguments')
+        check_count(rule, arguments, at)
         kinds = rule.arguments.split(',')
         codes: list[Code] = []
         key = rule.name.lower()

@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.examples import examples, one_in
-from support.spel_harness import ScriptedHost
+from support.spel_harness import SCARA, ScriptedHost
 
-from epson_driver.spel import Machine, ProgramError, build
+from epson_driver.sim_controller.spel_run import run_function
+from epson_driver.spel import Machine, ProgramError, Surroundings, build
 from epson_driver.spel.lint import check
 from epson_driver.spel.project_data import decoded
 from epson_driver.spel.words import CONSTANTS
@@ -79,6 +80,10 @@ def judged(text: str) -> str:
         assert machine.statements <= 5 * (0.02 + 0.001) / 10e-6 + 10_000
     for failure in host.failures:
         assert re.match(r'main\.prg:\d+: error \d+ in \w+ \(task \d+\): .', str(failure))
+    for code in program.functions[:3]:
+        if not code.parameters:
+            error = run_function(program, code, SCARA, Surroundings(), longest=0.1).error
+            assert re.match(r'(error \d+: .|not over after |waits for |$)', error)
     return 'run'
 
 

@@ -406,7 +406,7 @@ SETTINGS = {
     'homeset': 'HomeSet 0, 0, 0, 0',
     'waitpos': 'WaitPos',
 }
-"""Those that a bare host only keeps."""
+"""Those that the host is only told."""
 
 HELPERS = """
 Function helper(n As Integer)

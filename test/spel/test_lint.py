@@ -106,6 +106,7 @@ BAD = [
     ('wait-condition', 3, main('  Wait g(1) = 1', 'Global Integer g(3)')),
     ('wait-condition', 3, main('  Wait g = 1, 2', 'Global Real g')),
     ('wait-condition', 4, main('  Integer i\n  Till i = 1')),
+    ('arguments', 3, main('  Till Sw() = On')),
     ('wait-condition', 4, main('  Integer i\n  Trap 1, i = 1 Call main')),
     ('preprocessor', 1, '#endif\nFunction main\nFend'),
     ('include', 1, '#include "no.inc"\nFunction main\nFend'),
