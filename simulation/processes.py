@@ -23,7 +23,8 @@ from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal import Goal, GoalSettings
 from epson_driver.driver.goal.goal_queue import FRESH_POSE_TIMEOUT_S, GoalHandle
 from epson_driver.driver.goal.planning_scope import PlanningEndedError, PlanningScope
-from epson_driver.driver.io.io_driver import IoAnswer, IoUnavailableError
+from epson_driver.driver.io.io_client import IoAnswer
+from epson_driver.driver.io.points import IoUnavailableError
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.driver.servo.arrivals import came_at
 from epson_driver.driver.servo.setpoint import Setpoint

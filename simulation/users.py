@@ -14,7 +14,7 @@ import numpy as np
 
 from epson_driver.api.errors import RobotError
 from epson_driver.driver.arm_commands import CommandError
-from epson_driver.driver.io.io_driver import IoUnavailableError
+from epson_driver.driver.io.points import IoUnavailableError
 from epson_driver.driver.outcome import End, Outcome
 from epson_driver.driver.servo.setpoint import Setpoint, Window
 from epson_driver.motion import Array, JointLimits, Trajectory

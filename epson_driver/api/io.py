@@ -13,7 +13,7 @@ from epson_driver.api.ownership import Unique
 from epson_driver.inputs import choice, count
 
 if TYPE_CHECKING:  # the driver is loaded with the first Robot
-    from epson_driver.driver.io import io_driver
+    from epson_driver.driver.io import io_client
     from epson_driver.simple_message import IoType
 
 T = TypeVar('T')
@@ -25,7 +25,7 @@ VALUE = count(-(2**31), 2**31 - 1)
 class Io(Unique):
     """Reads and writes single points. A controller without I/O is a RobotError that says so."""
 
-    def __init__(self, driver: Callable[[], 'io_driver.Io']) -> None:
+    def __init__(self, driver: Callable[[], 'io_client.Io']) -> None:
         self._driver = driver
 
     @checked_arguments
@@ -65,7 +65,7 @@ class Io(Unique):
 
 
 def _type(kind: str) -> 'IoType':
-    from epson_driver.driver.io.io_results import NAMES
+    from epson_driver.driver.io.points import NAMES
 
     known = {name.upper(): io_type for io_type, name in NAMES.items()}
     found = known.get(kind.upper()) if isinstance(kind, str) else None
@@ -73,9 +73,9 @@ def _type(kind: str) -> 'IoType':
 
 
 async def _answered(
-    ask: Callable[[list[T]], Awaitable[list['io_driver.IoAnswer']]], points: list[T]
+    ask: Callable[[list[T]], Awaitable[list['io_client.IoAnswer']]], points: list[T]
 ) -> int:
-    from epson_driver.driver.io.io_driver import IoUnavailableError
+    from epson_driver.driver.io.points import IoUnavailableError
 
     try:
         (answer,) = await ask(points)

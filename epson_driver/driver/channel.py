@@ -11,8 +11,7 @@ from epson_driver.driver.delivery.delivery import Delivery, DeliveryRules
 from epson_driver.driver.delivery.download import Download
 from epson_driver.driver.delivery.statements import Moves, StatementDelivery
 from epson_driver.driver.delivery.streaming import FullStreaming, MotomanDelivery, Streaming
-from epson_driver.driver.io.io_access import make_io
-from epson_driver.driver.io.io_driver import Io
+from epson_driver.driver.io.io_client import Io, make_io
 from epson_driver.driver.stopping.motors import (
     MotomanMotors,
     Motors,

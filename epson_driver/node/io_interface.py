@@ -11,7 +11,8 @@ from epson_msgs.msg import IoPoint, IoRange, IoStates
 from epson_msgs.srv import ReadIo, WriteIo
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from epson_driver.driver.io.io_driver import IoAnswer, IoUnavailableError
+from epson_driver.driver.io.io_client import IoAnswer
+from epson_driver.driver.io.points import IoUnavailableError
 from epson_driver.node.context import NodeContext
 from epson_driver.node.loop_bridge import DriverEndedError
 from epson_driver.simple_message import IoAddress, IoSetting

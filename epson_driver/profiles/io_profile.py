@@ -48,8 +48,8 @@ class IoProfile:
       on the wire.
     * `keep_on_reset`, `keep_on_link_loss`: the outputs that stay as they are then. All others
       take their safe value.
-    * `publish_period`: subscribed values are sent every so many s, changed or not; where nobody
-      sends them (access by remote_ethernet or motoman), the driver asks so often.
+    * `publish_period`: a driver asks for the values every so many s, and a server sends them to
+      subscribers so often, changed or not.
       `publish_interval`: changes are sent at once, but never closer than this, s.
     """
 

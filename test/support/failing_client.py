@@ -24,7 +24,7 @@ from epson_driver.driver import arm_commands
 from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_queue import GoalQueue
-from epson_driver.driver.io import io_driver
+from epson_driver.driver.io import io_client
 from epson_driver.link import Link
 from epson_driver.node import goal_requests, goal_server, loop_bridge, messages, node, tracing
 from epson_driver.node import speed_scaling as speed_node
@@ -113,7 +113,7 @@ HOOKS: tuple[tuple[Any, ...], ...] = (
     ('state link', Link, '_received', fail, of_link('state')),
     ('motion link', Link, '_settle', fail, of_link('motion')),
     ('io link', Link, '_received', fail, of_link('io')),
-    ('io subscription', io_driver.IoDriver, '_left'),
+    ('asking for the io', io_client.Io, '_values'),
     ('state packet', Driver, '_on_state_packet'),
     ('status', Driver, '_take_status'),
     ('reply', GoalExecution, 'on_reply'),
@@ -150,8 +150,8 @@ HOOKS: tuple[tuple[Any, ...], ...] = (
     ('~/disable', arm_commands.ArmCommands, 'disable'),
     ('~/reset_error', arm_commands.ArmCommands, 'reset_error'),
     ('exit of ~/reset_error', arm_commands.ArmCommands, '_act', leave),
-    ('~/read_io', io_driver.IoDriver, 'read'),
-    ('~/write_io', io_driver.IoDriver, 'write'),
+    ('~/read_io', io_client.Io, 'read'),
+    ('~/write_io', io_client.Io, 'write'),
     ('~/set_speed_scaling', speed_node.SpeedScalingInterface, '_set'),
     ('goal', goal_requests.GoalRequests, 'checked_goal'),
     ('trajectory', goal_server.GoalServer, 'take_trajectory'),

@@ -20,8 +20,8 @@ from epson_driver.driver.arm_commands import ArmCommands
 from epson_driver.driver.driver import Driver
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_queue import GoalQueue
-from epson_driver.driver.io.io_driver import IoDriver, IoUnavailableError
-from epson_driver.driver.io.polled_io import PolledIo
+from epson_driver.driver.io.io_client import Io
+from epson_driver.driver.io.points import IoUnavailableError
 from epson_driver.driver.servo import restart_interlock
 from epson_driver.driver.servo.restart_interlock import RestartInterlock
 from epson_driver.driver.servo.servo import Servo
@@ -149,20 +149,19 @@ def old_joints_are_published(put: Patch) -> None:
     put(Driver, '_on_state_packet', late)
 
 
-@found_by(seed=50)
+@found_by(seed=385)
 def a_lost_write_is_repeated_later(put: Patch) -> None:
-    for kind in (IoDriver, PolledIo):
-        write = kind.write
+    write = Io.write
 
-        async def again(self: Any, settings: Any, write: Any = write) -> Any:
-            try:
-                return await write(self, settings)
-            except IoUnavailableError:
-                loop = asyncio.get_running_loop()
-                loop.call_later(8.0, lambda: loop.create_task(_tried(write(self, settings))))
-                raise
+    async def again(self: Any, settings: Any) -> Any:
+        try:
+            return await write(self, settings)
+        except IoUnavailableError:
+            loop = asyncio.get_running_loop()
+            loop.call_later(8.0, lambda: loop.create_task(_tried(write(self, settings))))
+            raise
 
-        put(kind, 'write', again)
+    put(Io, 'write', again)
 
 
 async def _tried(work: Any) -> None:

@@ -36,7 +36,7 @@ LOOP = (
     'state link',
     'motion link',
     'io link',
-    'io subscription',
+    'asking for the io',
     'state packet',
     'status',
     'reply',

@@ -151,7 +151,7 @@ def test_estop_and_lost_controller_make_the_values_invalid(
     cell.pendant('estop', 'press')
     peer.wait_for(lambda: not peer.states[-1].valid, 'invalid values')
     assert not peer.states[-1].ranges
-    assert 'no values from the I/O server' in peer.states[-1].message
+    assert 'its I/O server does not run now' in peer.states[-1].message
     answer = peer.write((DO, 0, 1))
     assert not answer.success
     assert 'refused' in answer.message

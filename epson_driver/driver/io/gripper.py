@@ -10,7 +10,8 @@ import asyncio
 import contextlib
 
 from epson_driver.driver.io.gripper_wiring import GripperError, GripperState, GripperWiring
-from epson_driver.driver.io.io_driver import Io, IoUnavailableError
+from epson_driver.driver.io.io_client import Io
+from epson_driver.driver.io.points import IoUnavailableError
 from epson_driver.simple_message import IoAddress, IoSetting, IoType
 
 LOOK_PERIOD_S = 0.1

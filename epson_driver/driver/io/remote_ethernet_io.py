@@ -8,19 +8,21 @@ setting anything are refused while a task runs or the arm moves (docs/io.md).
 """
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
-from epson_driver.driver.io.io_driver import IoUnavailableError
-from epson_driver.driver.io.io_results import WORD_GROUPS
-from epson_driver.driver.io.polled_io import RefusedPointError, Told
-from epson_driver.link import Link
+from epson_driver.driver.io.points import (
+    WORD_GROUPS,
+    Backend,
+    IoUnavailableError,
+    Told,
+    ranges_of,
+)
+from epson_driver.profiles.io_profile import IoProfile
 from epson_driver.remote_ethernet.client import Ask, Login, RemoteError, logged_in
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 from epson_driver.remote_ethernet.turns import RemoteTurns
-from epson_driver.simple_message import Dialect, IoAddress, IoSetting, IoType
-
-NOT_USED = 'I/O is not used: the port of Remote Ethernet is 0'
+from epson_driver.simple_message import IoAddress, IoSetting, IoType
 
 NOT_READY = (
     'not ready (error 20): the controller takes this only in AUTO, while no task runs, the arm '
@@ -46,67 +48,53 @@ WRITE = {IoType.DIGITAL_OUTPUT: 'SetIO,{},{}', IoType.FLAG: 'SetMemIO,{},{}'}
 WRITE_GROUP = ('SetIOByte,{},{:02X}', 'SetIOWord,{},{:04X}')
 
 
-class RemoteEthernetIo:
-    """The points of one controller. A remote port of 0 is not used."""
+class RemoteEthernetIo(Backend):
+    """The points of one controller. Nothing is kept open: every request shows if it is there."""
 
-    words = True
-    flags = True
-    outputs_shown = False
-    link: Link | None = None
+    shown = (IoType.DIGITAL_INPUT,)
 
     def __init__(
-        self, host: str, port: int, turns: RemoteTurns, login: Login | None = None
+        self, host: str, port: int, turns: RemoteTurns, login: Login | None, profile: IoProfile
     ) -> None:
-        self.timeout = 1.0
-        self.missing = '' if port else NOT_USED
-        self.place = f'{host}:{port}'
+        self.ranges = ranges_of(profile, words=True, flags=True)
+        self._place = f'{host}:{port}'
         self._login = login or partial(logged_in, host, port, max_logins=1)
         self._turns = turns
 
-    def follow(self, dialect: Dialect) -> None:
-        """Do nothing, as text has no byte order."""
+    async def read(self, addresses: Sequence[IoAddress], timeout: float) -> list[Told]:
+        """Return what is told of each address. Raises IoUnavailableError."""
+        return await self._give([_reading(item) for item in addresses], timeout)
 
-    async def run(self, came: Callable[[], None], lost: Callable[[str], None]) -> None:
-        """Nothing is kept open: every request shows whether the controller is there."""
-        came()
-        await asyncio.Event().wait()
+    async def write(self, settings: Sequence[IoSetting], timeout: float) -> list[Told]:
+        """Set points in their order. Raises IoUnavailableError, which says if they may be set."""
+        return await self._give([_writing(item) for item in settings], timeout)
 
-    async def read(self, addresses: Sequence[IoAddress]) -> list[Told]:
-        """Return a value per address, or why there is none. Raises IoUnavailableError."""
-        return await self._give([_reading(item) for item in addresses], '')
-
-    async def write(self, settings: Sequence[IoSetting]) -> list[Told]:
-        """Set points in their order. Raises IoUnavailableError, which says which may be set."""
-        commands = [_writing(item) for item in settings]
-        return await self._give(commands, '; the points may have been written')
-
-    async def _give(self, commands: Sequence[str], unsure: str) -> list[Told]:
+    async def _give(self, commands: Sequence[str], timeout: float) -> list[Told]:
         async def dialogue() -> list[Told]:
-            patience = self.timeout * (1 + len(commands))
-            async with self._login(patience) as ask:
-                return [await self._told(ask, command) for command in commands]
+            async with self._login(timeout * (1 + len(commands))) as ask:
+                return [await _told(ask, command, timeout) for command in commands]
 
         try:
             return await self._turns.patient(dialogue)
         except (RemoteError, OSError, TimeoutError) as error:
-            why = str(error) or f'no answer within {self.timeout:g} s'
-            raise IoUnavailableError(f'remote port {self.place}: {why}{unsure}') from error
+            why = str(error) or f'no answer within {timeout:g} s'
+            raise IoUnavailableError(f'remote port {self._place}: {why}', sent=True) from error
 
-    async def _told(self, ask: Ask, command: str) -> Told:
-        try:
-            async with asyncio.timeout(self.timeout):
-                answer = await ask(command)
-        except RemoteError as error:
-            if error.number == RemoteErrorNumber.NOT_READY:
-                return RefusedPointError(NOT_READY)
-            passing = error.number == RemoteErrorNumber.EXECUTING
-            return RefusedPointError(str(error), passing=passing)
-        base = DECIMAL if command.startswith('Execute') else HEXADECIMAL
-        try:
-            return int(answer.strip('" '), base)
-        except ValueError as error:
-            text = f"'{answer[:40]}' is no answer to {command}"
-            raise ConnectionError(text) from error
+
+async def _told(ask: Ask, command: str, timeout: float) -> Told:
+    try:
+        async with asyncio.timeout(timeout):
+            answer = await ask(command)
+    except RemoteError as error:
+        if error.number == RemoteErrorNumber.NOT_READY:
+            return Told(result=0, why=NOT_READY)
+        passing = error.number == RemoteErrorNumber.EXECUTING
+        return Told(result=0, why=str(error), passing=passing)
+    base = DECIMAL if command.startswith('Execute') else HEXADECIMAL
+    try:
+        return Told(int(answer.strip('" '), base))
+    except ValueError as error:
+        raise ConnectionError(f"'{answer[:40]}' is no answer to {command}") from error
 
 
 def _reading(item: IoAddress) -> str:

@@ -1,0 +1,287 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""The controller's I/O without ROS: it asks for the values, and reads and writes by address.
+
+Nothing here touches the motion or the state: a controller without I/O, or one whose I/O server
+does not run at the moment, is a reason that requests are answered with. docs/io.md has the rules.
+"""
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from epson_driver.driver.io.message_io import MotomanIo, ServerIo
+from epson_driver.driver.io.points import (
+    GROUPS,
+    Backend,
+    IoUnavailableError,
+    Told,
+    packed,
+    rejection,
+    shown,
+)
+from epson_driver.driver.io.remote_ethernet_io import RemoteEthernetIo
+from epson_driver.driver.tasks import Notification, run_task_group
+from epson_driver.profiles.io_profile import IoProfile
+from epson_driver.remote_ethernet.client import Login
+from epson_driver.remote_ethernet.turns import RemoteTurns
+from epson_driver.simple_message import (
+    ByteOrder,
+    IoAddress,
+    IoRange,
+    IoResult,
+    IoSetting,
+    IoType,
+    IoValues,
+)
+
+MAX_POINTS = 1024
+"""Points in one request: the limit of the protocol."""
+
+MAX_ASKED = 60
+"""Points that the client itself asks for at once: what a server with a small buffer answers."""
+
+RETRIES = (0.2, 0.5, 1.0, 2.0, 5.0)
+"""Pauses before a controller that does not answer is asked again, s; the last from then on."""
+
+T = TypeVar('T', IoAddress, IoSetting)
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class IoAnswer:
+    """One point of a request: `result` is an IoResult's number, `text` '' or why not."""
+
+    io_type: int
+    index: int
+    value: int
+    result: int
+    text: str
+
+
+class Io:
+    """Reads, writes and watches the I/O of one controller. `run` until cancelled.
+
+    `states` are the values of all points that can be read at any time, but of flags: asked for
+    every `period` s and after each write, () while they are not known; `reason` then says why, and
+    is '' otherwise. `ranges` are the points that there are, None while that is not known.
+    `on_states` is called (in the event loop) after `states` changed, and once when they are not
+    known any more; `changed` is notified then, too. `place`: host and port, as diagnostics name
+    them. `timeout`: how long an answer may take, s; it may be changed at any time.
+    """
+
+    def __init__(
+        self, backend: Backend, place: str, missing: str, period: float, timeout: float
+    ) -> None:
+        self.states: tuple[IoValues, ...] = ()
+        self.reason = missing or 'connecting'
+        self.on_states: Callable[[], None] = lambda: None
+        self.changed = Notification()
+        self.link = backend.link
+        self.place = place
+        self.timeout = timeout
+        self.used = not missing
+        self._backend = backend
+        self._period = period
+        self._told = False
+        self._passing = False
+        self._wake = asyncio.Event()
+        backend.wake = self._wake.set
+        self.follow = backend.follow
+
+    @property
+    def ranges(self) -> tuple[IoRange, ...] | None:
+        """The points that there are, None while that is not known."""
+        return self._backend.ranges
+
+    async def run(self) -> None:
+        """Ask for the values until cancelled."""
+        if not self.used:
+            self._lose(self.reason, logging.DEBUG)
+            return
+
+        async def nothing() -> None:
+            """Do nothing, as reading moves nothing."""
+
+        parts = {'asking for the I/O': self._ask}
+        if self.link is None:
+            self._wake.set()
+        else:
+            parts['the I/O port'] = self.link.run
+        try:
+            await run_task_group(parts, nothing)
+        finally:
+            self._lose('the driver ended', logging.DEBUG)
+
+    async def read(self, addresses: Sequence[IoAddress]) -> list[IoAnswer]:
+        """Return an answer per address, in their order. Raises IoUnavailableError."""
+        return await self._answers(addresses, [None] * len(addresses), self._backend.read)
+
+    async def write(self, settings: Sequence[IoSetting]) -> list[IoAnswer]:
+        """Set outputs, groups and flags in order, and return one answer per setting.
+
+        Raises IoUnavailableError, which also says if the points may have been written.
+        """
+        try:
+            values = [item.value for item in settings]
+            return await self._answers(settings, values, self._backend.write)
+        except IoUnavailableError as error:
+            if not error.sent:
+                raise
+            raise IoUnavailableError(f'{error}; the points may have been written') from error
+        finally:
+            self._wake.set()
+
+    async def _answers(
+        self,
+        items: Sequence[T],
+        written: Sequence[int | None],
+        ask: Callable[[Sequence[T], float], Awaitable[list[Told]]],
+    ) -> list[IoAnswer]:
+        if len(items) > MAX_POINTS:
+            raise IoUnavailableError(f'{len(items)} points in one request: at most {MAX_POINTS}')
+        if not self.used:
+            raise IoUnavailableError(self.reason)
+        ranges = self.ranges
+        both = list(zip(items, written, strict=True))
+        results = [
+            IoResult.SUCCESS
+            if ranges is None
+            else rejection(item.io_type, item.index, value, ranges)
+            for item, value in both
+        ]
+        good = [
+            item for item, result in zip(items, results, strict=True) if result is IoResult.SUCCESS
+        ]
+        told = iter(await ask(good, self.timeout) if good else [])
+        answers = []
+        for (item, value), result in zip(both, results, strict=True):
+            got = next(told) if result is IoResult.SUCCESS else Told(result=result)
+            text = got.text(item.io_type, item.index, value, self.ranges or ())
+            shown_value = got.value if value is None else value
+            answers.append(IoAnswer(item.io_type, item.index, shown_value, got.result, text))
+        return answers
+
+    # --- the values -------------------------------------------------------------------------
+
+    async def _ask(self) -> None:
+        """Ask for the values every `period`, and when woken, until cancelled.
+
+        A connection is kept even when nothing comes: the controller's outputs may fall to their
+        safe values with it, and only the controller knows why it is silent (E-stop, pause).
+        """
+        await self._wake.wait()
+        attempt = 0
+        while True:
+            self._wake.clear()
+            try:
+                self._publish(*await self._values())
+                attempt, pause = 0, self._period
+            except IoUnavailableError as error:
+                self._passing = error.passing
+                level = logging.WARNING if self.states else logging.INFO
+                self._lose(str(error), logging.DEBUG if self._passing else level)
+                pause = max(self._period, RETRIES[min(attempt, len(RETRIES) - 1)])
+                attempt += 1
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(pause):
+                    await self._wake.wait()
+
+    async def _values(self) -> tuple[tuple[IoValues, ...], str]:
+        """Return the values of all ranges that could be read, and why another one could not.
+
+        Raises IoUnavailableError, also if there is no value at all.
+        """
+        backend = self._backend
+        await backend.look(self.timeout)
+        ranges = backend.ranges or ()
+        wanted = list(shown(ranges, backend.shown, grouped=backend.grouped))
+        asked = [address for _, _, addresses in wanted for address in addresses]
+        told: list[Told] = []
+        for first in range(0, len(asked), MAX_ASKED):
+            told += await backend.read(asked[first : first + MAX_ASKED], self.timeout)
+        values: dict[IoRange, tuple[int, ...]] = {}
+        why, passing, begin = '', False, 0
+        for held, width, addresses in wanted:
+            part = told[begin : begin + len(addresses)]
+            begin += len(addresses)
+            texts = [
+                each.text(item.io_type, item.index, None, ranges)
+                for each, item in zip(part, addresses, strict=True)
+            ]
+            if any(texts):
+                why = why or next(filter(None, texts))
+                passing = any(each.passing for each in part)
+                continue
+            bits = [each.value >> at & 1 for each in part for at in range(width)]
+            values[held] = tuple(bits[: held.count] if width > 1 else [t.value for t in part])
+            if width > 1:
+                group = GROUPS[IoType(held.io_type)]
+                values |= {
+                    each: packed(each, values[held]) for each in ranges if each.io_type == group
+                }
+        if not values:
+            why = why or 'the controller has no I/O whose values can be shown'
+            raise IoUnavailableError(why, passing=passing)
+        return tuple(
+            IoValues(held.io_type, held.start, values[held]) for held in ranges if held in values
+        ), why
+
+    def _publish(self, states: tuple[IoValues, ...], missing: str) -> None:
+        """Publish new values. `missing`: why not all of them are known."""
+        if states == self.states:
+            return
+        if not self.states and not self._passing:
+            points = sum(len(item.values) for item in states)
+            more = f'; not all can be read: {missing}' if missing else ''
+            _log.info('I/O: %d points in %d ranges%s', points, len(states), more)
+        self._passing = False
+        self.states = states
+        self.reason = ''
+        self._told = False
+        self._notify()
+
+    def _lose(self, why: str, level: int) -> None:
+        """Take note that the values are not known, and log it once until they are known again."""
+        self.states = ()
+        self.reason = why
+        if not self._told:
+            self._told = True
+            _log.log(level, '%s', why)
+            self._notify()
+
+    def _notify(self) -> None:
+        self.on_states()
+        self.changed.notify_all()
+
+
+def make_io(
+    profile: IoProfile,
+    host: str,
+    ports: tuple[int, int],
+    *,
+    byte_order: ByteOrder | None,
+    timeout: float,
+    turns: RemoteTurns,
+    login: Login | None = None,
+) -> Io:
+    """Return the I/O client that a profile asks for. `ports`: I/O port, remote port.
+
+    login: how to be logged in at the latter; None: anew for each request. A port of 0 is not used.
+    """
+    port, remote_port = ports
+    missing = 'I/O is not used: its port is 0'
+    backend: Backend
+    if profile.access == 'server':
+        backend = ServerIo(host, port, byte_order)
+    elif profile.access == 'motoman':
+        backend = MotomanIo(host, port, byte_order, profile)
+    else:
+        port, missing = remote_port, 'I/O is not used: the port of Remote Ethernet is 0'
+        backend = RemoteEthernetIo(host, port, turns, login, profile)
+    place = f'{host}:{port}'
+    return Io(backend, place, '' if port else missing, profile.publish_period, timeout)

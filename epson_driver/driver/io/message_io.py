@@ -1,0 +1,263 @@
+# Copyright 2026 the epson_driver developers
+# SPDX-License-Identifier: Apache-2.0
+"""Points by messages: those of an I/O server (docs/io.md), and MotoROS' of one or eight bits.
+
+One request is on its way at a time. A reply of MotoROS says nothing of what it answers, so after
+one that is missing the connection is opened again.
+"""
+
+import asyncio
+import contextlib
+from collections.abc import Sequence
+from typing import TypeVar
+
+from epson_driver.driver.io.points import WORD_GROUPS, Backend, IoUnavailableError, Told, ranges_of
+from epson_driver.link import Link, LinkState
+from epson_driver.profiles.io_profile import IoProfile
+from epson_driver.simple_message import (
+    ByteOrder,
+    Dialect,
+    IoAddress,
+    IoCtrlReply,
+    IoInfo,
+    IoInfoReply,
+    IoRead,
+    IoReadReply,
+    IoSetting,
+    IoType,
+    IoWrite,
+    IoWriteReply,
+    Message,
+    MotomanIoResult,
+    Packet,
+    ReadIoBit,
+    ReadIoBitReply,
+    ReadIoGroup,
+    ReadIoGroupReply,
+    ReplyCode,
+    WriteIoBit,
+    WriteIoBitReply,
+    WriteIoGroup,
+    WriteIoGroupReply,
+)
+from epson_driver.simple_message.motoman import GENERAL_INPUTS, GENERAL_OUTPUTS, bit_address
+
+MAX_MESSAGE_ID = 2**31 - 1
+
+REFUSED = (
+    'the controller refused the I/O request: its I/O server does not run now (E-stop, stop or '
+    'pause), or it does not know I/O requests'
+)
+NO_SENSE = 'the reply of the I/O server makes no sense'
+
+R = TypeVar('R', IoInfoReply, IoReadReply, IoWriteReply)
+
+
+class MessageIo(Backend):
+    """Requests over a link of its own."""
+
+    link: Link
+
+    def __init__(self, host: str, port: int, byte_order: ByteOrder | None) -> None:
+        self.link = Link(
+            'io',
+            host,
+            port,
+            on_packet=lambda _packet: None,
+            on_state=self._on_link,
+            byte_order=byte_order,
+            quiet=True,
+        )
+        self._one = asyncio.Lock()
+        self._why = 'connecting'
+        self._answer: asyncio.Future[Packet] | None = None
+        self._dialect_known = asyncio.Event()
+        if byte_order is not None:
+            self._dialect_known.set()
+
+    def follow(self, dialect: Dialect) -> None:
+        """Write in the state server's byte order: the I/O port shows its own only in a reply."""
+        self.link.follow(dialect)
+        self._dialect_known.set()
+
+    async def _exchange(self, message: Message, timeout: float) -> Packet:
+        """Send a request and return its reply. Raises IoUnavailableError.
+
+        A reply that is waited for long enough takes no later one's place.
+        """
+        async with self._one:
+            if self.link.connected and not self._dialect_known.is_set():
+                with contextlib.suppress(TimeoutError):  # no state message: then as it is
+                    async with asyncio.timeout(timeout):
+                        await self._dialect_known.wait()
+                self._dialect_known.set()
+            if self.link.transport is None:
+                raise IoUnavailableError(self._why)
+            answer: asyncio.Future[Packet] = asyncio.get_running_loop().create_future()
+
+            def on_reply(packet: Packet, _now: float) -> None:
+                if not answer.done():
+                    answer.set_result(packet)
+
+            try:
+                waiting = self.link.post(message, on_reply)
+            except ConnectionError as error:
+                raise IoUnavailableError(f'the I/O request could not be sent: {error}') from error
+            self._answer = answer
+            try:
+                async with asyncio.timeout(timeout):
+                    return await answer
+            except TimeoutError as error:
+                text = f'no reply from the I/O server within {timeout:g} s'
+                raise IoUnavailableError(text, sent=True) from error
+            except ConnectionError as error:
+                raise IoUnavailableError(str(error), sent=True) from error
+            finally:
+                self._answer = None
+                if answer.cancelled() and waiting.sequence is None:
+                    self._why = 'no I/O link: a reply is missing'
+                    self.link.reconnect('a reply is missing')
+                elif answer.cancelled():
+                    self.link.give_up(waiting)
+
+    def _on_link(self, state: LinkState, why: str) -> None:
+        if state in (LinkState.BACKING_OFF, LinkState.DISCONNECTED):
+            self._why = f'no I/O link: {why}'
+            if self._answer is not None and not self._answer.done():
+                self._answer.set_exception(ConnectionError(self._why))
+        if state in (LinkState.CONNECTED, LinkState.BACKING_OFF):
+            self.wake()
+
+
+class ServerIo(MessageIo):
+    """The points of a controller with an I/O server, which says which there are."""
+
+    shown = (
+        IoType.DIGITAL_INPUT,
+        IoType.DIGITAL_OUTPUT,
+        IoType.ANALOG_INPUT,
+        IoType.ANALOG_OUTPUT,
+        IoType.GROUP_INPUT,
+        IoType.GROUP_OUTPUT,
+    )
+
+    def __init__(self, host: str, port: int, byte_order: ByteOrder | None) -> None:
+        super().__init__(host, port, byte_order)
+        self._last_id = 0
+        self._looked = 0
+
+    async def look(self, timeout: float) -> None:
+        """Ask which points there are, once on each connection. Raises IoUnavailableError.
+
+        Only a server of our own is known to pack points in groups; it has groups of 16 as well.
+        """
+        connection = self.link.statistics.connections
+        if connection != self._looked or self.ranges is None:
+            reply = await self._ask(IoInfo(self._next_id()), IoInfoReply, timeout)
+            self.ranges, self._looked = reply.items, connection
+            self.grouped = any(held.start == WORD_GROUPS for held in reply.items)
+
+    async def read(self, addresses: Sequence[IoAddress], timeout: float) -> list[Told]:
+        """Return what is told of each address. Raises IoUnavailableError."""
+        message = IoRead(self._next_id(), tuple(addresses))
+        reply = await self._ask(message, IoReadReply, timeout)
+        _check_addresses(reply, addresses)
+        return [Told(item.value, item.result) for item in reply.items]
+
+    async def write(self, settings: Sequence[IoSetting], timeout: float) -> list[Told]:
+        """Set points in their order. Raises IoUnavailableError, which says if they may be set."""
+        message = IoWrite(self._next_id(), tuple(settings))
+        reply = await self._ask(message, IoWriteReply, timeout)
+        _check_addresses(reply, settings)
+        return [Told(result=item.result) for item in reply.items]
+
+    def _next_id(self) -> int:
+        """Return 1, 2, … and 1 again. Not an itertools.cycle: that keeps all it has returned."""
+        self._last_id = self._last_id % (MAX_MESSAGE_ID - 1) + 1
+        return self._last_id
+
+    async def _ask(self, message: Message, kind: type[R], timeout: float) -> R:
+        """Return the reply to a request. Raises IoUnavailableError."""
+        packet = await self._exchange(message, timeout)
+        if packet.reply_code is not ReplyCode.SUCCESS:
+            raise IoUnavailableError(REFUSED)
+        if not isinstance(packet.message, kind):
+            raise IoUnavailableError(NO_SENSE, sent=True)
+        return packet.message
+
+
+def _check_addresses(
+    reply: IoReadReply | IoWriteReply, asked: Sequence[IoAddress | IoSetting]
+) -> None:
+    """Raise IoUnavailableError unless the reply's items are those that were asked for."""
+    answered = [(item.io_type, item.index) for item in reply.items]
+    if answered != [(item.io_type, item.index) for item in asked]:
+        raise IoUnavailableError('the reply of the I/O server is about other points', sent=True)
+
+
+FIRST_GROUP = {
+    IoType.DIGITAL_INPUT: GENERAL_INPUTS,
+    IoType.GROUP_INPUT: GENERAL_INPUTS,
+    IoType.DIGITAL_OUTPUT: GENERAL_OUTPUTS,
+    IoType.GROUP_OUTPUT: GENERAL_OUTPUTS,
+}
+
+GROUP_TYPES = (IoType.GROUP_INPUT, IoType.GROUP_OUTPUT)
+
+REPLIES = (ReadIoBitReply, ReadIoGroupReply, WriteIoBitReply, WriteIoGroupReply)
+
+
+class MotomanIo(MessageIo):
+    """The general inputs and outputs of a controller with MotoROS, one request for each."""
+
+    shown = (IoType.DIGITAL_INPUT, IoType.DIGITAL_OUTPUT)
+
+    def __init__(
+        self, host: str, port: int, byte_order: ByteOrder | None, profile: IoProfile
+    ) -> None:
+        super().__init__(host, port, byte_order)
+        self.ranges = ranges_of(profile, words=False, flags=False)
+
+    async def read(self, addresses: Sequence[IoAddress], timeout: float) -> list[Told]:
+        """Return what is told of each address. Raises IoUnavailableError."""
+        return [await self._ask(_reading(item), timeout) for item in addresses]
+
+    async def write(self, settings: Sequence[IoSetting], timeout: float) -> list[Told]:
+        """Set points in their order. Raises IoUnavailableError, which says if they may be set."""
+        told: list[Told] = []
+        try:
+            for item in settings:
+                told.append(await self._ask(_writing(item), timeout))  # noqa: PERF401 - it counts
+        except IoUnavailableError as error:
+            error.sent |= bool(told)
+            raise
+        return told
+
+    async def _ask(self, message: Message, timeout: float) -> Told:
+        reply = (await self._exchange(message, timeout)).message
+        if isinstance(reply, IoCtrlReply):
+            why = f'the controller does not know the request ({reply.subcode})'
+            return Told(result=0, why=why)
+        if not isinstance(reply, REPLIES):
+            raise IoUnavailableError(NO_SENSE, sent=True)
+        if reply.result != MotomanIoResult.OK:
+            known = reply.result in list(MotomanIoResult)
+            name = MotomanIoResult(reply.result).name if known else 'unknown'
+            return Told(result=0, why=f'the controller refused it: {name} ({reply.result})')
+        return Told(getattr(reply, 'value', 0))
+
+
+def _reading(item: IoAddress) -> Message:
+    io_type = IoType(item.io_type)
+    first = FIRST_GROUP[io_type]
+    if io_type in GROUP_TYPES:
+        return ReadIoGroup(first + item.index)
+    return ReadIoBit(bit_address(first, item.index))
+
+
+def _writing(item: IoSetting) -> Message:
+    io_type = IoType(item.io_type)
+    first = FIRST_GROUP[io_type]
+    if io_type in GROUP_TYPES:
+        return WriteIoGroup(first + item.index, item.value)
+    return WriteIoBit(bit_address(first, item.index), item.value)
