@@ -5,14 +5,13 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from benchmark.limit_sets import ramp_time
 from benchmark.motion_record import Record
 from benchmark.trajectories import BenchmarkTrajectory
-from epson_driver.motion import Array, JointLimits, Trajectory
+from epson_driver.motion import JointLimits, Trajectory
 from epson_driver.motion.smoothed import smoothed
 from epson_driver.motion.smoother import Mode, Smoother
 from epson_driver.motion.smoother.planner import plan
@@ -28,38 +27,6 @@ PATIENCE_S = 60.0
 
 MAX_WALL_TIME_S = 120.0
 """Wall time that one run may take, s: some hundred times what it should."""
-
-
-class DriverSmoother:
-    """The smoother as the benchmark runs it: the plans it makes are counted."""
-
-    def __init__(
-        self,
-        limits: JointLimits,
-        start: Array,
-        timed: bool,
-        latency: float,
-    ) -> None:
-        mode = Mode.TIME_PRESERVING if timed else Mode.TIME_OPTIMAL
-        self.plans = 0
-        self._smoother = Smoother(limits, start, mode, latency=latency, planner=self._plan)
-        self.append = self._smoother.append
-        self.finish = self._smoother.finish
-        self.step = self._smoother.step
-
-    @property
-    def moving(self) -> bool:
-        """Whether the arm moves or has points to go to."""
-        return self._smoother.moving
-
-    @property
-    def look_ahead(self) -> float:
-        """How much is known ahead, s."""
-        return self._smoother.look_ahead
-
-    def _plan(self, request: Request, limits: JointLimits) -> Plan | None:
-        self.plans += 1
-        return plan(request, limits)
 
 
 MODES = {True: 'time-preserving', False: 'time-optimal'}
@@ -121,41 +88,44 @@ def run(
     strategy: Strategy,
     trajectory: BenchmarkTrajectory,
     limits: JointLimits,
-    make: Callable[..., Any] = DriverSmoother,
     cut: bool = False,
-    patience: float = PATIENCE_S,
 ) -> Record:
-    """Return the sampled motion of a smoother through the points.
+    """Return the sampled motion of the smoother, which hears of the end unless it is `cut`.
 
-    `make` takes limits, start (n,), whether times are kept, and the latency; `finish` tells it of
-    the end, unless the stream is `cut`.
-
-    Raises RuntimeError if it does not end within `patience` s more than any motion needs.
+    Raises RuntimeError if it does not end within PATIENCE_S more than any motion needs.
     """
     positions = trajectory.positions
     durations = trajectory.durations if strategy.timed else None
     ahead = None if strategy.look_ahead is None else strategy.look_ahead(limits)
     if strategy.whole:
         return _at_once(trajectory, limits)
-    smoother = make(limits, positions[0], strategy.timed, strategy.latency)
+    plans = 0
+
+    def counted(request: Request, limits: JointLimits) -> Plan | None:
+        nonlocal plans
+        plans += 1
+        return plan(request, limits)
+
+    mode = Mode.TIME_PRESERVING if strategy.timed else Mode.TIME_OPTIMAL
+    smoother = Smoother(limits, positions[0], mode, latency=strategy.latency, planner=counted)
     n = len(positions)
     fed = 1
     started = time.perf_counter()
-    deadline = patience + 2.0 * (trajectory.commanded or 0.0) + 0.5 * n
+    deadline = PATIENCE_S + 2.0 * (trajectory.commanded or 0.0) + 0.5 * n
     rows = [np.concatenate([positions[0], np.zeros(2 * positions.shape[1])])]
     costs: list[float] = []
     planned: list[bool] = []
     while True:
         begin = time.process_time()
-        before = (fed, getattr(smoother, 'plans', 0))
+        before = (fed, plans)
         while fed < n and (ahead is None or smoother.look_ahead < ahead):
             smoother.append(positions[fed], None if durations is None else float(durations[fed]))
             fed += 1
-        if fed == n and before[0] != n and not cut and hasattr(smoother, 'finish'):
+        if fed == n and before[0] != n and not cut:
             smoother.finish()
         state = smoother.step(SAMPLE_STEP_S)
         costs.append(time.process_time() - begin)
-        planned.append((fed, getattr(smoother, 'plans', 0)) != before)
+        planned.append((fed, plans) != before)
         rows.append(np.concatenate([state.position, state.velocity, state.acceleration]))
         if fed == n and not smoother.moving:
             break

@@ -3,6 +3,7 @@
 """The metrics of the benchmark, and the trajectories that they measure."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -14,98 +15,65 @@ from benchmark.metrics import Metrics, measure, stops
 from benchmark.motion import REQUIRED, judged
 from benchmark.motion_record import Record
 from benchmark.references import References, ReferenceTimes, digest
-from benchmark.strategies import ON_SPLINE, SAMPLE_STEP_S, STRATEGIES, Strategy, run
+from benchmark.strategies import SAMPLE_STEP_S, STRATEGIES
 from benchmark.trajectories import BenchmarkTrajectory, benchmark_set
 from benchmark.waypoints import may_be_merged, passages
-from epson_driver.motion import Array, JointLimits, LineMotion, go
+from epson_driver.motion import Array, go
 
 LIMITS = limit_set('full')
-ALL_KNOWN = STRATEGIES[ON_SPLINE]
 POINTS = np.array([[0.0, -0.5, 0.5, 0.0, -1.0, 0.0]] * 5)
 POINTS[:, 0] = [0.0, 0.3, 0.1, 0.6, 0.5]
 POINTS[:, 5] = [0.0, -0.2, 0.4, 0.8, 1.2]
 
 
-def trajectory(positions: Array = POINTS, durations: Array | None = None) -> BenchmarkTrajectory:
-    return BenchmarkTrajectory('a test', positions, durations)
+def stops_at_each(positions: Array = POINTS) -> Record:
+    """Return samples of the fastest moves from rest to rest at every point."""
+    rows = [np.concatenate([positions[0], np.zeros(2 * positions.shape[1])])]
+    for start, target in pairwise(positions):
+        motion = go(LIMITS, start, target)
+        times = np.arange(SAMPLE_STEP_S, motion.duration, SAMPLE_STEP_S)
+        rows += [np.concatenate(motion.at(time)) for time in times.tolist()]
+        rows += 3 * [np.concatenate([target, np.zeros(2 * len(target))])]
+    position, velocity, acceleration = np.split(np.array(rows), 3, axis=1)
+    none = np.zeros(0)
+    return Record(SAMPLE_STEP_S, position, velocity, acceleration, none, none.astype(np.bool_))
 
 
-class _Rest:
-    def __init__(self, position: Array) -> None:
-        self.position = position
-        self.velocity = np.zeros_like(position)
-        self.acceleration = np.zeros_like(position)
-
-
-class StopAndGoSmoother:
-    """A smoother that smooths nothing: from rest to rest, each move when its point came."""
-
-    def __init__(self, limits: JointLimits, start: Array) -> None:
-        self._limits = limits
-        self._at = start
-        self._queue: list[Array] = []
-        self._move: LineMotion | None = None
-        self._time = 0.0
-
-    @property
-    def moving(self) -> bool:
-        return self._move is not None or bool(self._queue)
-
-    @property
-    def look_ahead(self) -> float:
-        return 0.1 * len(self._queue)
-
-    def append(self, position: Array, duration: float | None) -> None:
-        self._queue.append(position)
-
-    def step(self, dt: float) -> _Rest:
-        if self._move is None and self._queue:
-            self._move, self._time = go(self._limits, self._at, self._queue[0]), 0.0
-        if self._move is None:
-            return _Rest(self._at)
-        self._time += dt
-        if self._time >= self._move.duration:
-            self._at, self._move = self._queue.pop(0), None
-            return _Rest(self._at)
-        state = _Rest(self._at)
-        state.position, state.velocity, state.acceleration = self._move.at(self._time)
-        return state
-
-
-def run_stop_and_go(
-    positions: Array = POINTS, durations: Array | None = None, strategy: Strategy = ALL_KNOWN
-) -> tuple[Record, Metrics]:
-    record = run(
-        strategy,
-        trajectory(positions, durations),
+def figures_of(
+    record: Record, positions: Array = POINTS, durations: Array | None = None
+) -> Metrics:
+    """Return the figures of a motion along points, which are commanded if they have durations."""
+    return measure(
+        BenchmarkTrajectory('a test', positions, durations),
+        record,
         LIMITS,
-        lambda limits, start, timed, latency: StopAndGoSmoother(limits, start),
+        timed=durations is not None,
     )
-    return record, measure(trajectory(positions, durations), record, LIMITS, strategy.timed)
 
 
 def test_stop_and_go_has_its_figures() -> None:
     expected = stop_and_go(POINTS, LIMITS)
-    _, figures = run_stop_and_go()
+    figures = figures_of(stops_at_each())
     assert figures.duration == pytest.approx(expected.duration, abs=0.02)
     assert figures.stops == expected.stops == 3
     assert figures.jerk == pytest.approx(1.0, abs=1e-3)
     assert figures.acceleration <= 1.0 + 1e-9
     assert figures.waypoint < 1e-6
+    assert figures.mismatch < 5e-3
     assert figures.overrun == figures.end == 0.0
 
 
 def test_a_commanded_rest_is_no_stop_and_others_are() -> None:
     positions = np.repeat(POINTS, [1, 1, 2, 1, 1], axis=0)
+    record = stops_at_each(positions)
     durations = np.array([0.0, 0.3, 0.3, 0.5, 0.3, 0.3])
-    timed = STRATEGIES['time-preserving, all known']
-    assert run_stop_and_go(positions, durations, timed)[1].stops == 2
-    assert run_stop_and_go(positions, durations, ALL_KNOWN)[1].stops == 3
+    assert figures_of(record, positions, durations).stops == 2
+    assert figures_of(record, positions).stops == 3
 
 
 def test_going_too_far_is_an_overrun_even_if_it_comes_back() -> None:
-    record, _ = run_stop_and_go(np.concatenate([POINTS, [POINTS[-1] + 0.01], POINTS[-1:]]))
-    figures = measure(trajectory(), record, LIMITS, timed=False)
+    record = stops_at_each(np.concatenate([POINTS, [POINTS[-1] + 0.01], POINTS[-1:]]))
+    figures = figures_of(record)
     assert figures.overrun == pytest.approx(0.01, abs=1e-6)
     assert figures.end == 0.0
 
@@ -113,52 +81,39 @@ def test_going_too_far_is_an_overrun_even_if_it_comes_back() -> None:
 def test_a_missed_waypoint_is_found() -> None:
     missed = POINTS.copy()
     missed[2, 3] += 3e-3
-    record, _ = run_stop_and_go()
-    figures = measure(trajectory(missed), record, LIMITS, timed=False)
-    assert figures.waypoint == pytest.approx(3e-3, rel=1e-3)
+    assert figures_of(stops_at_each(), missed).waypoint == pytest.approx(3e-3, rel=1e-3)
 
 
 def test_a_point_that_is_passed_before_its_time_is_found() -> None:
-    record, figures = run_stop_and_go()
-    assert figures.early == 0.0
-    passed = passages(POINTS, record).times
-    late = np.diff(passed, prepend=0.0)
+    record = stops_at_each()
+    late = np.diff(passages(POINTS, record).times, prepend=0.0)
     late[2] += 0.25
-    commanded = trajectory(POINTS, late)
-    assert measure(commanded, record, LIMITS, timed=True).early == pytest.approx(0.25)
-    assert measure(commanded, record, LIMITS, timed=False).early == 0.0
+    assert figures_of(record, POINTS, late).early == pytest.approx(0.25)
+    assert figures_of(record).early == 0.0
 
 
 def test_a_merged_waypoint_may_be_missed_by_the_tolerance() -> None:
     beside = POINTS[2] + np.array([0.0, 0.0, 0.0, 4e-4, 0.0, 0.0])
     positions = np.insert(POINTS, 3, beside, axis=0)
     assert may_be_merged(positions, 5e-4).tolist() == [False, False, False, True, False, False]
-    record, _ = run_stop_and_go()
-    assert measure(trajectory(positions), record, LIMITS, timed=False).waypoint < 1e-6
+    assert figures_of(stops_at_each(), positions).waypoint < 1e-6
 
 
 def test_passages_are_exact_between_the_samples() -> None:
-    record, _ = run_stop_and_go(POINTS[:2])
     motion = go(LIMITS, POINTS[0], POINTS[1])
     times = np.linspace(0.0213, motion.duration - 0.0211, 37)
-    passed = passages(np.array([motion.at(time)[0] for time in times]), record)
+    passed = passages(np.array([motion.at(time)[0] for time in times]), stops_at_each(POINTS[:2]))
     assert passed.distances.max() < 1e-6
     assert passed.times == pytest.approx(times, abs=1e-5)
 
 
-def test_velocities_that_are_not_those_of_the_positions_are_noticed() -> None:
-    record, figures = run_stop_and_go()
-    assert figures.mismatch < 5e-3
+def test_velocities_and_accelerations_that_are_not_those_of_the_positions_are_noticed() -> None:
+    record = stops_at_each()
     wrong = replace(record, velocities=1.1 * record.velocities)
-    assert measure(trajectory(), wrong, LIMITS, timed=False).mismatch > 0.01
-
-
-def test_the_jerk_is_that_of_the_accelerations() -> None:
-    record, _ = run_stop_and_go()
+    assert figures_of(wrong).mismatch > 0.01
     accelerations = record.accelerations.copy()
     accelerations[100:, 2] += 0.05 * LIMITS.acceleration[2]
-    spiked = replace(record, accelerations=accelerations)
-    assert measure(trajectory(), spiked, LIMITS, timed=False).jerk > 4.9
+    assert figures_of(replace(record, accelerations=accelerations)).jerk > 4.9
 
 
 def slow_samples(acceleration: Array, phase: float) -> Record:
