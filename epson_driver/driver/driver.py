@@ -314,7 +314,7 @@ class Driver:
         if status.drives_powered == TriState.TRUE:
             self.gate.see_motors_on()
         self.stopper.see(now)
-        found = self.why_not(Purpose.RUN if self.busy else Purpose.STAY, now)
+        found = self.why_not(Purpose.RUN, now)
         if found is not None and found.cause is not Cause.PAUSED:
             self.fault(found.text, motors_off=found.cause is Cause.MOTORS_OFF)
         else:

@@ -20,18 +20,17 @@ class Purpose(Flag):
     """What something asks for that may be forbidden.
 
     REPORT: to say why the arm does not move when it is asked to. COMMAND: to command the
-    controller. ENABLE: to begin to enable the arm; OPEN: to open the arm gate. STAY: to keep
-    it open; RUN: the same while a goal or a stream runs. GOAL: to take a goal while the arm
-    moves; READY: to take one whose motion is still to be planned; ALONE: to replace no other
-    goal; START: to start one. STREAM: to begin a stream of setpoints, FOLLOW: to send the
-    next, LET_GO: to keep one after its STOP. RESUME: to resume a paused goal.
+    controller. ENABLE: to begin to enable the arm; OPEN: to open the arm gate; RUN: to keep it
+    open, and what runs. GOAL: to take a goal while the arm moves; READY: to take one whose
+    motion is still to be planned; ALONE: to replace no other goal; START: to start one.
+    STREAM: to begin a stream of setpoints, FOLLOW: to send the next, LET_GO: to keep one after
+    its STOP. RESUME: to resume a paused goal.
     """
 
     REPORT = auto()
     COMMAND = auto()
     ENABLE = auto()
     OPEN = auto()
-    STAY = auto()
     RUN = auto()
     GOAL = auto()
     READY = auto()

@@ -67,11 +67,11 @@ class WhyNot:
 
     def _no_streams(self, _now: float) -> Inhibit | None:
         why = self.stopper.delivery.no_streams or self.goals.why_no_stream
-        return Inhibit(Cause.NO_STREAMS, Remedy.NONE, why) if why else None
+        return _said(Cause.NO_STREAMS, why or None)
 
     def _goal_runs(self, _now: float) -> Inhibit | None:
         text = 'another motion runs or waits: wait for its end, or cancel it first'
-        return None if self.goals.idle else Inhibit(Cause.GOAL_RUNS, Remedy.NONE, text)
+        return _said(Cause.GOAL_RUNS, None if self.goals.idle else text)
 
     def _state_link_down(self, _now: float) -> Inhibit | None:
         return self._link_down(self.channel.state_link, Cause.NO_STATE_LINK)
@@ -120,17 +120,15 @@ class WhyNot:
             return flags_inhibit(link.flags, status.error_code, errors)
         return None
 
-    def _manual(self, _now: float) -> Inhibit | None:
-        return None if self.gate.reason is None else manual_inhibit(self._status)
-
     def _not_enabled(self, _now: float) -> Inhibit | None:
-        return None if self.gate.reason is None else not_enabled(self.gate.reason)
+        reason = self.gate.reason
+        return None if reason is None else manual_inhibit(self._status) or not_enabled(reason)
 
     def _closed(self, now: float) -> Inhibit | None:
         """Return what closed the arm gate, with what is to be mended now."""
-        if (closed := self._not_enabled(now)) is None:
+        if self.gate.reason is None:
             return None
-        found = self(Purpose.REPORT, now)
+        closed, found = not_enabled(self.gate.reason), self(Purpose.REPORT, now)
         if found is None or found.cause is Cause.NOT_ENABLED:
             return closed
         more = '' if found.text in closed.text else f': {found.text}'
@@ -140,20 +138,16 @@ class WhyNot:
         return status_inhibit(self._status, self.robot.errors)
 
     def _stopping(self, _now: float) -> Inhibit | None:
-        text = 'the arm is being stopped'
-        return None if self.stopper.over else Inhibit(Cause.STOPPING, Remedy.NONE, text)
+        return _said(Cause.STOPPING, None if self.stopper.over else 'the arm is being stopped')
 
     def _stop_requested(self, _now: float) -> Inhibit | None:
-        stops = self.goals.stops
-        return Inhibit(Cause.STOPPING, Remedy.NONE, stops[0]) if stops else None
+        return _said(Cause.STOPPING, next(iter(self.goals.stops), None))
 
     def _stream(self, _now: float) -> Inhibit | None:
-        why = self.servo.occupation()
-        return None if why is None else Inhibit(Cause.STREAM, Remedy.END_STREAM, why)
+        return _said(Cause.STREAM, self.servo.occupation(), Remedy.END_STREAM)
 
     def _no_pose(self, now: float) -> Inhibit | None:
-        why = self.robot.why_not_ready(now)
-        return None if why is None else Inhibit(Cause.NO_POSE, Remedy.NONE, why)
+        return _said(Cause.NO_POSE, self.robot.why_not_ready(now))
 
     def _denied(self, _now: float) -> Inhibit | None:
         """Return why a controller that the arm is enabled at denies motion."""
@@ -166,13 +160,13 @@ class WhyNot:
 
     def _ended(self, now: float) -> Inhibit | None:
         """Return that main has ended: what was sent may come after a person has started it."""
-        return self._denied(now) if self.robot.main_ended else None
+        ended = self.robot.main_ended and (self.goals.busy or self.servo.active)
+        return self._denied(now) if ended else None
 
     def _moves(self, _now: float) -> Inhibit | None:
         """Return that the arm moves: it brakes after a fault, or others move it."""
         why = self.robot.why_not_standing(self.stopper.stopped_velocity)
-        text = f'the arm moves ({why}): wait until it stands'
-        return None if why is None else Inhibit(Cause.MOVES, Remedy.NONE, text)
+        return _said(Cause.MOVES, why and f'the arm moves ({why}): wait until it stands')
 
     _START = Purpose.START | Purpose.STREAM
 
@@ -185,11 +179,10 @@ class WhyNot:
         (_no_status, Purpose.REPORT | Purpose.OPEN),
         (_stop_fails, Purpose.REPORT),
         (_motion_link_down, Purpose.REPORT | Purpose.COMMAND | Purpose.OPEN),
-        (_condition, Purpose.REPORT | Purpose.ENABLE | Purpose.OPEN | Purpose.STAY | Purpose.RUN),
+        (_condition, Purpose.REPORT | Purpose.ENABLE | Purpose.OPEN | Purpose.RUN),
         (_stop_failed, Purpose.REPORT),
-        (_manual, Purpose.REPORT),
         (_not_enabled, Purpose.REPORT),
-        (_motors_off, Purpose.REPORT | Purpose.OPEN | Purpose.STAY | Purpose.RUN),
+        (_motors_off, Purpose.REPORT | Purpose.OPEN | Purpose.RUN),
         (_stopping, Purpose.STREAM | Purpose.FOLLOW | Purpose.RESUME),
         (_stop_requested, Purpose.GOAL | Purpose.READY | _START),
         (_stream, Purpose.GOAL | Purpose.READY | _START),
@@ -212,3 +205,7 @@ def _silence(
         return None
     text = f'no {what} for {now - newest:.1f} s'
     return Inhibit(cause, Remedy.CHECK_STATE_SERVER, text)
+
+
+def _said(cause: Cause, text: str | None, remedy: Remedy = Remedy.NONE) -> Inhibit | None:
+    return None if text is None else Inhibit(cause, remedy, text)

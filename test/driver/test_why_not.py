@@ -25,7 +25,6 @@ ORDER = {
     Purpose.COMMAND: 'NO_STATE_LINK NO_MOTION_LINK',
     Purpose.ENABLE: 'SECOND_DRIVER ESTOP',
     Purpose.OPEN: 'NO_STATE_LINK NO_STATUS NO_MOTION_LINK SECOND_DRIVER ESTOP MOTORS_OFF NO_POSE',
-    Purpose.STAY: 'SECOND_DRIVER ESTOP MOTORS_OFF',
     Purpose.RUN: 'SECOND_DRIVER ESTOP MOTORS_OFF MAIN_ENDED',
     Purpose.GOAL: f'{CLOSED} STOPPING STREAM',
     Purpose.READY: f'{CLOSED} STOPPING STREAM NO_POSE MAIN_ENDED PAUSED',
@@ -39,7 +38,7 @@ ORDER = {
 }
 
 
-def table(wrong: set[Cause], *, resumes: bool = False) -> WhyNot:
+def table(wrong: set[Cause], *, resumes: bool = False, busy: bool = True) -> WhyNot:
     """Return one for a driver of which some things are wrong."""
 
     def link(name: str, cause: Cause) -> Fake:
@@ -82,10 +81,11 @@ def table(wrong: set[Cause], *, resumes: bool = False) -> WhyNot:
         stopper,
         Fake(
             idle=Cause.GOAL_RUNS not in wrong,
+            busy=busy,
             why_no_stream='',
             stops=['stopped'] * (Cause.STOPPING in wrong),
         ),
-        Fake(occupation=lambda: 'a stream' if Cause.STREAM in wrong else None),
+        Fake(active=False, occupation=lambda: 'a stream' if Cause.STREAM in wrong else None),
         1.0,
         lambda: False,
         second_driver('another') if Cause.SECOND_DRIVER in wrong else None,
@@ -105,6 +105,10 @@ def found(purpose: Purpose, **options: bool) -> list[str]:
 @pytest.mark.parametrize('purpose', Purpose)
 def test_inv4_each_fact_forbids_its_purposes_in_one_order(purpose: Purpose) -> None:
     assert found(purpose) == ORDER[purpose].split()
+
+
+def test_an_idle_arm_stays_enabled_where_main_has_ended() -> None:
+    assert 'MAIN_ENDED' not in found(Purpose.RUN, busy=False)
 
 
 def test_a_controller_that_resumes_gets_a_goal_while_it_is_paused() -> None:
