@@ -25,7 +25,7 @@ CLASSES = (
     ('api/io.py', 'Io'),
     ('api/gripper.py', 'Gripper'),
     ('api/points.py', 'Points'),
-    ('taught_points/epson_point.py', 'EpsonPoint'),
+    ('taught_points.py', 'EpsonPoint'),
     ('api/recording.py', 'Recording'),
     ('api/settings.py', 'Settings'),
     ('api/status.py', 'RobotStatus'),

@@ -35,8 +35,7 @@ from epson_driver.api.settings import Settings, given_values
 from epson_driver.api.simulation import SimulatedController, Simulation
 from epson_driver.api.status import ControllerError, RobotStatus, Sample
 from epson_driver.api.streams import Streams
-from epson_driver.taught_points.epson_point import EpsonPoint
-from epson_driver.taught_points.posture import Posture
+from epson_driver.taught_points import EpsonPoint, Posture
 
 __all__ = [
     'ArgumentError',

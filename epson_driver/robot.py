@@ -37,7 +37,7 @@ from epson_driver.api.synchronous import (
     waits,
 )
 from epson_driver.api.threads import Session
-from epson_driver.taught_points.epson_point import EpsonPoint
+from epson_driver.taught_points import EpsonPoint
 
 __all__ = [
     'ArgumentError',

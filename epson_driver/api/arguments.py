@@ -11,7 +11,7 @@ from typing import Any, ParamSpec, TypeVar, get_args, get_origin
 
 from epson_driver.api.errors import argument_errors
 from epson_driver.inputs import Rule
-from epson_driver.taught_points.epson_point import plain
+from epson_driver.taught_points import plain
 
 P = ParamSpec('P')
 T = TypeVar('T')

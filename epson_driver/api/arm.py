@@ -19,8 +19,7 @@ from epson_driver.api.status import RobotStatus, Sample
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel
 from epson_driver.robots.kinematics import Kinematics
-from epson_driver.taught_points.epson_point import EpsonPoint
-from epson_driver.taught_points.posture import Posture, posture
+from epson_driver.taught_points import EpsonPoint, Posture, posture
 from epson_driver.tool_motion.tool_pose import quaternion_pose
 
 if TYPE_CHECKING:  # the driver is loaded with the first Robot

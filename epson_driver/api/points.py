@@ -8,9 +8,7 @@ from typing import Any
 
 from epson_driver.api.arguments import checked_arguments
 from epson_driver.api.ownership import Unique
-from epson_driver.taught_points.epson_point import EpsonPoint
-from epson_driver.taught_points.posture import Posture
-from epson_driver.taught_points.taught_points import TaughtPoints
+from epson_driver.taught_points import EpsonPoint, Posture, TaughtPoints
 
 
 class Points(Unique):

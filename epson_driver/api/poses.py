@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from epson_driver.inputs import number
 from epson_driver.motion import Array
-from epson_driver.taught_points.epson_point import EpsonPoint, plain
+from epson_driver.taught_points import EpsonPoint, plain
 from epson_driver.tool_motion.tool_pose import (
     check_tool_distance,
     finite_numbers,

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Execute a planned trajectory with controller and driver, report it, and judge it."""
 
+import asyncio
 import socket
 import tempfile
 import time
@@ -18,10 +19,10 @@ from rich.table import Table
 
 from epson_driver.demo.cell import panel_beside, running_controller, running_driver, stay
 from epson_driver.demo.picture import TRACE, Drawn, draw, recorded_run, top_speed
-from epson_driver.demo.verdict import TOO_BUSY, deadlines_missed, verdict
 from epson_driver.inputs import printable
 from epson_driver.motion import Trajectory
 from epson_driver.processes.processes import Ports, RunError
+from epson_driver.remote_ethernet.client import execute
 from epson_driver.report.figures import Figures as PageFigures
 from epson_driver.report.figures import figures
 from epson_driver.report.measure import MAX_DEVIATION_RAD, Figures, Recording, measure
@@ -30,10 +31,44 @@ from epson_driver.report.run import Run as WireRun
 from epson_driver.robots import RobotModel, load_robot_model
 from epson_driver.simple_message import LITTLE_ENDIAN, Ping, encode, request
 
+TOO_BUSY = 3
+"""The exit code of a run that cannot be judged."""
+
+MAX_GAP_S = 0.1
+"""A run whose joint states have a longer gap says too little about what the arm did, s."""
+
 PINGS = 50
 TIMEOUT_S = 5.0
 
 TITLES = {'ptp': 'point to point', 'smooth': 'smooth', 'spel': 'SPEL+ program'}
+
+
+def deadlines_missed(remote_port: int) -> int:
+    """Return how many deadlines the simulated controller on this machine has missed so far.
+
+    By its own clock: motion cycles that began late, and plans of its smoother that came too late.
+    Raises OSError, TimeoutError, RemoteError or ValueError if it does not tell.
+    """
+    command = execute('127.0.0.1', remote_port, ['Sim,timing'], TIMEOUT_S)
+    cycles, plans, *_ = asyncio.run(command)[0].split(',')
+    return int(cycles) + int(plans)
+
+
+def verdict(faults: Sequence[str], missed: int, longest_gap: float) -> tuple[int, str]:
+    """Return the exit code of a run and the sentence about it.
+
+    `faults`: what was not as planned, a clause each. `missed`: deadlines during the run.
+    `longest_gap`: between two joint states, s. A run without faults is right, however busy it was.
+    """
+    if not faults:
+        return 0, 'the arm did what was planned'
+    if missed or longest_gap > MAX_GAP_S:
+        return TOO_BUSY, (
+            f'this machine was too busy to judge the motion: the simulated controller missed '
+            f'{missed} of its deadlines, and joint states were up to {longest_gap * 1e3:.0f} ms '
+            f'apart ({"; ".join(faults)}); try again when less is running'
+        )
+    return 1, f'the motion was not as planned: {"; ".join(faults)}'
 
 
 def run(

@@ -27,9 +27,7 @@ from epson_driver.node.goal_server import GoalServer
 from epson_driver.node.motion_primitives import MotionPrimitives
 from epson_driver.node.remedies import outcome_text
 from epson_driver.node.static_frames import BASE, StaticFrames, links, set_values
-from epson_driver.taught_points.epson_point import EpsonPoint
-from epson_driver.taught_points.posture import Posture, posture
-from epson_driver.taught_points.taught_points import TaughtPoints
+from epson_driver.taught_points import EpsonPoint, Posture, TaughtPoints, posture
 from epson_driver.tool_motion.tool_pose import quaternion_pose
 
 SPEED = number(0.01, 1.0, 'of the joint limits')

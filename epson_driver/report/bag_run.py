@@ -21,7 +21,6 @@ from epson_driver.inputs import MEGABYTE, InputError, open_file, printable, read
 from epson_driver.motion import Array
 from epson_driver.report.bag_types import typestore
 from epson_driver.report.condition_events import condition_events
-from epson_driver.report.mcap_repair import whole_mcap
 from epson_driver.report.run import (
     FLAGS,
     NANOSECONDS,
@@ -36,6 +35,38 @@ from epson_driver.report.run import (
 )
 from epson_driver.report.sent_times import Arrival, sent_times
 from epson_driver.report.trace_run import LINK_LOST
+
+MAGIC = b'\x89MCAP0\r\n'
+HEADER, FOOTER, DATA_END = 0x01, 0x02, 0x0F
+"""Records of the MCAP specification, section Records."""
+
+_LENGTH = 9
+"""Bytes of a record's operation code and length."""
+
+_END = bytes([FOOTER]) + (20).to_bytes(8, 'little') + bytes(20) + MAGIC
+"""A footer that points at no summary: a reader scans the records then."""
+
+
+def whole_mcap(path: Path, folder: Path) -> Path | None:
+    """Return a copy, in a folder, of the whole records of a file that may break off.
+
+    None if it is no MCAP file. Raises OSError.
+    """
+    copy = folder / path.name
+    with open_file(path) as source:
+        if source.read(len(MAGIC)) != MAGIC:
+            return None
+        size = path.stat().st_size
+        with copy.open('wb') as target:
+            target.write(MAGIC)
+            while len(head := source.read(_LENGTH)) == _LENGTH:
+                length = int.from_bytes(head[1:], 'little')
+                if head[0] in (0, FOOTER, DATA_END) or source.tell() + length > size:
+                    break
+                target.write(head + source.read(length))
+            target.write(_END)
+    return copy
+
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 ROBOT_STATUS = 'industrial_msgs/msg/RobotStatus'

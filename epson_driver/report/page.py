@@ -15,8 +15,7 @@ import numpy as np
 
 from epson_driver.inputs import write_file
 from epson_driver.motion import Array
-from epson_driver.pages import asset
-from epson_driver.pages.packed_arm import packed_arm, text
+from epson_driver.pages import asset, packed_arm, text
 from epson_driver.report.figures import Figures, as_json
 from epson_driver.report.run import FLAGS, Condition, Run
 from epson_driver.robots import RobotModel

@@ -28,7 +28,7 @@ from support.longer_arm import arm_file
 from epson_driver.cli import demo
 from epson_driver.demo import cell, ros_client, run
 from epson_driver.demo.ros_client import RosClient
-from epson_driver.demo.verdict import MAX_GAP_S, TOO_BUSY, deadlines_missed, verdict
+from epson_driver.demo.run import MAX_GAP_S, TOO_BUSY, deadlines_missed, verdict
 from epson_driver.inputs import InputError
 from epson_driver.motion import Trajectory
 from epson_driver.panel import INSTALL

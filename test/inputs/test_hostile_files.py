@@ -42,8 +42,7 @@ from epson_driver.spel.errors import SpelError
 from epson_driver.spel.export import exported
 from epson_driver.spel.files import Files
 from epson_driver.spel.project_data import project_data
-from epson_driver.taught_points.epson_point import EpsonPoint
-from epson_driver.taught_points.taught_points import TaughtPoints
+from epson_driver.taught_points import EpsonPoint, TaughtPoints
 from epson_driver.trajectory_file import read_trajectory, write_trajectory
 
 pytestmark = pytest.mark.invariant(7)

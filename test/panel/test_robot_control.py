@@ -24,7 +24,7 @@ from support.panel_client import PanelClient
 from support.ros_peer import PATIENCE
 
 from epson_driver.cli.panel import PORT
-from epson_driver.demo.verdict import TOO_BUSY
+from epson_driver.demo.run import TOO_BUSY
 from epson_driver.motion import Trajectory
 from epson_driver.panel.arming import ALIVE_WITHIN_S, Arming, NotArmedError
 from epson_driver.panel.robot_control import STOP_ANSWER_S, RequestError, RobotControl

@@ -14,11 +14,18 @@ from numpy.testing import assert_allclose
 from support.examples import one_in
 
 from epson_driver.motion import Trajectory
-from epson_driver.panel.history import OVER_S, PERIOD_S, SPAN_S, History
 from epson_driver.panel.requests import Requests, message_of
 from epson_driver.panel.robot_control import RequestError, RobotControl
 from epson_driver.panel.robot_state import MAX_AGES_S, Event, IoRange, RobotState
-from epson_driver.panel.robot_view import INPUT, OUTPUT, RobotView
+from epson_driver.panel.robot_view import (
+    INPUT,
+    OUTPUT,
+    OVER_S,
+    PERIOD_S,
+    SPAN_S,
+    History,
+    RobotView,
+)
 from epson_driver.panel.sim_pendant import PendantThread
 from epson_driver.panel.window import BadMessageError
 from epson_driver.robots import RobotModel, load_robot_model, robot_models

@@ -17,7 +17,7 @@ from support.recorded_run import usual_run
 
 from epson_driver.cli import report
 from epson_driver.error_texts import load_error_texts
-from epson_driver.pages.packed_arm import packed
+from epson_driver.pages import packed
 from epson_driver.processes.interrupt import INTERRUPTED
 from epson_driver.report.derivatives import derivatives
 from epson_driver.report.figures import figures

@@ -21,7 +21,7 @@ from support.recorded_run import (
 
 from epson_driver.error_texts import load_error_texts
 from epson_driver.motion import Trajectory
-from epson_driver.pages.packed_arm import packed_arm
+from epson_driver.pages import packed_arm
 from epson_driver.report.condition_events import condition_events
 from epson_driver.report.derivatives import derivatives
 from epson_driver.report.figures import STANDSTILL_RAD, figures

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from support.examples import one_in
 
-from epson_driver.demo.verdict import TOO_BUSY
+from epson_driver.demo.run import TOO_BUSY
 from epson_driver.robots import load_robot_model, robot_models
 from epson_driver.robots.model import SCARA
 from epson_driver.share import share_file

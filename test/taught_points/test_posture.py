@@ -13,7 +13,7 @@ import pytest
 
 from epson_driver.robots import load_robot_model
 from epson_driver.robots.kinematics import Kinematics
-from epson_driver.taught_points.posture import posture
+from epson_driver.taught_points import posture
 
 DOWN = [0.0, 0.0, 0.0, 0.0, -90.0, 0.0]
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Points by name, in files of RC+ (.pts) and of our own (.yaml).
+"""Taught points as a pendant shows them, and by name in files: of RC+ (.pts), our own (.yaml).
 
 A .pts file keeps what is not understood here, and every byte of it while nothing is changed. Our
 own holds X Y Z U V W, mm and degrees, by name:
@@ -12,14 +12,141 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from math import atan2, ceil, degrees, hypot, pi, sin
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from epson_driver.inputs import InputError, printable, read_file, read_yaml, shown, write_file
+import numpy as np
+import numpy.typing as npt
+
+from epson_driver.inputs import (
+    InputError,
+    number,
+    printable,
+    read_file,
+    read_yaml,
+    shown,
+    write_file,
+)
 from epson_driver.inputs.rc_files import Block, parsed, quoted, sealed
-from epson_driver.taught_points.epson_point import EpsonPoint
-from epson_driver.taught_points.posture import Posture
+from epson_driver.motion import Array
+from epson_driver.robots import RobotModel
+from epson_driver.robots.kinematics import rotation_of_uvw, uvw
+from epson_driver.robots.model import SCARA
+from epson_driver.robots.opw import KinematicsError, opw_parameters
+from epson_driver.tool_motion.tool_pose import finite_numbers, homogeneous
+
+_LENGTH = number(-1e6, 1e6, 'mm')
+_ANGLE = number(-36000.0, 36000.0, 'degrees')
+
+
+@dataclass(frozen=True)
+class EpsonPoint:
+    """A point as a teach pendant shows it: X, Y, Z in mm, and U, V, W in degrees.
+
+    Its frame is EPSON's world, unless another one is named where it is used. On a SCARA V and W
+    are 0.
+    """
+
+    x: float
+    y: float
+    z: float
+    u: float = 0.0
+    v: float = 0.0
+    w: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ('x', 'y', 'z'):
+            _LENGTH.checked(plain(getattr(self, name)), name)
+        for name in ('u', 'v', 'w'):
+            _ANGLE.checked(plain(getattr(self, name)), name)
+
+    @property
+    def pose(self) -> Array:
+        """The point as a homogeneous matrix, shape (4, 4), m."""
+        angles = np.radians([self.u, self.v, self.w])
+        return homogeneous(rotation_of_uvw(angles), np.array([self.x, self.y, self.z]) / 1e3)
+
+    def moved(
+        self, *, x: float = 0.0, y: float = 0.0, z: float = 0.0, u: float = 0.0
+    ) -> 'EpsonPoint':
+        """Return the point moved by mm and degrees, as SPEL+'s `P1 +Z(50)`."""
+        for name, value in (('x', x), ('y', y), ('z', z)):
+            _LENGTH.checked(plain(value), name)
+        _ANGLE.checked(plain(u), 'u')
+        return replace(self, x=self.x + x, y=self.y + y, z=self.z + z, u=self.u + u)
+
+    def before(self, distance: float) -> 'EpsonPoint':
+        """Return where the tool approaches it from, mm back along its own Z axis."""
+        pose = self.pose
+        pose[:3, 3] -= pose[:3, 2] * (_LENGTH.checked(plain(distance), 'distance') / 1e3)
+        return EpsonPoint.of(pose)
+
+    @classmethod
+    def of(cls, pose: npt.ArrayLike) -> 'EpsonPoint':
+        """Return the point of a homogeneous matrix, shape (4, 4), m. Raises ValueError."""
+        pose = finite_numbers('pose', pose)
+        if pose.shape != (4, 4):
+            raise ValueError(f'pose has shape {pose.shape}: must be (4, 4), m')
+        return cls(*(pose[:3, 3] * 1e3).tolist(), *np.degrees(uvw(pose[:3, :3])).tolist())
+
+
+def plain(value: object) -> object:
+    """Return a number of numpy's as Python's own."""
+    return value.item() if isinstance(value, np.generic) else value
+
+
+Posture = dict[str, int]
+"""The flags of a point by their keys in a .pts file. Those that are not there are 0."""
+
+
+def posture(model: RobotModel, joints: Array) -> Posture:
+    """Return the flags of an arm at joints, shape (n,). Raises ValueError with why it cannot.
+
+    As RC+ writes them in .pts files: hand 1 is right, 2 left; elbow 1 above, 2 below; wrist 1 as
+    at home with the tool down, 2 flipped. Found in public files and programs that write them, not
+    at a controller: where those disagree or are silent, nothing is said.
+    """
+    low, high = (-pi / 2.0, pi) if model.name.startswith('rs') else (-pi, pi)
+    if not low <= joints[0] <= high:
+        raise ValueError(
+            f'joint 1 is outside {degrees(low):.0f} … {degrees(high):.0f} degrees, where its flag '
+            'is not known here'
+        )
+    if model.kind == SCARA:
+        return {'nHand': 1 if joints[1] >= 0.0 else 2, 'nElbow': 1, 'nWrist': 1}
+    if model.name.startswith('n'):
+        raise ValueError('the flags of an N series are not known here')
+    try:
+        parameters = opw_parameters(model)
+    except KinematicsError as error:
+        raise ValueError('the flags of this kind of arm are not known here') from error
+    a1, a2, _, _, c2, c3, _ = parameters.lengths.values()
+    _, second, third, _, fifth, _ = (
+        sign * value - offset
+        for sign, value, offset in zip(
+            parameters.signs, joints.tolist(), parameters.offsets, strict=True
+        )
+    )
+    turn = third + atan2(a2, c3)
+    if a1 + c2 * sin(second) + hypot(a2, c3) * sin(second + turn) < 0.0:
+        raise ValueError(
+            'the arm reaches over its shoulder, and its flags then are not known here'
+        )
+    return {
+        'nHand': 1,
+        'nElbow': 1 if sin(turn) >= 0.0 else 2,
+        'nWrist': 1 if fifth >= 0.0 else 2,
+        'nJ4Flag': _half_turns(joints[3]),
+        'nJ6Flag': _half_turns(joints[5]),
+    }
+
+
+def _half_turns(angle: float) -> int:
+    """Return how many half turns an angle, rad, is beyond the first, either way."""
+    return max(ceil(abs(angle) / pi) - 1, 0)
+
 
 LAST_NUMBER = 999
 MOST_LABEL_CHARACTERS = 16
