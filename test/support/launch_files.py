@@ -13,7 +13,6 @@ import types
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
 
 FOLDER = Path(__file__).parents[2] / 'launch'
 FILES = sorted(FOLDER.glob('*.launch.py'))
@@ -47,9 +46,16 @@ class Launch(types.ModuleType):
 def described(path: Path) -> list[Any]:
     """Return the entities of a launch file."""
     modules = re.findall(r'(?m)^from (launch[\w.]*) import', path.read_text(encoding='utf-8'))
-    with patch.dict(sys.modules, {name: Launch(name) for name in modules}):
-        entities: list[Any] = runpy.run_path(str(path))['generate_launch_description']().given[0]
-    return entities
+    hidden = {name: sys.modules.pop(name, None) for name in modules}
+    sys.modules |= {name: Launch(name) for name in modules}
+    try:
+        made: Any = runpy.run_path(str(path))['generate_launch_description']()
+    finally:
+        for name, module in hidden.items():
+            del sys.modules[name]
+            if module is not None:
+                sys.modules[name] = module
+    return list(made.given[0])
 
 
 def declared(path: Path) -> set[str]:
