@@ -22,7 +22,6 @@ from support.driver_harness import (
     Harness,
     ScriptedController,
     Submitted,
-    answer,
     cell,
     frame,
     pose,
@@ -86,15 +85,6 @@ async def test_inv2_a_goal_is_refused_while_the_arm_still_moves():
         assert 'the arm moves (joint_1 at' in early.outcome.text
         await until(lambda: not harness.driver.robot.sample.velocities.any())
         assert (await harness.submit(pose(0.1), start=harness.at).end()).end is End.SUCCEEDED
-
-
-async def test_a_goal_that_starts_elsewhere_is_refused_and_the_next_one_works():
-    async with cell() as (harness, _):
-        wrong = harness.submit(pose(0.3), start=pose(0.0, 0.2))
-        assert wrong.outcome.code is ErrorCode.INVALID_GOAL
-        assert 'joint_2: the trajectory starts at 0.2 rad' in wrong.outcome.text
-        assert harness.driver.motion_link.statistics.frames_sent == 0
-        assert (await harness.submit(pose(0.1)).end()).end is End.SUCCEEDED
 
 
 @pytest.mark.invariant(3)
@@ -189,21 +179,6 @@ async def test_after_a_missing_reply_the_motion_link_starts_anew():
             assert 'no reply to point 0 of 2' in harness.gate
 
 
-async def test_cancel_brings_the_arm_to_rest():
-    async with cell() as (harness, _):
-        goal = harness.submit(pose(1.0), pose(1.5))
-        await harness.until_moving()
-        harness.driver.goal_queue.cancel(goal.handle)
-        assert not goal.outcomes
-        outcome = await goal.end()
-        assert outcome.end is End.CANCELED
-        assert await harness.rests()
-        assert harness.at[0] < 0.9
-        assert harness.gate is None
-        harness.driver.goal_queue.cancel(goal.handle)  # late: changes nothing
-        assert (await harness.submit(pose(0.0)).end()).end is End.SUCCEEDED
-
-
 async def test_cancel_of_a_goal_that_waits_leaves_the_running_one_its_end():
     async with cell() as (harness, _):
         first = harness.submit(pose(1.0))
@@ -226,31 +201,6 @@ async def test_inv5_a_goal_that_is_to_be_alone_replaces_none():
         assert second.outcome.text.startswith('another motion runs or waits')
         assert plan.why is None
         assert (await first.end()).end is End.SUCCEEDED
-
-
-async def test_a_failure_reply_ends_the_goal_with_the_controllers_error():
-    def reply(sequence):
-        return answer(1 if sequence < 0 else 2)
-
-    async with scripted_cell(reply) as (harness, scripted):
-        goal = harness.submit(pose(0.5))
-        outcome = await goal.end()
-        assert outcome.end is End.ABORTED
-        assert 'point 0 of 2' in outcome.text
-        assert scripted.received == [0, -4]
-
-
-async def test_a_late_no_ends_the_goal():
-    def reply(sequence):
-        return answer(1, sequence) if sequence != 1 else b''
-
-    async with scripted_cell(reply) as (harness, scripted):
-        goal = harness.submit(pose(0.1), pose(0.2))
-        await until(lambda: 1 in scripted.received)
-        scripted.motion.write(answer(2, 1))
-        scripted.motion.write(answer(2, 1))
-        assert (await goal.end()).end is End.ABORTED
-        assert scripted.received == [0, 1, -4]
 
 
 @pytest.mark.invariant(8)
@@ -451,16 +401,6 @@ async def test_inv8_a_reply_on_the_state_port_is_no_state():
             assert not sample.positions.any()
         assert all(status.e_stopped == 0 for _, status in harness.events.statuses[-3:])
         assert harness.driver.state_link.statistics.unsolicited_replies == 3
-
-
-async def test_a_joint_that_is_not_finite_is_dropped_and_counted():
-    async with scripted_cell(enabled=False) as (harness, scripted):
-        body = struct.pack('<i10f', 0, 0, 0, float('nan'), *[0.0] * 7)
-        scripted.extra = frame(10, 1, 0, body)
-        bad = harness.driver.state_link.statistics.bad_frames
-        await until(lambda: bad['joints'] == 1)
-        assert all(np.isfinite(sample.positions).all() for _, sample in harness.events.samples)
-        assert harness.driver.state_link.connected
 
 
 async def test_feedback_messages_are_joints_too():
