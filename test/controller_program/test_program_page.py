@@ -38,31 +38,6 @@ PROGRAMS = sorted((ROOT / 'docs' / 'examples' / 'spel').glob('*.prg'))
 LOOP_WITHOUT_WAIT = 'endless-loop'
 """What one of the questions asks about."""
 
-NOT_RUN = {
-    'test_bursts.py': 'the driver alone',
-    'test_command_line_view.py': 'the driver alone',
-    'test_diagnostic_levels.py': 'the driver alone',
-    'test_failures.py': 'a second state client: a port object has one',
-    'test_lost_shared_memory.py': 'the driver alone',
-    'test_motion_primitives.py': 'the driver alone',
-    'test_goals_in_front.py': 'in front of any driver, beside none of ours',
-    'test_independent_peer.py': "its peer takes a reply for the arm's arrival",
-    'test_interrupt.py': 'a second state client: a port object has one',
-    'test_node.py': 'the driver alone',
-    'test_packaging.py': 'the driver alone',
-    'test_remote_alone.py': 'no program in the controller',
-    'test_scara.py': 'not tried',
-    'test_servo_streams.py': 'the driver alone',
-    'test_set_tool.py': 'the driver alone',
-    'test_several_robots.py': 'the driver alone',
-    'test_state_in_bursts.py': 'a fault profile of its own',
-    'test_taught_points.py': 'the driver alone',
-    'test_trace_of_node.py': 'the driver alone',
-    'test_trap_folder.py': 'the driver alone',
-    'test_two_drivers.py': 'the driver alone',
-}
-"""System tests that are not run with the program, and why."""
-
 
 @pytest.mark.parametrize('program', PROGRAMS, ids=lambda each: each.stem)
 def test_the_programs_of_the_questions_can_be_built(program: Path) -> None:
@@ -82,12 +57,6 @@ def test_the_page_has_every_name_of_config() -> None:
     for name in names:
         covered = any(name.startswith(p) or name.endswith(p) for p in patterns)
         assert name in written or covered or re.fullmatch(r'J\d_SPEED', name), name
-
-
-def test_system_tests_that_are_not_run_with_the_program_have_a_reason() -> None:
-    for path in sorted((ROOT / 'test' / 'system').glob('test_*.py')):
-        run_with_it = re.search(r'\bPROGRAMS\b|\bspel\b', path.read_text(encoding='utf-8'))
-        assert bool(run_with_it) != (path.name in NOT_RUN), path.name
 
 
 def test_the_page_has_every_error_number_of_the_program() -> None:
