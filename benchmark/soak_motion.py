@@ -42,7 +42,7 @@ PATIENCE_S = 30.0
 PATIENT = f"""\
 name: patient
 description: An RC620 that waits for its driver
-like: rc620
+like: simulated
 server: {{client_timeout: {PATIENCE_S}}}
 """
 

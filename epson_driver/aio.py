@@ -75,7 +75,7 @@ class Robot(Motions, Streams):
         self,
         host: str = '127.0.0.1',
         *,
-        controller: str = 'rc620',
+        controller: str = 'simulated',
         model: str = 'c3_a601s',
         motion_port: int | None = None,
         state_port: int | None = None,
@@ -114,7 +114,7 @@ class Robot(Motions, Streams):
     def simulated(
         cls,
         *,
-        controller: str = 'rc620',
+        controller: str = 'simulated',
         model: str = 'c3_a601s',
         start: Sequence[float] | None = None,
         motion: Literal['smooth', 'ptp'] | None = None,

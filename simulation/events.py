@@ -36,7 +36,7 @@ PREPARES_SHARE = 0.1
 WORKER_SHARE = 0.4
 """In how many of these the process that plans dies, and in how many it hangs."""
 
-SMOOTH_PROFILES = ('simulated', 'simulated', 'rc620', 'rc700a', 'generic', 'motoman')
+SMOOTH_PROFILES = ('simulated', 'simulated', 'simulated', 'rc700a', 'generic', 'motoman')
 
 SCALES = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 1.0, 1.0)
 DISTANCES_RAD = (0.0, 2e-4, 0.005, 0.1, 0.3)

@@ -50,8 +50,8 @@ from simulation.virtual_loop import SOON_S, VirtualLoop
 from simulation.workers import Workers
 
 PROFILES = (
-    *('rc620', 'rc700a', 'generic', 'motoman', 'remote') * 2,
-    *('spel', 'fanuc', 'abb', 'rc620'),
+    *('simulated', 'rc700a', 'generic', 'motoman', 'remote') * 2,
+    *('spel', 'fanuc', 'abb', 'simulated'),
 )
 """Those that cost most of the processor's time are rarer."""
 
@@ -130,7 +130,7 @@ class World:
         self.person = max(PERSON_S, status * self.state_period + 3.0 * self.delay)
         self.rng.random()  # no longer used: what follows stays what the found seeds have drawn
         self.remote = bool(self.profile.ports.remote) or bool(
-            self.rng.random() < 0.4 and self.profile_name in ('rc620', 'spel')
+            self.rng.random() < 0.4 and self.profile_name in ('simulated', 'spel')
         )
         self.in_python = bool(self.rng.random() < PROGRAM_SHARE and program.smoothing == 'none')
         self.model = SLOW if self.smooth and not self.in_python else MODEL

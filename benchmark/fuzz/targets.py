@@ -31,14 +31,14 @@ def in_process() -> dict[Target, float]:
     """Return the targets that need no process of their own, with their shares of the inputs."""
     targets: dict[Target, float] = {DecodeTarget(): 20.0, RemoteClientTarget(): 4.0}
     for armed in (False, True):
-        for name in ('rc620', 'generic', 'fanuc', 'abb', 'motoman'):
+        for name in ('simulated', 'generic', 'fanuc', 'abb', 'motoman'):
             targets[ControllerTarget(name, MESSAGES, armed=armed)] = 3.0
         targets[ControllerTarget('spel', MESSAGES, armed=armed)] = 1.0
-    targets[ControllerTarget('rc620', ('motion', 'state'), armed=True, smooth=True)] = 1.0
+    targets[ControllerTarget('simulated', ('motion', 'state'), armed=True, smooth=True)] = 1.0
     targets[ControllerTarget('rc700a', ('remote',), armed=False)] = 6.0
     targets[ControllerTarget('rc700a', ('remote', *MESSAGES), armed=True)] = 4.0
     targets[ControllerTarget('spel', ('remote', *MESSAGES), armed=True)] = 1.0
-    for name in ('rc620', 'abb', 'motoman'):
+    for name in ('simulated', 'abb', 'motoman'):
         for used in (False, True):
             targets[DriverTarget(name, used=used)] = 3.0
     return targets

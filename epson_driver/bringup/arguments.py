@@ -36,7 +36,7 @@ TABLE = (
     Argument(
         'controller',
         '',
-        'Kind of controller: a file of config/controllers. Empty: as params_file says, or rc620.',
+        'Its kind: a file of config/controllers. Empty: as params_file says, or simulated.',
     ),
     Argument(
         'interface',

@@ -13,7 +13,7 @@ from epson_driver.robots import load_robot_model
 CONTROLLER = 'joint_trajectory_controller'
 """The controller that is started."""
 
-DEFAULT_PROFILE = 'rc620'
+DEFAULT_PROFILE = 'simulated'
 
 GOAL_TOLERANCE = {'revolute': 0.01, 'prismatic': 0.001}
 """How near to a goal the controller waits for each joint, by its type, rad or m."""

@@ -34,7 +34,7 @@ TRAJECTORY = share_file('config', 'trajectories', 'around_pillar_11_points.yaml'
 TRAJECTORY_OF_SCARAS = share_file('config', 'trajectories', 'scara_pick_and_place.yaml')
 """What is executed if nothing is said: the first by six axes, the second by SCARAs."""
 
-NATIVE = 'rc620'
+NATIVE = 'simulated'
 """The profile that a SPEL+ program is compared with: its program is built in."""
 
 

@@ -175,7 +175,7 @@ def _parser() -> argparse.ArgumentParser:
         '--robot', default='c3_a601s', metavar='MODEL', help='the robot model (%(default)s)'
     )
     parser.add_argument(
-        '--controller', default='rc620', metavar='PROFILE', help='its controller (%(default)s)'
+        '--controller', default='simulated', metavar='PROFILE', help='its controller (%(default)s)'
     )
     parser.add_argument('--start', metavar='Q1,Q2,…', help='where the joints are at first, rad')
     parser.add_argument(

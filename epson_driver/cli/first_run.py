@@ -153,7 +153,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument('address', type=host, help="the controller's address")
     parser.add_argument(
-        '--controller', default='rc620', metavar='PROFILE', help='what it should be (%(default)s)'
+        '--controller',
+        default='simulated',
+        metavar='PROFILE',
+        help='what it should be (%(default)s)',
     )
     parser.add_argument(
         '--robot', default='c3_a601s', metavar='MODEL', help='the robot model (%(default)s)'

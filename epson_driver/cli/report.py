@@ -105,7 +105,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         '--controller',
-        default='rc620',
+        default='simulated',
         metavar='PROFILE',
         help='the controller profile, for the texts of its errors (%(default)s)',
     )

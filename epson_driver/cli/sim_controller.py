@@ -250,13 +250,15 @@ def _parser() -> argparse.ArgumentParser:
         '--host', type=host, default='127.0.0.1', help='address to listen on (%(default)s)'
     )
     for name, usual in _PORTS._asdict().items():
-        text = f"{name} port, 0 for any free one (the profile's, {usual} for rc620)"
+        text = f"{name} port, 0 for any free one (the profile's, {usual} for simulated)"
         parser.add_argument(f'--{name}-port', type=argument(FREE_PORT), metavar='PORT', help=text)
     parser.add_argument(
         '--robot', default='c3_a601s', help='robot model, or a .yaml file (%(default)s)'
     )
     parser.add_argument(
-        '--controller', default='rc620', help='controller profile, or a .yaml file (%(default)s)'
+        '--controller',
+        default='simulated',
+        help='controller profile, or a .yaml file (%(default)s)',
     )
     parser.add_argument(
         '--profile-from',
@@ -309,7 +311,7 @@ def _parser() -> argparse.ArgumentParser:
         '--state-period',
         type=argument(STATE_PERIOD),
         metavar='SECONDS',
-        help="time between two state messages (the profile's, 0.005 for rc620)",
+        help="time between two state messages (the profile's, 0.005 for simulated)",
     )
     parser.add_argument(
         '--fault',

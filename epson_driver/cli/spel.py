@@ -67,7 +67,9 @@ def _net(text: str) -> tuple[int, NetSettings]:
 
 def _add_surroundings(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--robot', default='c3_a601s', help='robot model (%(default)s)')
-    parser.add_argument('--controller', default='rc620', help='controller profile (%(default)s)')
+    parser.add_argument(
+        '--controller', default='simulated', help='controller profile (%(default)s)'
+    )
     parser.add_argument(
         '--stub',
         type=Path,

@@ -365,4 +365,5 @@ def _compare(profile: ControllerProfile, facts: Facts, findings: Findings) -> No
         remedy = 'choose another profile, or make one: epson_driver doctor --learn FILE'
         findings.wrong('profile', text, remedy)
     if not found:
-        findings.ok('profile', f'{profile.name} fits in {len(facts)} keys')
+        told = f'{profile.name} ({profile.description}) fits in {len(facts)} keys'
+        findings.ok('profile', told)

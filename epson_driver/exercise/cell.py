@@ -88,7 +88,7 @@ def simulated_cell(
     folder: Path,
     *,
     robot: str = 'c3_a601s',
-    controller: str = 'rc620',
+    controller: str = 'simulated',
     arguments: Sequence[str] = (),
     parameters: Mapping[str, Any] | None = None,
     enabled: bool = True,

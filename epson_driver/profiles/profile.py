@@ -7,6 +7,7 @@ the file have the names of the sections and fields here; what each may hold is i
 profile_rules.py.
 """
 
+import logging
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -245,6 +246,11 @@ class ControllerProfile:
 ALIKE = dict.fromkeys(('rc700', 'rc90', 'rc90b', 'rc800', 't', 'vt'), 'rc700a')
 """Controllers that do as another one, of which nothing else is known: name → profile."""
 
+OLD_NAMES = {'rc620': 'simulated'}
+"""Former names of profiles."""
+
+_log = logging.getLogger(__name__)
+
 
 def load_controller_profile(name: str) -> ControllerProfile:
     """Read config/controllers/NAME.yaml, or the file itself if `name` is a path to a .yaml file.
@@ -275,7 +281,16 @@ def _path(name: str, folder: Path) -> Path:
     if name.endswith('.yaml'):
         return folder / name
     plain = name.lower().replace('-', '')
-    return share_file('config', 'controllers', ALIKE.get(plain, plain) + '.yaml')
+    plain = ALIKE.get(plain, plain)
+    if (new := OLD_NAMES.get(plain)) is not None:
+        _log.warning(
+            '%s is the old name of the profile %s, the built-in simulation; '
+            'an RC620 with the program of this package has the profile spel',
+            plain,
+            new,
+        )
+        plain = new
+    return share_file('config', 'controllers', plain + '.yaml')
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -15,14 +15,15 @@ _NAME = re.compile(r'(?=.*[A-Za-z])[A-Za-z0-9 ._+/-]{1,64}')
 
 
 async def identity(ask: Ask, address: str) -> str:
-    """Return who answers, such as `rc620 (simulated), c3_a601s, 127.0.0.1:5000`.
+    """Return who answers, such as `spel (simulated), c3_a601s, 127.0.0.1:5000`.
 
     What it does not tell, or what cannot be a name, is left out; `address` is always there.
     Raises what `ask` does, but for RemoteError.
     """
     found = _SIMULATED.fullmatch(await _told(ask, 'Sim,identity'))
     if found:
-        return f'{found[1]} (simulated), {found[2]}, {address}'
+        simulated = '' if found[1] == 'simulated' else ' (simulated)'
+        return f'{found[1]}{simulated}, {found[2]}, {address}'
     controller = await _told(ask, 'GetContType')
     robot = (await _told(ask, 'GetRobotInfo')).rpartition(',')[2]
     return ', '.join([*filter(_NAME.fullmatch, (controller, robot)), address])

@@ -84,7 +84,7 @@ class Row:
 
 CONTROLLER = Row(
     'controller',
-    'rc620',
+    'simulated',
     'Kind of controller: a file of config/controllers, or a path to one. Where other parameters '
     'are not set, it says which ports, which interface and which messages are used.',
     rule=NAME_OR_FILE,

@@ -42,7 +42,7 @@ async def begun(robot):
 # --- moving -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize('profile', ['rc620', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman'])
+@pytest.mark.parametrize('profile', ['simulated', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman'])
 @pytest.mark.invariant(5)
 def test_a_move_ends_at_its_target_on_every_kind_of_controller(profile):
     async def scenario():
@@ -220,12 +220,12 @@ async def begun_slowly(robot, way):
         5,
         [
             ('generic', False, 'waypoints'),
-            ('rc620', False, 'joints'),
+            ('simulated', False, 'joints'),
             ('spel', False, 'joints'),
             ('fanuc', False, 'joints'),
             ('motoman', True, 'trajectory'),
             ('motoman', True, 'waypoints'),
-            *(('rc620', True, way) for way in ('joints', 'waypoints', 'trajectory')),
+            *(('simulated', True, way) for way in ('joints', 'waypoints', 'trajectory')),
         ],
         several=True,
     ),
@@ -255,7 +255,7 @@ def test_a_pause_holds_every_motion_and_it_goes_on(profile, smooth, way):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('profile', ['rc620', 'generic', 'motoman'])
+@pytest.mark.parametrize('profile', ['simulated', 'generic', 'motoman'])
 def test_half_the_speed_acts_on_a_move_that_runs(profile):
     async def scenario():
         async with robot_cell(profile=profile, smooth=profile != 'generic') as (robot, _):
@@ -675,8 +675,8 @@ def test_a_motion_that_is_aborted_is_logged_only_if_nobody_ever_asks(caplog):
                 del motion
             gc.collect()
             assert caplog.text.count('a motion that nobody waited for was aborted') == 1
-            assert repr(robot) == '<Robot: rc620, c3_a601s, the arm is enabled>'
-        assert repr(robot) == '<Robot: rc620, c3_a601s, not connected>'
+            assert repr(robot) == '<Robot: simulated, c3_a601s, the arm is enabled>'
+        assert repr(robot) == '<Robot: simulated, c3_a601s, not connected>'
 
     run(scenario())
 

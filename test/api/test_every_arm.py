@@ -51,7 +51,7 @@ def test_spel_has_the_arm_at_zero_where_its_data_put_it(name: str) -> None:
         assert float(shown[1]) == pytest.approx(0.0, abs=1e-6)
 
 
-EACH_WAY = product(robot_models(), ['rc620', 'spel'])
+EACH_WAY = product(robot_models(), ['simulated', 'spel'])
 
 
 @pytest.mark.parametrize(('name', 'profile'), one_in(181, EACH_WAY, several=True))

@@ -28,7 +28,7 @@ READY = {
 """Joints of each model from which it can go anywhere."""
 
 ACCURACY_M = 1e-4
-LAG_S = load_controller_profile('rc620').servo.lag
+LAG_S = load_controller_profile('simulated').servo.lag
 LOOK_S = 0.01
 """How often a motion is looked at."""
 

@@ -55,7 +55,7 @@ def test_a_wrong_payload_is_refused_by_name(given, why):
 
 def test_where_a_program_moves_the_arm_the_payload_is_its_own():
     with pytest.raises(RobotError, match='set Weight and Inertia in its program'):
-        Robot(controller='rc620').set_payload(1.0)
+        Robot(controller='simulated').set_payload(1.0)
 
 
 def test_a_hand_at_the_only_client_s_controller_needs_no_place_of_its_own():

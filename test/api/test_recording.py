@@ -42,7 +42,7 @@ def apart(rows, others):
     return max(np.abs(way - row).max(axis=1).min() for row in rows)
 
 
-@pytest.mark.parametrize('profile', one_in(3, ['generic', 'rc620', 'motoman']))
+@pytest.mark.parametrize('profile', one_in(3, ['generic', 'simulated', 'motoman']))
 def test_a_replay_goes_the_recorded_way_in_its_time_and_rests_where_it_rested(profile):
     async def scenario():
         async with robot_cell(profile=profile, smooth=profile != 'generic') as (robot, _):

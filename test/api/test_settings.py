@@ -16,7 +16,7 @@ from epson_driver.setup.setup import make_setup
 from epson_driver.setup.table import GOAL_TOLERANCE
 from epson_driver.simple_message import ByteOrder
 
-PROFILES = ['rc620', 'rc700a', 'spel', 'generic', 'fanuc', 'abb', 'motoman']
+PROFILES = ['simulated', 'rc700a', 'spel', 'generic', 'fanuc', 'abb', 'motoman']
 
 
 def flat(value):
@@ -114,7 +114,7 @@ def test_a_setting_that_cannot_be_is_refused_by_its_name(wrong):
 
 
 def test_an_unknown_controller_lists_those_there_are():
-    with pytest.raises((OSError, ValueError), match='rc620'):
+    with pytest.raises((OSError, ValueError), match='simulated'):
         Robot(controller='rc999')
 
 

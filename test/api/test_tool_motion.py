@@ -25,7 +25,7 @@ from epson_driver.tool_motion.tool_pose import homogeneous
 
 READY = [0.0, 0.2, 0.2, 0.0, -1.9, 0.0]
 ACCURACY = 1e-4
-LAG_S = load_controller_profile('rc620').servo.lag
+LAG_S = load_controller_profile('simulated').servo.lag
 
 
 SCARA_READY = [0.3, 1.2, -0.05, 0.0]

@@ -15,7 +15,7 @@ from epson_driver.driver.stopping.motors import RemoteEthernetMotors
 from epson_driver.sim_controller.condition.states import Event
 
 PROFILES = (
-    'rc620',
+    'simulated',
     'rc700a',
     'remote',
     'spel',
@@ -98,7 +98,7 @@ async def test_each_call_says_what_keeps_the_arm_still(profile: str, name: str) 
 
 
 @pytest.mark.parametrize('event', [Event.PAUSE, Event.STOP])
-@pytest.mark.parametrize('profile', ['rc620', 'rc700a', 'generic', 'fanuc', 'abb'])
+@pytest.mark.parametrize('profile', ['simulated', 'rc700a', 'generic', 'fanuc', 'abb'])
 async def test_what_is_paused_or_does_not_run_is_not_called_an_error(profile, event):
     async with robot_cell(profile=profile) as (robot, controller):
         controller.apply(event)

@@ -58,7 +58,7 @@ def test_what_is_typed_is_heard_line_by_line_and_the_page_is_named_after_the_add
     assert call('127.0.0.1', '--state-port=5', '--io-port=0') == 0
     book = load(first_run.Path('first_run_127.0.0.1.html'))
     assert book.about['heard'] == 'yes/\ufffd no'
-    assert (book.about['controller'], book.about['robot']) == ('rc620', 'c3_a601s')
+    assert (book.about['controller'], book.about['robot']) == ('simulated', 'c3_a601s')
     question = call.run.question
     assert (question.state_port, question.io_port, question.motion_port) == (5, 0, 11000)
     said = capsys.readouterr().out

@@ -29,7 +29,8 @@ def port():
     found = []
 
     async def serve():
-        controller = new_controller(load_robot_model('c3_a601s'), load_controller_profile('rc620'))
+        profile = load_controller_profile('simulated')
+        controller = new_controller(load_robot_model('c3_a601s'), profile)
         servers = ControllerServers(controller)
         ports = await servers.open('127.0.0.1', Ports(0, 0, 0, 0))
         running = asyncio.create_task(servers.run())
@@ -428,7 +429,7 @@ def test_whoever_is_told_something_is_named(port, monkeypatch, capsys):
         code = pendant.main()
         text = getattr(capsys.readouterr(), place)
         assert (code == 0) == (place == 'out')
-        assert text.endswith(f' [rc620 (simulated), c3_a601s, 127.0.0.1:{port}]\n'), text
+        assert text.endswith(f' [simulated, c3_a601s, 127.0.0.1:{port}]\n'), text
 
 
 @pytest.mark.parametrize('words', ['motors on', 'power high', 'estop press'])

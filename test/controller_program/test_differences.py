@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.byte_scripts import SCRIPTS, Script
-from support.controller_harness import RC620, Harness, InlinePlanner, split
+from support.controller_harness import SIMULATED, Harness, InlinePlanner, split
 from support.examples import one_in
 from support.spel_program_harness import OurProgramHarness
 
@@ -80,7 +80,7 @@ def by_spel(script: Script) -> tuple[str, str, str]:
 
 
 def by_built_in(script: Script) -> tuple[str, str, str]:
-    harness = Harness(planner=InlinePlanner(), profile=RC620)
+    harness = Harness(planner=InlinePlanner(), profile=SIMULATED)
     cut = []
 
     def send(data: bytes) -> None:

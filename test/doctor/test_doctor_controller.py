@@ -31,12 +31,13 @@ NAMES = (
     'fanuc',
     'generic',
     'motoman',
-    'rc620',
     'rc700a',
     'simulated',
     'spel',
 )
-KINDS = [pytest.param(name, marks=() if name == 'rc620' else pytest.mark.slow) for name in NAMES]
+KINDS = [
+    pytest.param(name, marks=() if name == 'simulated' else pytest.mark.slow) for name in NAMES
+]
 
 IO_OF_SPEL = {'flags': 64}
 """Memory bits that the program serves (IO_MEMORY_BYTES of config.inc); the controller has 512."""
@@ -83,7 +84,7 @@ def question(profile, ports, **options):
     )
 
 
-def examined(profile='rc620', prepare=None, meanwhile=None, **options):
+def examined(profile='simulated', prepare=None, meanwhile=None, **options):
     """Return facts and findings of the doctor at a simulated controller, in virtual time."""
     held = load_controller_profile(profile)
     findings = Findings(lambda finding: None)
@@ -116,7 +117,7 @@ def told(findings, level):
 
 
 def test_every_profile_is_learned():
-    folder = share_file('config', 'controllers', 'rc620.yaml').parent
+    folder = share_file('config', 'controllers', 'simulated.yaml').parent
     there = {path.stem for path in folder.glob('*.yaml')}
     assert there - {'remote'} == set(NAMES)  # of that there is nothing to learn
 
@@ -211,7 +212,7 @@ def test_another_profile_does_not_fit_and_the_key_is_named():
     findings = Findings(lambda finding: None)
 
     async def scenario():
-        async with simulated(profile='rc620') as (_, ports):
+        async with simulated(profile='simulated') as (_, ports):
             await check_controller(question(held, ports), findings)
 
     run(scenario(), 120.0)
@@ -248,7 +249,7 @@ def test_unless_told_otherwise_only_the_state_port_is_opened(monkeypatch):
 
 
 @pytest.mark.invariant(1)
-@pytest.mark.parametrize('name', ['rc620', 'motoman'])
+@pytest.mark.parametrize('name', ['simulated', 'motoman'])
 def test_with_motors_on_nothing_is_asked(name):
     def motors_on(controller):
         controller.apply(Event.MOTORS_ON)
@@ -310,7 +311,7 @@ def test_a_client_that_is_there_already_is_told():
 
 
 def test_nobody_there_is_told_with_the_reason():
-    held = load_controller_profile('rc620')
+    held = load_controller_profile('simulated')
     findings = Findings(lambda finding: None)
 
     async def scenario():
@@ -327,7 +328,7 @@ def test_nobody_there_is_told_with_the_reason():
     'noise', [b'SSH-2.0-OpenSSH_9.2\r\n', b'\0' * 400, struct.pack('<i', 2**30) * 20]
 )
 def test_something_else_at_the_port_is_told(noise):
-    held = load_controller_profile('rc620')
+    held = load_controller_profile('simulated')
     findings = Findings(lambda finding: None)
 
     async def chatter(_reader, writer):

@@ -23,8 +23,8 @@ from epson_driver.sim_controller.faults.fault_text import parse
 
 pytestmark = pytest.mark.invariant(4)
 
-RC620 = load_controller_profile('rc620')
-QUICK = replace(RC620, state=replace(RC620.state, joint_positions_per_status=1))
+SIMULATED = load_controller_profile('simulated')
+QUICK = replace(SIMULATED, state=replace(SIMULATED.state, joint_positions_per_status=1))
 """A STATUS every 10 ms: more races per second."""
 
 

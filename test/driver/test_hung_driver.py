@@ -30,7 +30,7 @@ from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.faults.faults import parse
 from epson_driver.simple_message import GetVersion, MessageType
 
-TIMEOUTS = {'rc620': 1.0, 'rc700a': 1.0, 'simulated': 1.0, 'spel': 0.5}
+TIMEOUTS = {'simulated': 1.0, 'rc700a': 1.0, 'spel': 0.5}
 """Of the profiles with a watchdog, s: simulations may run on a busy machine. Others have none."""
 
 BRAKING = 0.35
@@ -43,13 +43,13 @@ SAID = 'this driver hung for [0-9.]+ s: the controller waits (1|0.5) s for it'
 """The text of goal and gate then, although the controller reports it on both of its ports."""
 
 KINDS = {
-    'smooth': ('rc620', True, 'streaming'),
-    'from point to point': ('rc620', False, 'streaming'),
+    'smooth': ('simulated', True, 'streaming'),
+    'from point to point': ('simulated', False, 'streaming'),
     'download': ('rc700a', True, 'download'),
     'scaled': ('simulated', True, 'streaming'),
     'spel': ('spel', False, 'streaming'),
 }
-PROFILES = share_file('config', 'controllers', 'rc620.yaml').parent
+PROFILES = share_file('config', 'controllers', 'simulated.yaml').parent
 HEARTBEAT = struct.pack('<4i', 12, MessageType.PING, 1, 0)
 STOP = struct.pack('<i', -4)
 FAR = pose(2.0, 0.5, -0.4)
@@ -265,7 +265,7 @@ async def test_heartbeats_go_before_the_first_point_and_then_twenty_times_in_the
     assert frames[0][1] == HEARTBEAT
     assert frames[1][1][4] == MessageType.JOINT_TRAJ_PT
     assert len(beats) > 40
-    assert max(np.diff(beats)) < TIMEOUTS['rc620'] / 20 + 0.001
+    assert max(np.diff(beats)) < TIMEOUTS['simulated'] / 20 + 0.001
     answers = [data for _, event, data in sent if event is WireEvent.RECEIVED]
     assert all(each[4] == MessageType.JOINT_POSITION for each in answers)
     ((stopped, _),) = [(at, data) for at, data in frames if data[16:20] == STOP]
@@ -286,7 +286,7 @@ async def test_a_version_that_was_read_wrongly_is_asked_for_again_by_an_enable(m
         assert (await harness.submit(FAR, step=4.0).end()).end is End.SUCCEEDED
 
 
-@pytest.mark.parametrize(('name', 'timeout'), [('rc620', 0.0), ('generic', 0.5)])
+@pytest.mark.parametrize(('name', 'timeout'), [('simulated', 0.0), ('generic', 0.5)])
 async def test_no_other_controller_gets_anything_new(name, timeout):
     """Without the key in the driver's profile, or with a program that does not have it."""
     sent = []

@@ -29,7 +29,7 @@ POSSIBLE = (1, 0, 0, 0, 0, 2, 1)
 NOT_POSSIBLE = (1, 0, 0, 0, 0, 2, 0)
 MAIN_ENDED = (1, 0, 2261, 0, 0, 2, 0)
 UNKNOWN = (1, 0, 0, 0, 0, 2, -1)
-DELIVERIES = ('rc620', 'abb', 'motoman')
+DELIVERIES = ('simulated', 'abb', 'motoman')
 
 
 def possible(harness, value):

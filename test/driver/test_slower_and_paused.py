@@ -148,7 +148,7 @@ async def jogged(name, factor, speed=0.2, refused=''):
 
 
 @pytest.mark.invariant(10)
-@pytest.mark.parametrize('name', ['rc620', 'generic', 'spel'])
+@pytest.mark.parametrize('name', ['simulated', 'generic', 'spel'])
 async def test_inv10_a_stream_at_a_tenth_is_a_tenth_at_the_arm(name):
     speed = 2.0 if name == 'spel' else 0.2  # SPEL+ has no speed below 1 % of the joint limits
     assert 0.05 * speed <= await jogged(name, 0.1, speed) <= 0.15 * speed
@@ -234,7 +234,7 @@ def visits(places, way=0.2):
         ('fanuc', 0.2, None, 10),
         ('fanuc', 0.2, Smoothing(0.05), 8),
         ('spel', 0.05, None, 8),
-        ('rc620', 0.05, None, 8),
+        ('simulated', 0.05, None, 8),
     ],
 )
 async def test_inv10_no_point_of_a_way_to_and_fro_is_skipped_after_a_pause(
@@ -295,7 +295,7 @@ async def test_inv10_a_plan_that_was_accepted_is_resumed_in_its_slow_part(name, 
 
 
 @pytest.mark.invariant(3, 10)
-@pytest.mark.parametrize('name', ['rc620', 'generic', 'spel'])
+@pytest.mark.parametrize('name', ['simulated', 'generic', 'spel'])
 async def test_inv10_a_pause_stops_a_stream_which_continues_after_it(name):
     async with robot(name) as (harness, controller):
         period = load_controller_profile(name).program.setpoint_period
@@ -316,7 +316,7 @@ async def test_inv10_a_pause_stops_a_stream_which_continues_after_it(name):
 
 
 async def test_a_goal_that_comes_in_a_pause_starts_after_it():
-    async with robot('rc620') as (harness, controller):
+    async with robot('simulated') as (harness, controller):
         harness.driver.goal_queue.set_speed(0.0)
         goal = submit(harness, one_point(0.5))
         await asyncio.sleep(5.0)
@@ -330,8 +330,8 @@ async def test_a_goal_that_comes_in_a_pause_starts_after_it():
 @pytest.mark.parametrize('when', ['pausing', 'paused'])
 @pytest.mark.parametrize('event', ['cancel', 'stop', 'disable', 'new goal', 'e_stop', 'cut'])
 async def test_inv4_nothing_that_was_paused_resumes_after_it_was_ended(event, when):
-    async with robot('rc620') as (harness, controller):
-        goal, _ = await paused_on_the_way(harness, controller, slow_way('rc620'))
+    async with robot('simulated') as (harness, controller):
+        goal, _ = await paused_on_the_way(harness, controller, slow_way('simulated'))
         execution = goal.handle.execution
         if when == 'paused':
             await until(lambda: execution.state.value == when)
@@ -366,8 +366,8 @@ async def test_inv4_nothing_that_was_paused_resumes_after_it_was_ended(event, wh
 
 @pytest.mark.invariant(1)
 async def test_inv1_an_arm_that_was_moved_in_the_pause_does_not_resume():
-    async with robot('rc620') as (harness, controller):
-        goal, _ = await paused_on_the_way(harness, controller, slow_way('rc620'))
+    async with robot('simulated') as (harness, controller):
+        goal, _ = await paused_on_the_way(harness, controller, slow_way('simulated'))
         await until(lambda: goal.handle.execution.state.value == 'paused')
         execution = goal.handle.execution
         execution._paused_at = execution._paused_at - pose(0.1)
@@ -380,8 +380,8 @@ async def test_inv1_an_arm_that_was_moved_in_the_pause_does_not_resume():
 
 async def test_pause_and_resume_at_any_time_end_in_one_success():
     rng = np.random.default_rng(1)
-    async with robot('rc620') as (harness, _):
-        goal = submit(harness, slow_way('rc620'))
+    async with robot('simulated') as (harness, _):
+        goal = submit(harness, slow_way('simulated'))
         for _ in range(12):
             await asyncio.sleep(float(rng.uniform(0.0, 0.5)))
             harness.driver.goal_queue.set_speed(float(rng.choice([0.0, 0.0, 0.5, 1.0])))

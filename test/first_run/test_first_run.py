@@ -39,18 +39,18 @@ from epson_driver.simple_message import (
     encode,
 )
 
-RC620 = load_controller_profile('rc620')
+SIMULATED = load_controller_profile('simulated')
 START = (0.1, 0.2, -0.3, 0.4, -0.5, 0.6)
 STOP = SpecialSequence.STOP_TRAJECTORY
 
 
 def changed(**sections):
-    """Return rc620 with other values in some sections."""
+    """Return simulated with other values in some sections."""
     parts = {
-        name: dataclasses.replace(getattr(RC620, name), **values)
+        name: dataclasses.replace(getattr(SIMULATED, name), **values)
         for name, values in sections.items()
     }
-    return dataclasses.replace(RC620, **parts)
+    return dataclasses.replace(SIMULATED, **parts)
 
 
 class Between:
@@ -181,7 +181,7 @@ class Person:
 
 
 def first_day(
-    tmp_path, profile=RC620, *, smooth=True, faults=(), between=None, only=None, **options
+    tmp_path, profile=SIMULATED, *, smooth=True, faults=(), between=None, only=None, **options
 ):
     """Return the book of a first day at a simulated controller, the person and the findings."""
     path = Path(tmp_path, f'{profile.name}_{len(list(tmp_path.iterdir()))}.html')
@@ -202,7 +202,7 @@ def first_day(
                 motion = await stack.enter_async_context(Between(motion, *between))
             question = Question(
                 host='127.0.0.1',
-                profile=RC620,
+                profile=SIMULATED,
                 model=MODEL,
                 state_port=state,
                 motion_port=motion,
@@ -216,7 +216,7 @@ def first_day(
             names = [each.name for each in steps(6)]
             skips = () if only is None else set(names) - set(only)
             person = Person(controller, skips)
-            about = {'address': '127.0.0.1', 'controller': 'rc620', 'robot': 'c3_a601s'}
+            about = {'address': '127.0.0.1', 'controller': 'simulated', 'robot': 'c3_a601s'}
             book = Book(about | {'when': 'in a test'})
             run = FirstRun(question, person.ask, findings)
             made['ended'] = await go_through(run, book, path, person.see)
@@ -239,7 +239,7 @@ def test_a_usual_controller_has_no_habits_and_every_step_is_done(tmp_path):
 HABITS = [
     (['listen'], {'between': (joints_as(rounded),)}, 'joint states are rounded to 0.01 degrees'),
     (['listen'], {'dialect': BIG_ENDIAN}, 'byte_order is big'),
-    (['listen'], {'profile': changed(state={'period': 0.02})}, 'the profile rc620 says 0.005'),
+    (['listen'], {'profile': changed(state={'period': 0.02})}, 'the profile simulated says 0.005'),
     (
         ['pendant'],
         {'between': (joints_as(third_turned), joints_as(third_turned))},
@@ -330,7 +330,7 @@ def test_an_interrupted_day_goes_on_where_it_was(tmp_path):
         monkeyed = dataclasses.replace(run, question=NOBODY)
         return await go_through(monkeyed, book, path, said.append)
 
-    book = Book({'address': 'x', 'controller': 'rc620', 'robot': 'c3_a601s', 'when': 'now'})
+    book = Book({'address': 'x', 'controller': 'simulated', 'robot': 'c3_a601s', 'when': 'now'})
     ended = []
 
     async def once():
@@ -356,7 +356,7 @@ def test_an_interrupted_day_goes_on_where_it_was(tmp_path):
 
 NOBODY = Question(
     host='127.0.0.1',
-    profile=RC620,
+    profile=SIMULATED,
     model=MODEL,
     state_port=1,
     motion_port=1,
@@ -371,7 +371,7 @@ NOBODY = Question(
 
 def test_a_step_at_a_controller_that_is_not_there_fails_with_the_reason(tmp_path):
     path = tmp_path / 'day.html'
-    book = Book({'address': 'x', 'controller': 'rc620', 'robot': 'c3_a601s', 'when': 'now'})
+    book = Book({'address': 'x', 'controller': 'simulated', 'robot': 'c3_a601s', 'when': 'now'})
     findings = Findings(lambda finding: None)
 
     async def person(sentence):
@@ -399,7 +399,7 @@ def test_another_file_is_refused_with_a_sentence(tmp_path, text):
 def test_what_a_robot_or_a_person_says_is_text_on_the_page(tmp_path):
     path = tmp_path / 'x.html'
     evil = '<script>alert(1)</script><img src=x onerror=alert(2)>'
-    about = {'address': evil, 'controller': 'rc620', 'robot': evil, 'when': evil}
+    about = {'address': evil, 'controller': 'simulated', 'robot': evil, 'when': evil}
     book = Book(
         about, {evil: Entry(DONE, evil, Found({}, {evil: 1.0}, {evil: evil}, [evil]), evil)}
     )

@@ -107,7 +107,7 @@ def test_a_case_that_hangs_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_an_arm_that_moves_without_power_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """The eye of the controller's targets sees what it is there for."""
-    target = TARGETS['controller rc620, motors off: motion, state, io']
+    target = TARGETS['controller simulated, motors off: motion, state, io']
     world = controller_target._World(target)
     world.controller.servo.actual[0] += 1e-9
     with pytest.raises(FoundError, match='without power has moved'):

@@ -50,7 +50,7 @@ READERS: dict[str, tuple[Callable[[Path], object], Path]] = {
     'robot': (_model, arm_file(Path(mkdtemp()), 6)),
     'controller': (
         lambda path: load_controller_profile(str(path)),
-        share_folder('config', 'controllers') / 'rc620.yaml',
+        share_folder('config', 'controllers') / 'simulated.yaml',
     ),
     'errors': (read_error_texts, share_folder('config', 'errors') / 'epson.yaml'),
     'trajectory': (

@@ -178,7 +178,7 @@ def wrong_types(valid: bytes) -> Iterator[bytes]:
 
 
 def _first_day(folder: Path) -> Path:
-    about = {'controller': 'rc620', 'robot': 'c3_a601s', 'address': '::1', 'when': 'now'}
+    about = {'controller': 'simulated', 'robot': 'c3_a601s', 'address': '::1', 'when': 'now'}
     facts: dict[str, object] = {'reply delay': 0.25, 'lateness': 0.5, 'rests at points': True}
     facts |= {'state.period': 0.005, 'io': {'digital_inputs': 24}, 'byte_order': 'little'}
     times = {'joint 1: point sent to motion seen': 0.75}
@@ -254,7 +254,7 @@ READERS: dict[str, tuple[Callable[[Path], object], Callable[[Path], Path]]] = {
     'robot model': (lambda path: load_robot_model(str(path)), lambda folder: arm_file(folder, 6)),
     'controller': (
         lambda path: load_controller_profile(str(path)),
-        lambda _: SHARED / 'controllers' / 'rc620.yaml',
+        lambda _: SHARED / 'controllers' / 'simulated.yaml',
     ),
     'error texts': (read_error_texts, lambda _: SHARED / 'errors' / 'epson.yaml'),
     'joint limits': (
@@ -335,7 +335,7 @@ def _picture(path: Path) -> None:
     save_picture(path, Figure())
 
 
-BOOK = Book({'controller': 'rc620', 'robot': 'c3_a601s', 'address': '::1', 'when': 'now'})
+BOOK = Book({'controller': 'simulated', 'robot': 'c3_a601s', 'address': '::1', 'when': 'now'})
 PLAN = Trajectory(('joint_1',), np.array([0.0, 1.0]), np.array([[0.0], [0.1]]))
 WRITERS: dict[str, tuple[Callable[[Path], object], str]] = {
     'any': (lambda path: write_file(path, 'text'), '.txt'),

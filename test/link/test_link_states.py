@@ -66,7 +66,7 @@ async def test_a_second_client_is_told_once_and_then_of_the_change(caplog, monke
         on_packet=lambda _: None,
         on_state=lambda _, why: reports.tell(why),
     )
-    reports = LinkReports(link, 'rc620, c3_a601s')
+    reports = LinkReports(link, 'simulated, c3_a601s')
     task = asyncio.create_task(link.run())
     await until(lambda: accepted >= MAX_SHORT + 2)
     told = [line for line in caplog.messages if 'serves one client' in line]
@@ -77,7 +77,7 @@ async def test_a_second_client_is_told_once_and_then_of_the_change(caplog, monke
     served = True
     await until(lambda: len(caplog.messages) > count)
     assert caplog.messages[-1] == (
-        f'motion link connected: 127.0.0.1:{port}, configured as rc620, c3_a601s'
+        f'motion link connected: 127.0.0.1:{port}, configured as simulated, c3_a601s'
     )
     end.set()
     task.cancel()

@@ -214,12 +214,14 @@ def test_the_controller_gives_defaults_and_what_is_set_counts_more(node):
 
 def test_a_controller_of_ones_own(node, tmp_path):
     path = tmp_path / 'mine.yaml'
-    path.write_text('{like: rc620, name: mine, description: x, ports: {motion: 7000}}')
+    path.write_text('{like: simulated, name: mine, description: x, ports: {motion: 7000}}')
     assert declare(node(controller=str(path)))['motion_port'] == 7000
 
 
 def test_an_unknown_controller_lists_those_there_are(node):
-    with pytest.raises(InputError, match=r'^parameter controller = .rc1.: no rc1\.yaml .*rc620'):
+    with pytest.raises(
+        InputError, match=r'^parameter controller = .rc1.: no rc1\.yaml .*simulated'
+    ):
         declare(node(controller='rc1'))
 
 

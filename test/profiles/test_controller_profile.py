@@ -17,7 +17,7 @@ from epson_driver.profiles.profile_rules import RULES
 from epson_driver.share import share_file
 from epson_driver.simple_message import ByteOrder, Mode
 
-FOLDER = share_file('config', 'controllers', 'rc620.yaml').parent
+FOLDER = share_file('config', 'controllers', 'simulated.yaml').parent
 NAMES = sorted(path.stem for path in FOLDER.glob('*.yaml'))
 
 
@@ -37,7 +37,7 @@ def test_every_key_has_a_rule_and_every_rule_a_key():
 
 
 def test_there_are_the_profiles_that_are_promised():
-    others = ['rc620', 'rc700a', 'remote', 'simulated', 'spel']
+    others = ['rc700a', 'remote', 'simulated', 'spel']
     assert ['abb', 'fanuc', 'generic', 'motoman', *others] == NAMES
 
 
@@ -47,7 +47,7 @@ def test_each_profile_loads_and_calls_itself_by_its_file(name):
     assert profile.name == name
     assert profile.description
     assert all(sentence.endswith('.') for sentence in profile.approximate)
-    if name != 'rc620':  # these rest on less
+    if name != 'simulated':  # these rest on less
         assert profile.approximate
 
 
@@ -56,8 +56,15 @@ def test_controllers_that_are_alike_share_a_profile_under_epsons_names(name):
     assert load_controller_profile(name) == load_controller_profile('rc700a')
 
 
-def test_the_rc620_is_as_the_thesis_measured_it():
-    profile = load_controller_profile('rc620')
+def test_the_old_name_of_the_simulation_is_an_alias_that_says_so(caplog):
+    assert load_controller_profile('RC620') == load_controller_profile('simulated')
+    (said,) = caplog.messages
+    assert said.startswith('rc620 is the old name of the profile simulated')
+    assert 'spel' in said
+
+
+def test_the_simulated_rates_are_those_that_the_thesis_measured():
+    profile = load_controller_profile('simulated')
     assert profile.byte_order is ByteOrder.LITTLE
     assert profile.mode is Mode.AUTO
     assert dataclasses.astuple(profile.ports) == (11000, 11002, 11003, 0)
@@ -113,7 +120,7 @@ def test_the_others_differ_where_it_is_known():
 
 
 def test_an_unknown_profile_lists_the_ones_there_are():
-    with pytest.raises(FileNotFoundError, match=r'no rc1\.yaml .*rc620'):
+    with pytest.raises(FileNotFoundError, match=r'no rc1\.yaml .*simulated'):
         load_controller_profile('rc1')
 
 
@@ -171,9 +178,9 @@ def written(tmp_path, data, name='mine.yaml'):
 @pytest.mark.parametrize('like', [False, True])
 def test_a_wrong_value_is_named_with_file_key_and_rule(tmp_path, key, value, text, like):
     if like:
-        data = {'like': 'rc620', 'name': 'mine', 'description': 'my own'}
+        data = {'like': 'simulated', 'name': 'mine', 'description': 'my own'}
     else:
-        data = yaml.safe_load((FOLDER / 'rc620.yaml').read_text())
+        data = yaml.safe_load((FOLDER / 'simulated.yaml').read_text())
     inner, *sections = data, *key.split('.')
     *sections, last = sections
     for section in sections:
@@ -189,7 +196,7 @@ def test_a_wrong_value_is_named_with_file_key_and_rule(tmp_path, key, value, tex
 
 @pytest.mark.parametrize('key', sorted(RULES))
 def test_a_missing_key_is_named(tmp_path, key):
-    data = yaml.safe_load((FOLDER / 'rc620.yaml').read_text())
+    data = yaml.safe_load((FOLDER / 'simulated.yaml').read_text())
     inner = data
     *sections, last = key.split('.')
     for section in sections:
@@ -199,7 +206,9 @@ def test_a_missing_key_is_named(tmp_path, key):
         load_controller_profile(str(written(tmp_path, data)))
 
 
-@pytest.mark.parametrize('text', ['', 'rc620', '[1, 2]', '{', 'name: rc620', '\0', '- like'])
+@pytest.mark.parametrize(
+    'text', ['', 'simulated', '[1, 2]', '{', 'name: simulated', '\0', '- like']
+)
 def test_a_file_that_is_no_profile(tmp_path, text):
     path = tmp_path / 'mine.yaml'
     path.write_text(text)
@@ -233,7 +242,7 @@ def test_a_profile_of_ones_own_holds_only_what_differs(tmp_path):
 
 
 def test_like_a_file_beside_it(tmp_path):
-    base = {'like': 'rc620', 'name': 'base', 'description': '', 'error_texts': 'none'}
+    base = {'like': 'simulated', 'name': 'base', 'description': '', 'error_texts': 'none'}
     written(tmp_path, base, 'base.yaml')
     path = written(tmp_path, {'like': 'base.yaml', 'name': 'mine', 'description': ''})
     assert load_controller_profile(str(path)).error_texts == 'none'
@@ -241,7 +250,7 @@ def test_like_a_file_beside_it(tmp_path):
 
 @pytest.mark.parametrize('key', ['name', 'description'])
 def test_a_profile_like_another_has_its_own_name(tmp_path, key):
-    data = {'like': 'rc620', 'name': 'mine', 'description': 'my own'}
+    data = {'like': 'simulated', 'name': 'mine', 'description': 'my own'}
     del data[key]
     with pytest.raises(InputError, match=f'{key} is missing'):
         load_controller_profile(str(written(tmp_path, data)))
@@ -249,11 +258,11 @@ def test_a_profile_like_another_has_its_own_name(tmp_path, key):
 
 def test_like_a_profile_that_is_not_there(tmp_path):
     data = {'like': 'rc1', 'name': 'mine', 'description': 'my own'}
-    with pytest.raises(FileNotFoundError, match=r'no rc1\.yaml .*rc620'):
+    with pytest.raises(FileNotFoundError, match=r'no rc1\.yaml .*simulated'):
         load_controller_profile(str(written(tmp_path, data)))
 
 
-@pytest.mark.parametrize('like', [5, ['rc620'], {}])
+@pytest.mark.parametrize('like', [5, ['simulated'], {}])
 def test_like_something_that_is_no_name(tmp_path, like):
     data = {'like': like, 'name': 'mine', 'description': 'my own'}
     with pytest.raises(InputError, match=r'like = .*must be the name of a profile'):
@@ -270,7 +279,7 @@ def test_profiles_that_are_like_each_other(tmp_path):
 
 def test_rc620_has_every_key_as_docs_say():
     """docs/controllers.md sends readers there."""
-    data = yaml.safe_load((FOLDER / 'rc620.yaml').read_text(encoding='utf-8'))
+    data = yaml.safe_load((FOLDER / 'simulated.yaml').read_text(encoding='utf-8'))
     written = {'.'.join(path) for path in paths(data)}
     assert all(any(f'{each}.'.startswith(f'{key}.') for each in written) for key in RULES)
 

@@ -7,7 +7,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from support.controller_harness import LIMITS, MODEL, RC620, STOP, InlinePlanner, Peer, point
+from support.controller_harness import LIMITS, MODEL, SIMULATED, STOP, InlinePlanner, Peer, point
 
 from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.clock import MIN_TIMERS_TO_SWEEP, Clock
@@ -140,7 +140,7 @@ PORTS = ('motion', 'state', 'io', 'remote')
 
 def run(seed, planner=None, inputs=7):
     """Live through a few seconds that are drawn from `inputs`; return the bytes of each port."""
-    controller = new_controller(MODEL, RC620, planner=planner, seed=seed)
+    controller = new_controller(MODEL, SIMULATED, planner=planner, seed=seed)
     random = np.random.default_rng(inputs)
     peers = {port: Peer() for port in PORTS}
     connections = {port: controller.connect(port, peer) for port, peer in peers.items()}

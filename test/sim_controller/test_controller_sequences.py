@@ -16,7 +16,7 @@ from support.controller_harness import (
     FAILURE,
     LIMITS,
     MODEL,
-    RC620,
+    SIMULATED,
     STOP,
     SUCCESS,
     InlinePlanner,
@@ -74,7 +74,7 @@ class Sequences(RuleBasedStateMachine):
     def __init__(self):
         super().__init__()
         planner = self.PLANNER and self.PLANNER()
-        self.controller = new_controller(MODEL, RC620, planner=planner)
+        self.controller = new_controller(MODEL, SIMULATED, planner=planner)
         self.state = Peer()
         self.controller.connect('state', self.state)
         self.peer, self.connection = Peer(), None

@@ -7,7 +7,15 @@ import struct
 
 import numpy as np
 import pytest
-from support.controller_harness import LIMITS, RC620, Harness, InlinePlanner, Peer, point, split
+from support.controller_harness import (
+    LIMITS,
+    SIMULATED,
+    Harness,
+    InlinePlanner,
+    Peer,
+    point,
+    split,
+)
 
 from epson_driver.driver.state.robot_state import RobotState, StateRules
 from epson_driver.sim_controller.core import CYCLE_PERIOD_S
@@ -191,7 +199,7 @@ class Watch:
 
 
 def moving_and_watched():
-    harness = Harness(profile=RC620)
+    harness = Harness(profile=SIMULATED)
     watch = Watch(harness)
     harness.send(point(0, (1.5, 0.5, 0.3)), point(1, ()))
     watch.step(0.1)

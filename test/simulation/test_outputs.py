@@ -14,7 +14,7 @@ class World:
     def __init__(self):
         self.now = 0.0
         self.broken = []
-        self.points = IoPoints(load_controller_profile('rc620').io)
+        self.points = IoPoints(load_controller_profile('simulated').io)
         self.outputs = Outputs(self.points, lambda: self.now, self.broken.append)
 
     def write(self, value):

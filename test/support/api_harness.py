@@ -28,7 +28,7 @@ def ports_of(ports):
 
 @contextlib.asynccontextmanager
 async def robot_cell(
-    *, enabled=True, profile='rc620', model='c3_a601s', settings=None, smooth=False
+    *, enabled=True, profile='simulated', model='c3_a601s', settings=None, smooth=False
 ):
     """Run a simulated controller in this process; yield a connected robot, and the controller."""
     async with (

@@ -55,11 +55,11 @@ def do(port: int, *words: str) -> None:
 
 
 MODEL = load_robot_model('c3_a601s')
-RC620 = load_controller_profile('rc620')
+SIMULATED = load_controller_profile('simulated')
 PROFILE = replace(
-    RC620,
-    motion=replace(RC620.motion, statement_overhead=0.0),
-    servo=replace(RC620.servo, lag=0.0, encoder=False),
+    SIMULATED,
+    motion=replace(SIMULATED.motion, statement_overhead=0.0),
+    servo=replace(SIMULATED.servo, lag=0.0, encoder=False),
 )
 """Joints that are where they are commanded to be, to the last bit, and statements at once."""
 

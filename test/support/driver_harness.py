@@ -220,7 +220,7 @@ def _built(files: tuple[tuple[str, str], ...]) -> Program:
 
 
 @contextlib.asynccontextmanager
-async def simulated(dialect=None, profile='rc620', model=None, *, smooth=False, start=None):
+async def simulated(dialect=None, profile='simulated', model=None, *, smooth=False, start=None):
     """Run the simulated controller in this process; yield it and its ports.
 
     `profile` is the name of one, or one, with its SPEL+ program if it has any; `model` the name of
@@ -260,7 +260,7 @@ def options_of(name):
 
 
 @contextlib.asynccontextmanager
-async def cell(*, enabled=True, smooth=False, profile='rc620', **options):
+async def cell(*, enabled=True, smooth=False, profile='simulated', **options):
     """Run a driver with the simulated controller; yield both."""
     async with (
         simulated(smooth=smooth, profile=profile) as (controller, ports),

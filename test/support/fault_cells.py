@@ -16,11 +16,11 @@ from epson_driver.driver.outcome import ErrorCode
 from epson_driver.sim_controller.condition.states import Event
 from support.driver_harness import LIMITS, pose
 
-PROFILES = ('rc620', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman', 'spel', 'remote')
-DOWNLOADS = ('rc620', 'rc700a', 'spel')
+PROFILES = ('simulated', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman', 'spel', 'remote')
+DOWNLOADS = ('simulated', 'rc700a', 'spel')
 """Controllers that take whole trajectories, too, although they usually get points."""
 
-SETPOINTS = ('rc620', 'generic', 'spel')
+SETPOINTS = ('simulated', 'generic', 'spel')
 """Controllers for which a stream of setpoints is interrupted."""
 
 PHASES = ('standing', 'starting', 'moving', 'arriving', 'stopping')
@@ -193,7 +193,7 @@ EXCEPTIONS: dict[tuple[str, str], dict[str, Any]] = {
     ('door', 'remote'): dict.fromkeys(('text', 'gate'), 'the safeguard door is open'),
 }
 
-ANSWER_A_POINT_FIRST = ('rc620', 'rc700a', 'generic', 'fanuc')
+ANSWER_A_POINT_FIRST = ('simulated', 'rc700a', 'generic', 'fanuc')
 """Controllers that answer the point which still waits for its reply when STOP comes, then STOP. A
 lost reply to that point alone closes no gate: STOP is confirmed. So STOP's reply is the lost one
 here."""

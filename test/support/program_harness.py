@@ -41,7 +41,7 @@ def profile(name, **changes):
 class ProgramHarness:
     """`name` is the controller's profile; `changes` are other values of its program."""
 
-    def __init__(self, name='rc620', pending_limit=1000, cp=False, **changes):
+    def __init__(self, name='simulated', pending_limit=1000, cp=False, **changes):
         self.profile = profile(name, **changes)
         self.arm = PointToPoint(
             LIMITS,

@@ -192,7 +192,7 @@ class ScriptedHost:
             self.machine.resume()
 
 
-SCARA = Bench('t3_401s', 'rc620')
+SCARA = Bench('t3_401s', 'simulated')
 
 
 def on_controller(source: str, around: Surroundings | None = None) -> TestResult:

@@ -27,7 +27,7 @@ def message_of(plan: Trajectory) -> Any:
     return message
 
 
-KINDS = ('generic', 'abb', 'motoman', 'rc620', 'rc700a', 'fanuc', 'spel')
+KINDS = ('generic', 'abb', 'motoman', 'simulated', 'rc700a', 'fanuc', 'spel')
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,7 @@ ONE_OF_EACH_SERIES = {name.partition('_')[0]: name for name in robot_models()}.v
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ('name', 'controller'),
-    list(zip(ONE_OF_EACH_SERIES, cycle(['spel', 'rc620']), strict=False)),
+    list(zip(ONE_OF_EACH_SERIES, cycle(['spel', 'simulated']), strict=False)),
 )
 def test_demo_of_every_series(name: str, controller: str, tmp_path: Path) -> None:
     picture = tmp_path / 'arm.png'
@@ -128,7 +128,7 @@ def test_demo_interrupted_leaves_nothing_behind(tmp_path: Path) -> None:
         text=True,
     )
     assert run.stdout is not None
-    assert 'sim_controller: rc620 (simulated)' in run.stdout.readline()
+    assert 'sim_controller: simulated' in run.stdout.readline()
     children = Path(f'/proc/{run.pid}/task/{run.pid}/children').read_text().split()
     run.send_signal(signal.SIGINT)
     run.stdout.read()

@@ -69,7 +69,7 @@ class Robot:
     def __init__(self, folder: Path, domain: int | None = None, namespace: str = '') -> None:
         folder.mkdir(exist_ok=True)
         profile = folder / 'measured.yaml'
-        profile.write_text(PROFILE.format(kind='rc620'), encoding='utf-8')
+        profile.write_text(PROFILE.format(kind='simulated'), encoding='utf-8')
         start = ','.join(map(str, START))
         self.controller = processes.sim_controller(
             folder / 'controller.log',

@@ -45,7 +45,9 @@ def wait_until_it_stands(port: int) -> None:
 
 
 @pytest.mark.invariant(3, 4, 5)
-@pytest.mark.parametrize('name', ['rc620', 'rc700a', pytest.param('spel', marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    'name', ['simulated', 'rc700a', pytest.param('spel', marks=pytest.mark.slow)]
+)
 def test_a_stopped_client_finds_the_arm_stopped_and_its_goal_aborted(
     make_cell: Any, tmp_path: Path, name: str
 ) -> None:

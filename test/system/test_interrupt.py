@@ -29,7 +29,7 @@ def to_and_fro() -> Any:
 @pytest.mark.parametrize(
     ('kind', 'interface'),
     [
-        ('rc620', 'streaming'),
+        ('simulated', 'streaming'),
         ('abb', 'download'),
         pytest.param('motoman', 'streaming', marks=pytest.mark.slow),
     ],

@@ -220,7 +220,7 @@ def test_the_log_says_which_robot(fleet: Fleet) -> None:
         port = fleet.ports[name].motion
         said = (
             f'[{name}.epson_driver]: motion link connected: 127.0.0.1:{port}, '
-            'configured as rc620, c3_a601s'
+            'configured as simulated, c3_a601s'
         )
         assert said in fleet.log_text()
 

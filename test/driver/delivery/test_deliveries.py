@@ -50,7 +50,7 @@ from epson_driver.simple_message import (
 )
 from epson_driver.simple_message.motoman import Command, Invalid, NotReady, Result
 
-PROFILES = ('rc620', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman')
+PROFILES = ('simulated', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman')
 AT_GOAL = 0.01
 
 
@@ -154,7 +154,7 @@ async def test_the_same_three_plans_succeed_on_every_controller(name):
             assert np.abs(where(controller) - end).max() < 1e-4
 
 
-@pytest.mark.parametrize('name', one_in(2, ['rc620', 'rc700a', 'generic', 'abb']))
+@pytest.mark.parametrize('name', one_in(2, ['simulated', 'rc700a', 'generic', 'abb']))
 @pytest.mark.parametrize('interface', ['streaming', 'download'])
 async def test_both_interfaces_execute_a_plan(name, interface):
     async with cell_of(name, interface) as (harness, controller, received):
@@ -171,7 +171,7 @@ async def test_both_interfaces_execute_a_plan(name, interface):
 @pytest.mark.parametrize(
     ('name', 'values'),
     [
-        ('rc620', (11000, 11002, 11003, 0, 'streaming', 'joint_traj_pt')),
+        ('simulated', (11000, 11002, 11003, 0, 'streaming', 'joint_traj_pt')),
         ('abb', (11000, 11002, 11003, 0, 'download', 'joint_traj_pt')),
         ('motoman', (50240, 50241, 50242, 0, 'streaming', 'joint_traj_pt_full')),
     ],
@@ -184,14 +184,19 @@ def test_a_profile_gives_the_defaults(name, values):
 
 def test_a_refused_goal_waits_for_the_status_of_its_controller():
     waits = {name: cause_timeout(load_controller_profile(name).state) for name in PROFILES}
-    assert waits['rc620'] == pytest.approx(GoalSettings().cause_timeout)
+    assert waits['simulated'] == pytest.approx(GoalSettings().cause_timeout)
     assert waits['fanuc'] > 11 * 0.0238
 
 
 @pytest.mark.parametrize(
     ('name', 'interface', 'message', 'text'),
     [
-        ('rc620', 'download', 'joint_traj_pt_full', 'points are downloaded as joint_traj_pt only'),
+        (
+            'simulated',
+            'download',
+            'joint_traj_pt_full',
+            'points are downloaded as joint_traj_pt only',
+        ),
         ('motoman', 'streaming', 'joint_traj_pt', 'takes joint_traj_pt_full only'),
     ],
 )
@@ -217,7 +222,7 @@ async def test_a_download_that_is_too_long_is_refused_before_anything_is_sent():
 
 
 async def test_a_single_point_is_sent_twice():
-    async with cell_of('rc620', 'download') as (harness, controller, received):
+    async with cell_of('simulated', 'download') as (harness, controller, received):
         outcome = await hand_in(harness, plan([0.5], [A])).end()
         assert outcome.end is End.SUCCEEDED, outcome
         first, last = (packet.message for packet in received)
@@ -233,9 +238,9 @@ async def test_a_download_waits_for_the_dead_time_of_all_points():
     The plan ends where it begins, and is short enough to be at its goal all the time.
     """
 
-    rc620 = load_controller_profile('rc620')
-    download = replace(rc620.program.download, dead_time=0.15)
-    slow = replace(rc620, program=replace(rc620.program, download=download))
+    usual = load_controller_profile('simulated')
+    download = replace(usual.program.download, dead_time=0.15)
+    slow = replace(usual, program=replace(usual.program, download=download))
     async with cell_of(slow, 'download') as (harness, controller, received):
         shares = np.concatenate([np.linspace(0, 1, 6), np.linspace(1, 0, 6)])
         goal = plan(np.arange(12) * 0.1, np.outer(shares, pose(0.005)))
@@ -268,7 +273,7 @@ async def test_stop_of_a_download_is_a_request_and_ends_the_goal_at_rest():
 async def test_a_download_that_the_controller_refuses_ends_with_its_error():
     """Its joints are counted otherwise, and so the goal is beyond a limit that it alone knows."""
     mapping = joint_mapping(JOINTS, [1], [-2.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0)
-    async with cell_of('rc620', 'download', mapping=mapping) as (harness, controller, _):
+    async with cell_of('simulated', 'download', mapping=mapping) as (harness, controller, _):
         goal = hand_in(harness, plan([0.0, 1.0], [harness.at, harness.at + pose(3.5)]))
         outcome = await goal.end()
         assert outcome.end is End.ABORTED
@@ -290,9 +295,9 @@ async def test_an_e_stop_ends_a_download():
 @pytest.mark.invariant(7)
 async def test_inv7_a_long_download_never_fills_the_memory():
     """docs/invariants.md, 7: points wait while the controller does not read."""
-    rc620 = load_controller_profile('rc620')
-    download = replace(rc620.program.download, buffer=10_000, dead_time=0.0)
-    profile = replace(rc620, program=replace(rc620.program, download=download))
+    usual = load_controller_profile('simulated')
+    download = replace(usual.program.download, buffer=10_000, dead_time=0.0)
+    profile = replace(usual, program=replace(usual.program, download=download))
     async with cell_of(profile, 'download') as (harness, _, received):
         count = 5000
         shares = np.linspace(0.0, 1.0, count)
@@ -454,7 +459,7 @@ async def test_joints_are_counted_as_ros_does_in_both_directions():
 
 async def test_the_final_states_are_reached_in_every_delivery():
     """A goal that a controller ends by itself leaves nothing behind that could be sent later."""
-    for name in ('rc620', 'abb', 'motoman'):
+    for name in ('simulated', 'abb', 'motoman'):
         async with cell_of(name) as (harness, _, received):
             goal = hand_in(harness, dense())
             await until(lambda got=received: len(got) >= 2)

@@ -44,7 +44,7 @@ DI, DO, AI, AO, GI, GO, FLAG = range(1, 8)
 INFO, READ, WRITE = range(65200, 65203)
 SUCCESS, FAILURE = 1, 2
 
-EVERY = pytest.mark.parametrize('profile', ['rc620', 'rc700a', 'motoman'])
+EVERY = pytest.mark.parametrize('profile', ['simulated', 'rc700a', 'motoman'])
 
 
 class Client:
@@ -61,7 +61,7 @@ class Client:
         turns=None,
     ):
         self.io = make_io(
-            profile or load_controller_profile('rc620').io,
+            profile or load_controller_profile('simulated').io,
             '127.0.0.1',
             (port, port),
             byte_order=byte_order,
@@ -195,7 +195,7 @@ async def test_values_are_told_at_first_and_when_one_changes(dialect):
         assert len(client.told) == 2
 
 
-@pytest.mark.parametrize('profile', ['rc620', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman'])
+@pytest.mark.parametrize('profile', ['simulated', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman'])
 async def test_io_with_every_profile_of_the_simulated_controller(profile):
     """Through a whole driver: the way is the profile's, the byte order the state messages'."""
     async with (

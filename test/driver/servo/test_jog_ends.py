@@ -69,8 +69,8 @@ async def to_rest(controller, phase, end):
 
 
 CONTROLLERS = [
-    ('rc620', True),
-    *((name, False) for name in ('rc620', 'generic', 'fanuc', 'spel')),
+    ('simulated', True),
+    *((name, False) for name in ('simulated', 'generic', 'fanuc', 'spel')),
 ]
 """Profiles that follow streams, and whether the arm moves smoothly."""
 

@@ -77,8 +77,8 @@ STREAMS = {
     'windows': windows,
 }
 BARS = {  # s, for sine and triangle: positions, with velocities, windows
-    ('rc620', True): ((0.2, 0.22), (0.17, 0.2), (0.1, 0.1)),
-    ('rc620', False): ((0.35, 0.38), (0.31, 0.39), (0.21, 0.27)),
+    ('simulated', True): ((0.2, 0.22), (0.17, 0.2), (0.1, 0.1)),
+    ('simulated', False): ((0.35, 0.38), (0.31, 0.39), (0.21, 0.27)),
     ('generic', False): ((0.35, 0.37), (0.32, 0.36), (0.23, 0.26)),
     ('fanuc', False): ((0.34, 0.36), (0.3, 0.34), (0.21, 0.24)),
     ('spel', False): ((0.27, 0.5), (0.24, 0.51), (0.12, 0.42)),
@@ -105,8 +105,8 @@ async def test_the_lag_behind_a_stream_is_as_documented(controller, stream, wave
 HELD_S = 1.0
 JOG_SPEED = 0.4
 JOG_BARS = {
-    ('rc620', True): 0.18,
-    ('rc620', False): 0.38,
+    ('simulated', True): 0.18,
+    ('simulated', False): 0.38,
     ('generic', False): 0.33,
     ('fanuc', False): 0.31,
     ('spel', False): 0.28,

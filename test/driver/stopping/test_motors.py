@@ -91,7 +91,7 @@ def test_the_profile_and_the_remote_port_decide(kind, port, way):
 
 
 def test_every_profile_says_how():
-    names = ('rc620', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman', 'spel')
+    names = ('simulated', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman', 'spel')
     ways = {name: load_controller_profile(name).program.motors for name in names}
     expected = dict.fromkeys(names, 'remote_ethernet') | {'motoman': 'motoman', 'spel': 'restart'}
     assert ways == expected

@@ -8,7 +8,7 @@ from support.controller_harness import (
     FAILURE,
     LIMITS,
     MODEL,
-    RC620,
+    SIMULATED,
     STOP,
     SUCCESS,
     Harness,
@@ -287,7 +287,7 @@ def test_points_that_come_in_a_pause_wait_for_continue():
 
 
 def test_a_push_with_power_is_pushed_back_and_a_hard_one_is_a_servo_error():
-    harness = Harness(profile=RC620)
+    harness = Harness(profile=SIMULATED)
     harness.controller.disturb(2, 0.9 * MAX_PUSH['rad'])
     assert harness.controller.in_motion
     assert harness.joints[2] == pytest.approx(0.9 * MAX_PUSH['rad'], abs=1e-6)
@@ -300,7 +300,7 @@ def test_a_push_with_power_is_pushed_back_and_a_hard_one_is_a_servo_error():
 
 
 def test_pushes_with_power_add_up_to_an_error():
-    harness = Harness(profile=RC620)
+    harness = Harness(profile=SIMULATED)
     for _ in range(2):
         harness.controller.disturb(2, 0.9 * MAX_PUSH['rad'])
     assert harness.error == 5042

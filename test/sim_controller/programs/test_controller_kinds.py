@@ -290,7 +290,7 @@ def test_invariant_2_an_abbs_point_to_point_move_takes_as_long_as_its_point_says
     assert np.min(moves[50:-50]) > 1e-6  # it blends still
 
 
-@pytest.mark.parametrize('name', ['rc620', 'motoman'])
+@pytest.mark.parametrize('name', ['simulated', 'motoman'])
 @pytest.mark.parametrize('size', [0, 40, 44, 52])
 def test_a_ping_with_what_a_message_object_had_in_it_before_is_answered(name, size):
     """So the C++ library sends it when a program uses the object of a JOINT_POSITION again."""

@@ -24,7 +24,7 @@ from support.program_harness import (
 from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection
 
 FIRST, LAST, STOP = -1, -3, -4
-DOWNLOAD = profile('rc620').download
+DOWNLOAD = profile('simulated').download
 
 
 def trajectory(number, comm_type=TOPIC, joints=THERE):
@@ -36,7 +36,7 @@ def trajectory(number, comm_type=TOPIC, joints=THERE):
     ]
 
 
-def new_harness(name='rc620', buffer=1000, overflow='refuse', dead_time=0.0, **changes):
+def new_harness(name='simulated', buffer=1000, overflow='refuse', dead_time=0.0, **changes):
     download = replace(DOWNLOAD, buffer=buffer, overflow=overflow, dead_time=dead_time)
     return ProgramHarness(name, download=download, **changes)
 

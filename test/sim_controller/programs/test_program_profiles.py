@@ -335,7 +335,7 @@ def test_an_abb_answers_a_point_outside_the_limits_with_success():
 
 
 def test_a_point_that_is_no_number_is_refused_at_once_in_every_profile():
-    for name in ('rc620', 'fanuc', 'abb', 'generic'):
+    for name in ('simulated', 'fanuc', 'abb', 'generic'):
         harness = ProgramHarness(name)
         harness.send(point(0, (0.0, NAN)))
         assert harness.error == 8000
@@ -445,7 +445,7 @@ def test_fanuc_acknowledges_before_it_moves():
 
 
 @pytest.mark.invariant(2, 7)
-@pytest.mark.parametrize('name', one_in(2, ['rc620', 'fanuc', 'abb', 'generic']))
+@pytest.mark.parametrize('name', one_in(2, ['simulated', 'fanuc', 'abb', 'generic']))
 def test_invariants_2_and_7_whatever_comes_in_whatever_order(name):
     random = np.random.default_rng(7)
     harness = ProgramHarness(name, pending_limit=20)

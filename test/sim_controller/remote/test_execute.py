@@ -9,7 +9,7 @@ import pytest
 from support.controller_harness import (
     LIMITS,
     PROFILE,
-    RC620,
+    SIMULATED,
     Harness,
     InlinePlanner,
     Remote,
@@ -203,7 +203,7 @@ def test_no_limit_is_exceeded_and_the_built_in_program_goes_on_from_there():
 
 def test_the_next_command_may_come_at_once():
     """Servos lag behind what is commanded: the answer waits for them, as Ready does."""
-    remote = free(profile=RC620)
+    remote = free(profile=SIMULATED)
     assert later(remote, 'Execute,"Go Here +Z(20)"')[0] == ['#Execute,0']
     assert remote('Execute,"Print 1"') == '#Execute,"1"'
 

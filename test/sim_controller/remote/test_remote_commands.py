@@ -271,7 +271,7 @@ def test_what_epsons_client_for_node_red_asks(remote):
         'GetContName': '0',
         'GetContNo': 'simulated',
         'GetContVer': 'simulated',
-        'GetContType': 'RC620',
+        'GetContType': 'SIMULATED',
         'GetRobotInfo': '1,5,C3-A601S',
         'GetRobotName,0': '1,c3_a601s',
         'GetRobotSerial,0': '1,simulated',
@@ -380,7 +380,7 @@ def test_what_came_too_late_can_be_asked_for(remote):
 
 
 def test_it_says_what_it_is(remote):
-    assert remote('Sim,identity') == '#Sim,controller=rc620;robot=c3_a601s'
+    assert remote('Sim,identity') == '#Sim,controller=simulated;robot=c3_a601s'
     assert remote('Sim,identity,1') == '!Sim,12'
 
 

@@ -23,7 +23,7 @@ class EpsonArm:
     """
 
     host: str | None = None
-    controller: str = 'rc620'
+    controller: str = 'simulated'
     model: str = 'c3_a601s'
     ports: dict[str, int] = field(default_factory=dict)
     start: list[float] | None = None
