@@ -30,11 +30,11 @@ from epson_driver.profiles.profile import (
 from epson_driver.robots import RobotModel, load_robot_model
 from epson_driver.sim_controller.arm.planner_process import PlannerError, PlannerProcess
 from epson_driver.sim_controller.assembly import SpelSource, new_controller, program_network
+from epson_driver.sim_controller.condition.errors import angles_rejection, clipped
 from epson_driver.sim_controller.faults.fault_kinds import Fault
 from epson_driver.sim_controller.faults.fault_text import parse
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 from epson_driver.sim_controller.network.stderr_log import StderrLog
-from epson_driver.sim_controller.programs.points import angles_rejection, clipped
 from epson_driver.sim_controller.spel_host.profile_project import profile_project
 from epson_driver.simple_message import ByteOrder, Dialect
 from epson_driver.spel import Program, build, read_project, with_defines

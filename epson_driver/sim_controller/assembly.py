@@ -16,17 +16,15 @@ from epson_driver.sim_controller.arm.point_to_point import PointToPoint
 from epson_driver.sim_controller.arm.simulated_arm import SimulatedArm
 from epson_driver.sim_controller.arm.streaming import Planner, Streaming
 from epson_driver.sim_controller.client_connections import ClientConnections
+from epson_driver.sim_controller.condition.errors import clipped
 from epson_driver.sim_controller.condition.spel_settings import SpelSettings
 from epson_driver.sim_controller.condition.states import (
     NOTHING_LOADED,
-    REGIONS,
     STARTED_BY_A_PERSON,
 )
-from epson_driver.sim_controller.core import Controller, Factories
+from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.programs.motion_program import MotionProgram
 from epson_driver.sim_controller.programs.motoman_program import MotomanProgram
-from epson_driver.sim_controller.programs.points import clipped
-from epson_driver.sim_controller.programs.program import Program
 from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
 from epson_driver.sim_controller.spel_host.spel_program import MAIN, SpelProgram
 from epson_driver.simple_message import MAX_JOINTS, Dialect
@@ -75,7 +73,7 @@ def new_controller(
             f'{model.name}: {len(limits.names)} joints: a message carries at most {MAX_JOINTS}'
         )
     where = clipped(np.zeros(len(limits.names)), limits) if start is None else start
-    return Controller(
+    controller = Controller(
         model,
         profile,
         where,
@@ -83,17 +81,19 @@ def new_controller(
         planner,
         profile.state.period if state_period is None else state_period,
         seed,
-        Factories(
-            arm=lambda controller: _new_arm(controller, where, planner),
-            program=_new_program,
-            clients=ClientConnections,
-            settings=SpelSettings(profile.motion.speed, profile.motion.accel),
-            window=_command_window,
-            tables=NOTHING_LOADED if profile.program.interface == 'statements' else REGIONS,
-        )
-        if spel is None
-        else _spel_factories(spel, where),
     )
+    if spel is not None:
+        _run_spel(controller, spel, where)
+    else:
+        controller.clients = ClientConnections(controller)
+        if profile.program.interface == 'statements':
+            controller.tables = NOTHING_LOADED
+        controller.arm = _new_arm(controller, where, planner)
+        motoman = profile.program.kind == 'motoman'
+        controller.program = MotomanProgram(controller) if motoman else MotionProgram(controller)
+        controller.new_window = lambda: _command_window(controller)
+    controller.begin()
+    return controller
 
 
 def program_network(profile: ControllerProfile) -> ProgramNetwork:
@@ -102,37 +102,24 @@ def program_network(profile: ControllerProfile) -> ProgramNetwork:
     return ProgramNetwork({ports.motion: 'motion', ports.state: 'state', ports.io: 'io'})
 
 
-def _spel_factories(source: SpelSource, where: Array) -> Factories:
-    """Return how a controller is made whose program is written in SPEL+."""
-
-    def arm(controller: Controller) -> SimulatedArm:
-        return SimulatedArm(
-            _statements(controller, where),
-            controller.servo,
-            low_power_caps(controller.model.reach),
-        )
-
-    def program(controller: Controller, executor: Executor) -> Program:
-        if not isinstance(executor, PointToPoint):
-            raise TypeError('a SPEL+ program moves the arm from point to point')
-        return SpelProgram(
-            source.program,
-            controller,
-            executor,
-            source.network,
-            source.terminal,
-            around=source.around,
-            starts=source.starts,
-        )
-
-    return Factories(
-        arm=arm,
-        program=program,
-        clients=lambda controller: ClientConnections(controller, source.network),
-        settings=SpelSettings(DEFAULT_SPEED, DEFAULT_SPEED),
-        window=_own_window,
-        tables=STARTED_BY_A_PERSON,
+def _run_spel(controller: Controller, source: SpelSource, start: Array) -> None:
+    """Give a controller a program in SPEL+, and the arm and the clients that it has."""
+    controller.spel = SpelSettings(DEFAULT_SPEED, DEFAULT_SPEED)
+    controller.tables = STARTED_BY_A_PERSON
+    controller.clients = ClientConnections(controller, source.network)
+    executor = _statements(controller, start)
+    caps = low_power_caps(controller.model.reach)
+    controller.arm = SimulatedArm(executor, controller.servo, caps)
+    controller.program = program = SpelProgram(
+        source.program,
+        controller,
+        executor,
+        source.network,
+        source.terminal,
+        around=source.around,
+        starts=source.starts,
     )
+    controller.new_window = lambda: program
 
 
 def _statements(controller: Controller, start: Array) -> PointToPoint:
@@ -146,11 +133,6 @@ def _statements(controller: Controller, start: Array) -> PointToPoint:
         caps=low_power_caps(controller.model.reach),
         late_blend=True,
     )
-
-
-def _own_window(controller: Controller) -> SpelProgram:
-    assert isinstance(controller.program, SpelProgram)  # noqa: S101 - _spel_factories made it
-    return controller.program
 
 
 def _command_window(controller: Controller) -> SpelProgram:
@@ -204,34 +186,6 @@ def _new_executor(
         uses=program.uses,
         speed=motion.speed,
         accel=motion.accel,
-    )
-
-
-def _new_program(controller: Controller, arm: Executor) -> Program:
-    """Return the program that the profile names."""
-    profile = controller.profile
-    if profile.program.kind == 'motoman':
-        return MotomanProgram(
-            arm,
-            profile.motion.pending_limit,
-            controller.errors,
-            controller.motion_rejection,
-            controller.send_reply,
-            controller.trajectory_begins,
-            controller,
-            lambda: controller.clients.hang_up('motion'),
-        )
-    return MotionProgram(
-        arm,
-        profile.program,
-        profile.motion.pending_limit,
-        controller.errors,
-        controller.motion_rejection,
-        controller.send_reply,
-        controller.clock,
-        controller.trajectory_begins,
-        controller.dialect.real,
-        lambda: controller.clients.dismiss('motion'),
     )
 
 

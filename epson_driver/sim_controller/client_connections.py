@@ -14,10 +14,9 @@ from epson_driver.sim_controller.faults.faulty_transport import FaultyTransport
 from epson_driver.sim_controller.io.io_session import IoSession
 from epson_driver.sim_controller.io.motoman_io_session import MotomanIoSession
 from epson_driver.sim_controller.ports import Client, ProgramPorts, Send, Session
-from epson_driver.sim_controller.programs.motion_program import MotionProgram
-from epson_driver.sim_controller.programs.motion_session import ClientWatchdog, MotionSession
+from epson_driver.sim_controller.programs.motion_session import MotionSession
 from epson_driver.sim_controller.remote.remote_session import RemoteSession
-from epson_driver.sim_controller.state import StateSession
+from epson_driver.sim_controller.state_session import StateSession
 from epson_driver.simple_message import FrameError
 
 _log = logging.getLogger(__name__)
@@ -210,18 +209,9 @@ class ClientConnections:
 def _open(controller: Controller, port: str, send: Send, client: Client) -> Session:
     match port:
         case 'motion':
-            return MotionSession(
-                controller, controller.dialect.byte_order, send, _watchdog(controller)
-            )
+            return MotionSession(controller, send)
         case 'state':
-            return StateSession(
-                controller,
-                controller.profile.state,
-                controller.state_period,
-                controller.dialect,
-                controller.clock,
-                send,
-            )
+            return StateSession(controller, send)
         case 'io' if controller.profile.io.access == 'motoman':
             return MotomanIoSession(controller.io, controller.dialect, send)
         case 'io':
@@ -233,18 +223,8 @@ def _open(controller: Controller, port: str, send: Send, client: Client) -> Sess
                 lambda: _no_io(controller),
             )
         case 'remote':
-            return RemoteSession(
-                controller, controller.clock, send, client.close, controller.clients.check_login
-            )
+            return RemoteSession(controller, send, client.close)
     raise ValueError(f'{port} is no port')
-
-
-def _watchdog(controller: Controller) -> ClientWatchdog | None:
-    """Return the watchdog of the motion client, where the profile has one."""
-    program, timeout = controller.program, controller.profile.server.client_timeout
-    if not timeout or not isinstance(program, MotionProgram):
-        return None
-    return ClientWatchdog(controller.clock, timeout, lambda: program.client_silent(timeout))
 
 
 def _no_io(controller: Controller) -> str | None:

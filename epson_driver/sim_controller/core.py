@@ -10,7 +10,7 @@ give the same bytes. `assembly.new_controller` puts arm, program and clients to 
 import copy
 import logging
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -19,7 +19,6 @@ from epson_driver.motion import Array
 from epson_driver.profiles.profile import ControllerProfile
 from epson_driver.robots import RobotModel
 from epson_driver.sim_controller import state as state_port
-from epson_driver.sim_controller.arm.executor import Executor
 from epson_driver.sim_controller.arm.servo import Servo
 from epson_driver.sim_controller.arm.simulated_arm import SimulatedArm
 from epson_driver.sim_controller.arm.streaming import DeadlineCounters, Planner
@@ -29,6 +28,8 @@ from epson_driver.sim_controller.condition.errors import (
     ErrorNumber,
     ErrorRegister,
     Rejection,
+    angles_rejection,
+    clipped,
 )
 from epson_driver.sim_controller.condition.spel_settings import DEFAULTS_AFTER, SpelSettings
 from epson_driver.sim_controller.condition.states import (
@@ -54,12 +55,11 @@ from epson_driver.sim_controller.ports import (
     VERSION,
     WITHOUT_WATCHDOG,
     Client,
-    CommandWindow,
+    Program,
     Send,
     Session,
+    Window,
 )
-from epson_driver.sim_controller.programs.points import angles_rejection, clipped
-from epson_driver.sim_controller.programs.program import Program
 from epson_driver.simple_message import (
     Dialect,
     GetVersion,
@@ -114,22 +114,6 @@ class Clients(Protocol):
         """Close all connections, take no others for `seconds`."""
 
 
-class Window(Program, CommandWindow, Protocol):
-    """A SPEL+ program that executes commands, too."""
-
-
-@dataclass(frozen=True, slots=True)
-class Factories:
-    """How those parts of a controller are made that need the controller itself."""
-
-    arm: Callable[['Controller'], SimulatedArm]
-    program: Callable[['Controller', Executor], Program]
-    clients: Callable[['Controller'], Clients]
-    settings: SpelSettings
-    window: Callable[['Controller'], 'Window']
-    tables: Tables = field(default_factory=lambda: REGIONS)
-
-
 class Controller:
     """One controller, without sockets and real time. `assembly.new_controller` makes it.
 
@@ -138,6 +122,14 @@ class Controller:
     faults draw from. `timing` counts what came too late. Raises ValueError for a start outside
     the limits.
     """
+
+    arm: SimulatedArm
+    program: Program
+    clients: Clients
+    new_window: Callable[[], Window]
+    """Makes the program that executes $Execute."""
+
+    tables: Tables = REGIONS
 
     def __init__(
         self,
@@ -148,7 +140,6 @@ class Controller:
         planner: Planner | None,
         state_period: float,
         seed: int,
-        factories: Factories,
     ) -> None:
         self.model = model
         self.profile = profile
@@ -167,23 +158,21 @@ class Controller:
             len(model.joint_names),
             remote_only=profile.program.interface == 'statements',
         )
-        self.clients = factories.clients(self)
-        self.spel = factories.settings
-        self._tables = factories.tables
-        self._new_window = factories.window
+        self.spel = SpelSettings(profile.motion.speed, profile.motion.accel)
         self._window: Window | None = None  # the command window, once it was used
         self.errors = ErrorRegister()
         self._planner = planner
         servo = profile.servo
         self.servo = Servo(start, model.pulses_per_unit, servo.lag, servo.encoder)
-        self.arm = factories.arm(self)
         self.reply: Send | None = None  # where replies of the motion program go
-        self.program = factories.program(self, self.arm.executor)
         self._error: int = ErrorNumber.NONE  # of the controller itself, until it is reset
         self._error_text = ''  # what its program says of it; empty: only what the number means
         self._begun = 0  # points that the faults know of
         self._slowing = False  # whether it brakes to go on at low power
         self._unattended = False  # whether the arm keeps its points for the next motion client
+
+    def begin(self) -> None:
+        """Begin, with an arm, a program and clients."""
         self._set_power()
 
     # What people and clients do.
@@ -195,7 +184,7 @@ class Controller:
         if self.in_motion and (event is Event.RESET or (event is Event.MOTORS_ON and off)):
             does = 'brakes' if off else 'moves'
             raise RejectedError(f'the arm still {does}: try again when it stands')
-        self.condition = after(before, event, self._tables)
+        self.condition = after(before, event, self.tables)
         if self.condition is not before:
             _log.info('%s: %s', event.value, _difference(before, self.condition))
         if event is Event.RESET:
@@ -239,7 +228,7 @@ class Controller:
     def window(self) -> Window:
         """The program that executes $Execute: a SPEL+ one, or one beside the built-in one."""
         if self._window is None:
-            self._window = self._new_window(self)
+            self._window = self.new_window()
         return self._window
 
     def _programs(self) -> Iterable[Program]:

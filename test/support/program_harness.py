@@ -4,6 +4,7 @@
 
 import struct
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -58,17 +59,20 @@ class ProgramHarness:
         self.events: list[Any] = []
         self.sent = bytearray()
         self._framer = Framer()
-        self.program = MotionProgram(
-            self.arm,
-            self.profile,
-            pending_limit,
-            self.errors,
-            lambda: self.blocked,
-            lambda packet: self.sent.extend(encode(packet, Dialect())),
-            self.clock,
-            lambda: self.began(),
-            hang_up=lambda: self.events.append('hung up'),
+        whole = load_controller_profile(name)
+        motion = replace(whole.motion, pending_limit=pending_limit)
+        controller: Any = SimpleNamespace(
+            arm=SimpleNamespace(executor=self.arm),
+            profile=replace(whole, program=self.profile, motion=motion),
+            dialect=Dialect(),
+            errors=self.errors,
+            clock=self.clock,
+            motion_rejection=lambda: self.blocked,
+            send_reply=lambda packet: self.sent.extend(encode(packet, Dialect())),
+            trajectory_begins=lambda: self.began(),
+            clients=SimpleNamespace(dismiss=lambda port: self.events.append('hung up')),
         )
+        self.program = MotionProgram(controller)
         take = self.arm.take
 
         def record(taken):

@@ -6,7 +6,10 @@ import logging
 from dataclasses import dataclass
 from enum import IntEnum
 
+import numpy as np
+
 from epson_driver.error_texts import load_error_texts
+from epson_driver.motion import Array, JointLimits
 
 _log = logging.getLogger(__name__)
 
@@ -68,3 +71,25 @@ class ErrorRegister:
         """Clear the error shown, or with `only`, that one alone."""
         if only in (None, self.number):
             self.number = ErrorNumber.NONE
+
+
+def angles_rejection(angles: Array, limits: JointLimits) -> Rejection | None:
+    """Return which of the angles, shape (n,), rad, is outside its limits, or None."""
+    low, high = limits.position_min, limits.position_max
+    inside = (angles >= np.minimum(low, low.astype(np.float32))) & (
+        angles <= np.maximum(high, high.astype(np.float32))
+    )
+    if inside.all():
+        return None
+    joint = int(np.argmin(inside))
+    sentence = (
+        f'{limits.names[joint]} = {angles[joint]:.7g} {limits.units[joint]} is outside the limits '
+        f'{low[joint]:.7g} … {high[joint]:.7g} {limits.units[joint]}'
+    )
+    return Rejection(ErrorNumber.OUT_OF_RANGE, sentence)
+
+
+def clipped(angles: Array, limits: JointLimits) -> Array:
+    """Return the nearest angles within the limits, shape (n,), rad."""
+    nearest: Array = np.clip(angles, limits.position_min, limits.position_max)
+    return nearest

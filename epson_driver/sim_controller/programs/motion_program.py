@@ -31,16 +31,14 @@ What a profile's `ProgramProfile` changes in these rules stands there.
 import logging
 from collections.abc import Callable
 
-from epson_driver.profiles.profile import ProgramProfile
 from epson_driver.profiles.profile_rules import FieldsUsed
-from epson_driver.sim_controller.arm.executor import Executor, Point
-from epson_driver.sim_controller.clock import Clock
+from epson_driver.sim_controller.arm.executor import Point
 from epson_driver.sim_controller.condition.errors import (
     ErrorNumber,
-    ErrorRegister,
     Rejection,
     corrupt,
 )
+from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.ports import UNANSWERED, answer, failure
 from epson_driver.sim_controller.programs.download import FIRST, LAST, Download
 from epson_driver.sim_controller.programs.point_queue import Entry, PointQueue
@@ -51,7 +49,6 @@ from epson_driver.sim_controller.programs.points import (
     taken_for_point,
     target_of,
 )
-from epson_driver.sim_controller.programs.program import SendPacket
 from epson_driver.simple_message import (
     BodyError,
     CommType,
@@ -87,10 +84,6 @@ POINT_BODY_BYTES = {Real.FLOAT32: 52, Real.FLOAT64: 100}
 _log = logging.getLogger(__name__)
 
 
-def _nothing() -> None:
-    pass
-
-
 def _name(point: JointTrajPt) -> str:
     return f'JOINT_TRAJ_PT {point.sequence}'
 
@@ -98,52 +91,28 @@ def _name(point: JointTrajPt) -> str:
 class MotionProgram:
     """Has the points of one client executed, one after the other, and answers them.
 
-    At most `pending_limit` points wait, or those of one download. `blocked` returns why the
-    controller's condition forbids motion, or None; `send` takes the replies. `began` is called
-    before the arm takes the first point of a trajectory. `real`: the width of its reals.
-    `hang_up` closes the client's connection once it has got what was sent.
+    At most `motion.pending_limit` of the profile wait, or the points of one download.
     """
 
     ready = True
 
-    def __init__(
-        self,
-        arm: Executor,
-        profile: ProgramProfile,
-        pending_limit: int,
-        errors: ErrorRegister,
-        blocked: Callable[[], Rejection | None],
-        send: SendPacket,
-        clock: Clock,
-        began: Callable[[], None] = _nothing,
-        real: Real = Real.FLOAT32,
-        hang_up: Callable[[], None] = _nothing,
-    ) -> None:
-        self._real = real
-        self._limits = arm.limits
-        self._profile = profile
-        self._pending_limit = pending_limit
-        self._errors = errors
-        self._blocked = blocked
-        self._send = send
-        self._clock = clock
+    def __init__(self, controller: Controller) -> None:
+        self._controller = controller
+        self._arm = controller.arm.executor
+        self._real = controller.dialect.real
+        self._limits = self._arm.limits
+        self._profile = profile = controller.profile.program
+        self._pending_limit = controller.profile.motion.pending_limit
+        self._errors = controller.errors
+        self._blocked = controller.motion_rejection
+        self._send = controller.send_reply
         self._used = FieldsUsed(profile.uses)
-        self._arm = arm
         self._reply = REPLIES[profile.reply]
         self._download = Download(profile.download)
         self._accepted: int | None = None
         self._topics = False  # whether the client downloads by topics, which are not answered
         self._silent: Rejection | None = None  # why each point is refused: the client hung
-        self._queue = PointQueue(
-            arm,
-            clock,
-            profile.late_failure,
-            self._answer_success,
-            self._fail,
-            began,
-            profile.skip_first,
-        )
-        self._hang_up = hang_up
+        self._queue = PointQueue(controller, self._answer_success, self._fail)
 
     @property
     def runs(self) -> bool:
@@ -353,7 +322,7 @@ class MotionProgram:
             or numbers_rejection(point, self._used)
             or (limits_rejection(point, self._limits) if check else None)
             or (self._queue_rejection() if reply_to is not None else None)
-            or self._download.add(point, self._clock.now)
+            or self._download.add(point, self._controller.clock.now)
             or (self._room_rejection() if point.sequence == LAST else None)
         )
 
@@ -401,7 +370,7 @@ class MotionProgram:
         self._answer(entry.reply_to, ReplyCode.FAILURE)
         self._queue.drop()
         self.detach()
-        self._hang_up()
+        self._controller.clients.dismiss('motion')
 
     def _answer_success(self, entry: Entry) -> None:
         self._answer(entry.reply_to, ReplyCode.SUCCESS)

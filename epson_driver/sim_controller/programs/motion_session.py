@@ -3,13 +3,13 @@
 """The motion port: one client's bytes to the motion program, its replies back."""
 
 from collections.abc import Callable
-from typing import Protocol
 
 from epson_driver.sim_controller.clock import Clock, Timer
 from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection
+from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.ports import Send
-from epson_driver.sim_controller.programs.program import Program
-from epson_driver.simple_message import ByteOrder, Frame, FrameError, Framer
+from epson_driver.sim_controller.programs.motion_program import MotionProgram
+from epson_driver.simple_message import Frame, FrameError, Framer
 
 SLICES = 20
 """Slices of the time-out. A slice counts once, however late its end was seen: the messages that
@@ -49,42 +49,18 @@ class ClientWatchdog:
             self._silent()
 
 
-class MotionServer(Protocol):
-    """The controller, as far as its motion client reaches it."""
-
-    reply: Send | None
-    """Where replies go; None without a client."""
-
-    @property
-    def program(self) -> Program:
-        """The program that serves the client."""
-
-    def show(self, rejection: Rejection) -> None:
-        """Show in STATUS why something was rejected."""
-
-    def client_came(self) -> None:
-        """Begin to serve a motion client."""
-
-    def client_lost(self) -> None:
-        """React to the loss of the motion client as this kind of controller does."""
-
-
 class MotionSession:
-    """The session of the one motion client.
+    """The session of the one motion client, with a watchdog where the profile has one."""
 
-    `watchdog` hears every message; None: the client may be silent.
-    """
-
-    def __init__(
-        self,
-        controller: MotionServer,
-        byte_order: ByteOrder,
-        send: Send,
-        watchdog: ClientWatchdog | None = None,
-    ) -> None:
+    def __init__(self, controller: Controller, send: Send) -> None:
         self._controller = controller
-        self._watchdog = watchdog
-        self._framer = Framer(byte_order)
+        self._watchdog: ClientWatchdog | None = None
+        program, timeout = controller.program, controller.profile.server.client_timeout
+        if timeout and isinstance(program, MotionProgram):
+            self._watchdog = ClientWatchdog(
+                controller.clock, timeout, lambda: program.client_silent(timeout)
+            )
+        self._framer = Framer(controller.dialect.byte_order)
         self._open = True
         controller.reply = send
         controller.client_came()

@@ -4,9 +4,8 @@
 
 import logging
 from collections.abc import Callable
-from typing import Protocol
 
-from epson_driver.sim_controller.condition.errors import ErrorNumber, ErrorRegister, Rejection
+from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.sim_controller.condition.states import (
     Condition,
     Event,
@@ -16,6 +15,7 @@ from epson_driver.sim_controller.condition.states import (
     RejectedError,
     Tasks,
 )
+from epson_driver.sim_controller.core import Controller
 from epson_driver.simple_message.motoman import NotReady
 
 _log = logging.getLogger(__name__)
@@ -35,42 +35,24 @@ going off can have caused, and is told when none of these applies.
 """
 
 
-class Servos(Protocol):
-    """The controller, as Motoman's commands need it."""
-
-    @property
-    def condition(self) -> Condition:
-        """The present condition."""
-
-    def apply(self, event: Event) -> None:
-        """Apply an event. Raises RejectedError: why not, and what to do."""
-
-
 class TrajectoryMode:
-    """Off at first. Nothing but `begin` turns it on.
+    """Off at first. Nothing but `begin` turns it on."""
 
-    `blocked` returns why the controller's condition forbids motion, or None.
-    """
-
-    def __init__(
-        self, servos: Servos, errors: ErrorRegister, blocked: Callable[[], Rejection | None]
-    ) -> None:
-        self._servos = servos
-        self._errors = errors
-        self._blocked = blocked
+    def __init__(self, controller: Controller) -> None:
+        self._controller = controller
         self._on = False
 
     def missing(self) -> NotReady | None:
         """Return the first thing that motion lacks, or None."""
-        condition = self._servos.condition
-        blocked = self._blocked()
+        condition = self._controller.condition
+        blocked = self._controller.motion_rejection()
         ready = condition.motors is Motors.ON and condition.tasks is Tasks.RUNNING
         if self._on and ready and blocked is None:
             return None
         for code, applies in NOT_READY:
             if applies(condition):
                 return code
-        if self._errors.number is not ErrorNumber.NONE:
+        if self._controller.errors.number is not ErrorNumber.NONE:
             return NotReady.ERROR
         return NotReady.NOT_STARTED if blocked is None else NotReady.UNSPECIFIED
 
@@ -80,7 +62,7 @@ class TrajectoryMode:
         What wants a person stays as it is: the E-stop, a pause, the key switch, stopped tasks.
         Return what is missing then, or None.
         """
-        condition = self._servos.condition
+        condition = self._controller.condition
         wants_person = (
             condition.estopped
             or condition.paused
@@ -90,11 +72,11 @@ class TrajectoryMode:
         if wants_person or self.missing() is None:
             return self.missing()
         try:
-            self._errors.clear()
+            self._controller.errors.clear()
             if condition.fault is not Fault.NONE:
-                self._servos.apply(Event.RESET)
-            if self._servos.condition.motors is not Motors.ON:
-                self._servos.apply(Event.MOTORS_ON)
+                self._controller.apply(Event.RESET)
+            if self._controller.condition.motors is not Motors.ON:
+                self._controller.apply(Event.MOTORS_ON)
         except RejectedError as error:
             _log.warning('START_TRAJ_MODE: %s', error)
             return self.missing()

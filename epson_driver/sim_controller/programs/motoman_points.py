@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from epson_driver.motion import Array, JointLimits
-from epson_driver.sim_controller.programs.points import angles_rejection
+from epson_driver.sim_controller.condition.errors import angles_rejection
 from epson_driver.simple_message import JointTrajPtFull, ValidFields
 from epson_driver.simple_message.motoman import Invalid
 

@@ -41,18 +41,18 @@ from typing import Literal
 
 import numpy as np
 
-from epson_driver.sim_controller.arm.executor import Executor, Point
-from epson_driver.sim_controller.condition.errors import ErrorRegister, Rejection
+from epson_driver.sim_controller.arm.executor import Point
+from epson_driver.sim_controller.condition.errors import clipped
 from epson_driver.sim_controller.condition.states import Event, Fault, RejectedError
+from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.ports import answer
-from epson_driver.sim_controller.programs.motoman_mode import Servos, TrajectoryMode
+from epson_driver.sim_controller.programs.motoman_mode import TrajectoryMode
 from epson_driver.sim_controller.programs.motoman_points import (
     InvalidReason,
     invalid_form,
     invalid_next,
     invalid_start,
 )
-from epson_driver.sim_controller.programs.points import clipped
 from epson_driver.simple_message import (
     BodyError,
     ByteOrder,
@@ -128,30 +128,15 @@ _Command = Callable[[MotionReply], MotionReply | None]
 class MotomanProgram:
     """Has the points of one client executed, and obeys its commands.
 
-    At most `pending_limit` points wait for the arm; more are BUSY. `blocked` returns why the
-    controller's condition forbids motion, or None; `send` takes the replies; `began` is told when
-    a trajectory begins; `hang_up` closes the client's connection.
+    At most `motion.pending_limit` points of the profile wait for the arm; more are BUSY.
     """
 
-    def __init__(
-        self,
-        arm: Executor,
-        pending_limit: int,
-        errors: ErrorRegister,
-        blocked: Callable[[], Rejection | None],
-        send: Callable[[Packet], None],
-        began: Callable[[], None],
-        servos: Servos,
-        hang_up: Callable[[], None],
-    ) -> None:
-        self._arm = arm
-        self._pending_limit = pending_limit
-        self._errors = errors
-        self._send = send
-        self._began = began
-        self._servos = servos
-        self._hang_up = hang_up
-        self._mode = TrajectoryMode(servos, errors, blocked)
+    def __init__(self, controller: Controller) -> None:
+        self._controller = controller
+        self._arm = controller.arm.executor
+        self._pending_limit = controller.profile.motion.pending_limit
+        self._send = controller.send_reply
+        self._mode = TrajectoryMode(controller)
         self._paused = False
         # The sequence and the time of the point taken last; None before a point 0.
         self._last: tuple[int, float] | None = None
@@ -198,7 +183,7 @@ class MotomanProgram:
                 self._send(response)
         elif packet.msg_type in _NOT_SERVED:
             _log.warning('message type %d is not served: disconnected', packet.msg_type)
-            self._hang_up()
+            self._controller.clients.hang_up('motion')
         else:
             self._answer(self._obey(packet))
 
@@ -282,7 +267,7 @@ class MotomanProgram:
         if reason is not None:
             return invalid(done, reason)
         self._last = (0, point.time)
-        self._began()
+        self._controller.trajectory_begins()
         return done
 
     def _go_on(self, point: JointTrajPtFull, before: float, done: MotionReply) -> MotionReply:
@@ -328,8 +313,8 @@ class MotomanProgram:
         return self._apply(Event.MOTORS_OFF, done)
 
     def _reset_alarm(self, done: MotionReply) -> MotionReply:
-        self._errors.clear()
-        condition = self._servos.condition
+        self._controller.errors.clear()
+        condition = self._controller.condition
         if condition.fault is Fault.NONE and not condition.estopped:
             return done
         return self._apply(Event.RESET, done)
@@ -348,12 +333,12 @@ class MotomanProgram:
         response = self._stop_trajectory_mode(done)
         if response.result != Result.SUCCESS:
             return response
-        self._hang_up()
+        self._controller.clients.hang_up('motion')
         return None
 
     def _apply(self, event: Event, done: MotionReply) -> MotionReply:
         try:
-            self._servos.apply(event)
+            self._controller.apply(event)
         except RejectedError as error:
             _log.warning('%s: %s', Command(done.command).name, error)
             return outcome(done, Result.FAILURE)

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from epson_driver.sim_controller.arm.executor import Executor, Point
-from epson_driver.sim_controller.clock import Clock, Timer
+from epson_driver.sim_controller.arm.executor import Point
+from epson_driver.sim_controller.clock import Timer
 from epson_driver.sim_controller.condition.errors import Rejection
+from epson_driver.sim_controller.core import Controller
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,31 +38,27 @@ ROUNDING_S = 1e-9
 class PointQueue:
     """Gives the arm one entry after the other, and has each answered.
 
-    `answered` is called with an entry that was done (or, with `answers_early`, one that will be
-    refused); `failed` with one that is refused in its turn: when the arm stands, and the entry is
-    still in the queue then. With `answers_early` at once, while the arm goes on to the points
-    before, and it has left the queue. `began` is called before the arm takes the first point of a
-    trajectory, which is left out if it is within `skip_first`, rad or m, of where the arm stands.
-    Any of them may flush the queue.
+    `answered` is called with an entry that was done (or, with `program.late_failure`, one that
+    will be refused); `failed` with one that is refused in its turn: when the arm stands, and the
+    entry is still in the queue then. With `late_failure` at once, while the arm goes on to the
+    points before, and it has left the queue. The controller hears of a trajectory before the arm
+    takes its first point, which is left out if it is within `program.skip_first`, rad or m, of
+    where the arm stands. Any of them may flush the queue.
     """
 
     def __init__(
         self,
-        arm: Executor,
-        clock: Clock,
-        answers_early: bool,
+        controller: Controller,
         answered: Callable[[Entry], None],
         failed: Callable[[Entry, Rejection], None],
-        began: Callable[[], None],
-        skip_first: float = 0.0,
     ) -> None:
-        self._arm = arm
-        self._clock = clock
-        self._answers_early = answers_early
+        self._arm = controller.arm.executor
+        self._clock = controller.clock
+        self._answers_early = controller.profile.program.late_failure
         self._answered = answered
         self._failed = failed
-        self._began = began
-        self._skip_first = skip_first
+        self._began = controller.trajectory_begins
+        self._skip_first = controller.profile.program.skip_first
         self._current: Entry | None = None
         self._waiting: deque[Entry] = deque()
         self._timer: Timer | None = None

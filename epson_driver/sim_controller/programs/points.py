@@ -6,7 +6,12 @@ import numpy as np
 
 from epson_driver.motion import Array, JointLimits
 from epson_driver.profiles.profile_rules import FieldsUsed
-from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection, corrupt
+from epson_driver.sim_controller.condition.errors import (
+    Rejection,
+    angles_rejection,
+    clipped,
+    corrupt,
+)
 from epson_driver.simple_message import (
     BodyError,
     CommType,
@@ -82,31 +87,9 @@ def limits_rejection(point: JointTrajPt, limits: JointLimits) -> Rejection | Non
     return angles_rejection(np.array(point.joints[: len(limits.names)]), limits)
 
 
-def angles_rejection(angles: Array, limits: JointLimits) -> Rejection | None:
-    """Return which of the angles, shape (n,), rad, is outside its limits, or None."""
-    low, high = limits.position_min, limits.position_max
-    inside = (angles >= np.minimum(low, low.astype(np.float32))) & (
-        angles <= np.maximum(high, high.astype(np.float32))
-    )
-    if inside.all():
-        return None
-    joint = int(np.argmin(inside))
-    sentence = (
-        f'{limits.names[joint]} = {angles[joint]:.7g} {limits.units[joint]} is outside the limits '
-        f'{low[joint]:.7g} … {high[joint]:.7g} {limits.units[joint]}'
-    )
-    return Rejection(ErrorNumber.OUT_OF_RANGE, sentence)
-
-
 def target_of(point: JointTrajPt, limits: JointLimits) -> Array:
     """Return the angles of a point that was not refused, shape (n,), rad, within the limits."""
     return clipped(np.array(point.joints[: len(limits.names)]), limits)
-
-
-def clipped(angles: Array, limits: JointLimits) -> Array:
-    """Return the nearest angles within the limits, shape (n,), rad."""
-    nearest: Array = np.clip(angles, limits.position_min, limits.position_max)
-    return nearest
 
 
 def sequence_of(frame: Frame) -> int:

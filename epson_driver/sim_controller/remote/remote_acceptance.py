@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 from epson_driver.sim_controller.condition.states import EStop, Event, RejectedError, Tasks, after
-from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
+from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.remote.status_words import FLAGS, Predicate
 
 
@@ -28,18 +28,18 @@ class Requirement(NamedTuple):
 
     text: str
     holds: Predicate
-    sentence: Callable[[ControllerInterface], str]
+    sentence: Callable[[Controller], str]
 
 
-def _is(flag: str, sentence: Callable[[ControllerInterface], str]) -> Requirement:
+def _is(flag: str, sentence: Callable[[Controller], str]) -> Requirement:
     return Requirement(flag, FLAGS[flag], sentence)
 
 
-def _no(flag: str, sentence: Callable[[ControllerInterface], str]) -> Requirement:
+def _no(flag: str, sentence: Callable[[Controller], str]) -> Requirement:
     return Requirement(f'no {flag}', lambda controller: not FLAGS[flag](controller), sentence)
 
 
-def _not_ready(controller: ControllerInterface) -> str:
+def _not_ready(controller: Controller) -> str:
     if controller.program_runs:
         return 'the program runs: stop first'
     if not controller.condition.paused:
@@ -48,28 +48,28 @@ def _not_ready(controller: ControllerInterface) -> str:
     return f'the tasks are paused: {first}continue, or stop, first'
 
 
-def _not_paused(controller: ControllerInterface) -> str:
+def _not_paused(controller: Controller) -> str:
     tasks = controller.condition.tasks
     return 'nothing is paused' if tasks is Tasks.RUNNING else f'the tasks are {tasks.value}'
 
 
-def _in_error(controller: ControllerInterface) -> str:
+def _in_error(controller: Controller) -> str:
     number = controller.error_number
     way = 'boot the controller again' if FLAGS['SError'](controller) else 'reset first'
     return f'there is error {number:04d} ({controller.error_text(number)}): {way}'
 
 
-def _estopped(controller: ControllerInterface) -> str:
+def _estopped(controller: Controller) -> str:
     if controller.condition.estop is EStop.PRESSED:
         return 'the E-stop is pressed: release the E-stop, then reset'
     return 'the E-stop is released but not reset: reset'
 
 
-def _tasks_run(controller: ControllerInterface) -> bool:
+def _tasks_run(controller: Controller) -> bool:
     return controller.condition.tasks in (Tasks.RUNNING, Tasks.RECOVERING)
 
 
-def _no_tasks(controller: ControllerInterface) -> str:
+def _no_tasks(controller: Controller) -> str:
     return f'the tasks are {controller.condition.tasks.value}: there is nothing to pause'
 
 
@@ -86,7 +86,7 @@ TASKS_RUN = Requirement('tasks run', _tasks_run, _no_tasks)
 
 
 def check(
-    controller: ControllerInterface, requirements: Iterable[Requirement], event: Event | None
+    controller: Controller, requirements: Iterable[Requirement], event: Event | None
 ) -> None:
     """Raise RejectedError if the controller does not accept a command that does `event` now."""
     for requirement in requirements:

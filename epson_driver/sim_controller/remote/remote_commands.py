@@ -17,10 +17,10 @@ from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 from epson_driver.sim_controller.condition.errors import ErrorNumber as Shown
 from epson_driver.sim_controller.condition.errors import Rejection
 from epson_driver.sim_controller.condition.states import Event, Power, RejectedError
+from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.io.io_points import BYTE_BITS, WORD_BITS, IoError
 from epson_driver.sim_controller.remote import remote_acceptance as requirements
 from epson_driver.sim_controller.remote import status_words
-from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
 from epson_driver.sim_controller.remote.remote_acceptance import (
     CommandError,
     Requirement,
@@ -55,7 +55,7 @@ class Dialogue:
     `send` takes the answer of a command that takes time, without terminator.
     """
 
-    controller: ControllerInterface
+    controller: Controller
     send: Callable[[str], None]
     enter: Callable[[], None] = lambda: None
     """Called at a login. Raises ConnectionRefusedError where another client is served alone."""

@@ -10,9 +10,9 @@ import logging
 from collections.abc import Callable
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
-from epson_driver.sim_controller.clock import Clock, Timer
+from epson_driver.sim_controller.clock import Timer
+from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.ports import Send
-from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
 from epson_driver.sim_controller.remote.remote_commands import MOST_CHARACTERS, Dialogue, answer
 
 MAX_LINE_CHARACTERS = MOST_CHARACTERS + len('$Execute,""')
@@ -32,14 +32,12 @@ class RemoteSession:
 
     def __init__(
         self,
-        controller: ControllerInterface,
-        clock: Clock,
+        controller: Controller,
         send: Send,
         hang_up: Callable[[], None],
-        enter: Callable[[], None] = lambda: None,
     ) -> None:
-        self._dialogue = Dialogue(controller, self._reply, enter)
-        self._clock = clock
+        self._dialogue = Dialogue(controller, self._reply, controller.clients.check_login)
+        self._clock = controller.clock
         self._timeout = controller.profile.remote.session_timeout
         self._send = send
         self._hang_up = hang_up

@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 from epson_driver.sim_controller.condition.states import REGIONS, Event
+from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.faults.fault_kinds import FaultError
 from epson_driver.sim_controller.faults.fault_text import parse
 from epson_driver.sim_controller.io.io_points import IoError
-from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
 from epson_driver.sim_controller.remote.remote_acceptance import (
     AUTO,
     PAUSED,
@@ -48,10 +48,10 @@ class SimCommand(NamedTuple):
 
     usage: str
     text: str
-    run: Callable[[ControllerInterface, list[str]], str | None]
+    run: Callable[[Controller, list[str]], str | None]
 
 
-def simulate(controller: ControllerInterface, parameters: list[str]) -> str | None:
+def simulate(controller: Controller, parameters: list[str]) -> str | None:
     """Obey `$Sim,parameters` and return its value, None where it has none.
 
     Raises CommandError or RejectedError.
@@ -62,8 +62,8 @@ def simulate(controller: ControllerInterface, parameters: list[str]) -> str | No
     return SIM_COMMANDS[name].run(controller, parameters[1:])
 
 
-def _events(**events: Event) -> Callable[[ControllerInterface, list[str]], None]:
-    def run(controller: ControllerInterface, parameters: list[str]) -> None:
+def _events(**events: Event) -> Callable[[Controller, list[str]], None]:
+    def run(controller: Controller, parameters: list[str]) -> None:
         event = events.get(','.join(parameters).lower())
         if event is None:
             raise wrong('word', ','.join(parameters), f'must be {" or ".join(events)}')
@@ -72,30 +72,30 @@ def _events(**events: Event) -> Callable[[ControllerInterface, list[str]], None]
     return run
 
 
-def _continue(controller: ControllerInterface, parameters: list[str]) -> None:
+def _continue(controller: Controller, parameters: list[str]) -> None:
     expect(parameters, 0)
     check(controller, (AUTO, PAUSED), Event.CONTINUE)
     controller.apply(Event.CONTINUE)
 
 
-def _condition(controller: ControllerInterface, parameters: list[str]) -> str:
+def _condition(controller: Controller, parameters: list[str]) -> str:
     expect(parameters, 0)
     return ';'.join(f'{name}={getattr(controller.condition, name).value}' for name in REGIONS)
 
 
-def _identity(controller: ControllerInterface, parameters: list[str]) -> str:
+def _identity(controller: Controller, parameters: list[str]) -> str:
     expect(parameters, 0)
     return f'controller={controller.profile.name};robot={controller.model.name}'
 
 
-def _joints(controller: ControllerInterface, parameters: list[str]) -> str:
+def _joints(controller: Controller, parameters: list[str]) -> str:
     expect(parameters, 0)
     return ' '.join(
         f'{value:.5f}' for value in controller.commanded * controller.model.shown_per_unit
     )
 
 
-def _io(controller: ControllerInterface, parameters: list[str]) -> str | None:
+def _io(controller: Controller, parameters: list[str]) -> str | None:
     expect(parameters, 0, 3)
     if not parameters:
         return ';'.join(_points(controller, name) for name in IO_KINDS)
@@ -116,7 +116,7 @@ def _io(controller: ControllerInterface, parameters: list[str]) -> str | None:
     return None
 
 
-def _points(controller: ControllerInterface, name: str) -> str:
+def _points(controller: Controller, name: str) -> str:
     """Return how many points there are, and which are on or their analogue values."""
     io_type = IO_KINDS[name]
     values: list[int] = []
@@ -127,14 +127,14 @@ def _points(controller: ControllerInterface, name: str) -> str:
     return f'{name}={len(values)}:{" ".join(map(str, shown))}'
 
 
-def _disturb(controller: ControllerInterface, parameters: list[str]) -> None:
+def _disturb(controller: Controller, parameters: list[str]) -> None:
     expect(parameters, 2)
     joint = whole('joint', parameters[0], 1, len(controller.model.joint_names))
     push = real('degrees', parameters[1], -_MAX_PUSH, _MAX_PUSH)
     controller.disturb(joint - 1, push / float(controller.model.shown_per_unit[joint - 1]))
 
 
-def _fault(controller: ControllerInterface, parameters: list[str]) -> str | None:
+def _fault(controller: Controller, parameters: list[str]) -> str | None:
     faults = controller.faults
     first = parameters[0].lower() if parameters else 'list'
     try:
@@ -150,19 +150,19 @@ def _fault(controller: ControllerInterface, parameters: list[str]) -> str | None
     return None
 
 
-def _reboot(controller: ControllerInterface, parameters: list[str]) -> None:
+def _reboot(controller: Controller, parameters: list[str]) -> None:
     expect(parameters, 0, 1)
     _fault(controller, ['reboot', *(f'for={seconds}' for seconds in parameters)])
 
 
-def _tasks(controller: ControllerInterface, parameters: list[str]) -> str:
+def _tasks(controller: Controller, parameters: list[str]) -> str:
     expect(parameters, 0)
     return ';'.join(
         f'{row.number}={row.name},{row.type},{row.state}' for row in controller.tasks()
     )
 
 
-def _timing(controller: ControllerInterface, parameters: list[str]) -> str:
+def _timing(controller: Controller, parameters: list[str]) -> str:
     expect(parameters, 0)
     timing = controller.timing
     return (

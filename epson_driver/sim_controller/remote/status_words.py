@@ -16,15 +16,15 @@ from collections.abc import Callable, Mapping
 from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.sim_controller.condition.states import Door, Fault, Mode, Power, Tasks
 from epson_driver.sim_controller.condition.tasks import PROGRAM, TaskState
-from epson_driver.sim_controller.remote.controller_interface import ControllerInterface
+from epson_driver.sim_controller.core import Controller
 
 CONTROL_DEVICE = 26
 """Who has control, as CtrlInfo(5) numbers them: Remote Ethernet."""
 
-Predicate = Callable[[ControllerInterface], bool]
+Predicate = Callable[[Controller], bool]
 
 
-def running(controller: ControllerInterface) -> bool:
+def running(controller: Controller) -> bool:
     """Return whether the arm moves, has points, or goes back to where it was interrupted.
 
     With a SPEL+ program: whether its tasks run, besides those in the background.
@@ -34,12 +34,12 @@ def running(controller: ControllerInterface) -> bool:
     return (moves or controller.program_runs) and not condition.paused
 
 
-def ready(controller: ControllerInterface) -> bool:
+def ready(controller: Controller) -> bool:
     """Return whether nothing runs and nothing is paused."""
     return not running(controller) and not controller.condition.paused
 
 
-def error(controller: ControllerInterface) -> bool:
+def error(controller: Controller) -> bool:
     """Return whether the controller is in error, or shows an error number.
 
     A person who stopped the tasks can start them again: that they do not run is no error.
@@ -50,50 +50,50 @@ def error(controller: ControllerInterface) -> bool:
     return controller.condition.fault is not Fault.NONE or number != ErrorNumber.NONE
 
 
-def never(_controller: ControllerInterface) -> bool:
+def never(_controller: Controller) -> bool:
     """Return False, for flags that the simulation does not have."""
     return False
 
 
-def _critical(controller: ControllerInterface) -> bool:
+def _critical(controller: Controller) -> bool:
     return controller.condition.fault is Fault.CRITICAL
 
 
-def _resettable(controller: ControllerInterface) -> bool:
+def _resettable(controller: Controller) -> bool:
     return error(controller) and not _critical(controller)
 
 
-def door_open(controller: ControllerInterface) -> bool:
+def door_open(controller: Controller) -> bool:
     """Return whether the safeguard door is open."""
     return controller.condition.door is Door.OPEN
 
 
-def _estop(controller: ControllerInterface) -> bool:
+def _estop(controller: Controller) -> bool:
     return controller.condition.estopped
 
 
-def _paused(controller: ControllerInterface) -> bool:
+def _paused(controller: Controller) -> bool:
     return controller.condition.paused
 
 
-def _manual(controller: ControllerInterface) -> bool:
+def _manual(controller: Controller) -> bool:
     return controller.condition.mode is Mode.MANUAL
 
 
-def _moving(controller: ControllerInterface) -> bool:
+def _moving(controller: Controller) -> bool:
     return controller.moving
 
 
-def _held(controller: ControllerInterface) -> bool:
+def _held(controller: Controller) -> bool:
     return controller.condition.paused and not controller.in_motion
 
 
-def motors_on(controller: ControllerInterface) -> bool:
+def motors_on(controller: Controller) -> bool:
     """Return whether the motors have power."""
     return controller.condition.powered
 
 
-def power_high(controller: ControllerInterface) -> bool:
+def power_high(controller: Controller) -> bool:
     """Return whether the power is high."""
     return controller.condition.power is Power.HIGH
 
@@ -177,11 +177,11 @@ STAT_1: dict[int, Predicate] = {0x10: motors_on}
 """Stat(1): what the robot does. The bits for positions it is at are not there."""
 
 
-def word(table: Mapping[int, Predicate], controller: ControllerInterface) -> int:
+def word(table: Mapping[int, Predicate], controller: Controller) -> int:
     """Return the bits of `table` that are set now."""
     return sum(bit for bit, predicate in table.items() if predicate(controller))
 
 
-def flags(controller: ControllerInterface) -> str:
+def flags(controller: Controller) -> str:
     """Return the flags of GetStatus as 0 and 1, from left to right."""
     return ''.join(str(int(predicate(controller))) for predicate in FLAGS.values())

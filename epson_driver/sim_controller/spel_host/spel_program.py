@@ -238,7 +238,7 @@ class SpelProgram:
         return self._answer is not None
 
     def execute(self, text: str, answer: Answer) -> None:
-        """Begin a command. Raises ProgramError, RuntimeError, see CommandWindow."""
+        """Begin a command. Raises ProgramError, RuntimeError, see Window."""
         if self.executes:
             raise RuntimeError('a command is under way')
         self._pass_time()

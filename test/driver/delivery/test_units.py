@@ -12,8 +12,8 @@ from epson_driver.driver.goal.goal import Tolerances, check_limits, check_start
 from epson_driver.driver.outcome import GoalRejectedError
 from epson_driver.motion import Trajectory, go, problems
 from epson_driver.robots import load_robot_model
+from epson_driver.sim_controller.condition.errors import angles_rejection
 from epson_driver.sim_controller.programs.motoman_points import invalid_next, invalid_start
-from epson_driver.sim_controller.programs.points import angles_rejection
 from epson_driver.simple_message import JointTrajPtFull, joint_data
 
 MODEL = load_robot_model('gx4_c251s')

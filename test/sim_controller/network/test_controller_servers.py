@@ -19,7 +19,7 @@ from epson_driver.sim_controller.condition.states import Event, Motors
 from epson_driver.sim_controller.network import tcp_connection
 from epson_driver.sim_controller.network.port_server import HALF_CLOSED_S
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
-from epson_driver.sim_controller.state import MAX_CATCH_UP_SLOTS
+from epson_driver.sim_controller.state_session import MAX_CATCH_UP_SLOTS
 
 HOST = '127.0.0.1'
 FREE = Ports(0, 0, 0, 0)

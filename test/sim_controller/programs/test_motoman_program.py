@@ -5,6 +5,7 @@
 import math
 import struct
 from collections import deque
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -120,16 +121,11 @@ class Harness:
         self.planner_ready = True
         self.begun = self.hung_up = 0
         self.sent = bytearray()
-        self.program = MotomanProgram(
-            self.arm,
-            pending_limit,
-            self.errors,
-            self._blocked,
-            lambda packet: self.sent.extend(encode(packet, LITTLE_ENDIAN)),
-            self._began,
-            self,
-            self._hang_up,
-        )
+        motion = SimpleNamespace(pending_limit=pending_limit)
+        self.profile = SimpleNamespace(motion=motion)
+        self.clients = SimpleNamespace(hang_up=self._hang_up)
+        self.arm.executor = self.arm
+        self.program = MotomanProgram(self)
         if start:
             assert self.command(START) == (SUCCESS, 0)
 
@@ -145,17 +141,20 @@ class Harness:
             self.arm.resume()
             self.program.resume()
 
-    def _blocked(self):
+    def motion_rejection(self):
         if not self.planner_ready:
             return Rejection(ErrorNumber.PLANNER_FAILED, 'no planner')
         if self.condition.motors is not Motors.ON or self.condition.estopped:
             return Rejection(ErrorNumber.MOTORS_OFF, 'motors off')
         return None
 
-    def _began(self):
+    def trajectory_begins(self):
         self.begun += 1
 
-    def _hang_up(self):
+    def send_reply(self, packet):
+        self.sent.extend(encode(packet, LITTLE_ENDIAN))
+
+    def _hang_up(self, _port):
         self.hung_up += 1
 
     def send(self, data):
