@@ -23,7 +23,7 @@ CLASSES = (
     ('aio.py', 'Robot'),
     ('api/motion.py', 'Motion'),
     ('api/io.py', 'Io'),
-    ('api/gripper.py', 'Gripper'),
+    ('api/io.py', 'Gripper'),
     ('api/points.py', 'Points'),
     ('taught_points.py', 'EpsonPoint'),
     ('api/recording.py', 'Recording'),

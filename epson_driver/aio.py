@@ -24,8 +24,7 @@ from epson_driver.api.errors import (
     PathError,
     RobotError,
 )
-from epson_driver.api.gripper import Gripper, GripperState, GripperWiring
-from epson_driver.api.io import Io
+from epson_driver.api.io import Gripper, GripperState, GripperWiring, Io
 from epson_driver.api.motion import Motion
 from epson_driver.api.motions import Motions
 from epson_driver.api.points import Points

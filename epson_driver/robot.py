@@ -16,7 +16,7 @@ from typing import Self
 
 from epson_driver import aio
 from epson_driver.api.errors import ArgumentError, MotionError, PathError, RobotError
-from epson_driver.api.gripper import GripperState, GripperWiring
+from epson_driver.api.io import GripperState, GripperWiring
 from epson_driver.api.poses import Waypoint
 from epson_driver.api.recording import Recording
 from epson_driver.api.settings import Settings

@@ -32,7 +32,7 @@ from epson_driver.inputs import (
 from epson_driver.inputs.rc_files import Block, parsed, quoted, sealed
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel
-from epson_driver.robots.kinematics import rotation_of_uvw, uvw
+from epson_driver.robots.kinematics import Kinematics, rotation_of_uvw, uvw
 from epson_driver.robots.model import SCARA
 from epson_driver.robots.opw import KinematicsError, opw_parameters
 from epson_driver.tool_motion.tool_pose import finite_numbers, homogeneous
@@ -141,6 +141,15 @@ def posture(model: RobotModel, joints: Array) -> Posture:
         'nJ4Flag': _half_turns(joints[3]),
         'nJ6Flag': _half_turns(joints[5]),
     }
+
+
+def taught(arm: Kinematics, joints: Array) -> tuple[EpsonPoint, Posture | str]:
+    """Return where the tool is, and the arm's posture or why it is not known."""
+    point = EpsonPoint.of(arm.in_base(arm.forward(joints)))
+    try:
+        return point, posture(arm.model, joints)
+    except ValueError as error:
+        return point, str(error)
 
 
 def _half_turns(angle: float) -> int:

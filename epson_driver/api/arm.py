@@ -13,16 +13,16 @@ from epson_driver.api import moves
 from epson_driver.api.arguments import checked_arguments
 from epson_driver.api.errors import PathError, checked_timeout
 from epson_driver.api.ownership import Unique
-from epson_driver.api.payload import checked_load
 from epson_driver.api.poses import BASE, Frames, Pose, Tool, checked_tool
 from epson_driver.api.status import RobotStatus, Sample
 from epson_driver.motion import Array
 from epson_driver.robots import RobotModel
 from epson_driver.robots.kinematics import Kinematics
-from epson_driver.taught_points import EpsonPoint, Posture, posture
-from epson_driver.tool_motion.tool_pose import quaternion_pose
+from epson_driver.taught_points import EpsonPoint, Posture, taught
+from epson_driver.tool_motion.tool_pose import finite_numbers, quaternion_pose
 
 if TYPE_CHECKING:  # the driver is loaded with the first Robot
+    from epson_driver.driver.delivery.statements import Load
     from epson_driver.setup.setup import Setup
 
 T = TypeVar('T')
@@ -86,11 +86,7 @@ class Arm(Unique):
 
     def _taught(self) -> tuple[EpsonPoint, Posture | str]:
         """Return where the tool is, and the arm's posture as .pts files have it, or why not."""
-        try:
-            known = posture(self.model, self._connection.sample().positions)
-        except ValueError as error:
-            return self.epson_point, str(error)
-        return self.epson_point, known
+        return taught(self._hand[1], self._connection.sample().positions)
 
     @checked_arguments
     def pose_in(self, frame: str) -> Array:
@@ -138,7 +134,7 @@ class Arm(Unique):
         Inertia are made of it. Raises ArgumentError, and RobotError where the controller's program
         has it.
         """
-        self._connection.set_load(checked_load(self.model, mass, center, inertia))
+        self._connection.set_load(_load(self.model, mass, center, inertia))
 
     @checked_arguments
     def forward(self, joints: npt.ArrayLike) -> Array:
@@ -219,3 +215,29 @@ class Arm(Unique):
         except TimeoutError as error:
             raise TimeoutError(f'the condition did not hold within {timeout:g} s') from error
         return sample
+
+
+def _load(model: RobotModel, mass: float, center: npt.ArrayLike, inertia: npt.ArrayLike) -> 'Load':
+    """Return what Weight and Inertia say of a body, as `aio.Robot.set_payload` takes it.
+
+    Raises ValueError that names the field, its value and the limit.
+    """
+    from epson_driver.driver.delivery.statements import Load
+
+    weight = model.checked_payload(mass, 'mass')
+    place = finite_numbers('center', center)
+    if place.shape != (3,):
+        raise ValueError(f'center has shape {place.shape}: must be (3,), x y z in m')
+    about = finite_numbers('inertia', inertia)
+    if about.shape == (6,):
+        ixx, ixy, ixz, iyy, iyz, izz = about.tolist()
+        about = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+    if about.shape != (3, 3):
+        raise ValueError(
+            f'inertia has shape {about.shape}: must be (6,), ixx ixy ixz iyy iyz izz, or (3, 3)'
+        )
+    if (np.diag(about) < 0.0).any():
+        diagonal = np.diag(about).tolist()
+        raise ValueError(f'inertia: its diagonal is {diagonal}: must not be negative')
+    away = float(np.hypot(*place[:2]))
+    return Load(weight, float(about[2, 2]) + weight * away**2, away)

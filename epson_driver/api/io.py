@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The controller's inputs and outputs, point by point."""
+"""The controller's inputs and outputs, point by point, and a gripper that is wired to them."""
 
 import asyncio
 import contextlib
@@ -10,11 +10,15 @@ from typing import TYPE_CHECKING, TypeVar
 from epson_driver.api.arguments import checked_arguments
 from epson_driver.api.errors import RobotError, checked_timeout
 from epson_driver.api.ownership import Unique
+from epson_driver.driver.io.gripper_wiring import GripperError, GripperState, GripperWiring
 from epson_driver.inputs import choice, count
 
 if TYPE_CHECKING:  # the driver is loaded with the first Robot
     from epson_driver.driver.io import io_client
+    from epson_driver.driver.io.gripper import Gripper as DrivenGripper
     from epson_driver.simple_message import IoType
+
+__all__ = ['Gripper', 'GripperState', 'GripperWiring', 'Io']
 
 T = TypeVar('T')
 
@@ -64,6 +68,41 @@ class Io(Unique):
         await _answered(self._driver().write, [setting])
 
 
+class Gripper(Unique):
+    """Opens and closes the gripper that `Settings(gripper=GripperWiring(...))` describes.
+
+    Without that, each method raises RobotError that says so. The arm need not be enabled for it.
+    """
+
+    def __init__(self, gripper: Callable[[], 'DrivenGripper | None']) -> None:
+        self._gripper = gripper
+
+    async def open(self) -> GripperState:
+        """Open it and return its state when it is open.
+
+        Raises RobotError if it does not open in its time, or if a newer command took its place.
+        """
+        return await _done(self._known().move(opened=True))
+
+    async def close(self) -> GripperState:
+        """Close it and return its state: closed, or neither if it holds something.
+
+        Whether it holds something is known after its `time`. Raises RobotError if it stays open,
+        or if a newer command took its place.
+        """
+        return await _done(self._known().move(opened=False))
+
+    async def state(self) -> GripperState:
+        """Return what its inputs show now. Raises RobotError if they are not known."""
+        return await _done(self._known().state())
+
+    def _known(self) -> 'DrivenGripper':
+        gripper = self._gripper()
+        if gripper is None:
+            raise RobotError('no gripper is known: Robot(..., settings=Settings(gripper=...))')
+        return gripper
+
+
 def _type(kind: str) -> 'IoType':
     from epson_driver.driver.io.points import NAMES
 
@@ -84,3 +123,10 @@ async def _answered(
     if answer.text:
         raise RobotError(answer.text)
     return answer.value
+
+
+async def _done(work: Awaitable[T]) -> T:
+    try:
+        return await work
+    except GripperError as error:
+        raise RobotError(str(error)) from error

@@ -11,7 +11,7 @@ from collections.abc import Callable, Coroutine
 from functools import partial, update_wrapper
 from typing import Any, Concatenate, Generic, ParamSpec, Self, TypeVar, overload
 
-from epson_driver.api.gripper import Gripper as AwaitedGripper
+from epson_driver.api.io import Gripper as AwaitedGripper
 from epson_driver.api.io import Io as AwaitedIo
 from epson_driver.api.motion import Motion as AwaitedMotion
 from epson_driver.api.ownership import Unique

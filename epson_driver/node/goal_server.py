@@ -25,10 +25,9 @@ from epson_driver.driver.outcome import GoalRejectedError, Outcome
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks import report_task_error
 from epson_driver.node import messages
-from epson_driver.node.context import NodeContext
 from epson_driver.node.goal_action import ActionType, GoalAction, OnEnd, log_outcome
 from epson_driver.node.goal_requests import GoalRequests
-from epson_driver.node.loop_bridge import DriverEndedError
+from epson_driver.node.loop_bridge import DriverEndedError, NodeContext
 from epson_driver.node.remedies import error_text
 from epson_driver.node.trajectory_messages import duration_in_s
 

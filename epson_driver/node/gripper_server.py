@@ -17,8 +17,7 @@ from rclpy.action.server import ServerGoalHandle
 
 from epson_driver.driver.io.gripper import Gripper
 from epson_driver.driver.io.gripper_wiring import GripperError, GripperState, GripperWiring
-from epson_driver.node.context import NodeContext
-from epson_driver.node.loop_bridge import REQUEST_QOS, DriverEndedError
+from epson_driver.node.loop_bridge import REQUEST_QOS, DriverEndedError, NodeContext
 
 
 def refusal(command: Command) -> str:

@@ -13,8 +13,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from epson_driver.driver.io.io_client import IoAnswer
 from epson_driver.driver.io.points import IoUnavailableError
-from epson_driver.node.context import NodeContext
-from epson_driver.node.loop_bridge import DriverEndedError
+from epson_driver.node.loop_bridge import DriverEndedError, NodeContext
 from epson_driver.simple_message import IoAddress, IoSetting
 
 

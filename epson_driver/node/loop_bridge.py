@@ -14,6 +14,7 @@ import threading
 import traceback
 from collections.abc import Awaitable, Callable, Coroutine
 from contextvars import Context
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import SetParametersResult
@@ -25,7 +26,9 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.service import Service
 from rclpy.task import Future
 
+from epson_driver.driver.driver import Driver
 from epson_driver.driver.tasks import report_error
+from epson_driver.setup.setup import Setup
 
 REQUEST_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -220,6 +223,25 @@ class LoopBridge:
             left = list(self._futures)
         for future in left:
             self.resolve(future, DriverEndedError())
+
+
+@dataclass(frozen=True)
+class NodeContext:
+    """A node's driver, what that was made with, and the way from rclpy's thread to its loop."""
+
+    driver: Driver
+    setup: Setup
+    bridge: LoopBridge
+
+    @property
+    def node(self) -> Node:
+        """The node of rclpy."""
+        return self.bridge.node
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """The node's parameters by name, which may change."""
+        return self.setup.values
 
 
 def _call(function: Callable[..., object], arguments: tuple[object, ...]) -> None:

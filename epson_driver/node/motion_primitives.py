@@ -29,9 +29,9 @@ from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks import wait_for_fresh_state
 from epson_driver.link.replies import Statement
 from epson_driver.motion import Array
-from epson_driver.node.context import NodeContext
 from epson_driver.node.goal_action import ActionType, GoalAction, OnEnd
 from epson_driver.node.goal_server import RESULT_TIMEOUT_S, GoalServer
+from epson_driver.node.loop_bridge import NodeContext
 from epson_driver.node.motion_primitive_messages import primitive_result, primitives_from_message
 from epson_driver.robots.kinematics import Kinematics
 from epson_driver.tool_motion.motion_sequence import (

@@ -25,12 +25,11 @@ from epson_driver.driver.arm_commands import ArmCommands, CommandError
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks import run_task_group
 from epson_driver.node import messages, parameters
-from epson_driver.node.context import NodeContext
 from epson_driver.node.diagnostics import Diagnostics
 from epson_driver.node.goal_server import GoalServer
 from epson_driver.node.gripper_server import GripperServer
 from epson_driver.node.io_interface import IoInterface
-from epson_driver.node.loop_bridge import DriverEndedError, LoopBridge
+from epson_driver.node.loop_bridge import DriverEndedError, LoopBridge, NodeContext
 from epson_driver.node.motion_primitives import MotionPrimitives
 from epson_driver.node.namesakes import DISCOVERY_S, LOOK_PERIOD_S, Namesakes
 from epson_driver.node.points_interface import PointsInterface
@@ -41,7 +40,6 @@ from epson_driver.node.servo_interface import ServoInterface
 from epson_driver.node.speed_scaling import SpeedScalingInterface
 from epson_driver.node.static_frames import StaticFrames
 from epson_driver.node.tool_interface import ToolInterface
-from epson_driver.node.tracing import Tracing
 from epson_driver.setup.setup import make_setup
 from epson_driver.simple_message import Status
 from epson_driver.trace import TraceError
@@ -65,7 +63,7 @@ class ClientNode:
         for sentence in self._setup.model.cautions:
             node.get_logger().warning(sentence)
         self.driver = self._setup.make_driver(self)
-        self._tracing = self._context.run(Tracing, self.driver.trace, self._parameters)
+        self._tracing = self._context.run(parameters.Tracing, self.driver.trace, self._parameters)
         self._bridge = LoopBridge(node, self._context, self.driver.fault)
         self.commands = ArmCommands(self.driver, self._bridge.all_taken)
         """What `~/stop`, `~/enable`, `~/disable` and `~/reset_error` do."""

@@ -1,8 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The node's parameters, declared from the table of settings."""
+"""The node's parameters, declared from the table of settings, and the traces they ask for."""
 
-from collections.abc import Callable, Iterable, Iterator
+import asyncio
+import logging
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -16,8 +18,12 @@ from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import load_robot_model
 from epson_driver.setup.setup import profile_defaults
 from epson_driver.setup.table import ROWS, TABLE, Row, joint_rows
+from epson_driver.trace import Trace, TraceError, open_trace
+from epson_driver.trace.trace import MEGABYTE
 
 Loaded = TypeVar('Loaded')
+
+_log = logging.getLogger(__name__)
 
 
 def descriptor(row: Row) -> ParameterDescriptor:
@@ -113,3 +119,38 @@ def _loaded(name: str, values: dict[str, Any], load: Callable[[str], Loaded]) ->
         return load(values[name])
     except (OSError, InputError) as error:
         raise InputError(f'parameter {name} = {shown(values[name])}: {error}') from error
+
+
+class Tracing:
+    """Begins and ends traces as the parameters say. Make it in the driver's event loop.
+
+    Any peer in the ROS domain may set `trace_file` and `trace_size`; `trace_folder` only who
+    starts the driver.
+    """
+
+    def __init__(self, trace: Trace, values: Mapping[str, Any]) -> None:
+        """Begin the trace that the parameters ask for, if it can begin."""
+        self._trace = trace
+        self._folder: str = values['trace_folder']
+        self._loop = asyncio.get_running_loop()
+        try:
+            self.change(values)
+        except TraceError as error:
+            _log.error('%s', error)
+
+    def change(self, values: Mapping[str, Any]) -> None:
+        """Apply those of the parameters that are among the values. In any thread.
+
+        Raises TraceError if the file cannot be made; then nothing changed.
+        """
+        name = values.get('trace_file')
+        file = open_trace(self._folder, name) if name else None
+        if 'trace_size' in values:
+            self._call(setattr, self._trace, 'largest', values['trace_size'] * MEGABYTE)
+        if file is not None:
+            self._call(self._trace.begin, file)
+        elif name is not None:
+            self._call(self._trace.end, 'the parameter trace_file was cleared')
+
+    def _call(self, function: Callable[..., object], *arguments: object) -> None:
+        self._loop.call_soon_threadsafe(function, *arguments)

@@ -22,12 +22,12 @@ from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks import wait_for_fresh_state
 from epson_driver.inputs import InputError, number, printable, shown
 from epson_driver.motion import Array
-from epson_driver.node.context import NodeContext
 from epson_driver.node.goal_server import GoalServer
+from epson_driver.node.loop_bridge import NodeContext
 from epson_driver.node.motion_primitives import MotionPrimitives
 from epson_driver.node.remedies import outcome_text
 from epson_driver.node.static_frames import BASE, StaticFrames, links, set_values
-from epson_driver.taught_points import EpsonPoint, Posture, TaughtPoints, posture
+from epson_driver.taught_points import EpsonPoint, Posture, TaughtPoints, taught
 from epson_driver.tool_motion.tool_pose import quaternion_pose
 
 SPEED = number(0.01, 1.0, 'of the joint limits')
@@ -167,12 +167,7 @@ class PointsInterface:
         if (why := robot.why_not_ready(now)) is not None:
             raise InputError(f'nobody knows where the arm is: {why}')
         assert robot.sample is not None  # noqa: S101 - for the type checker
-        joints, arm = robot.sample.positions, self._primitives.kinematics
-        point = EpsonPoint.of(arm.in_base(arm.forward(joints)))
-        try:
-            return point, posture(self._setup.model, joints)
-        except ValueError as error:
-            return point, str(error)
+        return taught(self._primitives.kinematics, robot.sample.positions)
 
     async def _move(self, name: str, point: EpsonPoint, speed: float) -> Outcome:
         """Go to a point, as a goal of the queue. Raises GoalRejectedError."""

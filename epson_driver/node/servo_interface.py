@@ -15,8 +15,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from epson_driver.driver.servo.arrivals import Arrivals, came_at
 from epson_driver.driver.servo.setpoint import Setpoint
-from epson_driver.node.context import NodeContext
-from epson_driver.node.loop_bridge import DriverEndedError
+from epson_driver.node.loop_bridge import DriverEndedError, NodeContext
 from epson_driver.node.setpoint_messages import (
     SetpointError,
     from_jog,

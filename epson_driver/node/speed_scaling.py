@@ -10,7 +10,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Float64
 
 from epson_driver.driver.tasks import report_task_error
-from epson_driver.node.context import NodeContext
+from epson_driver.node.loop_bridge import NodeContext
 
 PERIOD_S = 0.05
 """Time between two published values of a ramp, s."""

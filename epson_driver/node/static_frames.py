@@ -10,7 +10,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from tf2_msgs.msg import TFMessage
 
 from epson_driver.motion import Array
-from epson_driver.node.context import NodeContext
+from epson_driver.node.loop_bridge import NodeContext
 from epson_driver.robots import RobotModel
 
 BASE, FLANGE = 'base_link', 'tool0'

@@ -14,7 +14,7 @@ from geometry_msgs.msg import Pose
 
 from epson_driver.inputs import FRAME_NAME, InputError, shown
 from epson_driver.motion import Array
-from epson_driver.node.context import NodeContext
+from epson_driver.node.loop_bridge import NodeContext
 from epson_driver.node.motion_primitives import MotionPrimitives, ToolBusyError
 from epson_driver.node.static_frames import FLANGE, StaticFrames, links
 from epson_driver.robots import RobotModel

@@ -20,9 +20,10 @@ from epson_driver.panel.robot_state import ERROR, INFO, WARN, RequestError, Simu
 from epson_driver.panel.sim_pendant import NotSimulatedError, SimPendant
 from epson_driver.remote_ethernet.hand import ACTIONS, Action, UsageError, action
 from epson_driver.robots import RobotModel, load_robot_model
+from epson_driver.setup.table import ROWS
 
-START_TOLERANCE = 0.02
-"""Rad or m: the driver's own default of `start_tolerance`; it checks again."""
+START_TOLERANCE: float = ROWS['start_tolerance'].default
+"""Rad or m: the driver checks again."""
 
 STOP_ANSWER_S = 0.5
 """Within which the driver answers a STOP, or it is said that it has not, s."""

@@ -19,9 +19,9 @@ from support.two_jaws import TwoJaws
 from epson_driver import ArgumentError, MotionError, Robot, RobotError, Settings, aio, robot
 from epson_driver.api import simulation
 from epson_driver.api.errors import RobotError as AnyRobotError
-from epson_driver.api.gripper import GripperWiring
 from epson_driver.api.simulation import SimulatedController
 from epson_driver.api.threads import LoopThread
+from epson_driver.driver.io.gripper_wiring import GripperWiring
 from epson_driver.sim_controller.condition.states import Event
 
 PATIENCE = 60.0

@@ -18,11 +18,10 @@ from epson_driver.driver.goal.goal_queue import GoalHandle
 from epson_driver.driver.goal.planning_scope import PlanningScope
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
 from epson_driver.node import goal_action, goal_server, gripper_server
-from epson_driver.node.context import NodeContext
 from epson_driver.node.goal_action import ActionType, GoalAction
 from epson_driver.node.goal_server import GoalServer
 from epson_driver.node.gripper_server import GripperServer
-from epson_driver.node.loop_bridge import DriverEndedError
+from epson_driver.node.loop_bridge import DriverEndedError, NodeContext
 from epson_driver.node.servo_interface import ServoInterface
 from epson_driver.setup.setup import make_setup
 

@@ -26,7 +26,7 @@ from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_queue import GoalQueue
 from epson_driver.driver.io import io_client
 from epson_driver.link import Link
-from epson_driver.node import goal_requests, goal_server, loop_bridge, messages, node, tracing
+from epson_driver.node import goal_requests, goal_server, loop_bridge, messages, node, parameters
 from epson_driver.node import speed_scaling as speed_node
 from epson_driver.node.diagnostics import Diagnostics
 from epson_driver.trace.trace import Trace
@@ -162,7 +162,7 @@ HOOKS: tuple[tuple[Any, ...], ...] = (
         fail,
         lambda _, function, *__: function.__name__ == 'cancel',
     ),
-    ('parameter', tracing.Tracing, 'change'),
+    ('parameter', parameters.Tracing, 'change'),
     # what may fail without the arm
     ('trace', Trace, '_record'),
 )
