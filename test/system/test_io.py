@@ -107,7 +107,7 @@ def test_states_on_change_reads_and_writes_by_address(cell: Cell, make_io_peer: 
     assert peer.states[-1].message == ''
     assert peer.states[-1].header.stamp.sec > 0
     assert peer.value(DI, 3) == 0
-    cell.pendant('io', 'in', '3', 'on')
+    cell.pendant('io', 'DI', '3', 'on')
     peer.wait_for(lambda: peer.value(DI, 3) == 1, 'the input')
 
     answer = peer.write((DO, 0, 1), (GO, 1, 0x81), (AO, 1, -1500))
@@ -182,7 +182,7 @@ def test_the_spel_program_serves_the_io_also_with_the_e_stop_pressed(
     peer = make_io_peer(cell.domain)
     peer.wait_until_valid()
     assert peer.value(DI, 3) == 0
-    cell.pendant('io', 'in', '3', 'on')
+    cell.pendant('io', 'DI', '3', 'on')
     peer.wait_for(lambda: peer.value(DI, 3) == 1, 'the input')
     cell.pendant('estop', 'press')
     answer = peer.write((DO, 0, 1), (GO, 1, 0x81))

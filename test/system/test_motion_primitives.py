@@ -272,7 +272,7 @@ class Gripper:
 
     def show(self, opened: bool, closed: bool) -> None:
         for index, value in ((4, opened), (5, closed)):
-            self._cell.pendant('io', 'in', str(index), 'on' if value else 'off')
+            self._cell.pendant('io', 'DI', str(index), 'on' if value else 'off')
 
 
 def test_it_opens_closes_and_its_goals_end_as_moveit_expects(make_cell: Any) -> None:
