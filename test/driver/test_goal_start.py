@@ -63,9 +63,9 @@ async def test_inv4_inv5_a_waiting_goal_ends_and_nothing_moves(what):
 async def test_inv4_it_is_checked_again_when_it_starts():
     """docs/invariants.md, 4."""
     async with cell() as (harness, _):
-        goal = harness.submit(pose(0.5), start=pose(0.03), ahead=AHEAD_S)
+        goal = harness.submit(pose(0.5), start=pose(0.015), ahead=AHEAD_S)
         harness.driver.goal_queue.start_tolerance = 0.01
-        assert 'starts at 0.03 rad, the joint is at 0 rad' in (await goal.end()).text
+        assert 'starts at 0.015 rad, the joint is at 0 rad' in (await goal.end()).text
         assert goal.handle.execution.state is GoalState.ABORTED
         assert not harness.at.any()
 

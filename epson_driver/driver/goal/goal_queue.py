@@ -86,7 +86,7 @@ class GoalQueue:
     ) -> None:
         self._limits = limits = configuration.limits
         self._planned_speed = PlannedSpeed(configuration.delivery, limits)
-        self.start_tolerance = 0.05
+        self.start_tolerance = 0.02
         self.scaling = SpeedScaling(by_velocity=self._planned_speed.by_velocity)
         self.unsmoothed = 0
         """Goals for which no smooth motion inside every limit was found."""
