@@ -171,7 +171,7 @@ def _new_executor(
             statement_overhead=motion.statement_overhead,
             acknowledge=_acknowledge(program.acknowledge, 'done'),
             caps=caps,
-            timed=program.uses is FieldsUsed.DURATION,
+            timed=program.uses is FieldsUsed.DURATION or program.kind == 'motoman',
         )
     return Streaming(
         limits,

@@ -103,9 +103,9 @@ class PointToPoint:
 
     `start` has shape (n,), rad. `speed` and `accel` are fractions (0, 1] of the limits (SPEL+
     Speed, Accel); a point's own velocity can only make its move slower, its duration too if
-    `timed` or without a velocity. With `cp`, moves overlap, and each has at most half of the
-    acceleration. `caps` is what low power does; without, nothing. Raises ValueError for a start
-    that is not n finite angles within the limits, and for other fractions.
+    `timed`. With `cp`, moves overlap, and each has at most half of the acceleration. `caps` is
+    what low power does; without, nothing. Raises ValueError for a start that is not n finite
+    angles within the limits, and for other fractions.
     """
 
     def __init__(
@@ -231,7 +231,7 @@ class PointToPoint:
         if not self.moving:
             self._now = 0.0
         speed = min(self._speed, point.velocity or 1.0)
-        duration = point.duration if self._timed or not point.velocity else 0.0
+        duration = point.duration if self._timed else 0.0
         ready = self._now + self._overhead
         cp = self._cp if point.cp is None else point.cp
         target = point.target.copy()

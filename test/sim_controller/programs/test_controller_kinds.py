@@ -160,6 +160,14 @@ def test_a_motoman_takes_less_than_a_second_ahead_and_then_is_busy():
     assert 8 <= len(answers) - 1 <= 10  # 0.8 s, the one being entered and the one that waits
 
 
+@pytest.mark.parametrize('smooth', [False, True])
+def test_a_motoman_is_at_a_point_at_its_time(smooth):
+    harness = new_harness('motoman', smooth)
+    harness.send(command(START_TRAJ_MODE), motoman_point(0, (), 0.0))
+    harness.send(motoman_point(1, (0.05,), 2.0))
+    assert harness.rest() == pytest.approx(2.0, abs=0.05)
+
+
 def test_a_motomans_status_tells_what_check_motion_ready_answers_and_alarms_only():
     harness = new_harness('motoman')
     assert (status(harness).drives_powered, status(harness).motion_possible) == (1, 0)
