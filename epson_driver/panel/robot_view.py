@@ -99,7 +99,6 @@ IO_NAMES = {
     2: 'Outputs',
     3: 'Analog inputs [mV]',
     4: 'Analog outputs [mV]',
-    7: 'Flags',
 }
 """By the types of epson_msgs/IoPoint."""
 
