@@ -375,7 +375,7 @@ async def test_inv1_an_arm_that_was_moved_in_the_pause_does_not_resume():
         outcome = await goal.end()
         assert outcome.end is End.ABORTED
         assert 'joint_1 moved by 0.1' in outcome.text
-        assert 'during the pause: the limit is 0.05 rad' in outcome.text
+        assert 'during the pause: the limit is 0.02 rad' in outcome.text
 
 
 async def test_pause_and_resume_at_any_time_end_in_one_success():
