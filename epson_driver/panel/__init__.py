@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The browser panel: the robots in 3D, what they report, and buttons for the driver's services.
+"""The browser panel: a 3D view of the robots, their state and buttons for the driver's services.
 
-It uses the driver as any other program does: topics, services and the action. Its page is plain
-HTML and JavaScript (`assets/`), which draws the parts that come over a websocket (`window.py`),
-behind rules about who is let in (`access.py`).
+It uses only the driver's public topics, services and action. Its page is plain HTML and JavaScript
+(`assets/`), which draws the parts received over a websocket (`window.py`). Access rules:
+`access.py`.
 """
 
 from importlib.util import find_spec

@@ -1,11 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Who is let in: the panel's own page, under its own address, and with the token if there is one.
+"""Access rules: only the panel's own page, at its own address, with the token if one is set.
 
-Every page that is open in the same browser can send requests to this port. What tells them apart
-is the header Origin, which no page can set: only the panel's own origin may open the websocket,
-and nobody who sends none. HTTP requests carry no Origin when a person follows a link, so there a
-missing one is allowed, but not the address of somebody else in Host (DNS rebinding).
+Every page open in the same browser can send requests to this port. They are distinguished by the
+header Origin, which no page can set. Only the panel's own origin may open the websocket, and a
+request without Origin may not. HTTP requests carry no Origin when a person follows a link, so a
+missing one is accepted there, but not a foreign address in Host (DNS rebinding).
 """
 
 import hmac
@@ -23,7 +23,7 @@ LOOPBACK_NAMES = frozenset({'127.0.0.1', 'localhost', '[::1]'})
 
 
 class Rejection(NamedTuple):
-    """The status of the answer to a request that is not let in, and its text."""
+    """The HTTP status and text of the response to a rejected request."""
 
     status: int
     text: str
@@ -58,7 +58,7 @@ def bracketed(address: str) -> str:
 
 @dataclass(frozen=True)
 class Access:
-    """The rules for one panel, with `names` as in `own_names`, and a token unless None."""
+    """The rules for one panel. `names` as in `own_names`. `token`: required unless None."""
 
     port: int
     names: frozenset[str]
@@ -67,9 +67,9 @@ class Access:
     def rejection(
         self, path: str, headers: Mapping[str, str], arrived_at: str
     ) -> Rejection | None:
-        """Return why a request is not let in, or None if it is.
+        """Return why a request is rejected, or None if it is accepted.
 
-        `headers` with lower-case names, each value once; `arrived_at`: the address of this machine
+        `headers`: names in lower case, each value once. `arrived_at`: the address of this machine
         at which the connection arrived.
         """
         names = self.names | {bracketed(arrived_at)}
@@ -96,7 +96,7 @@ class Access:
         return f'epson_driver_panel_{self.port}'
 
     def new_headers(self, path: str) -> dict[str, str]:
-        """Return what is added to the headers of a page that is served."""
+        """Return the extra headers for a served page."""
         headers = {
             'Content-Security-Policy': CONTENT_SECURITY_POLICY,
             'X-Frame-Options': 'DENY',
@@ -137,7 +137,7 @@ CONTENT_SECURITY_POLICY = '; '.join(
         "frame-ancestors 'none'",
     )
 )
-"""The page may ask its own origin only, and no other page may show it in a frame."""
+"""The page may send requests to its own origin only, and no other page may show it in a frame."""
 
 
 def is_upgrade(headers: Mapping[str, str]) -> bool:
@@ -146,7 +146,7 @@ def is_upgrade(headers: Mapping[str, str]) -> bool:
 
 
 def shown(text: str) -> str:
-    """Return what somebody has sent, short and printable."""
+    """Return text received from a client, shortened and printable."""
     return repr(text[:100])
 
 

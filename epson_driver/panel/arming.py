@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Who may move the robot from the panel: one browser at a time, from when it arms until it ends.
+"""Arming: permission for one browser at a time to move the robot.
 
-Whatever the armed browser has started ends with its arming: when it disarms, when its connection
-is gone or its page does nothing any more (nobody there could press stop), and when what the panel
-shows is no longer true.
+Everything that the armed browser has started ends when the arming ends. An arming ends when the
+browser disarms, when its connection is lost or its page is unresponsive (its user could not press
+stop), and when the data shown by the panel is out of date.
 """
 
 import contextlib
@@ -15,9 +15,9 @@ from collections.abc import Callable, Iterator
 from epson_driver.panel.robot_state import RequestError
 
 ALIVE_WITHIN_S = 1.5
-"""A page that has given no sign of life for so long is frozen, hidden, asleep or cut off, s. It
-gives one each 0.3 s while somebody can see it (panel.js). The websocket's own pings tell nothing:
-the browser answers them for a page that hangs."""
+"""Time without a sign of life after which a page counts as frozen, hidden, asleep or cut off, s. A
+visible page sends one every 0.3 s (panel.js). The websocket's pings do not prove that the page
+runs, because the browser answers them even for a hung page."""
 
 
 class NotArmedError(RequestError):
@@ -25,10 +25,10 @@ class NotArmedError(RequestError):
 
 
 class Arming:
-    """Which browser is armed, by the number of its connection, or None. For any thread.
+    """The armed browser, by the number of its connection, or None. Thread-safe.
 
-    `forbidden` returns why nobody may be armed now, or None. `on_end` is called with the reason
-    whenever an arming ends, before anybody else can be armed. `clock`: monotonic, s.
+    `forbidden` returns why arming is not allowed now, or None. `on_end` is called with the reason
+    whenever an arming ends, before another browser can be armed. `clock`: monotonic, s.
     """
 
     def __init__(
@@ -47,29 +47,29 @@ class Arming:
 
     @property
     def holder(self) -> int | None:
-        """The browser that is armed."""
+        """The armed browser, or None."""
         return self._holder
 
     def connect(self, browser: int) -> None:
-        """Let a browser be armed, once it asks for it."""
+        """Register a browser, which may then request arming."""
         with self._lock:
             self._connected.add(browser)
 
     def alive(self, browser: int) -> None:
-        """Take note that the page of a browser has given a sign of life."""
+        """Record a sign of life from the page of a browser."""
         with self._lock:
             if browser in self._connected:
                 self._alive[browser] = self._clock()
 
     def disconnect(self, browser: int) -> None:
-        """Take note that a browser is gone: clicks of it that come later do nothing."""
+        """Remove a browser. Its later clicks have no effect."""
         with self._lock:
             self._connected.discard(browser)
             self._alive.pop(browser, None)
             self.disarm('the armed window of the panel is gone', browser)
 
     def arm(self, browser: int) -> None:
-        """Arm a browser. Raises NotArmedError that says why it cannot be."""
+        """Arm a browser. Raises NotArmedError if it cannot be armed, with the reason."""
         with self._lock:
             if browser not in self._connected:
                 raise NotArmedError('this window is not connected any more')
@@ -85,7 +85,7 @@ class Arming:
             self._holder = browser
 
     def disarm(self, why: str, browser: int | None = None) -> bool:
-        """End the arming, of one browser or of whoever has it. Returns whether there was one."""
+        """End the arming of one browser, or of any. Returns whether a browser was armed."""
         with self._lock:
             if self._holder is None or browser not in (None, self._holder):
                 return False
@@ -94,7 +94,7 @@ class Arming:
             return True
 
     def watch(self) -> None:
-        """End the arming if nobody may be armed any more, or nobody sees the armed window."""
+        """End the arming if it is not allowed any more, or if the armed window is not visible."""
         with self._lock:
             if self._holder is None:
                 return
@@ -109,7 +109,7 @@ class Arming:
 
     @contextlib.contextmanager
     def held(self, browser: int) -> Iterator[None]:
-        """Do something that only the armed browser may do: the arming does not end meanwhile.
+        """Keep the arming from ending while the block runs, which only the armed browser may do.
 
         Raises NotArmedError. The block must not wait for anything.
         """

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The points that were taught to a driver, as its ~/taught_points tells them."""
+"""The points taught to a driver, from its service ~/taught_points."""
 
 from typing import Any
 
@@ -12,14 +12,14 @@ from epson_driver.panel.robot_state import RobotState
 
 PERIOD_S = 2.0
 TIMEOUT_S = 5.0
-"""A driver that has died in between never answers, s."""
+"""Timeout, s. A driver that has died in between never answers."""
 
 MOST = 200
-"""So many are shown."""
+"""Maximum number of points shown."""
 
 
 class DriverPoints:
-    """Asks again and again, one request at a time, and keeps the answer in a state."""
+    """Polls the points, one request at a time, and stores the answer in a state."""
 
     def __init__(self, node: Node, name: str, state: RobotState) -> None:
         self._node = node
@@ -29,7 +29,7 @@ class DriverPoints:
         self._asked = -np.inf
 
     def look(self, now: float) -> None:
-        """Ask if it is time to. `now`: the panel's clock, s."""
+        """Send a request if one is due. `now`: the panel's clock, s."""
         if self._asking is not None and now - self._asked > TIMEOUT_S:
             self._give_up()
         if (
@@ -42,12 +42,12 @@ class DriverPoints:
             self._asking.add_done_callback(self._on_answer)
 
     def forget(self) -> None:
-        """Know none, as the driver is gone."""
+        """Drop the points, because the driver is gone."""
         self._give_up()
         self._state.taught = {}
 
     def close(self) -> None:
-        """Ask no more."""
+        """Stop sending requests."""
         self._give_up()
         self._node.destroy_client(self._client)
 

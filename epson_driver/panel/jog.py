@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""By hand: how fast the joints turn while a button is held, and the way of one step.
+"""Jogging: joint velocities while a button is pressed, and the trajectory of a single step.
 
-Axes are joints by number, or those of the tool: X Y Z along, U V W about Z, Y and X, of EPSON's
-world or of the tool.
+Axes are joints by number, or axes of the tool (X Y Z along, U V W about Z, Y and X) in EPSON's
+world frame or in the tool frame.
 """
 
 import numpy as np
@@ -32,48 +32,49 @@ DIRECTIONS = {
 """Whether an axis turns, and about or along which direction of its frame."""
 
 JOINT_SHARE = 0.25
-"""Of a joint's velocity limit at full speed: the driver's `servo.scale`."""
+"""Fraction of a joint's velocity limit at full speed, as the driver's `servo.scale`."""
 
 TOOL_M_S, TOOL_RAD_S = 0.25, 0.8
-"""Of the tool at full speed: the first is ISO 10218-1's reduced speed."""
+"""Tool velocities at full speed: the first is ISO 10218-1's reduced speed."""
 
 NOT_REACHED = 0.02
-"""Of a motion of the tool that joints of an arm do not make, as a share: it is refused."""
+"""Maximum share of a tool motion that the arm's joints may fail to produce. Beyond it the motion
+is refused."""
 
 END = 0.005
-"""So near to the end of its range, rad or m, a joint is not jogged outwards."""
+"""Distance from the end of its range within which a joint is not jogged outwards, rad or m."""
 
 STEP_SHARE = 0.2
-"""Of the joints' velocity and acceleration limits, in a step at full speed."""
+"""Fraction of the joints' velocity and acceleration limits used by a step at full speed."""
 
 MAX_STEP_M, MAX_STEP_RAD = 0.1, np.radians(30.0)
 MIN_STEP_S = 0.3
 POINT_PERIOD_S = 0.05
 
 PEAK_VELOCITY, PEAK_ACCELERATION = 1.875, 5.774
-"""Of the polynomial of fifth degree that rests at both ends, for a way of 1 in 1 s."""
+"""Peaks of the quintic polynomial that is at rest at both ends, for a distance of 1 in 1 s."""
 
 MAX_TURNS = 20
 SAME_POSE = 1e-7
-"""How near inverse kinematics come, m and rad."""
+"""Convergence tolerance of inverse kinematics, m and rad."""
 
 
 class Jog:
-    """Motion by hand of one model. Joints have shape (n,), rad or m.
+    """Jog motion of one model. Joints have shape (n,), rad or m.
 
-    All raise RequestError that says why the arm cannot go there.
+    All methods raise RequestError if the arm cannot make the motion, with the reason.
     """
 
     def __init__(self, model: RobotModel) -> None:
         self.model = model
         self.kinematics = Kinematics(model)
         self.axes = self._axes()
-        """The axes of the tool that this arm has."""
+        """The tool axes available on this arm."""
 
     def velocities(self, joints: Array, axis: str, frame: str, share: float) -> Array:
-        """Return the joints' velocities, shape (n,), for `share` of full speed, -1 … 1.
+        """Return the joint velocities, shape (n,), for `share` of full speed, -1 … 1.
 
-        axis: a joint's number from 1, or one of TOOL_AXES.
+        axis: a joint's number from 1, or a name of TOOL_AXES.
         """
         limits = self.model.limits
         if (index := self._joint(axis)) is not None:
@@ -87,9 +88,9 @@ class Jog:
         return found
 
     def step(self, joints: Array, axis: str, frame: str, size: float, share: float) -> Trajectory:
-        """Return the way of a step: of a joint or of the tool, rad or m, straight in its space.
+        """Return the trajectory of one step of a joint or of the tool, straight in its space.
 
-        share: of full speed, (0, 1].
+        size: rad or m. share: of full speed, (0, 1].
         """
         index = self._joint(axis)
         turns = DIRECTIONS[axis][0] if index is None else self.model.limits.units[index] != 'm'
@@ -105,7 +106,7 @@ class Jog:
         return self.way(self._line(joints, velocity / length * size), share)
 
     def straight(self, joints: Array, goal: Array, share: float = 1.0) -> Trajectory:
-        """Return the way to joint positions, straight in joint space."""
+        """Return a straight trajectory in joint space to joint positions."""
         return self.way(np.linspace(joints, goal, 9), share)
 
     def joints_at(self, point: Array, near: Array) -> Array:
@@ -122,9 +123,9 @@ class Jog:
         return np.asarray(found[0])
 
     def way(self, path: Array, share: float) -> Trajectory:
-        """Return how a path of joints, shape (k, n), is driven slowly, resting at both ends."""
+        """Return a slow trajectory along a joint path, shape (k, n), at rest at both ends."""
         limits = self.model.limits
-        path = limits.settled(path)  # an arm on its limit may be measured a rounding beyond it
+        path = limits.settled(path)  # an arm at its limit may be measured slightly beyond it
         self._check_range(path)
         places = np.linspace(0.0, 1.0, len(path))
         slope = np.gradient(path, places, axis=0)
@@ -150,7 +151,7 @@ class Jog:
         return Trajectory(names, duration * s, positions, slopes * rate[:, None])
 
     def _axes(self) -> tuple[str, ...]:
-        """Return the axes along which the tool can move: of a SCARA, not V and W."""
+        """Return the axes along which the tool can move. A SCARA has no V and W."""
         limits = self.model.limits
         joints = 0.5 * (limits.position_min + limits.position_max) + 0.3
         jacobian = self.kinematics.jacobian(joints)
@@ -181,7 +182,7 @@ class Jog:
         return np.asarray(found)
 
     def _line(self, joints: Array, way: Array) -> Array:
-        """Return joints along a straight way of the tool, shape (k, n), from where they are."""
+        """Return joints along a straight tool path, shape (k, n), from the current joints."""
         start = self.kinematics.forward(joints)
         angle = float(np.linalg.norm(way[3:]))
         found = [joints]
@@ -194,7 +195,7 @@ class Jog:
         return np.array(found)
 
     def _joints_at(self, pose: Array, near: Array) -> Array:
-        """Return the joints that bring the tool to a pose near by."""
+        """Return the joints near `near` that bring the tool to a pose."""
         joints = near
         for _ in range(MAX_TURNS):
             now = self.kinematics.forward(joints)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""From what was reported to the lamps, and to what is in the way and what to do about it."""
+"""The status lamps, and advice: why the arm cannot move now and how to fix it."""
 
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from epson_driver.driver.remedy import Remedy, with_remedy
 from epson_driver.panel.robot_state import RobotState, Tri
 
 GOOD, WARN, BAD, OFF, UNKNOWN = COLOURS = ('good', 'warn', 'bad', 'off', 'unknown')
-"""Of lamps. OFF: known, and nothing to look at; UNKNOWN: grey, as it may be anything."""
+"""Colours of lamps. OFF: known and normal. UNKNOWN: grey, any state is possible."""
 
 
 WORDS = {
@@ -23,18 +23,18 @@ WORDS = {
     Remedy.ENABLE: 'press Enable',
     Remedy.CONTINUE: 'Continue at the pendant',
 }
-"""What helps, as it is called on the page."""
+"""Remedies in the words of the page."""
 
 CALM = (Cause.MANUAL_MODE, Cause.NOT_ENABLED, Cause.MOTORS_OFF, Cause.PAUSED)
-"""Causes that are no fault. What a simulated controller says of itself is more than they say."""
+"""Causes that are no fault. A known condition of a simulated controller is more specific."""
 
 NO_ESTOP = 'not active'
 NO_PROGRAM = ('stopped', 'aborted')
-"""What the simulated controller says of its E-stop, and of its tasks when they have ended."""
+"""Values of E-stop and tasks in a simulated controller's condition. NO_PROGRAM: ended."""
 
 
 class Lamp(NamedTuple):
-    """One lamp: its name, what it says, its colour."""
+    """One lamp: its name, text and colour."""
 
     name: str
     text: str
@@ -42,7 +42,7 @@ class Lamp(NamedTuple):
 
 
 class Advice(NamedTuple):
-    """Why the arm would not move now, and what to do about it, in a lamp's colour."""
+    """The reason why the arm cannot move now, and the remedy, in a lamp's colour."""
 
     reason: str
     remedy: str
@@ -50,7 +50,7 @@ class Advice(NamedTuple):
 
 
 def lamps(state: RobotState, now: float) -> list[Lamp]:
-    """Return all lamps. What is too old is UNKNOWN, whatever it said."""
+    """Return all lamps. Outdated values are UNKNOWN."""
     status_known = state.fresh('status', now)
     driver_known = state.fresh('diagnostics', now)
     found = [_link(state, now), *_of_status(state)]
@@ -90,7 +90,7 @@ def _of_status(state: RobotState) -> Iterator[Lamp]:
 
 
 def _door(state: RobotState, now: float) -> Lamp:
-    """Return the door's lamp, which the simulated controller tells, not robot_status."""
+    """Return the door's lamp. Only a simulated controller reports it: robot_status has no door."""
     if state.simulation is None or not state.fresh('simulation', now):
         return Lamp('Door', 'not reported', UNKNOWN)
     door = state.simulation.condition.get('door', '')
@@ -102,7 +102,7 @@ def _tri(name: str, value: Tri, yes: tuple[str, str], no: tuple[str, str]) -> La
 
 
 def advice(state: RobotState, now: float) -> Advice:
-    """Return what is in the way of motion, the first that has to be dealt with."""
+    """Return the first obstacle to motion that has to be removed, with its remedy."""
     if not state.fresh('diagnostics', now):
         remedy = 'STOP may not reach it: use the E-stop. Start it, or look whether it still runs'
         return Advice('the driver does not report', remedy, UNKNOWN)
@@ -127,14 +127,14 @@ def advice(state: RobotState, now: float) -> Advice:
 
 
 def _condition(state: RobotState, now: float) -> Mapping[str, str]:
-    """Return what a simulated controller says of itself, nothing for any other."""
+    """Return a simulated controller's condition by region, or {} for a real controller."""
     if state.simulation is None or not state.fresh('simulation', now):
         return {}
     return state.simulation.condition
 
 
 def _ended(condition: Mapping[str, str]) -> Advice | None:
-    """Return why a simulated controller's program does not run."""
+    """Return why a simulated controller's program is not running, or None."""
     estop, tasks = condition.get('estop', NO_ESTOP), condition.get('tasks', '')
     if estop != NO_ESTOP:
         first = 'release the E-stop, then ' if estop == 'pressed' else ''
@@ -147,7 +147,7 @@ def _ended(condition: Mapping[str, str]) -> Advice | None:
 
 
 def _held(condition: Mapping[str, str]) -> Advice | None:
-    """Return why a simulated controller's program waits."""
+    """Return why a simulated controller's program is waiting, or None."""
     if condition.get('door', 'closed') != 'closed':
         return Advice(
             'the safeguard door is open', 'close the door, then Continue at the pendant', BAD

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The panel: one loop that samples ROS and tells all windows what is new."""
+"""The panel: one loop that samples ROS and sends the changes to all windows."""
 
 import contextlib
 import logging
@@ -21,17 +21,17 @@ from epson_driver.panel.window import BadMessageError, Window, text_of
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
 
 POSE_PERIOD_S = 0.04
-"""What a person sees as motion."""
+"""Short enough to be seen as continuous motion."""
 
 TEXT_PERIOD_S = 0.2
 SLOW_PERIOD_S = 0.5
 BEAT_PERIOD_S = 0.5
 
 IDLE_PERIOD_S = 0.1
-"""Of the loop while no browser is connected, s."""
+"""Period of the loop while no browser is connected, s."""
 
 GONE_AFTER_S = 60.0
-"""A robot whose driver is silent for so long is not shown any more, s."""
+"""Silence of a driver after which its robot is removed from the page, s."""
 
 PENDANT_PART = text_of(
     {'presses': {what: list(ways) for what, ways in PENDANT.items()}, 'faults': list(FAULTS)}
@@ -41,10 +41,10 @@ _log = logging.getLogger(__name__)
 
 
 class Panel:
-    """The whole panel, run in one thread, stopped or failed in any.
+    """The whole panel. `run` it in one thread; `stop` and `fail` may be called in any.
 
-    `names`: of the drivers' nodes; None: all that are found. Raises WebServerError, and what
-    rclpy.init raises.
+    `names`: the drivers' nodes, or None for every driver found. Raises WebServerError, and the
+    exceptions of rclpy.init.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class Panel:
         self._views: dict[str, RobotView] = {}
         self._windows: dict[int, Window] = {}
         self._lock = threading.Lock()
-        """Of windows and views: they come and go in the threads of the server and of `run`."""
+        """Guards windows and views, which change in the threads of the server and of `run`."""
         self._new: set[int] = set()
         self._beat = 0
         self.web = WebServer(host, port, token, self, self.fail)
@@ -78,11 +78,11 @@ class Panel:
         self._pendants = PendantThread(time.monotonic, self.fail)
 
     def stop(self) -> None:
-        """Have `run` end."""
+        """Make `run` return."""
         self._ended.set()
 
     def fail(self, what: str, error: BaseException) -> None:
-        """Have the panel end: a page that looks alive and is not would be worse than none."""
+        """End the panel after a failure. A page that only looks alive would be worse than none."""
         if self._failure is None:
             self._failure = error
             _log.critical('%s: the panel ends', what, exc_info=error)
@@ -92,16 +92,16 @@ class Panel:
         """Serve until `stop` or a failure and return the exit code."""
         try:
             self._loop()
-        except BaseException as error:  # noqa: BLE001 - it is told, and all ends
+        except BaseException as error:  # noqa: BLE001 - reported by `fail`, and everything ends
             self.fail('drawing failed', error)
         finally:
             self._close()
         return 0 if self._failure is None else 1
 
-    # --- windows come, go and ask: in the thread of the web server --------------------------
+    # --- windows open, close and send requests: in the thread of the web server ---------------
 
     def came(self, window: Window) -> None:
-        """Take note of a window."""
+        """Add a window."""
         with self._lock:
             self._windows[window.number] = window
             self._new.add(window.number)
@@ -109,7 +109,7 @@ class Panel:
                 view.control.arming.connect(window.number)
 
     def gone(self, window: Window) -> None:
-        """Take note that a window is closed: what it has started ends."""
+        """Remove a closed window and end everything that it has started."""
         with self._lock:
             self._windows.pop(window.number, None)
             self._new.discard(window.number)
@@ -118,7 +118,7 @@ class Panel:
             view.control.arming.disconnect(window.number)
 
     def received(self, window: Window, message: str | bytes) -> None:
-        """Do what a window asks for, or say there and in the log why not."""
+        """Carry out a window's request, or show there and log why it was refused."""
         asked = message_of(message)
         word = asked['do']
         late = 'at' in asked and window.late(number(asked, 'at', 0.0, 1e15), time.monotonic())
@@ -130,7 +130,7 @@ class Panel:
         elif word == 'choose':
             self._choose(window, text(asked, 'robot'))
         elif word == 'stop':
-            for view in views.values():  # whatever one of them says
+            for view in views.values():  # whatever the answers are
                 self._attempt(window, view.control, {'do': 'stop_one'})
         else:
             about = views.get(text(asked, 'robot'))
@@ -143,7 +143,7 @@ class Panel:
             if word == 'jog':
                 end = {'do': 'jog', 'share': 0.0}
                 window.after_silence(lambda: self._attempt(window, about.control, end))
-        if word in ('stop', 'stop_one'):  # the page says so, large and red, if this does not come
+        if word in ('stop', 'stop_one'):  # without this part the page shows a large red warning
             window.offer(window.robot, {'stopped': text_of(number(asked, 'at', 0.0, 1e15))})
 
     def _attempt(self, window: Window, control: RobotControl, asked: Mapping[str, Any]) -> None:
@@ -158,7 +158,7 @@ class Panel:
             window.say(f'Not done: {error}')
         except BadMessageError:
             raise
-        except BaseException as error:  # noqa: BLE001 - it is told, and ends the panel
+        except BaseException as error:  # noqa: BLE001 - reported by `fail`, which ends the panel
             self.fail('what a button does failed', error)
 
     def _choose(self, window: Window, robot: str) -> None:
@@ -240,7 +240,7 @@ class Panel:
                 self._views[name] = view
 
     def _forget_gone(self, now: float) -> None:
-        """Take away what has been silent for GONE_AFTER_S, unless it was asked for by name."""
+        """Remove robots that were silent for GONE_AFTER_S, unless named on the command line."""
         for name in self.ros.forget_silent(now, GONE_AFTER_S):
             with self._lock:
                 view = self._views.pop(name, None)
@@ -248,7 +248,7 @@ class Panel:
                 view.control.end()
 
     def _close(self) -> None:
-        """Let no goal of the panel outlive it, then close everything."""
+        """Cancel all goals of the panel, then close everything."""
         with contextlib.ExitStack() as stack:  # all of it, whatever a part raises
             stack.callback(self.ros.close)
             stack.callback(self._pendants.end)
@@ -263,7 +263,7 @@ class Panel:
 
 
 def address(host: str, port: int, token: str | None) -> str:
-    """Return what a person opens."""
+    """Return the URL of the panel."""
     name: Any = {'0.0.0.0': '127.0.0.1', '::': '[::1]'}.get(host, host)  # noqa: S104
     if ':' in name and not name.startswith('['):
         name = f'[{name}]'

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a window may ask for: a table from the word in its message to what is done.
+"""The requests of a window: a table from the word in its message to an action.
 
-A message is a JSON object: `do`, the name of the `robot` it is about, and what the word needs.
-Everything is judged when it comes, whatever the page showed.
+A message is a JSON object with `do`, the name of the `robot` concerned, and the word's arguments.
+Every request is checked on arrival, independently of the page's display.
 """
 
 import json
@@ -26,7 +26,7 @@ Message = Mapping[str, Any]
 
 
 def message_of(text: str | bytes) -> dict[str, Any]:
-    """Return what a window has sent. Raises BadMessageError for what no page sends."""
+    """Return a window's message. Raises BadMessageError if no page could have sent it."""
     try:
         found = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -55,7 +55,7 @@ def number(message: Message, key: str, low: float, high: float) -> float:
 
 
 class Requests:
-    """Does what windows ask of one robot. `trajectories`: those that are offered, by name."""
+    """Handles the windows' requests for one robot. `trajectories`: the ones on offer, by name."""
 
     def __init__(self, trajectories: Mapping[str, Trajectory]) -> None:
         self._trajectories = trajectories

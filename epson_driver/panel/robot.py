@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A driver as the panel needs it. How that is done by ROS: ros_robot.py."""
+"""The driver interface needed by the panel. Its ROS implementation: ros_robot.py."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
@@ -9,13 +9,13 @@ from epson_driver.motion import Array, Trajectory
 from epson_driver.panel.robot_state import RobotState
 
 Say = Callable[[str, int], object]
-"""Takes a sentence about what became of a request, and its level."""
+"""Callback for the outcome of a request: a sentence and its log level."""
 
 
 class Robot(Protocol):
-    """A driver: what it reports, and what can be asked of it, by ROS or played.
+    """A driver: its reported state and the requests to it, over ROS or simulated.
 
-    Requests wait for nothing, and raise RequestError if nobody serves them.
+    Requests do not block. They raise RequestError if no server is available.
     """
 
     state: RobotState
@@ -27,13 +27,13 @@ class Robot(Protocol):
 
     @property
     def goals(self) -> Sequence[object]:
-        """Return those that the panel has sent, and that have not ended."""
+        """Return the panel's goals that have not ended."""
 
     def log(self, text: str, level: int) -> None:
         """Add a line of the panel to the log of the driver."""
 
     def trigger(self, name: str, say: Say) -> None:
-        """Call one of the driver's services."""
+        """Call a service of the driver by name."""
 
     def set_speed(self, factor: float, say: Say) -> None:
         """Set the speed of trajectories, as a share of the plan."""

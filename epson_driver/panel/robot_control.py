@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a person may do to one robot from the panel, and under which conditions.
+"""The actions on one robot from the panel, and the conditions for each.
 
-`stop` and `disable` are always there. Everything that moves the arm, or lets it move, or moves
-what hangs on an output, wants an armed browser; and arming wants data that is fresh, and a
-controller that is simulated or a panel that was started with `--allow-motion`.
+`stop` and `disable` are always available. Every action that moves the arm, permits motion or may
+move a device on an output requires an armed browser. Arming requires fresh data, and either a
+simulated controller or a panel started with `--allow-motion`.
 """
 
 from collections.abc import Callable
@@ -23,10 +23,10 @@ from epson_driver.robots import RobotModel, load_robot_model
 from epson_driver.setup.table import ROWS
 
 START_TOLERANCE: float = ROWS['start_tolerance'].default
-"""Rad or m: the driver checks again."""
+"""Rad or m. The driver checks the start again."""
 
 STOP_ANSWER_S = 0.5
-"""Within which the driver answers a STOP, or it is said that it has not, s."""
+"""Time for the driver to answer a STOP, s. After it, the panel raises an alarm."""
 
 
 PENDANT: dict[str, dict[str, Action]] = {
@@ -40,14 +40,14 @@ PENDANT: dict[str, dict[str, Action]] = {
         ('Error', '', ('reset',)),
     )
 }
-"""By what is pressed, and how. A closed door alone lets nothing move: that takes continue."""
+"""Actions by item and press. Closing the door permits no motion: it takes `continue` as well."""
 
 
 class RobotControl:
-    """One robot, for all browsers. Methods may be called in any thread, and wait for nothing.
+    """One robot, for all browsers. Methods are thread-safe and do not block.
 
-    They raise RequestError with a sentence for the person. `pendant` returns the simulated one of
-    a controller, by its host and port, if it may be asked.
+    They raise RequestError with a sentence for the user. `pendant` returns the simulated pendant
+    of a controller, by host and port, or None if the controller must not be queried.
     """
 
     def __init__(
@@ -61,12 +61,12 @@ class RobotControl:
         self.robot = robot
         self.model: RobotModel | None = None
         self.hand: Jog | None = None
-        """Motion by hand, of the model."""
+        """Jog motion of the model, or None."""
         self.plan: Trajectory | None = None
-        """The last trajectory that was sent from here."""
+        """The last trajectory sent by the panel."""
         self.arming = Arming(self.forbidden, self._on_disarmed, clock)
         self._model_name = ''
-        """As the driver has it: a path, or short."""
+        """The parameter `robot_model` of the driver: a path or a short name."""
         self._pendant_of = pendant
         self._pendant: SimPendant | None = None
         self._pendant_at: tuple[str, int] | None = None
@@ -76,29 +76,29 @@ class RobotControl:
         self._speed_wanted: float | None = None
         self._speed_asked = False
         self.stop_alarm = ''
-        """Why a STOP was not carried out, as far as is known, and what to do; '': it was."""
+        """The known reason why a STOP was not carried out, with the remedy. Empty: it was."""
         self._stops = 0
         self._stop_asked: float | None = None
 
-    # --- who it is --------------------------------------------------------------------------
+    # --- identity ---------------------------------------------------------------------------
 
     @property
     def simulated(self) -> bool:
-        """Whether the simulated controller of these parameters has said so, lately."""
+        """Whether the controller at these parameters has recently reported a simulation."""
         state = self.robot.state
         known = self._pendant_at == self._address and state.simulation is not None
         return known and state.fresh('simulation', self._clock())
 
     @property
     def _address(self) -> tuple[str, int] | None:
-        """Where the driver's parameters say that the remote port is."""
+        """Host and remote port from the driver's parameters, or None."""
         parameters = self.robot.parameters
         if not parameters:
             return None
         return str(parameters['robot_ip']), int(parameters['remote_port'])
 
     def look(self) -> None:
-        """Take over what has become known of driver and controller. In the panel's own thread."""
+        """Update from the state of driver and controller. In the panel's own thread."""
         parameters = self.robot.parameters
         at = self._address
         if parameters and parameters['robot_model'] != self._model_name:
@@ -117,7 +117,7 @@ class RobotControl:
             self._raise_alarm(f'the driver has not answered for {STOP_ANSWER_S:g} s')
 
     def end(self) -> None:
-        """Let go of a robot that is gone."""
+        """Release a robot that is gone."""
         self.arming.disarm('the robot is gone')
         if self._pendant is not None:
             self._pendant.end()
@@ -145,7 +145,7 @@ class RobotControl:
             state.simulation, state.times['simulation'] = latest
 
     def forbidden(self) -> str | None:
-        """Return why nobody may be armed now, or None."""
+        """Return why arming is not allowed now, or None."""
         now, state = self._clock(), self.robot.state
         for name, text in (
             ('diagnostics', 'the driver does not report'),
@@ -174,7 +174,7 @@ class RobotControl:
     # --- always -----------------------------------------------------------------------------
 
     def stop(self) -> None:
-        """Stop the arm. `stop_alarm` says at once if nobody does. Raises NoDriverError."""
+        """Stop the arm. Without a driver `stop_alarm` is set immediately. Raises NoDriverError."""
         self._stops += 1
         now, number = self._clock(), self._stops
         self._stop_asked = now
@@ -211,7 +211,7 @@ class RobotControl:
     # --- for the armed browser --------------------------------------------------------------
 
     def enable(self, browser: int) -> None:
-        """Let the arm move."""
+        """Enable the arm."""
         with self.arming.held(browser):
             self.robot.trigger('enable', self.robot.log)
 
@@ -221,7 +221,7 @@ class RobotControl:
             self.robot.trigger('reset_error', self.robot.log)
 
     def set_speed(self, browser: int, factor: float) -> None:
-        """Set the speed, or keep the last wish while one request is under way."""
+        """Set the speed. While a request is pending, only the latest value is queued."""
         with self.arming.held(browser):
             self._speed_wanted = factor
             if not self._speed_asked:
@@ -254,29 +254,29 @@ class RobotControl:
             self.robot.write_output(index, value, self.robot.log)
 
     def execute(self, browser: int, name: str, trajectory: Trajectory) -> None:
-        """Execute a trajectory of the joints of the robot, or of its model."""
+        """Execute a trajectory with the joints of the robot or of its model."""
         with self.arming.held(browser):
             self._send(name, self._renamed(trajectory))
 
     def go_to_start(self, browser: int, name: str, trajectory: Trajectory) -> None:
-        """Go slowly and straight, in joint space, to where a trajectory begins."""
+        """Move slowly and straight, in joint space, to the start of a trajectory."""
         with self.arming.held(browser):
             here, there = self._here(), self._renamed(trajectory)
             self._send(f'to the start of {name}', self._hand().straight(here, there.positions[0]))
 
     def go_to(self, browser: int, name: str, point: Array) -> None:
-        """Go slowly and straight, in joint space, to X Y Z U V W, shape (6,), mm and degrees.
+        """Move slowly and straight, in joint space, to X Y Z U V W, shape (6,), mm and degrees.
 
-        In the configuration that is nearest to where the arm is.
+        The goal has the configuration nearest to the current joints.
         """
         with self.arming.held(browser):
             here, hand = self._here(), self._hand()
             self._send(f'to {name}', hand.straight(here, hand.joints_at(point, here)))
 
     def jog(self, browser: int, axis: str, frame: str, share: float) -> None:
-        """Move on for `servo.timeout` (0.1 s): a joint, or the tool, with a share of full speed.
+        """Move a joint or the tool for `servo.timeout` (0.1 s) at a share of full speed.
 
-        0 brakes at once. As `Jog.velocities`.
+        0 brakes immediately. See `Jog.velocities`.
         """
         with self.arming.held(browser):
             moving = self._hand().velocities(self._here(), axis, frame, share)
@@ -284,14 +284,14 @@ class RobotControl:
             self._jogging = bool(np.any(moving))
 
     def jog_end(self) -> None:
-        """Brake, if the arm was moved by `jog`: whoever asks."""
+        """Brake if the arm was moved by `jog`, for any caller."""
         if self._jogging:
             self._jogging = False
             names = self.robot.state.joint_names
             self.robot.jog(names, np.zeros(len(names)))
 
     def step(self, browser: int, axis: str, frame: str, size: float, share: float) -> None:
-        """Move by a step, rad or m. As `Jog.step`."""
+        """Move by a step, rad or m. See `Jog.step`."""
         with self.arming.held(browser):
             if self.robot.goals:
                 raise RequestError('a motion of the panel has not ended yet')
@@ -310,7 +310,7 @@ class RobotControl:
         return here
 
     def away_from_start(self, trajectory: Trajectory) -> str:
-        """Return which joint is too far from a trajectory's start and how far, or ''."""
+        """Return which joint is too far from a trajectory's start, and by how much, or ''."""
         here = self.robot.state.positions
         if len(here) != trajectory.positions.shape[1]:
             return ''
@@ -346,7 +346,7 @@ class RobotControl:
     # --- at the simulated pendant -----------------------------------------------------------
 
     def press(self, browser: int, what: str, how: str) -> None:
-        """Press something at the simulated pendant, if armed where it lets the arm move."""
+        """Press something at the simulated pendant. Presses that permit motion require arming."""
         press = PENDANT[what][how]
         if press.moves:
             with self.arming.held(browser):
@@ -355,7 +355,7 @@ class RobotControl:
             self._press(press, f'pendant: {what} {how}')
 
     def start_fault(self, text: str) -> None:
-        """Make the simulated controller fail: a fault as `pendant fault` takes it."""
+        """Start a fault of the simulated controller, in the syntax of `pendant fault`."""
         try:
             self._press(action(f'fault {text}'), f'fault: {text}')
         except UsageError as error:
@@ -366,7 +366,7 @@ class RobotControl:
         self._press(action('fault clear'), 'faults cleared')
 
     def set_input(self, index: int, value: int) -> None:
-        """Set a digital input of the simulated controller, as if it were wired so."""
+        """Set a digital input of the simulated controller as its wiring would."""
         text = f'input {index}: {"on" if value else "off"}'
         self._press(action(f'io DI {index} {value}'), text)
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a robot's driver has reported, with the times of arrival, and how old that may get."""
+"""The reported state of a robot's driver, with arrival times and maximum ages."""
 
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -13,22 +13,21 @@ from epson_driver.driver.inhibit import Inhibit
 from epson_driver.motion import Array
 
 INFO, WARN, ERROR = 20, 30, 40
-"""Levels of the log, as in rcl_interfaces/Log."""
+"""Log levels of rcl_interfaces/Log."""
 
 MAX_EVENTS = 200
 
 SAME_NEWS_S = 2.0
 MAX_COMPARED = 5
-"""What an answer says, the driver has often written to its log as well: lines so near to each
-other, s, with the same words after the first colon are one."""
+"""Interval for merging log lines, s. The driver often logs a request's answer too, so nearby lines
+with the same text are one event."""
 
 MAX_AGES_S = {'joints': 1.0, 'status': 2.5, 'diagnostics': 3.5, 'simulation': 3.0}
-"""After what time without news something is no longer taken for true, s: three of the periods in
-which the driver sends it, or more."""
+"""Maximum ages, s: at least three of the driver's periods. Older values count as unknown."""
 
 
 class RequestError(RuntimeError):
-    """What was asked for is not done, with the reason and the remedy as text.
+    """A request was not carried out, with the reason and the remedy as text.
 
     Any other exception ends the panel.
     """
@@ -57,7 +56,7 @@ class Status:
 
 @dataclass(frozen=True)
 class Simulation:
-    """What the simulated controller says of itself: its condition by region, its active faults."""
+    """The state reported by a simulated controller: condition by region, and active faults."""
 
     condition: Mapping[str, str]
     faults: tuple[str, ...] = ()
@@ -74,7 +73,7 @@ class IoRange:
 
 @dataclass(frozen=True)
 class Event:
-    """A line of the log, with rcl_interfaces/Log's level, `at` s since the epoch."""
+    """A log line with rcl_interfaces/Log's level. `at`: s since the epoch."""
 
     at: float
     level: int
@@ -83,10 +82,10 @@ class Event:
 
 @dataclass(eq=False)
 class RobotState:
-    """The last of everything. `times`: when it arrived by the panel's clock, s, by name.
+    """The latest value of each report. `times`: arrival by the panel's clock, s, by name.
 
-    Joints in the order of `joint_names`: shape (n,), rad or m. `inhibit`: what keeps
-    the arm from moving, as the driver says.
+    Joints in the order of `joint_names`: shape (n,), rad or m. `inhibit`: the driver's reason why
+    the arm cannot move.
     """
 
     joint_names: tuple[str, ...] = ()
@@ -94,9 +93,9 @@ class RobotState:
     fastest: Sequence[float] = ()
     """Velocity limits of the joints, rad/s or m/s, once the model is known."""
     no_joints: str = ''
-    """Why the joints that the driver publishes are not used; '': they are."""
+    """The reason why the driver's joint positions are not used. Empty: they are used."""
     measured: float = 0.0
-    """When the joints were, by the driver's clock, s."""
+    """Time stamp of the joints by the driver's clock, s."""
     status: Status = field(default_factory=Status)
     link: str = ''
     gate_open: bool | None = None
@@ -114,7 +113,7 @@ class RobotState:
     times: dict[str, float] = field(default_factory=dict)
 
     def add_event(self, event: Event) -> None:
-        """Add a line to the log, unless the driver and the panel both say the same."""
+        """Add a log line, unless the driver or the panel has just logged the same text."""
         news = event.text.removeprefix('~/')
         for other in list(self.events)[-MAX_COMPARED:]:
             if abs(other.at - event.at) < SAME_NEWS_S and other.text.removeprefix('~/') == news:
@@ -122,11 +121,11 @@ class RobotState:
         self.events.append(event)
 
     def age(self, name: str, now: float) -> float | None:
-        """Return how old something is, s, or None if there was none yet."""
+        """Return the age of a value, s, or None before the first one."""
         at = self.times.get(name)
         return None if at is None else now - at
 
     def fresh(self, name: str, now: float) -> bool:
-        """Return whether something is young enough to be taken for true."""
+        """Return whether a value is recent enough to be trusted."""
         age = self.age(name, now)
         return age is not None and age <= MAX_AGES_S[name]

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is shown of one robot, as the parts that the page draws (panel.js)."""
+"""The view of one robot, as the parts drawn by the page (panel.js)."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -22,18 +22,18 @@ SPAN_S = 20.0
 PERIOD_S = 0.1
 
 OVER_S = 0.15
-"""A velocity is the difference of positions so far apart, s, or more: measured times tremble by
-milliseconds, and near samples would make spikes of that."""
+"""Minimum interval of a velocity's position difference, s. Time stamps jitter by milliseconds, so
+closer samples would give spikes."""
 
 GAP_S = 1.0
-"""Positions that are farther apart have no velocity."""
+"""Maximum interval of a velocity's position difference, s."""
 
 Row = tuple[float, list[float], list[float] | None, list[float] | None]
-"""Time by the panel's clock, s; positions, velocities, errors, as they are shown."""
+"""Time by the panel's clock, s, then positions, velocities and errors in shown units."""
 
 
 class History:
-    """Samples of n joints over the last SPAN_S. `per_unit`: what is shown per rad or m."""
+    """Samples of n joints over the last SPAN_S. `per_unit`: shown units per rad or m."""
 
     def __init__(self, per_unit: Array) -> None:
         self._per_unit = per_unit
@@ -41,9 +41,9 @@ class History:
         self.rows: deque[Row] = deque()
 
     def add(self, now: float, measured: float, positions: Array, error: Array | None) -> None:
-        """Add a sample, with the plan minus it if there is a plan.
+        """Add a sample, with the tracking error (plan minus position) if a plan is running.
 
-        now: by the panel's clock; measured: when by the driver's, s.
+        now: the panel's clock, s. measured: the sample's time by the driver's clock, s.
         """
         velocities = self._velocities(measured, positions)
         if self.rows and now - self.rows[-1][0] < PERIOD_S:
@@ -80,7 +80,7 @@ class History:
 
 
 REFERENCE_LASTS_S = 0.5
-"""So long after the last ~/controller_state (20 Hz) a trajectory counts as being executed, s."""
+"""Time after the last ~/controller_state (20 Hz) for which a trajectory counts as executing, s."""
 
 SHOWN_UNITS = {'rad': '°', 'm': 'mm'}
 
@@ -89,10 +89,10 @@ SHOWN_EVENTS = 60
 MAX_PLAN_POINTS = 200
 
 DIGITS = 5
-"""Of joints in rad or m, in the picture."""
+"""Decimal places of joints in rad or m, in the 3D view."""
 
 AGES = (('joints', 'joints'), ('status', 'status'), ('driver', 'diagnostics'))
-"""What has an age: its name in the page and in the state."""
+"""Values with a shown age: the name in the page and in the state."""
 
 IO_NAMES = {
     1: 'Inputs',
@@ -100,18 +100,18 @@ IO_NAMES = {
     3: 'Analog inputs [mV]',
     4: 'Analog outputs [mV]',
 }
-"""By the types of epson_msgs/IoPoint."""
+"""Names of the types of epson_msgs/IoPoint."""
 
 OUTPUT, INPUT = 2, 1
 ANALOG = (3, 4)
 MAX_POINTS = 32
-"""Of a type that are shown."""
+"""Maximum number of points shown of each type."""
 
 
 class RobotView:
-    """The parts of a robot's page, made in the panel's own thread.
+    """The parts of a robot's page, created in the panel's own thread.
 
-    `label`: what it is called in the page.
+    `label`: the robot's name in the page.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class RobotView:
         self._executing = False
 
     def look(self, now: float) -> None:
-        """Take over what has become known, and go on with the curves."""
+        """Update from the driver's state and extend the curves."""
         self.control.look()
         state = self._state
         self._take_over_model()
@@ -139,14 +139,14 @@ class RobotView:
         if self.control.plan is not self._plan:
             self._new_way(self.control.plan)
         elif executing and not self._executing and not self.control.robot.goals:
-            self._new_way(None)  # somebody else's goal: its way is not known
+            self._new_way(None)  # another client's goal: its path is unknown
         self._executing = executing
         if self._known and state.fresh('joints', now):
             error = state.tracking_error if executing else None
             self._history.add(now, state.measured, state.positions, error)
 
     def summary(self, now: float) -> dict[str, Any]:
-        """Return what all windows see of it: whether something is in its way."""
+        """Return the robot's entry in every window's list: its name, and why it cannot move."""
         found = advice(self._state, now)
         return {
             'name': self.control.robot.name,
@@ -156,7 +156,7 @@ class RobotView:
         }
 
     def parts(self, now: float) -> dict[str, str]:
-        """Return what changes seldom, as texts, by name."""
+        """Return the rarely changing parts, as texts, by name."""
         state = self._state
         found = advice(state, now)
         return self._model_parts | {
@@ -170,7 +170,7 @@ class RobotView:
         }
 
     def controls(self, window: int) -> str:
-        """Return what a window may do now."""
+        """Return the controls available to a window now."""
         holder = self.control.arming.holder
         armed = 'yes' if holder == window else 'no' if holder is None else 'other'
         joints = len(self._state.joint_names)
@@ -191,7 +191,7 @@ class RobotView:
         )
 
     def pose(self, now: float) -> dict[str, str]:
-        """Return where the arm is, and where the plan is, and the newest row of the curves."""
+        """Return the pose of the arm and of the plan, and the newest row of the curves."""
         state, model = self._state, self._model
         if model is None or not self._known or self.control.hand is None:
             return {'pose': 'null'}
@@ -215,7 +215,7 @@ class RobotView:
 
     @property
     def _known(self) -> bool:
-        """Whether the joints are those of the model."""
+        """Whether the reported joints match the model."""
         model = self._model
         return model is not None and len(self._state.positions) == len(model.joint_names)
 
@@ -246,7 +246,7 @@ class RobotView:
         }
 
     def _new_way(self, plan: Trajectory | None) -> None:
-        """Draw the tool's path of a plan, or None: as the reference goes on."""
+        """Draw the tool path of a plan. None: draw the reference as it arrives."""
         self._plan = plan
         self._ways += 1
         points: list[list[float]] | None = None

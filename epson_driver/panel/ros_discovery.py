@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The panel's two ROS nodes, and the drivers that are there.
+"""The panel's two ROS nodes, and the discovery of drivers.
 
-One node is served by an executor, for answers; the other only holds subscriptions, which are
-sampled (`ros_robot.py`).
+One node is spun by an executor, for answers. The other only holds subscriptions, which are polled
+(`ros_robot.py`).
 """
 
 from collections import deque
@@ -26,13 +26,13 @@ from epson_driver.panel.ros_robot import RosRobot
 NAME = 'epson_driver_panel'
 
 SPEED_SERVICE = ('epson_msgs/srv/SetSpeedScaling', '/set_speed_scaling')
-"""A service that only this driver has: by its type and name drivers are found."""
+"""A service that only this driver has. Drivers are discovered by its type and name."""
 
 GOAL_PATIENCE_S = 3.0
-"""How long the end of the panel waits for its goals to end, s."""
+"""Time for the panel's goals to end when the panel closes, s."""
 
 MAX_AT_ONCE = 50
-"""Messages of one topic that are taken in one turn; the rest in the next."""
+"""Maximum messages of one topic per turn. Further ones are left for the next turn."""
 
 MANY = QoSProfile(depth=MAX_AT_ONCE, reliability=ReliabilityPolicy.BEST_EFFORT)
 
@@ -41,14 +41,14 @@ LOG = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-"""The lines written before the panel came, too."""
+"""Transient local, to receive lines logged before the panel started."""
 
 
 class RosDiscovery:
-    """Connects to ROS with the arguments of the command line. Raises what rclpy.init raises.
+    """Connects to ROS with the arguments of the command line. Raises the errors of rclpy.init.
 
-    `on_error` is called with what the thread that serves ROS raised. `names`: the drivers' nodes;
-    None: all that are found.
+    `on_error` is called with an exception of the ROS thread. `names`: the drivers' nodes, or None
+    for every driver found.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class RosDiscovery:
         on_error: Callable[[str, BaseException], None],
     ) -> None:
         self._context = Context()
-        # rclpy's own handler of SIGTERM would only shut ROS down, and leave the page as it is
+        # rclpy's own SIGTERM handler would only shut down ROS and leave the page open
         with udp_by_default():
             rclpy.init(
                 args=arguments,
@@ -75,7 +75,7 @@ class RosDiscovery:
         self.robots: dict[str, RosRobot] = {}
         """By the names of their nodes, in the order in which they were found."""
         self._early: deque[tuple[str, Event]] = deque(maxlen=MAX_EVENTS)
-        """Lines of nodes that are no drivers, or not known as such yet."""
+        """Lines of nodes that are no drivers, or not yet known as drivers."""
         self._find = names is None
         for name in names or ():
             self._add(name)
@@ -94,12 +94,12 @@ class RosDiscovery:
                 robot.state.add_event(event)
 
     def sample(self, now: float) -> None:
-        """Take what is new of every robot."""
+        """Read the new messages of every robot."""
         for robot in self.robots.values():
             robot.sample(now)
 
     def sample_slow(self, now: float) -> None:
-        """Take what comes rarely: diagnostics and log lines."""
+        """Read the infrequent messages: diagnostics and log lines."""
         for message in take_all(self._diagnostics, MAX_AT_ONCE):
             for status in message.status:
                 node, separator, part = status.name.partition(': ')
@@ -117,7 +117,7 @@ class RosDiscovery:
                 self._early.append((name, event))
 
     def look_around(self, now: float) -> None:
-        """Look for drivers that have come, and for the parameters of those that are there."""
+        """Discover new drivers, and query the parameters of the known ones."""
         if self._find:
             kind, ending = SPEED_SERVICE
             for service, types in self._node.get_service_names_and_types():
@@ -128,7 +128,7 @@ class RosDiscovery:
             robot.look_for_driver(now)
 
     def forget_silent(self, now: float, after: float) -> list[str]:
-        """Let go of the drivers that were found and have reported nothing for `after` s.
+        """Remove discovered drivers that have reported nothing for `after` s.
 
         Returns the names of their nodes.
         """

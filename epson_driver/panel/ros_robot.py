@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One driver, used over its topics, services and action.
+"""One driver, accessed through its topics, services and action.
 
-Topics are not taken by callbacks: rclpy spends more time on 180 of them a second than on all the
-rest of the panel. The subscriptions keep the last message, and `sample` takes it as often as
-somebody can see a difference.
+Topics have no callbacks, because rclpy spends more time on 180 of them a second than on all the
+rest of the panel. The subscriptions keep the last message, and `sample` reads it at the page's
+refresh rate.
 """
 
 import math
@@ -59,10 +59,11 @@ LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 ANSWER_TIMEOUT_S = 15.0
-"""Longer than the driver takes to switch motors on, s."""
+"""Longer than the driver needs to switch the motors on, s."""
 
 PARAMETERS_TIMEOUT_S = 3.0
-"""A driver that has died in between never answers, and another may have come in its place, s."""
+"""Timeout, s. A driver that has died in between never answers, and another may have replaced it.
+"""
 
 PARAMETERS = ('robot_model', 'joint_names', 'robot_ip', 'remote_port', 'controller')
 
@@ -70,31 +71,31 @@ TRIGGERS = ('stop', 'enable', 'disable', 'reset_error')
 
 
 class NoDriverError(RequestError):
-    """Nobody serves a request that its text names."""
+    """No server is available for the request named in the text."""
 
 
 class Goal:
     """A goal of the panel. It can be canceled even before it is sent or accepted.
 
-    `cancel` may be called in any thread, `accepted` in that of the executor.
+    `cancel` may be called in any thread, `accepted` only in the executor's.
     """
 
     def __init__(self, text: str, executor: Executor) -> None:
         self.text = text
         self.ended = threading.Event()
         self.unwanted = False
-        """Whether somebody has canceled it."""
+        """Whether it has been canceled."""
         self._executor = executor
         self._handle: Any = None
         self._canceled_early = False
 
     def cancel(self) -> None:
-        """Have the driver stop the arm and end the goal, or not send a goal that waits."""
+        """Cancel the goal, so the driver stops the arm. A goal not sent yet is dropped."""
         self.unwanted = True
         self._executor.create_task(self._cancel)
 
     def accepted(self, handle: Any) -> None:
-        """Keep its handle, and cancel it if that was asked for meanwhile."""
+        """Store the goal's handle, and cancel the goal if `cancel` was called before."""
         self._handle = handle
         if self._canceled_early:
             handle.cancel_goal_async()
@@ -109,8 +110,8 @@ class Goal:
 class RosRobot:
     """A driver by the name of its node, such as /left/epson_driver.
 
-    `node` is served by `executor`, in one thread, and gets the answers; `sampled` belongs to no
-    executor. Requests may come from any thread and wait for nothing; `sample` from one.
+    `node` is spun by `executor`, in one thread, and receives the answers. `sampled` belongs to no
+    executor. Requests are thread-safe and do not block. `sample` runs in one thread.
     """
 
     def __init__(self, node: Node, executor: Executor, sampled: Node, name: str) -> None:
@@ -121,8 +122,8 @@ class RosRobot:
         self._found: float | None = None
         self.state = RobotState()
         self.parameters: dict[str, Any] = {}
-        """Those of PARAMETERS, once the driver has told them. It is asked again and again: another
-        driver of this name may have come."""
+        """Values of PARAMETERS, once received. They are requested periodically, because another
+        driver may have taken this name."""
         self._triggers = {each: node.create_client(Trigger, f'{name}/{each}') for each in TRIGGERS}
         self._set_speed = node.create_client(SetSpeedScaling, f'{name}/set_speed_scaling')
         self._write_io = node.create_client(WriteIo, f'{name}/write_io')
@@ -152,17 +153,17 @@ class RosRobot:
         ]
 
     def last_heard(self, now: float) -> float:
-        """Return when the driver was there or heard of last, by the panel's clock, s."""
+        """Return when the driver was last present or last reported, by the panel's clock, s."""
         if self._found is None or self._get_parameters.service_is_ready():
             self._found = now
         news = (self.state.times.get(each) for each in ('diagnostics', 'joints', 'status'))
         return max([self._found, *(each for each in news if each is not None)])
 
     def close(self) -> None:
-        """Let go of a driver that is gone."""
+        """Release a driver that is gone."""
         for subscription, _ in self._topics:
             self._sampled.destroy_subscription(subscription)
-        # in the executor's thread, which must not wait for what is just being destroyed
+        # in the executor's thread, which must not wait on entities that are just being destroyed
         self._executor.create_task(self._destroy)
 
     def _destroy(self) -> None:
@@ -174,19 +175,19 @@ class RosRobot:
             self._node.destroy_client(client)
         self._node.destroy_publisher(self._jog)
 
-    # --- what the driver reports ------------------------------------------------------------
+    # --- the driver's reports ----------------------------------------------------------------
 
     def sample(self, now: float) -> None:
-        """Take what is new on the topics. `now`: the panel's clock, s."""
+        """Read the new messages of the topics. `now`: the panel's clock, s."""
         for subscription, handle in self._topics:
             message = take(subscription)
             if message is not None:
                 handle(message, now)
 
     def look_for_driver(self, now: float) -> None:
-        """Ask for the parameters when a driver is there, and forget them when it is gone.
+        """Request the parameters while a driver is present, and drop them when it is gone.
 
-        ROS may take a driver that was killed for present for 20 s; its diagnostics end at once.
+        ROS may list a killed driver for another 20 s, but its diagnostics end immediately.
         """
         silent = 'diagnostics' in self.state.times and not self.state.fresh('diagnostics', now)
         if silent or not self._get_parameters.service_is_ready():
@@ -214,7 +215,7 @@ class RosRobot:
             self._asking = None
 
     def on_diagnostics(self, status: DiagnosticStatus, now: float) -> None:
-        """Take over the status `NAME: arm` of /diagnostics."""
+        """Update from the status `NAME: arm` of /diagnostics."""
         values = {each.key: each.value for each in status.values}
         state = self.state
         state.gate_open = values.get('arm gate') == 'open'
@@ -258,7 +259,7 @@ class RosRobot:
         self.state.times['status'] = now
 
     def _on_controller_state(self, message: Any, now: float) -> None:
-        """Take the joints from the driver's topic, as other nodes may publish `joint_states`."""
+        """Read the joints from the driver's topic, as other nodes may publish `joint_states`."""
         state, stamp, at = self.state, message.header.stamp, message.feedback
         sent, names = list(message.joint_names), tuple(self.parameters.get('joint_names', ()))
         if not names or not self._joints.take(sent, at.positions, at.velocities, stamp, now):
@@ -294,7 +295,7 @@ class RosRobot:
         )
         self.state.io_reason = '' if message.valid else message.message
 
-    # --- what is asked of it: each returns at once, `say` is called with what became of it ----
+    # --- requests to the driver: none blocks, `say` receives the outcome ------------------------
 
     def trigger(self, name: str, say: Say) -> None:
         """Call ~/stop, ~/enable, ~/disable or ~/reset_error. Raises NoDriverError."""
@@ -346,8 +347,8 @@ class RosRobot:
             else:
                 self._action.send_goal_async(message).add_done_callback(on_handle)
 
-        # rclpy's action client notes a request after it was sent: an answer that another thread
-        # takes sooner would be lost, and with it the way to cancel the goal
+        # rclpy's action client registers a request only after sending it. An answer processed
+        # earlier by another thread would be lost, and the goal could not be canceled any more.
         self._executor.create_task(send)
 
     @property
@@ -383,7 +384,7 @@ class RosRobot:
             answer = done.result()
             say(f'{name}: {answer.message}', INFO if answer.success else ERROR)
 
-        # after the goals that were to be sent before: a stop overtakes none
+        # after the goals queued before: a stop overtakes none
         self._executor.create_task(lambda: client.call_async(request).add_done_callback(on_answer))
 
     def log(self, text: str, level: int) -> None:

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Client of a simulated controller's remote port.
 
-Whether a controller is a simulated one decides whether its arm may be moved without
-`--allow-motion`. Only its own answer to `$Sim` says so, and only for as long as it keeps coming.
-A real controller serves one remote client at a time, which should be the driver: nobody but a
-controller on this machine is asked, and one that is real only once.
+An arm may be moved without `--allow-motion` only if its controller is simulated. The only proof is
+the controller's own answer to `$Sim`, and it is valid only while the answers keep arriving. A real
+controller serves one remote client at a time, which should be the driver. So only controllers on
+this machine are queried, and a real one only once.
 """
 
 import asyncio
@@ -22,16 +22,16 @@ from epson_driver.remote_ethernet.hand import Action, RefusedError, do
 POLL_PERIOD_S = 0.4
 ANSWER_TIMEOUT_S = 3.0
 LOGIN_LASTS_S = 3000.0
-"""After this time the panel logs in anew, s: `logged_in` wants an end."""
+"""Login period, s: `logged_in` needs an end. After it the panel logs in again."""
 
 RETRY_PERIOD_S = 1.0
 
 Say = Callable[[str, bool], object]
-"""Takes what became of a command, and whether it was done."""
+"""Callback for the outcome of a command: a reason, and whether it was carried out."""
 
 
 class NotSimulatedError(RequestError):
-    """There is no simulated controller to press anything at."""
+    """No simulated controller is available."""
 
 
 class SimPendant:
@@ -42,9 +42,9 @@ class SimPendant:
     ) -> None:
         self.host, self.port = host, port
         self.real = False
-        """Whether it has said that it is no simulation."""
+        """Whether the controller has answered that it is not simulated."""
         self.latest: tuple[Simulation, float] | None = None
-        """What it said last, and when by the panel's clock, s."""
+        """The latest report, and its time by the panel's clock, s."""
         self._loop = loop
         self._clock = clock
         self._commands: asyncio.Queue[tuple[Action, Say]] = asyncio.Queue()
@@ -52,7 +52,7 @@ class SimPendant:
         loop.call_soon_threadsafe(self._start)
 
     def press(self, asked: Action, say: Say) -> None:
-        """Have something done at the controller, and call `say` in another thread."""
+        """Send an action to the controller and call `say` in another thread."""
         if self.latest is None:
             raise NotSimulatedError('no simulated controller answers')
         self._loop.call_soon_threadsafe(self._commands.put_nowait, (asked, say))
@@ -73,14 +73,14 @@ class SimPendant:
             except RemoteError as error:
                 self.real = error.number == RemoteErrorNumber.BAD_COMMAND
             except (ConnectionError, TimeoutError, ValueError):
-                pass  # not there, or not in time: `latest` grows old, which the panel shows
+                pass  # not there or too slow: `latest` ages, which the panel shows
             self.latest = None
             self._refuse_waiting()
             await asyncio.sleep(RETRY_PERIOD_S)
-            self._refuse_waiting()  # what was pressed just before `latest` went
+            self._refuse_waiting()  # commands queued just before `latest` was cleared
 
     async def _serve(self, ask: Ask) -> None:
-        """Ask for the condition again and again, and give the commands in between."""
+        """Poll the condition periodically and send queued commands in between."""
         while True:
             await self._poll(ask)
             try:
@@ -117,7 +117,7 @@ class SimPendant:
 
 
 class PendantThread:
-    """One thread with an event loop for all pendants. `on_error` is called with what failed."""
+    """One thread with an event loop for all pendants. `on_error` is called with failures."""
 
     def __init__(
         self, clock: Callable[[], float], on_error: Callable[[str, BaseException], None]
@@ -130,7 +130,7 @@ class PendantThread:
         self._thread.start()
 
     def pendant(self, host: str, port: int) -> SimPendant | None:
-        """Return the pendant of a controller, or None for one that must not be asked."""
+        """Return the pendant of a controller, or None for one that must not be queried."""
         if not port or not is_loopback(host):
             return None
         return SimPendant(self._loop, host, port, self._clock)
@@ -150,7 +150,7 @@ class PendantThread:
             for task in tasks:
                 task.cancel()
             self._loop.run_until_complete(asyncio.gather(*tasks, return_exceptions=True))
-        except BaseException as error:  # noqa: BLE001 - it is told
+        except BaseException as error:  # noqa: BLE001 - reported by `on_error`
             self._on_error('the thread of the pendants ended', error)
 
     def _on_loop_error(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
@@ -160,7 +160,7 @@ class PendantThread:
 
 
 def _report(task: 'asyncio.Task[None]') -> None:
-    """Report what a pendant's task raised, before asyncio does."""
+    """Report an exception of a pendant's task, before asyncio does."""
     if not task.cancelled() and (error := task.exception()) is not None:
         task.get_loop().call_exception_handler({'message': 'a pendant failed', 'exception': error})
 

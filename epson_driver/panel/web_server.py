@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The server of the page and its websocket, behind the rules of `access.py`, in a thread."""
+"""The server of the page and its websocket, under the rules of `access.py`, in a thread."""
 
 import asyncio
 import errno
@@ -25,18 +25,18 @@ from epson_driver.panel.window import BadMessageError, Window
 
 PING_PERIOD_S = 2.0
 PING_TIMEOUT_S = 10.0
-"""A browser that is silent for so long is taken for gone, s. Long, as a slow line may keep an
-answer waiting for seconds. What it has started ends sooner: arming.ALIVE_WITHIN_S."""
+"""Silence after which a browser counts as disconnected, s. It is long because a slow line may
+delay an answer by seconds. Motion started by the browser ends sooner: arming.ALIVE_WITHIN_S."""
 
 CLOSE_TIMEOUT_S = 1.0
-"""How long the end waits for a browser to say goodbye, s."""
+"""Maximum wait for a browser's closing handshake, s."""
 
 MAX_MESSAGE_BYTES = 10_000
-"""Of what a browser sends. Nothing that the page sends is near to it."""
+"""Maximum size of a browser's message. The page's messages are far smaller."""
 
 RECEIVE_BUFFER_BYTES = 4096
-"""Receive buffer of each connection: the most of one window that a turn of the loop reads. Linux
-doubles it."""
+"""Receive buffer of each connection: the most data of one window that one turn of the loop reads.
+Linux doubles it."""
 
 START_TIMEOUT_S = 10.0
 
@@ -46,10 +46,10 @@ KINDS = {
     'css': 'text/css',
     'svg': 'image/svg+xml',
 }
-"""Of the files of the page, by how their names end."""
+"""Content types of the page's files, by extension."""
 
 POLICY_VIOLATION = 1008
-"""The websocket's code of a close: the browser has sent what the page never sends."""
+"""Websocket close code for a message that the page never sends."""
 
 
 class WebServerError(RuntimeError):
@@ -57,16 +57,16 @@ class WebServerError(RuntimeError):
 
 
 class Visitors(Protocol):
-    """Who is told of windows, in the server's thread."""
+    """Listener for windows, called in the server's thread."""
 
     def came(self, window: Window) -> None:
-        """Take note of a window, which may send from now on."""
+        """Add a window, which may send messages from now on."""
 
     def gone(self, window: Window) -> None:
-        """Take note that a window is closed."""
+        """Remove a closed window."""
 
     def received(self, window: Window, text: str | bytes) -> None:
-        """Do what a window has sent. Raises BadMessageError for what no page sends."""
+        """Process a window's message. Raises BadMessageError if no page could have sent it."""
 
 
 class Page(NamedTuple):
@@ -90,10 +90,10 @@ def page_files() -> dict[str, Page]:
 
 
 class WebServer:
-    """Serves the page at an address of this machine. `token`: needed by whoever comes, if any.
+    """Serves the page at an address of this machine. `token`: required from clients, unless None.
 
-    `on_error` is called with what ends the thread. Raises WebServerError for a port that is taken
-    or an address that is not of this machine.
+    `on_error` is called with failures that end the thread. Raises WebServerError if the port is in
+    use or the address is not local.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class WebServer:
 
     @property
     def alive(self) -> bool:
-        """Whether the thread runs that serves the page."""
+        """Whether the server's thread is running."""
         return self._thread.is_alive()
 
     def stop(self) -> None:
@@ -134,7 +134,7 @@ class WebServer:
     def _run(self) -> None:
         try:
             asyncio.run(self._serve())
-        except BaseException as error:  # noqa: BLE001 - it is told
+        except BaseException as error:  # noqa: BLE001 - reported by `on_error`
             self._on_error('serving the page failed', error)
         finally:
             self._started.set()
@@ -166,7 +166,7 @@ class WebServer:
             self._visitors.came(window)
             async for message in connection:
                 self._visitors.received(window, message)
-                await asyncio.sleep(0)  # websockets' queue would hand out all it has in this turn
+                await asyncio.sleep(0)  # else one turn would drain websockets' queue
         except BadMessageError as error:
             await connection.close(POLICY_VIOLATION, str(error)[:100])
         except ConnectionClosed:
@@ -187,9 +187,9 @@ class WebServer:
 
 
 class _Connection(ServerConnection):
-    """A connection that fails at more frames than a page sends, and at a message in parts.
+    """A connection that fails at more frames than a page sends, and at a fragmented message.
 
-    Pings count, too. The library answers each, and keeps any number of empty parts.
+    Pings count, too. The library answers each of them and stores any number of empty fragments.
     """
 
     @functools.cached_property

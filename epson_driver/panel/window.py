@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One window of the panel: what it shows is a set of named parts, of which only news are sent.
+"""One window of the panel: a set of named parts, of which only changes are sent.
 
-However slow its line is, no more waits for it than the newest of each part.
+However slow its line is, only the newest version of each part is queued for it.
 """
 
 import asyncio
@@ -15,36 +15,36 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 MAX_NOTES = 10
-"""Sentences that wait for a window; of more the latest."""
+"""Maximum notes queued for a window. The oldest are dropped."""
 
 MAX_LATE_S = 0.15
-"""What asks for motion by itself, as jogging does, counts for so long, s: a message that a line
-has held up for longer would move the arm after the finger has left."""
+"""Maximum delay of jog and step requests, s. A message delayed longer in transit would move the
+arm after the button was released."""
 
 HELD_S = 0.07
-"""So long after the last request of a held button the arm brakes, s: the page asks each 25 ms
-(hand.js). Without this it would after the driver's `servo.timeout`."""
+"""Time after the last request of a pressed button until the arm brakes, s. The page sends one
+every 25 ms (hand.js). Otherwise the arm would brake after the driver's `servo.timeout`."""
 
 MAX_MESSAGES_PER_S = 100.0
 """The page sends 44 during a jog."""
 
 MAX_BURST_S = 10.0
-"""A slow line may deliver the messages of this time, s, together."""
+"""Period whose messages a slow line may deliver together, s."""
 
 _numbers = itertools.count(1)
 
 
 class BadMessageError(ValueError):
-    """A window has sent what the page never sends."""
+    """A window has sent a message that the page never sends."""
 
 
 def text_of(value: object) -> str:
-    """Return what is sent for a part."""
+    """Return the JSON text of a part."""
     return json.dumps(value, allow_nan=False, separators=(',', ':'))
 
 
 class Window:
-    """A page in a browser. `loop`: that of the web server.
+    """A page in a browser. `loop`: the web server's event loop.
 
     `offer` and `say` may be called in any thread.
     """
@@ -52,7 +52,7 @@ class Window:
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self.number = next(_numbers)
         self.robot = ''
-        """The name of the robot that it has chosen, '' before."""
+        """The name of the chosen robot. Empty until one is chosen."""
         self._loop = loop
         self._lock = threading.Lock()
         self._waiting: dict[str, str] = {}
@@ -64,14 +64,14 @@ class Window:
         self._silence: asyncio.TimerHandle | None = None
 
     def choose(self, robot: str) -> None:
-        """Show another robot from now on: all of it is sent."""
+        """Switch to another robot and send all of its parts."""
         with self._lock:
             self.robot = robot
             self._waiting.clear()
             self._sent.clear()
 
     def offer(self, robot: str, parts: dict[str, str]) -> None:
-        """Send parts of the page, as `text_of` has them, that are news to a window of a robot."""
+        """Send the parts that have changed, as made by `text_of`, to a window of a robot."""
         with self._lock:
             if robot != self.robot:
                 return
@@ -82,13 +82,13 @@ class Window:
             self._wake()
 
     def say(self, text: str) -> None:
-        """Tell the person something, once."""
+        """Show a note to the user, once."""
         with self._lock:
             self._notes.append(text)
         self._wake()
 
     def count(self, now: float) -> None:
-        """Count a frame. Raises BadMessageError for more than a page sends. now: s."""
+        """Count a frame. Raises BadMessageError at more frames than a page sends. now: s."""
         self._paid_until = max(self._paid_until, now) + 1.0 / MAX_MESSAGES_PER_S
         if self._paid_until > now + MAX_BURST_S:
             raise BadMessageError(f'more than {MAX_MESSAGES_PER_S:g} messages per second')
@@ -96,7 +96,7 @@ class Window:
     def late(self, sent: float, now: float) -> bool:
         """Return whether a message took MAX_LATE_S longer than the quickest one.
 
-        sent: by the clock of the window, s; now: by that of the panel.
+        sent: time by the window's clock, s. now: time by the panel's clock, s.
         """
         taken = now - sent
         if self._quickest is None or taken < self._quickest:
@@ -104,13 +104,13 @@ class Window:
         return taken - self._quickest > MAX_LATE_S
 
     def after_silence(self, do: Callable[[], object]) -> None:
-        """Have something done once this was not called for HELD_S. In the loop's thread."""
+        """Call `do` when this was not called again for HELD_S. In the loop's thread."""
         if self._silence is not None:
             self._silence.cancel()
         self._silence = self._loop.call_later(HELD_S, do)
 
     async def write(self, send: Callable[[str], Awaitable[Any]]) -> None:
-        """Send what there is, again and again, until the task is canceled."""
+        """Send the queued parts and notes until the task is canceled."""
         while True:
             await self._news.wait()
             self._news.clear()
