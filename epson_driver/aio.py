@@ -1,13 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The arm from asyncio, without ROS: the driver's own checks, arm gate and sentences.
+"""Python API for asyncio, without ROS. It uses the driver's own checks, arm gate and messages.
 
     async with Robot('192.168.0.1', controller='rc700a', model='c4_a601s') as robot:
         await robot.enable()
         await robot.move_joints([0.0, 0.3, -0.2, 0.0, 0.5, 0.0], speed=0.2)
 
-Everything runs in the event loop that connects; angles are rad, lengths m, times s. docs/python.md
-explains it; epson_driver.robot has the same without asyncio.
+Everything runs in the event loop that called `connect`. Angles are in rad, lengths in m, times in
+s. docs/python.md describes the API. epson_driver.robot is the same API without asyncio.
 """
 
 import weakref
@@ -58,15 +58,15 @@ __all__ = [
 ]
 
 READY_TIMEOUT_S = 10.0
-"""How long `connect` waits for the controller unless it is told otherwise, s."""
+"""Default timeout of `connect`, s."""
 
 
 class Robot(Motions, Streams):
-    """One arm. `connect` first, or use it as a context manager, which stops the arm at its end.
+    """One arm. Call `connect` first, or use it as a context manager, which stops the arm on exit.
 
-    controller, model: names of config/controllers and config/robots, or paths to files. Ports:
-    the profile's unless given; an I/O or remote port of 0 is not used. enable: `connect` enables
-    the arm. Raises ValueError and FileNotFoundError for what cannot be.
+    controller, model: names from config/controllers and config/robots, or paths to files. Ports:
+    default to the profile's; an I/O or remote port of 0 is not used. enable: `connect` also
+    enables the arm. Raises ValueError or FileNotFoundError for invalid arguments or files.
     """
 
     @checked_arguments
@@ -97,7 +97,7 @@ class Robot(Motions, Streams):
         )
         super().__init__(make_setup(given))
         self._enable = enable
-        connection = self._connection  # not self: a robot that is lost is to be collected at once
+        connection = self._connection  # not self: a lost robot must be collected immediately
         self.io = Io(lambda: connection.running.io)
         """Inputs and outputs."""
         self.gripper = Gripper(lambda: connection.gripper)
@@ -106,7 +106,7 @@ class Robot(Motions, Streams):
         self.points = Points(lambda: _of(taught), connection.measured)
         """Taught points by name."""
         self.simulation = Simulation(lambda: connection.simulated)
-        """The hand of a person at a simulated controller."""
+        """Operator actions on a simulated controller."""
 
     @classmethod
     @checked_arguments
@@ -120,11 +120,11 @@ class Robot(Motions, Streams):
         settings: Settings | None = None,
         enable: bool = False,
     ) -> Self:
-        """Return a robot that starts a simulated controller of its own when it connects.
+        """Return a robot that starts its simulated controller when it connects.
 
-        start: its first joint positions, rad (m). motion: through all points without a stop
-        ('smooth', the default), or with a rest at each ('ptp'); a SPEL+ program moves as its
-        statements say. enable: `connect` enables the arm.
+        start: initial joint positions, rad (m). motion: pass through all points without a stop
+        ('smooth', the default), or stop at each ('ptp'). A SPEL+ program moves as its statements
+        specify. enable: `connect` also enables the arm.
         """
         robot = cls(controller=controller, model=model, settings=settings, enable=enable)
         words = [f'--controller={controller}', f'--robot={model}']
@@ -145,10 +145,10 @@ class Robot(Motions, Streams):
 
     @checked_arguments
     async def connect(self, timeout: float = READY_TIMEOUT_S) -> Self:
-        """Connect, and wait until the controller has told its state and where the arm is.
+        """Connect, and wait until the controller has reported its state and the joint positions.
 
-        Raises RobotError that says what is missing after `timeout` s. The arm stays disabled,
-        unless the Robot was made with `enable=True`: it is enabled then, or nothing is connected.
+        Raises RobotError with the missing parts after `timeout` s. The arm stays disabled unless
+        the Robot was created with `enable=True`: then it is enabled, or the connection is closed.
         """
         lost = weakref.finalize(self, self._connection.lost)
         lost.atexit = False
@@ -162,7 +162,7 @@ class Robot(Motions, Streams):
         return self
 
     async def close(self) -> None:
-        """Stop the arm, disable it, and disconnect. Nothing if there is no connection."""
+        """Stop the arm, disable it, and disconnect. Does nothing when not connected."""
         await self._connection.close()
 
     async def __aenter__(self) -> Self:
@@ -179,33 +179,34 @@ class Robot(Motions, Streams):
     # --- commands ---------------------------------------------------------------------------
 
     async def enable(self) -> str:
-        """Switch the motors on where that can be done from here, and allow motions."""
+        """Allow motions, and switch the motors on if the controller allows it."""
         return await self._connection.command(lambda commands: commands.enable())
 
     async def disable(self) -> str:
-        """Stop the arm, allow no more motions, and switch the motors off where that can be."""
+        """Stop the arm, block motions, and switch the motors off if the controller allows it."""
         return await self._connection.command(lambda commands: commands.disable())
 
     @checked_arguments
     async def reset(self, *, enable: bool = False) -> str:
         """Reset the controller's error, also after an E-stop.
 
-        enable: `enable` the arm after it, unless it is disabled meanwhile; else it stays disabled.
+        enable: also enable the arm after the reset, unless it is disabled in the meantime.
+        Otherwise it stays disabled.
         """
         return await self._connection.command(
             lambda commands: commands.recover() if enable else commands.reset_error()
         )
 
     async def stop(self) -> str:
-        """Stop the arm and abort its motion, and return a sentence when it stands."""
+        """Stop the arm and abort its motion. Return a message once the arm is at rest."""
         return await self._connection.command(lambda commands: commands.stop())
 
     async def wait_for_input(
         self, index: int, value: int = 1, *, kind: str = 'DI', timeout: float | None = None
     ) -> None:
-        """Wait until a point, an input unless `kind` says otherwise, has a value.
+        """Wait until an I/O point (by default an input, see `kind`) has a value.
 
-        Raises TimeoutError after `timeout` s, otherwise as `io.read`.
+        Raises TimeoutError after `timeout` s; otherwise as `io.read`.
         """
         await self.io.wait(kind, index, value, timeout)
 
@@ -213,31 +214,31 @@ class Robot(Motions, Streams):
 
     @checked_arguments
     def on_estop(self, callback: Callable[[bool], object]) -> Callable[[], None]:
-        """Have it called when the E-stop is pressed (True) or reset (False).
+        """Register a callback for the E-stop: pressed (True) or reset (False).
 
-        The arm is disabled by then. Callbacks of Robot run one after the other in a thread of
-        their own and may use the robot; those of aio.Robot run in the event loop and must return
-        at once. One that raises is reported, and the arm is stopped. Returns what takes the
-        callback away again.
+        The arm is already disabled when it is called. Callbacks of Robot run one after the other
+        in a separate thread and may use the robot. Callbacks of aio.Robot run in the event loop
+        and must return immediately. An exception in a callback is reported and stops the arm.
+        Returns a function that unregisters the callback.
         """
         return self._connection.changes.estop.add(callback)
 
     @checked_arguments
     def on_joints(self, callback: Callable[[Sample], object]) -> Callable[[], None]:
-        """Have it called with each sample, up to 200 times a second. As on_estop.
+        """Register a callback for each joint sample, up to 200 per second. See `on_estop`.
 
-        One that is slower than that, and falls 1000 behind, stops the arm.
+        A callback that is slower and falls 1000 samples behind stops the arm.
         """
         return self._connection.changes.joints.add(callback)
 
     @checked_arguments
     def on_error(self, callback: Callable[[ControllerError | None], object]) -> Callable[[], None]:
-        """Have it called when the controller has another error, or none any more. As on_estop."""
+        """Register a callback for a changed or cleared controller error. See `on_estop`."""
         return self._connection.changes.error.add(callback)
 
     @checked_arguments
     def on_link(self, callback: Callable[[str, str], object]) -> Callable[[], None]:
-        """Have it called with the links' state and why, when it changes. As on_estop.
+        """Register a callback for changes of the link state, with the reason. See `on_estop`.
 
         States: disconnected, connecting, connected, backing_off (waiting for the next attempt).
         """
@@ -247,7 +248,7 @@ class Robot(Motions, Streams):
 def _of(
     taught: weakref.WeakMethod[Callable[[], tuple[EpsonPoint, Posture | str]]],
 ) -> tuple[EpsonPoint, Posture | str]:
-    """Return what a robot's method does. Raises RobotError if the robot was lost."""
+    """Call a method of a robot and return its result. Raises RobotError if the robot was lost."""
     method = taught()
     if method is None:
         raise RobotError('the robot of these points was lost')

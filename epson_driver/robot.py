@@ -1,13 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The arm from plain Python, without ROS: the driver's own checks, arm gate and sentences.
+"""Python API without asyncio and without ROS. It uses the driver's checks, arm gate and messages.
 
     with Robot('192.168.0.1', controller='rc700a', model='c4_a601s') as robot:
         robot.enable()
         robot.move_joints([0.0, 0.3, -0.2, 0.0, 0.5, 0.0], speed=0.2)
 
-Angles are rad, lengths m, times s. docs/python.md explains it; epson_driver.aio, from which it is
-derived, is the same for asyncio. A Robot may be used from several threads.
+Angles are in rad, lengths in m, times in s. docs/python.md describes the API. It is derived from
+epson_driver.aio, the same API for asyncio. A Robot may be used from several threads.
 """
 
 from functools import partial
@@ -62,11 +62,11 @@ __all__ = [
 
 
 class Robot(Synchronous[aio.Robot]):
-    """One arm. `connect` first, or use it in a `with` block, which stops the arm at its end.
+    """One arm. Call `connect` first, or use it in a `with` block, which stops the arm on exit.
 
-    controller, model: names of config/controllers and config/robots, or paths to files. Ports:
-    the profile's unless given; an I/O or remote port of 0 is not used. enable: `connect` enables
-    the arm. Raises ValueError and FileNotFoundError for what cannot be.
+    controller, model: names from config/controllers and config/robots, or paths to files. Ports:
+    default to the profile's; an I/O or remote port of 0 is not used. enable: `connect` also
+    enables the arm. Raises ValueError or FileNotFoundError for invalid arguments or files.
     """
 
     @makes(aio.Robot)
@@ -79,32 +79,32 @@ class Robot(Synchronous[aio.Robot]):
         self.points = Points(robot.points, self._session)
         """Taught points by name."""
         self.simulation = Simulation(robot.simulation, self._session)
-        """The hand of a person at a simulated controller."""
+        """Operator actions on a simulated controller."""
 
     @classmethod
     @makes(aio.Robot.simulated)
     def simulated(cls, robot: aio.Robot) -> Self:
-        """Return a robot that starts a simulated controller of its own when it connects.
+        """Return a robot that starts its simulated controller when it connects.
 
-        start: its first joint positions, rad (m). motion: through all points without a stop
-        ('smooth', the default), or with a rest at each ('ptp'); a SPEL+ program moves as its
-        statements say. enable: `connect` enables the arm.
+        start: initial joint positions, rad (m). motion: pass through all points without a stop
+        ('smooth', the default), or stop at each ('ptp'). A SPEL+ program moves as its statements
+        specify. enable: `connect` also enables the arm.
         """
         made = cls.__new__(cls)
         Robot.__init__.__wrapped__(made, robot)  # type: ignore[attr-defined]
         return made
 
     def connect(self, timeout: float = aio.READY_TIMEOUT_S) -> Self:
-        """Connect, and wait until the controller has told its state and where the arm is.
+        """Connect, and wait until the controller has reported its state and the joint positions.
 
-        Raises RobotError that says what is missing after `timeout` s. The arm stays disabled,
-        unless the Robot was made with `enable=True`: it is enabled then, or nothing is connected.
+        Raises RobotError with the missing parts after `timeout` s. The arm stays disabled unless
+        the Robot was created with `enable=True`: then it is enabled, or the connection is closed.
         """
         self._session.open(partial(self._awaited.connect, timeout))
         return self
 
     def close(self) -> None:
-        """Stop the arm, disable it, and disconnect. Nothing if there is no connection."""
+        """Stop the arm, disable it, and disconnect. Does nothing when not connected."""
         self._session.close()
 
     def __enter__(self) -> Self:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where the arm is, its tool, and the frames and poses that its motions are about."""
+"""Measured state, tool, frames and poses of an arm."""
 
 import asyncio
 from collections.abc import Callable
@@ -29,7 +29,7 @@ T = TypeVar('T')
 
 
 class Arm(Unique):
-    """An arm as it is measured, and what belongs to it. Robot has all of it."""
+    """Measured state, tool and frames of an arm. Robot inherits all of it."""
 
     def __init__(self, setup: 'Setup') -> None:
         from epson_driver.api.connection import Connection
@@ -47,7 +47,7 @@ class Arm(Unique):
 
     @property
     def status(self) -> RobotStatus:
-        """What is known of arm and controller now, also while a link is down."""
+        """State of arm and controller, also while a link is down."""
         return self._connection.status
 
     @property
@@ -61,7 +61,7 @@ class Arm(Unique):
         return self._connection.sample().velocities.copy()
 
     def sample(self) -> Sample:
-        """Return joints, time and state of the newest measurement. Raises as `joints`."""
+        """Return joints, time and state of the newest sample. Raises as `joints`."""
         return self._connection.stamped(self._connection.sample())
 
     @property
@@ -81,18 +81,18 @@ class Arm(Unique):
 
     @property
     def epson_point(self) -> EpsonPoint:
-        """The tool as the teach pendant shows it, in mm and degrees. Raises as `joints`."""
+        """The tool as shown on the teach pendant, in mm and degrees. Raises as `joints`."""
         return EpsonPoint.of(self.pose_in(BASE))
 
     def _taught(self) -> tuple[EpsonPoint, Posture | str]:
-        """Return where the tool is, and the arm's posture as .pts files have it, or why not."""
+        """Return the tool's point, and the arm's posture for .pts files or why it is unknown."""
         return taught(self._hand[1], self._connection.sample().positions)
 
     @checked_arguments
     def pose_in(self, frame: str) -> Array:
         """Return the tool in a frame: homogeneous, shape (4, 4), m.
 
-        Raises ArgumentError for a frame that is not there; otherwise as `joints`.
+        Raises ArgumentError for an unknown frame; otherwise as `joints`.
         """
         return self._frames.pose_in(self.tool_pose, frame)
 
@@ -111,11 +111,11 @@ class Arm(Unique):
         max_speed: float | None = None,
         max_acceleration: float | None = None,
     ) -> None:
-        """Set the tool (TCP) that lines, arcs and poses are about, at first the flange.
+        """Set the tool (TCP) for lines, arcs and poses. The default is the flange.
 
-        pose: in the flange (tool0), in any form that `move_line` takes. max_speed, m/s, and
-        max_acceleration, m/s²: a line, an arc or a path that asks for more is refused; None: no
-        limit. Joint moves are not held against them. What runs goes on. Raises ArgumentError.
+        pose: in the flange (tool0), in any form accepted by `move_line`. max_speed, m/s, and
+        max_acceleration, m/s²: a line, arc or path that exceeds them is rejected; None: no limit.
+        They do not apply to joint moves. A running motion is unaffected. Raises ArgumentError.
         """
         tool = checked_tool(pose, max_speed, max_acceleration)
         self._hand = (tool, Kinematics(self.model, tool.pose))
@@ -127,12 +127,12 @@ class Arm(Unique):
         center: npt.ArrayLike = (0.0, 0.0, 0.0),
         inertia: npt.ArrayLike = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     ) -> None:
-        """Have the controller told what the arm carries, tool and part, from the next motion on.
+        """Set the payload (tool and part) that is sent to the controller from the next motion on.
 
-        As geometry_msgs/Inertia in the flange (tool0): mass, kg; center, shape (3,), m; inertia
-        about the center, kg m², ixx ixy ixz iyy iyz izz, or as a matrix (3, 3). SPEL+'s Weight and
-        Inertia are made of it. Raises ArgumentError, and RobotError where the controller's program
-        has it.
+        The fields match geometry_msgs/Inertia in the flange (tool0): mass, kg; center, shape (3,),
+        m; inertia about the center, kg m², ixx ixy ixz iyy iyz izz, or a matrix (3, 3). The SPEL+
+        settings Weight and Inertia are derived from it. Raises ArgumentError, and RobotError if
+        the controller's program sets the payload.
         """
         self._connection.set_load(_load(self.model, mass, center, inertia))
 
@@ -151,9 +151,9 @@ class Arm(Unique):
     ) -> Array:
         """Return joint positions, shape (n,), rad (m), that bring the tool to a pose.
 
-        pose, frame: as in `move_line`. near: of all solutions the nearest to these joints; None:
-        to where the arm is. Raises PathError for a pose out of reach, ArgumentError, and, without
-        near, as `joints`.
+        pose, frame: see `move_line`. near: joints for choosing the nearest solution; None: the
+        measured joints. Raises PathError for a pose out of reach, ArgumentError for other
+        arguments, and without `near` as `joints`.
         """
         if near is None:
             start = self._connection.sample().positions
@@ -173,30 +173,30 @@ class Arm(Unique):
 
     @property
     def frames(self) -> dict[str, Array]:
-        """The frames by name, each in base_link: homogeneous, shape (4, 4), m."""
+        """Named frames, each in base_link: homogeneous, shape (4, 4), m."""
         return self._frames.poses
 
     @checked_arguments
     def set_frame(self, name: str, pose: Pose, *, parent: str | None = None) -> None:
-        """Set a named frame by its pose in another one, in any form that `move_line` takes.
+        """Set a named frame by its pose in another frame, in any form accepted by `move_line`.
 
-        parent: as `frame` of `move_line`, but not 'tool'. The frame stays where it is if the
-        parent is set anew. Raises ArgumentError.
+        parent: see `frame` of `move_line`, except 'tool'. The frame keeps its place in base_link
+        if the parent is changed later. Raises ArgumentError.
         """
         self._frames.set(name, pose, parent)
 
     async def catch_up(self) -> None:
-        """Let what has come be read, as long as the newest joints are too old: half a second.
+        """Read pending messages until the joints are fresh, at most half a second.
 
-        In a program that held the event loop, or on a busy machine, newer ones may be waiting.
+        Newer joints may be waiting if the program blocked the event loop, or on a busy machine.
         """
         await self._connection.wait_for_fresh_state()
 
     @checked_arguments
     async def measured(self, read: Callable[[], T]) -> T:
-        """Catch up, then return what `read` does: `await robot.measured(lambda: robot.joints)`.
+        """Catch up and return the result of `read`: `await robot.measured(lambda: robot.joints)`.
 
-        It reads what had come by then, however long this process is held up in between.
+        It reads the joints that had arrived after catching up, even if this process is delayed.
         """
         return await self._connection.measured(read)
 
@@ -204,7 +204,7 @@ class Arm(Unique):
     async def wait_until(
         self, condition: Callable[[Sample], bool], timeout: float | None = None
     ) -> Sample:
-        """Wait until a condition, asked for each sample, holds for one, and return that.
+        """Wait until a condition holds for a sample, and return that sample.
 
         Raises TimeoutError after `timeout` s, RobotError when joints are too old.
         """
@@ -218,9 +218,9 @@ class Arm(Unique):
 
 
 def _load(model: RobotModel, mass: float, center: npt.ArrayLike, inertia: npt.ArrayLike) -> 'Load':
-    """Return what Weight and Inertia say of a body, as `aio.Robot.set_payload` takes it.
+    """Return the Weight and Inertia of a body given as in `aio.Robot.set_payload`.
 
-    Raises ValueError that names the field, its value and the limit.
+    Raises ValueError with the field, its value and the limit.
     """
     from epson_driver.driver.delivery.statements import Load
 

@@ -1,9 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A robot of the Python API and its driver, which runs from connecting to closing.
+"""A robot of the Python API and its driver, which runs from `connect` to `close`.
 
-What the public classes do passes here: there is a connection or a sentence that says why not, the
-pose is fresh, nothing else moves the arm, and what leaves stops it first.
+All calls of the public classes pass through here. This ensures that the driver is connected (or
+raises an error with the reason), the pose is fresh, and nothing else moves the arm. Closing the
+connection stops the arm first.
 """
 
 import asyncio
@@ -38,11 +39,11 @@ from epson_driver.simple_message import Status
 from epson_driver.trace import TraceError, open_trace
 
 FRESH_POSE_TIMEOUT_S = 0.5
-"""How long to wait for joints if those that are there are too old, s."""
+"""Timeout for newer joints when the available ones are too old, s."""
 
 LOOKS, LOOK_PERIOD_S = 5, 0.1
-"""A link that is there in so many looks in a row, so far apart, has lasted. They are counted, not
-timed: a process that is held up has not looked."""
+"""Number and period, s, of the checks that a link must pass in a row to count as stable. The
+number of checks decides, not the time, because a delayed process checks less often."""
 
 T = TypeVar('T')
 
@@ -50,9 +51,9 @@ _log = logging.getLogger(__name__)
 
 
 class Connection:
-    """The driver of one robot while there is a connection. Everything runs in its event loop.
+    """The driver of one robot while connected. Everything runs in its event loop.
 
-    simulation: a controller that is started with it, and ends with it; it may be set before.
+    simulation: a controller that is started and stopped with the connection; may be set later.
     """
 
     def __init__(self, setup: Setup, simulation: SimulatedController | None = None) -> None:
@@ -60,9 +61,9 @@ class Connection:
         self.simulation = simulation
         self.driver: Driver | None = None
         self.task: asyncio.Task[None] | None = None
-        """What runs the driver."""
+        """Task that runs the driver."""
         self.loop: asyncio.AbstractEventLoop
-        """That in which it was connected."""
+        """Event loop that called `connect`."""
         self._process = Process()
         self._lost = False
         self._load: Load | None = None
@@ -71,47 +72,47 @@ class Connection:
         self._heard = Notification()
         self._link_reason = 'not connected yet'
         self._moment: float | None = None
-        """When what is read now had come, loop time, s; None: nobody made sure."""
+        """Loop time, s, by which the values being read had arrived; None outside `measured`."""
         errors = setup.configuration.errors
         assert errors is not None  # noqa: S101 - for the type checker: make_setup loads them
         self.changes = Changes(self.callback_failed, errors)
 
     @property
     def running(self) -> Driver:
-        """The driver. Raises RobotError if there is no connection, or the driver has ended."""
+        """The driver. Raises RobotError when not connected, or if the driver has ended."""
         return self._connected()[0]
 
     @property
     def status(self) -> RobotStatus:
-        """What is known of arm and controller. Raises RobotError before `connect`."""
+        """State of arm and controller. Raises RobotError before `connect`."""
         if self.driver is None:
             raise RobotError(f'there is no connection ({self._link_reason}): call connect()')
         return robot_status(self.driver, self.loop.time(), self._link_reason)
 
     @property
     def summary(self) -> str:
-        """What is known of arm and controller, as a clause, also without a connection."""
+        """State of arm and controller as a clause, also when not connected."""
         return 'not connected' if self.driver is None else self.status.text
 
     @property
     def simulated(self) -> int:
-        """The remote port of the simulated controller. Raises RobotError if there is none."""
+        """Remote port of the simulated controller. Raises RobotError if it is not simulated."""
         if self.simulation is None:
             raise RobotError('this controller is not simulated: Robot.simulated() has one that is')
         return self.running.configuration.remote_port
 
     @property
     def gripper(self) -> DrivenGripper | None:
-        """The gripper, if there is one. Raises as `running`."""
+        """The gripper, or None without one. Raises as `running`."""
         self._connected()
         return self._gripper
 
     # --- from connecting to closing ---------------------------------------------------------
 
     async def connect(self, timeout: float) -> None:
-        """Connect, and wait until the controller has told its state and where the arm is.
+        """Connect, and wait until the controller has reported its state and the joint positions.
 
-        Raises RobotError that says what is missing after `timeout` s.
+        Raises RobotError with the missing parts after `timeout` s.
         """
         self._process.check()
         if self._stranded:
@@ -147,7 +148,7 @@ class Connection:
             raise
 
     async def close(self) -> None:
-        """Stop the arm, disable it, and disconnect. Nothing if there is no connection."""
+        """Stop the arm, disable it, and disconnect. Does nothing when not connected."""
         if self._process.forked or self._stranded:
             self.task = None
             return
@@ -174,12 +175,12 @@ class Connection:
                 await self.simulation.close()
 
     def lost(self) -> None:
-        """Close soon, from any thread, what nobody can close any more."""
+        """Schedule the closing of a connection whose Robot was lost. Callable in any thread."""
         if self.task is not None:
             close_soon(self.loop, self._process, self.close_lost)
 
     async def close_lost(self) -> None:
-        """Close, as nobody else can any more."""
+        """Close a connection whose Robot was lost."""
         if self.task is None or self._lost:
             return
         self._lost = True
@@ -189,7 +190,7 @@ class Connection:
 
     @property
     def files(self) -> list[int]:
-        """The descriptors of the sockets and pipes that are open."""
+        """File descriptors of the open sockets and pipes."""
         driver, simulation = self.driver, self.simulation
         links = [] if driver is None else [*driver.links, driver.io.link]
         sockets = [
@@ -198,7 +199,7 @@ class Connection:
         return [each.fileno() for each in sockets] + (simulation.files if simulation else [])
 
     async def _open_trace(self) -> BinaryIO | None:
-        """Open the file for a trace, if one is asked for. Raises RobotError."""
+        """Open the trace file if the settings name one. Raises RobotError."""
         folder, name = (self._setup.values[f'trace_{each}'] for each in ('folder', 'file'))
         try:
             return await asyncio.to_thread(open_trace, folder, name) if name else None
@@ -215,9 +216,9 @@ class Connection:
             ) from error
 
     async def _wait_until_ready(self, driver: Driver, timeout: float) -> None:
-        """Wait until nothing is missing and the links have lasted.
+        """Wait until nothing is missing and the links are stable.
 
-        A controller that serves one client accepts a second one, too, and turns it away then.
+        A controller that serves one client also accepts a second one, but then disconnects it.
         """
         links = driver.links
         try:
@@ -240,7 +241,7 @@ class Connection:
             raise RobotError(f'not ready within {timeout:g} s: {"; ".join(missing)}') from error
 
     def _missing(self, driver: Driver) -> list[str]:
-        """Return what is not there yet, each in a clause with what to do about it."""
+        """Return the missing parts, each as a clause with its remedy."""
         down = [link for link in driver.links if not link.connected]
         missing = []
         if down:
@@ -279,7 +280,7 @@ class Connection:
 
     @property
     def _stranded(self) -> bool:
-        """Whether the event loop in which it was connected has ended, and the links with it."""
+        """Whether the event loop of the connection has ended, and the links with it."""
         return self.task is not None and self.loop.is_closed()
 
     def _check_loop(self) -> None:
@@ -290,12 +291,12 @@ class Connection:
     # --- the pose ---------------------------------------------------------------------------
 
     async def wait_for_fresh_state(self) -> float:
-        """Return a moment at which the joints are not too old, if that can be: half a second."""
+        """Return a time at which the joints are fresh, waiting at most FRESH_POSE_TIMEOUT_S."""
         driver = self.running
         return await wait_for_fresh_state(driver.robot.stale, self._heard, FRESH_POSE_TIMEOUT_S)
 
     async def measured(self, read: Callable[[], T]) -> T:
-        """Return what `read` does, with a `sample` as of a fresh moment."""
+        """Return the result of `read`, in which `sample` uses a time with fresh joints."""
         self._moment = await self.wait_for_fresh_state()
         try:
             return read()
@@ -303,7 +304,7 @@ class Connection:
             self._moment = None
 
     async def next_joints(self) -> None:
-        """Wait until joints, a status or something of the links came."""
+        """Wait for joints, a status or a change of the links."""
         await self._heard.wait()
 
     def sample(self) -> JointSample:
@@ -316,7 +317,7 @@ class Connection:
         return driver.robot.sample
 
     def stamped(self, joints: JointSample) -> Sample:
-        """Return joints with the time of day and the state."""
+        """Return joints with the time of day and the robot's state."""
         ago = self.loop.time() - joints.measured
         return Sample(
             joints.positions.copy(), joints.velocities.copy(), time.time() - ago, self.status
@@ -325,7 +326,7 @@ class Connection:
     # --- commands and motions ---------------------------------------------------------------
 
     async def command(self, command: Callable[[ArmCommands], Coroutine[Any, Any, str]]) -> str:
-        """Have a command done and return its sentence. Raises RobotError."""
+        """Run a command and return its message. Raises RobotError if it fails."""
         _, commands = self._connected()
         try:
             return await command(commands)
@@ -333,9 +334,9 @@ class Connection:
             raise RobotError(str(error), error.remedy) from error
 
     async def ready(self) -> tuple[Array, PlanningScope]:
-        """Return where the arm is, and what ends with whatever forbids the motion from now on.
+        """Return the joint positions and the planning scope, which a later stop or disable ends.
 
-        Raises MotionError unless it may begin to move now.
+        Raises MotionError unless a motion may start now.
         """
         driver = self.running
         now = asyncio.get_running_loop().time()
@@ -358,12 +359,12 @@ class Connection:
         path: HeldPath | None = None,
         move: Callable[[Moves], Statement] | None = None,
     ) -> Motion:
-        """Begin a motion, and with `wait`, wait for its end, and stop it when cancelled meanwhile.
+        """Start a motion. With `wait`, wait until it ends, and stop it if cancelled.
 
-        path: what it is held against, as in Motion. move: writes it as a statement for a
-        controller that takes no points; None: there is none.
+        path: the path used to check the tool's accuracy, see Motion. move: builds the statement
+        for a controller without a point interface, or None if the motion has no such statement.
 
-        Raises MotionError if it was ended while it was planned, is not begun, or fails.
+        Raises MotionError if the motion was ended during planning, is rejected, or fails.
         """
         driver = self.running
         with refusals():
@@ -382,7 +383,7 @@ class Connection:
         return motion
 
     def set_load(self, load: Load) -> None:
-        """Have each motion say what the arm carries. Raises RobotError where that cannot be."""
+        """Set the payload for each motion. Raises RobotError if the controller cannot take it."""
         if not self._setup.configuration.statements:
             raise RobotError(
                 'this kind of controller takes no payload from here: set Weight and Inertia in '
@@ -393,7 +394,7 @@ class Connection:
             self.driver.moves.load = load
 
     def set_speed_scaling(self, factor: float) -> None:
-        """Run motions at a share of their speed. Raises RobotError where that cannot be."""
+        """Set the speed scaling of motions. Raises RobotError if the controller cannot follow."""
         try:
             self.running.goal_queue.set_speed(factor)
         except ValueError as error:
@@ -402,33 +403,33 @@ class Connection:
     # --- from the driver (DriverEvents) -----------------------------------------------------
 
     def on_joints(self, sample: JointSample) -> None:
-        """Joints came."""
+        """Notify waiters and callbacks of new joints."""
         self._heard.notify_all()
         self.changes.recorded.call(sample)
         if self.changes.joints.wanted:
             self.changes.joints.call(self.stamped(sample))
 
     def on_status(self, status: Status) -> None:
-        """A status came."""
+        """Notify waiters and callbacks of a STATUS."""
         self._heard.notify_all()
         self.changes.see(status)
 
     def on_link_state(self, name: str, why: str) -> None:
-        """The state of the links changed."""
+        """Notify waiters and callbacks of a changed link state."""
         if name in ('backing_off', 'disconnected'):
             self._link_reason = why
         self._heard.notify_all()
         self.changes.link.call(name, why)
 
     def callback_failed_elsewhere(self, error: Exception) -> None:
-        """As `callback_failed`, in a thread that is not the event loop's."""
+        """Call `callback_failed` from a thread other than the event loop's."""
         if self.task is None:
             _log.error('a callback failed (there is no connection)', exc_info=error)
         else:
             self.loop.call_soon_threadsafe(self.callback_failed, error)
 
     def callback_failed(self, error: Exception) -> None:
-        """Stop and disable the arm: what the user's program wanted to do then was not done."""
+        """Stop and disable the arm: the user's reaction to an event has failed."""
         why = f'a callback failed: {type(error).__name__}: {error}'
         report_error(why, error)
         if self.driver is not None:
@@ -440,5 +441,5 @@ def _named(links: list[Link]) -> str:
 
 
 def _count(link: Link) -> int:
-    """Return how often it was connected."""
+    """Return the number of connections of a link."""
     return link.statistics.connections

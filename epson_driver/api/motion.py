@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A motion that was begun: how far it has come, its end, and canceling it."""
+"""A started motion: its progress, its end, and how to cancel it."""
 
 import asyncio
 import contextlib
@@ -22,12 +22,13 @@ if TYPE_CHECKING:  # the driver is loaded with the first Robot
 
 _log = logging.getLogger(__name__)
 
-# Motions and setpoints say what is logged of them: it is not printed where nobody asked for logs.
+# Motion objects and setpoint calls report these log lines themselves. Do not print them by
+# default.
 for _name in ('goal', 'servo'):
     logging.getLogger(f'epson_driver.driver.{_name}').addHandler(logging.NullHandler())
 
 HeldPath = tuple[Callable[[Array], float], float]
-"""How far the tool is from its path, m, at joints of shape (n,); and how far it may be."""
+"""Distance of the tool from its path, m, as a function of joints, shape (n,); and the limit, m."""
 
 
 class Motion(Unique):
@@ -46,7 +47,7 @@ class Motion(Unique):
         self._told = False
 
     def begin(self) -> None:
-        """Hand it to the driver. Raises MotionError if that refuses it at once."""
+        """Submit the motion to the driver. Raises MotionError if it is rejected immediately."""
         self._queue.submit(self._handle)
         if self._outcome is not None and self._outcome.end is End.ABORTED:
             self._told = True
@@ -63,12 +64,12 @@ class Motion(Unique):
 
     @property
     def done(self) -> bool:
-        """True once it has ended, however."""
+        """True once the motion has ended, with any outcome."""
         return self._outcome is not None
 
     @property
     def text(self) -> str:
-        """How it ended, in a sentence, or '' before."""
+        """How it ended, in a sentence; '' before the end."""
         if self._outcome is None:
             return ''
         said = with_remedy(self._outcome.text, self._outcome.remedy, WORDS)
@@ -81,12 +82,12 @@ class Motion(Unique):
 
     @property
     def duration(self) -> float:
-        """How long it is planned to take, s, at a speed scaling of 1."""
+        """Planned duration, s, at a speed scaling of 1."""
         return self._planned
 
     @property
     def progress(self) -> float:
-        """The share of its planned time that has passed, 0 to 1, which only success makes 1."""
+        """Elapsed fraction of the planned time, 0 to 1. Only success makes it 1."""
         if self._outcome is not None and self._outcome.end is End.SUCCEEDED:
             return 1.0
         execution = self._handle.execution
@@ -96,10 +97,10 @@ class Motion(Unique):
         return min(desired[0] / execution.goal.trajectory.duration, 0.999)
 
     async def wait(self, timeout: float | None = None) -> str:
-        """Wait for its end and return a sentence. Raises MotionError unless it succeeded.
+        """Wait until the motion ends and return its text. Raises MotionError unless it succeeded.
 
-        A time-out (TimeoutError, after `timeout` s) or a cancelled task only ends the waiting:
-        the motion goes on, until `cancel`.
+        A timeout (TimeoutError after `timeout` s) or a cancelled task only ends the wait. The
+        motion continues until `cancel`.
         """
         try:
             async with asyncio.timeout(checked_timeout(timeout)):
@@ -111,18 +112,19 @@ class Motion(Unique):
         return self.text
 
     async def finish(self, timeout: float | None = None) -> str:
-        """Wait as `wait` does, and stop the arm if interrupted."""
+        """Wait like `wait`, but stop the arm if interrupted."""
         try:
             return await self.wait(timeout)
         except asyncio.CancelledError:
-            with contextlib.suppress(MotionError):  # it ended otherwise: not in the way
+            with contextlib.suppress(MotionError):  # it ended differently: raise the cancellation
                 await self.cancel()
             raise
 
     async def cancel(self) -> str:
-        """Stop the arm and return a sentence when it stands. Nothing if the motion has ended.
+        """Stop the arm and return a message once it is at rest. Does nothing after the end.
 
-        Raises MotionError if it was aborted meanwhile: its text says what is known of the arm.
+        Raises MotionError if the motion was aborted before it could be canceled. Its text has the
+        known state of the arm.
         """
         if self._outcome is None:
             self._queue.cancel(self._handle)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motions of an arm: joints, plans, recordings, lines, arcs and paths, and how fast they run."""
+"""Motions of an arm: joints, trajectories, recordings, lines, arcs and paths, and their speed."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -23,7 +23,7 @@ from epson_driver.tool_motion.tool_trajectory import ToolLimits, runs_trajectory
 
 
 class Motions(Arm):
-    """The motions of an arm, each of which returns a Motion. Robot has all of them."""
+    """The motions of an arm. Each returns a Motion. Robot inherits all of them."""
 
     @checked_arguments
     async def move_joints(
@@ -36,16 +36,16 @@ class Motions(Arm):
     ) -> Motion:
         """Move straight in joint space to n joint positions, rad (m), or to a pose of the tool.
 
-        A pose is in any form that `move_line` takes, in base_link (an EpsonPoint: in EPSON's
-        world), and is reached in the configuration nearest to where the arm is.
+        A pose has any form accepted by `move_line`, in base_link (an EpsonPoint: in EPSON's
+        world). It is reached in the configuration nearest to the current one.
 
-        speed, acceleration: shares of the joint limits, (0, 1]; 1 is as fast as the arm can. wait:
-        until the arm is there; Ctrl-C or a cancelled task meanwhile stops the arm. Otherwise
-        return at once.
+        speed, acceleration: fractions of the joint limits, (0, 1]; 1 is as fast as the arm can.
+        wait: return when the arm has arrived; Ctrl-C or a cancelled task then stops the arm. With
+        wait=False, return immediately.
 
-        Raises ArgumentError for bad arguments; MotionError if the arm is not enabled, a motion
-        runs already (none replaces it unnoticed: wait for it or cancel it), or this one fails.
-        Both are RobotErrors.
+        Raises ArgumentError for bad arguments. Raises MotionError if the arm is not enabled,
+        another motion is running (it is never replaced implicitly: wait for it or cancel it), or
+        this one fails. Both are RobotErrors.
         """
         limits = self.model.limits
         moves.check_shares(speed, acceleration)
@@ -70,10 +70,11 @@ class Motions(Arm):
         acceleration: float = 0.5,
         wait: bool = True,
     ) -> Motion:
-        """Move through joint positions, shape (k, n), rad (m), without a rest where that can be.
+        """Move through joint positions, shape (k, n), rad (m), without stops where possible.
 
-        As fast as the shares of the joint limits allow; a controller that rests at each point does
-        so here. Planning takes up to seconds, also with `wait=False`. Raises as `move_joints`.
+        The motion is as fast as the fractions of the joint limits allow. A controller that stops
+        at each point does so here, too. Planning takes up to seconds, also with `wait=False`.
+        Raises as `move_joints`.
         """
         from epson_driver.driver.smoothing import Smoothing, SmoothingError, SmoothingProcess
 
@@ -103,11 +104,11 @@ class Motions(Arm):
         joint_names: Sequence[str] | None = None,
         wait: bool = True,
     ) -> Motion:
-        """Execute a planned trajectory as it is, from where the arm stands.
+        """Execute a planned trajectory unchanged, starting at the current position.
 
         times: shape (k,), s from the start, strictly increasing. positions, velocities: shape
-        (k, n), rad and rad/s (m, m/s), in the order of joint_names (default: the model's). What a
-        trajectory must be is in docs/goals.md. Raises as `move_joints`.
+        (k, n), rad and rad/s (m, m/s), in the order of joint_names (default: the model's).
+        docs/goals.md lists the requirements on a trajectory. Raises as `move_joints`.
         """
         limits = self.model.limits
         trajectory = moves.planned(times, positions, velocities, joint_names, limits)
@@ -115,9 +116,9 @@ class Motions(Arm):
 
     @checked_arguments
     def record(self, rate: float = 1000.0) -> Recording:
-        """Record the joints from now on, however the arm is moved, until its `stop`.
+        """Start recording the joints, however the arm is moved, until the recording's `stop`.
 
-        rate: per s; at most as often as the controller sends them. Raises as `joints`, and
+        rate: samples per s, limited by the rate of the controller. Raises as `joints`, and
         ArgumentError.
         """
         period = 1.0 / RATE.checked(rate, 'rate')
@@ -134,11 +135,11 @@ class Motions(Arm):
         speed: float = 1.0,
         wait: bool = True,
     ) -> Motion:
-        """Move as it was recorded, or is in a file, from `move_joints` to where that begins.
+        """Replay a recording, or one loaded from a file. `move_joints` moves to its start.
 
-        speed: the share of its own, 0.01 to 1. The arm begins at once, and rests where it rested.
-        What is still being recorded ends with this.
-        Raises OSError for a file that cannot be read, otherwise as `move_trajectory`.
+        speed: fraction of the recorded speed, 0.01 to 1. The rest before the first recorded motion
+        is skipped, later rests remain. A recording that is still running
+        is stopped first. Raises OSError for an unreadable file, otherwise as `move_trajectory`.
         """
         SPEED.checked(speed, 'speed')
         if not isinstance(recording, Recording):
@@ -168,18 +169,20 @@ class Motions(Arm):
         """Move the tool straight to a pose: in base_link, a named frame, or 'tool'.
 
         pose: a homogeneous matrix, shape (4, 4), m; x y z, m, and a quaternion x y z w, shape
-        (7,); or an EpsonPoint. frame: 'base_link', 'base' (EPSON's world), 'tool' (the tool where
-        it is), or a name given to `set_frame`; None: 'base_link', 'base' for an EpsonPoint.
+        (7,); or an EpsonPoint. frame: 'base_link', 'base' (EPSON's world), 'tool' (the current
+        tool frame), or a name given to `set_frame`; None: 'base_link', or 'base' for an
+        EpsonPoint.
 
-        The orientation turns evenly about one axis. speed, acceleration: of the tool at most, m/s
-        and m/s², in bends too; turn_speed, turn_acceleration: of its turn, rad/s and rad/s².
-        jerk: of the tool, m/s³; None: 10 / s of the acceleration; that of the turn is in the same
-        ratio. accuracy: points are sent so densely that the way between them is no farther from
-        the line, m; a motion in which the tool was farther away says so in its text. slow: go
-        slower where a joint limit asks for it; False: refuse that.
+        The orientation turns evenly about one axis. speed, acceleration: limits of the tool, m/s
+        and m/s², in bends too. turn_speed, turn_acceleration: limits of its rotation, rad/s and
+        rad/s². jerk: limit of the tool, m/s³; None: 10 / s of the acceleration. The jerk limit of
+        the rotation has the same ratio to its acceleration. accuracy: maximum distance, m, of the
+        path between the sent points from the line. If the measured tool exceeds it, the motion's
+        text reports the deviation. slow: reduce the speed where a joint limit requires it; False:
+        reject such a line.
 
         Raises PathError, an ArgumentError, before anything is sent, for a pose out of reach or a
-        way through a singularity, with joint, place and limit; otherwise as `move_joints`.
+        path through a singularity, with joint, place and limit; otherwise as `move_joints`.
         """
         tool = moves.tool_limits(
             speed, acceleration, turn_speed, turn_acceleration, accuracy, jerk=jerk, slow=slow
@@ -205,7 +208,7 @@ class Motions(Arm):
     ) -> Motion:
         """Move the tool on a circle through a point, x y z in m, to a pose in the same frame.
 
-        The point is x y z also where the pose is an EpsonPoint. The rest as in `move_line`.
+        The point is x y z even if the pose is an EpsonPoint. Other arguments: see `move_line`.
         """
         tool = moves.tool_limits(
             speed, acceleration, turn_speed, turn_acceleration, accuracy, jerk=jerk, slow=slow
@@ -230,15 +233,15 @@ class Motions(Arm):
         slow: bool = True,
         wait: bool = True,
     ) -> Motion:
-        """Move the tool through poses or Waypoints, from one to the next straight or on a circle.
+        """Move the tool through poses or Waypoints, on a line or an arc to each.
 
-        blend: how far from each point, m, the tool may leave the way to it for the way to the
-        next, without a rest; 0: it rests there. blend and frame hold for the points that have none
-        of their own. Around the corner it is as fast as the limits allow. 'tool' is the tool where
-        it is at the beginning.
+        blend: distance from each point, m, within which the tool may cut the corner without
+        stopping; 0: it stops there. blend and frame are defaults for points without their own. In
+        a corner the tool is as fast as the limits allow. 'tool' is the tool frame at the start of
+        the motion.
 
-        The rest as in `move_line`; the error for a blend that is longer than the way, and for
-        what is wrong with a single point, names the point.
+        Other arguments and errors: see `move_line`. An error in a single point, or a blend longer
+        than its segment, is reported with the point's index.
         """
         tool = moves.tool_limits(
             speed, acceleration, turn_speed, turn_acceleration, accuracy, jerk=jerk, slow=slow
@@ -274,16 +277,16 @@ class Motions(Arm):
 
     @property
     def speed_scaling(self) -> float:
-        """The share of the planned speed at which all motions run."""
+        """Fraction of the planned speed at which all motions run."""
         return self._connection.running.goal_queue.scaling.target
 
     @checked_arguments
     def set_speed_scaling(self, factor: float) -> None:
-        """Run all motions at this share of their planned speed, also the running one.
+        """Run all motions at this fraction of their planned speed, including the current one.
 
-        From 0.01 to 1, or 0 for a pause: the arm brakes, and the motion continues at the next
-        share. A lower share applies to the points that the controller does not have yet
+        factor: 0.01 to 1, or 0 for a pause: the arm brakes, and the motion continues at the next
+        nonzero value. A lower value applies to the points that the controller does not have yet
         (docs/goals.md has the delay). Raises ArgumentError, and RobotError if the controller
-        cannot keep it.
+        cannot follow it.
         """
         self._connection.set_speed_scaling(moves.checked_factor(factor))
