@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The core of the simulated controller: its condition, and the consequences for arm and program.
+"""The core of the simulated controller: its condition, and the effects on arm and program.
 
-What people do (`apply`), what clients send (`connect` and the sessions it opens) and time (`step`)
-come in as calls; bytes go out to the functions that were given. The same calls and the same seed
-give the same bytes. `assembly.new_controller` puts arm, program and clients to it.
+Operator actions (`apply`), client bytes (`connect` and its sessions) and time (`step`) are calls.
+Replies go to the functions passed in. The same calls with the same seed produce the same bytes.
+`assembly.new_controller` adds arm, program and clients.
 """
 
 import copy
@@ -80,54 +80,53 @@ _NO_PLANNER = Rejection(
 _LENT = Rejection(ErrorNumber.MOTION_ABORTED, 'a command of $Execute moves the arm')
 
 CYCLE_PERIOD_S = 0.004
-"""Of the motion control, s."""
+"""Period of the motion control, s."""
 
 MAX_PUSH = {'rad': np.radians(1.0), 'm': 0.001}
-"""The largest push that the servo of a joint withstands, rad or m; more is a position error."""
+"""The largest push that a servo withstands, rad or m. A larger one is a position error."""
 
 
 class Clients(Protocol):
     """The clients of the ports, as the core needs them."""
 
     def connect(self, port: str, client: Client) -> Session:
-        """Begin to serve a client. Raises ConnectionRefusedError: why the port is not served."""
+        """Start to serve a client. Raises ConnectionRefusedError with the reason."""
 
     def hang_up(self, *ports: str) -> None:
         """Close the connections of all clients of the ports."""
 
     def dismiss(self, port: str) -> None:
-        """Close the connections of all clients of the port once everything is sent."""
+        """Close the connections of all clients of the port once all bytes are sent."""
 
     def attended(self, port: str) -> bool:
         """Return whether a port has a client."""
 
     def make_room(self, port: str) -> None:
-        """Close the connection of the port's oldest client, unless the arm has points left."""
+        """Close the connection of the port's oldest client, unless the arm has points."""
 
     def check_login(self) -> None:
-        """Raise ConnectionRefusedError if another client is logged in and is served alone."""
+        """Raise ConnectionRefusedError if another client is logged in exclusively."""
 
     def dismiss_remote(self, why: str) -> None:
-        """Close the connection of the remote client with the least claim to it, if any."""
+        """Close the connection of the remote client with the lowest priority, if any."""
 
     def boot(self, seconds: float) -> None:
-        """Close all connections, take no others for `seconds`."""
+        """Close all connections and accept none for `seconds`."""
 
 
 class Controller:
-    """One controller, without sockets and real time. `assembly.new_controller` makes it.
+    """One controller, without sockets and real time. `assembly.new_controller` creates it.
 
-    `start` is where the arm stands at first, shape (n,), rad. `planner` is who plans smooth
-    motion, if anybody does. The state port sends every `state_period` s. `seed` is what the
-    faults draw from. `timing` counts what came too late. Raises ValueError for a start outside
-    the limits.
+    `start` is the initial arm position, shape (n,), rad. `planner` plans smooth motion (None:
+    unsupported). The state port sends every `state_period` s. `seed` is the seed of the faults.
+    `timing` counts missed deadlines. Raises ValueError for a start outside the limits.
     """
 
     arm: SimulatedArm
     program: Program
     clients: Clients
     new_window: Callable[[], Window]
-    """Makes the program that executes $Execute."""
+    """Creates the program that executes $Execute."""
 
     tables: Tables = REGIONS
 
@@ -159,26 +158,29 @@ class Controller:
             remote_only=profile.program.interface == 'statements',
         )
         self.spel = SpelSettings(profile.motion.speed, profile.motion.accel)
-        self._window: Window | None = None  # the command window, once it was used
+        self._window: Window | None = None  # the command window, once it has been used
         self.errors = ErrorRegister()
         self._planner = planner
         servo = profile.servo
         self.servo = Servo(start, model.pulses_per_unit, servo.lag, servo.encoder)
-        self.reply: Send | None = None  # where replies of the motion program go
-        self._error: int = ErrorNumber.NONE  # of the controller itself, until it is reset
-        self._error_text = ''  # what its program says of it; empty: only what the number means
-        self._begun = 0  # points that the faults know of
-        self._slowing = False  # whether it brakes to go on at low power
+        self.reply: Send | None = None  # sends replies of the motion program
+        self._error: int = ErrorNumber.NONE  # of the controller itself, until a reset
+        self._error_text = ''  # message of its program, or empty
+        self._begun = 0  # points that the faults have processed
+        self._slowing = False  # whether it brakes to resume at low power
         self._unattended = False  # whether the arm keeps its points for the next motion client
 
     def begin(self) -> None:
-        """Begin, with an arm, a program and clients."""
+        """Start, once arm, program and clients are set."""
         self._set_power()
 
-    # What people and clients do.
+    # Actions of operators and clients.
 
     def apply(self, event: Event) -> None:
-        """Apply an event to the controller. Raises RejectedError: why not, and what to do."""
+        """Apply an event to the controller.
+
+        Raises RejectedError with the reason and the remedy.
+        """
         before = self.condition
         off = before.motors is Motors.OFF
         if self.in_motion and (event is Event.RESET or (event is Event.MOTORS_ON and off)):
@@ -219,14 +221,14 @@ class Controller:
     def connect(self, port: str, client: Client) -> Session:
         """Serve a client of `port`: motion, state, io or remote.
 
-        When its connection ends, whoever ended it, the session's `closed` must be called. Raises
-        ConnectionRefusedError, which says why, if nobody serves the port now.
+        The session's `closed` must be called when its connection ends for any reason. Raises
+        ConnectionRefusedError with the reason if the port accepts no client now.
         """
         return self.clients.connect(port, client)
 
     @property
     def window(self) -> Window:
-        """The program that executes $Execute: a SPEL+ one, or one beside the built-in one."""
+        """The program that executes $Execute: a SPEL+ one, or one next to the built-in program."""
         if self._window is None:
             self._window = self.new_window()
         return self._window
@@ -237,7 +239,7 @@ class Controller:
             yield self._window
 
     def client_came(self) -> None:
-        """Serve a new motion client. Points that were kept for it move the arm at once."""
+        """Serve a new motion client. Points that were kept for it resume immediately."""
         self._end_command('a client of the motion port came')
         if self.profile.server.lost_client == 'brake':
             self.program.restart()
@@ -251,7 +253,7 @@ class Controller:
             self._window.abort_command(f'the command was aborted: {why}')
 
     def client_lost(self) -> None:
-        """React to the loss of the motion client as the profile says."""
+        """React to the loss of the motion client according to the profile."""
         lost = self.profile.server.lost_client
         if lost == 'brake':
             self.apply(Event.CLIENT_LOST)
@@ -262,9 +264,9 @@ class Controller:
             self.arm.executor.hold()
 
     def raise_error(self, number: int, critical: bool = False, text: str = '') -> None:
-        """Put the controller in error: no power, tasks aborted, until a reset (or a boot).
+        """Set an error: no power and aborted tasks, until a reset (or a boot if critical).
 
-        `text`: what its program says of it, and where; it has logged that itself.
+        `text`: the message of the controller's program, which has already logged it.
         """
         if self.condition.fault is not Fault.CRITICAL:
             self._error, self._error_text = number, text
@@ -276,16 +278,16 @@ class Controller:
         self._error, self._error_text = ErrorNumber.NONE, ''
 
     def reboot(self, seconds: float) -> None:
-        """Switch off and on again, in `seconds`. Buttons, door and key stay as they are."""
+        """Power-cycle the controller, in `seconds`. Buttons, door and key keep their state."""
         self.clients.boot(seconds)
         self.apply(Event.BOOT)
 
     def disturb(self, joint: int, push: float) -> None:
-        """Push one joint (index from 0) by `push` rad or m, as a person who leans on the arm.
+        """Push one joint (index from 0) by `push` rad or m, like a person leaning on the arm.
 
-        Without power the arm stays where it is pushed to. With power its servo pushes back; more
-        than `MAX_PUSH` does not get through, but is a position error. Raises RejectedError for a
-        push out of the limits or while an arm without power still brakes.
+        Without power the arm stays where it is pushed. With power its servo pushes back, and a
+        push above `MAX_PUSH` is a position error. Raises RejectedError for a push beyond the
+        limits or while an arm without power still brakes.
         """
         pushed = self.servo.actual.copy()
         pushed[joint] += push
@@ -304,11 +306,11 @@ class Controller:
         self._settle()
 
     def freeze(self, joint: int | None) -> None:
-        """Freeze the encoder of one joint (index from 0), or with None of none."""
+        """Freeze the encoder of one joint (index from 0). None unfreezes all encoders."""
         self.servo.freeze(joint)
 
     def servo_error(self, joint: int, critical: bool = False) -> None:
-        """Let the servo of one joint (index from 0) fail."""
+        """Trigger a servo error of one joint (index from 0)."""
         _log.error('servo error of %s', self.model.joint_names[joint])
         self.raise_error(ErrorNumber.SERVO_ERROR, critical)
 
@@ -317,13 +319,14 @@ class Controller:
         self.apply(Event.ESTOP_PRESS)
 
     def show(self, rejection: Rejection) -> None:
-        """Show in STATUS why something was refused."""
+        """Show the reason of a refusal in STATUS."""
         self.errors.enter(rejection)
 
     def planner_failed(self, reason: str) -> None:
-        """Brake and end the trajectory, as there is no planner now.
+        """Brake and end the trajectory because no planner is available.
 
-        Where STATUS shows nothing else that is an alarm: points were answered that are lost.
+        A profile whose STATUS shows only alarms gets an error if the arm moved, because
+        acknowledged points are lost.
         """
         self.timing.planner_failures += 1
         alarm = self.moving and self.profile.state.errors == 'alarms'
@@ -333,46 +336,45 @@ class Controller:
             self.raise_error(ErrorNumber.PLANNER_FAILED)
 
     def tasks(self) -> Iterable[TaskRow]:
-        """Yield the tasks there are, as people see them."""
+        """Yield the tasks for display."""
         own = self.program.tasks()
         return own if own is not None else rows(self.condition)
 
     # Time.
 
     def step(self, dt: float) -> None:
-        """Let `dt` ≥ 0 s pass, for everything.
+        """Advance everything by `dt` ≥ 0 s.
 
-        This is how time gets to the arm. The clock goes from one timer that is due to the next,
-        and before each lets the time up to it pass for the arm (`_move`), so that a timer finds
-        the arm where it is at that moment. The arm (`SimulatedArm.step`) hands the time on to the
-        program (`Program.step`), because only the program knows which point comes next: it steps
-        the executor, and where a point is done before the time is over, gives it the next point
-        for the rest. The servos follow what is commanded at the end.
+        The clock proceeds from one due timer to the next. Before each timer, the arm advances to
+        that time (`_move`), so the timer sees the arm's position at that moment.
+        `SimulatedArm.step` passes the time to `Program.step`, because only the program knows the
+        next point. The program steps the executor, and if a point is done early, supplies the next
+        point for the remaining time. Finally the servos follow the resulting command.
         """
         self.clock.advance(self.clock.now + dt, self._move)
 
     @property
     def program_runs(self) -> bool:
-        """Whether tasks of its program keep it from being Ready, as on a real controller."""
+        """Whether tasks of its program keep it from being Ready, like on a real controller."""
         return self.program.runs
 
     @property
     def in_motion(self) -> bool:
-        """Whether the arm moves, or is about to."""
+        """Whether the arm moves or is about to move."""
         return self.arm.in_motion
 
     @property
     def commanded(self) -> Array:
-        """Where the joints are to be now, shape (n,), rad or m."""
+        """The commanded joint positions now, shape (n,), rad or m."""
         return self.arm.commanded
 
     @property
     def moving(self) -> bool:
-        """Whether the arm moves or has somewhere to go, be it after a pause."""
+        """Whether the arm moves or has a target, possibly after a pause."""
         return self.arm.moving
 
     def _move(self, dt: float) -> None:
-        """Let `dt` ≥ 0 s pass for the arm, in which no timer is due."""
+        """Advance the arm by `dt` ≥ 0 s, during which no timer is due."""
         if self.in_motion:
             own = self.arm.executor is self.arm.own
             self.arm.step(dt, self.program.step if own else self.window.step)
@@ -389,39 +391,39 @@ class Controller:
         self._keep_to_settings()
 
     def forget_settings(self) -> None:
-        """Let Speed, Accel and the others be as after a start."""
+        """Reset Speed, Accel and the other settings to their initial values."""
         self.spel.forget()
         self._keep_to_settings()
 
     def _keep_to_settings(self) -> None:
-        """Let the next statements of point-to-point motion be as fast as Speed and Accel say."""
+        """Apply Speed and Accel to the next point-to-point statements."""
         self.arm.executor.speed = self.spel.speed
         self.arm.executor.accel = self.spel.accel
 
     @property
     def error_number(self) -> int:
-        """The error shown in STATUS, which in an E-stop is that of the aborted motion task."""
+        """The error shown in STATUS. In an E-stop it is the error of the aborted motion task."""
         if self.condition.estopped:
             return ErrorNumber.TASK_ABORTED
         return self._error or self.errors.number
 
     def error_text(self, number: int) -> str:
-        """Return what an error number means, for the one shown now in its program's words."""
+        """Return the text of an error number, or the program's message for the current error."""
         told = self._error_text if number == self.error_number == self._error else ''
         return told or TEXTS.get(number, 'see the manual')
 
     def joint_position(self) -> JointPosition:
-        """Return where the encoders say that the joints are."""
+        """Return the joint positions that the encoders report."""
         return state_port.joint_position(self.servo.position)
 
     def joint_feedback(self) -> JointFeedback:
-        """Return where the joints are and how fast, with the time if the profile says so."""
+        """Return joint positions and velocities, with a time stamp if the profile has one."""
         servo = self.servo
         now = self.clock.now if self.profile.state.feedback_time else None
         return state_port.joint_feedback(servo.position, servo.velocity, now)
 
     def status(self) -> Status:
-        """Return the STATUS message of this moment."""
+        """Return the current STATUS message."""
         alarms = self.profile.state.errors == 'alarms'
         return state_port.status(
             self.condition,
@@ -432,11 +434,11 @@ class Controller:
         )
 
     def version(self) -> GetVersion:
-        """Return which version the program is: whether it has a watchdog."""
+        """Return the program's version, which shows whether it has a watchdog."""
         watches = self.profile.server.client_timeout > 0.0
         return GetVersion(VERSION if watches else WITHOUT_WATCHDOG)
 
-    # What follows from a change of the condition.
+    # Effects of a change of the condition.
 
     def _react(self, before: Condition) -> None:
         now = self.condition
@@ -462,17 +464,17 @@ class Controller:
                 program.resume()
 
     def _resume_arm(self) -> None:
-        """Let the arm go on after a hold, unless it waits for a motion client."""
+        """Resume the arm after a hold, unless it waits for a motion client."""
         if not self._unattended:
             self.arm.executor.resume()
 
     def _recover(self) -> None:
-        """Go back slowly to where the arm was interrupted, if it has power and points left."""
+        """Return slowly to the point of interruption, if the arm has power and points."""
         if self.condition.motors is Motors.ON and self.arm.executor.moving:
             self.arm.go_back()
 
     def _settle(self) -> None:
-        """Switch the motors off, or go on slowly, if the arm stands and that waits for it."""
+        """Switch the motors off or resume slowly, if pending and the arm is at rest."""
         if self.in_motion:
             return
         self._tell_timing()
@@ -484,14 +486,14 @@ class Controller:
             self.arm.went_back()
             self.apply(Event.RECOVERED)
             if self.arm.executor.moving:
-                self.trajectory_begins()  # it goes on, at its power
+                self.trajectory_begins()  # it resumes, at its power
             return
         self.arm.rest()
         if self.condition.motors in (Motors.BRAKING, Motors.HOLDING):
             self.apply(Event.STANDSTILL)
 
     def _set_power(self) -> None:
-        """Tell the arm whether power is low, so that a moving one brakes, then goes on."""
+        """Set the arm's power. A moving arm brakes and then resumes at low power."""
         arm, low = self.arm.executor, self.condition.power is not Power.HIGH
         goes_on = self.condition.motors is Motors.ON and self.condition.tasks is Tasks.RUNNING
         if low and not arm.low_power and goes_on and not arm.still:
@@ -500,12 +502,12 @@ class Controller:
         arm.low_power = low
 
     def trajectory_begins(self) -> None:
-        """Called when a trajectory begins: the program sets the power for it."""
+        """Set the power for a new trajectory, called when it starts."""
         if self.profile.motion.power == 'high':
             self.apply(Event.PROGRAM_POWER_HIGH)
 
     def motion_rejection(self) -> Rejection | None:
-        """Return why a point is refused in this condition, or None."""
+        """Return the reason why a point is refused in this condition, or None."""
         rejection = state_port.motion_rejection(self.condition)
         if rejection is None and self.arm.executor is not self.arm.own:
             return _LENT
@@ -514,18 +516,18 @@ class Controller:
         return rejection
 
     def command_rejection(self) -> Rejection | None:
-        """Return why a command cannot move the arm, or None: it needs no task that runs."""
+        """Return why a command cannot move the arm, or None. A command needs no running task."""
         return state_port.motion_rejection(replace(self.condition, tasks=Tasks.RUNNING))
 
     def _tell_timing(self) -> None:
-        """Log the delays in the motion that has ended, if there were any."""
+        """Log the delays of the motion that has ended, if any."""
         sentence = self.timing.since(self._told)
         if sentence:
             _log.warning('in this motion: %s', sentence)
             self._told = copy.copy(self.timing)
 
     def send_reply(self, packet: Packet) -> None:
-        """Send a reply to the motion client, if there is one."""
+        """Send a reply to the motion client, if one is connected."""
         if self.reply is not None:
             self.reply(encode(packet, self.dialect))
 

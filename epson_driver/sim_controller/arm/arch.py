@@ -24,42 +24,45 @@ from epson_driver.tool_motion.curve_motion import (
 _KINDS = 'velocity', 'acceleration', 'jerk'
 
 STANDS = 1e-9
-"""A joint that moves by less of a leg, rad or m, stands."""
+"""Largest displacement over a leg, rad or m, at which a joint counts as stationary."""
 
 ON_IT = 1e-6
-"""An arm that is no farther away, rad or m, is on a leg."""
+"""Largest distance from a leg, rad or m, at which the arm counts as on it."""
 
 UP, ACROSS = 0.2, 0.8
-"""Of the tool's speed at low power, what each has where they overlap: a line never has more."""
+"""Fractions of the low-power tool speed for overlapping legs.
+
+They add up to 1, the limit of a line.
+"""
 
 CHECKS = 50
-"""So often a leg is looked at for its joints' ranges."""
+"""Samples per leg for the joint-range check."""
 
 
 class Leg(Protocol):
-    """A part of the way, from one place, shape (n,), rad, to another."""
+    """One leg of the path, from one joint position, shape (n,), rad, to another."""
 
     begin: Array
     end: Array
     curve: Curve
 
     def asked(self, low_power: bool, share: float) -> tuple[JointLimits, CurveSpeed]:
-        """Return what it may have of the joints' limits, and how fast it is to be.
+        """Return the joint limits and the tool speed of this leg.
 
-        share: of the tool's speed at low power.
+        share: fraction of the low-power tool speed.
         """
 
     def from_rest(self, start: Array, low_power: bool) -> LineMotion | CurveMotion:
-        """Return its motion alone, from where the arm is."""
+        """Return the motion of this leg alone, starting at rest at `start`."""
 
 
 class Arch:
-    """Up, across and down, where the next one begins before the one before it ends.
+    """Motion up, across and down, each starting before the previous one ends.
 
-    The way across begins at the share `leave` of the way up, and is over at the share `join` of
-    the way down. Joints that both would move share their limits: the way up or down has half of
-    them at most, the way across what that leaves. After a pause what is left of them comes one
-    after the other.
+    The move across starts at the fraction `leave` of the move up and ends at the fraction `join`
+    of the move down. Joints that take part in both share their limits: the move up or down uses at
+    most half of them, the move across the rest. After a pause the remaining legs run one after the
+    other.
     """
 
     def __init__(
@@ -79,7 +82,7 @@ class Arch:
         return JointMoves(start, parts)
 
     def across(self, time: float) -> float:
-        """Return how much of the way across is done after so much of the motion, -1 before it."""
+        """Return the completed fraction of the move across at `time`, or -1 before it starts."""
         part = self._across
         if part is None or time >= part.end:
             return 1.0

@@ -15,12 +15,13 @@ from epson_driver.motion.joint_moves import JointMoves
 from epson_driver.tool_motion.curve_motion import CurveMotion
 
 Motion = LineMotion | CurveMotion | JointMoves
-"""From rest to rest."""
+"""A motion from rest to rest."""
 
 PathMotion = Callable[[Array, bool], Motion]
-"""Returns the motion from where the arm rests, shape (n,), rad, to a target; at low power or not.
+"""Function that returns the motion from rest at a position, shape (n,), rad, to a target.
 
-It keeps to the arm's limits, and must not raise.
+The second argument selects low power. The motion respects the arm's limits, and the function must
+not raise.
 """
 
 
@@ -28,10 +29,10 @@ It keeps to the arm's limits, and must not raise.
 class Point:
     """An accepted point.
 
-    `target` has shape (n,), rad, within the limits; `velocity` is a fraction (0, 1] of the
-    joints' speed, `duration` the time from the point before, s; 0 means that none is given. `cp`:
-    whether the motion may blend into the next one; None: as the executor does it with all. `path`:
-    how it goes there, if that is not straight in joint space; then it never blends.
+    `target` has shape (n,), rad, within the limits. `velocity` is a fraction (0, 1] of the joints'
+    speed, `duration` the time from the previous point, s. 0 means not specified. `cp` selects
+    whether the motion may blend into the next one (None: the executor's default). `path` replaces
+    the straight line in joint space, and such a motion never blends.
     """
 
     sequence: int
@@ -43,10 +44,10 @@ class Point:
 
 
 class Executor(Protocol):
-    """An arm that goes to the points it takes. Time is passed in with `step`."""
+    """An arm that executes points. Time advances with `step`."""
 
     low_power: bool
-    """Whether the next motion that begins at rest keeps to the low-power caps."""
+    """Whether the next motion that starts from rest respects the low-power caps."""
 
     speed: float
     """SPEL+ Speed: a fraction (0, 1] of the joints' speed, from the next statement on."""
@@ -56,7 +57,7 @@ class Executor(Protocol):
 
     @property
     def begun(self) -> int:
-        """How many points it has begun to go to, since the start."""
+        """Number of points whose motion has started since the executor was created."""
 
     @property
     def limits(self) -> JointLimits:
@@ -76,40 +77,40 @@ class Executor(Protocol):
 
     @property
     def still(self) -> bool:
-        """Whether the arm stands, with nothing that would move it: at rest, or held at rest."""
+        """Whether the arm is at rest and nothing will move it, including an arm paused at rest."""
 
     @property
     def has_room(self) -> bool:
-        """Whether it takes another point now."""
+        """Whether the arm accepts another point now."""
 
     @property
     def done(self) -> bool:
-        """Whether the point taken last may be answered."""
+        """Whether the last accepted point may be acknowledged."""
 
     def take(self, point: Point) -> None:
-        """Go to a point after those taken before, while there is room."""
+        """Accept a point, to be executed after the earlier ones. Needs room."""
 
     def stop(self) -> bool:
-        """Forget all points and brake. Return whether points that were answered are forgotten.
+        """Discard all points and brake. Return whether acknowledged points are discarded.
 
-        It ends a hold too.
+        It also ends a hold.
         """
 
     def hold(self) -> None:
-        """Brake on the path and stay there, keeping the points. Twice is no error."""
+        """Brake on the path and stay there, keeping the points. Calling it twice is allowed."""
 
     def resume(self) -> None:
-        """Go on after `hold`, to the same points."""
+        """Resume after `hold`, towards the same points."""
 
     def settle(self, position: Array) -> None:
-        """Stand at another position, shape (n,), rad: the arm was moved while it had no power.
+        """Set the position, shape (n,), rad, after the arm was moved without power.
 
-        Only while it stands and has no points. Raises RuntimeError otherwise.
+        Raises RuntimeError unless the arm is at rest without points.
         """
 
     def step(self, dt: float) -> float | None:
-        """Let `dt` ≥ 0 s pass, until a point is done or the arm rests.
+        """Advance by `dt` ≥ 0 s, until a point is done or the arm is at rest.
 
-        Return how much of it is left for what follows, s: the program gives the next point and
-        steps again with that. None: all of it has passed.
+        Return the time left, s, for which the program supplies the next point and steps again.
+        Return None if all of `dt` has elapsed.
         """

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motion under SPEL+'s Power Low: so slow that a person can step back.
+"""Motion under SPEL+'s Power Low, slow enough for a person to step back.
 
-The tool's speed is bounded without the kinematics: a joint moves the tool by no more than its
-velocity times its reach, the largest distance of the tool from its axis (a prismatic joint: by its
-velocity, its reach is 1); the sum over the joints is never less than the tool's speed.
+The tool speed is bounded without kinematics. A joint moves the tool by at most its velocity times
+its reach, the largest distance of the tool from its axis (1 for a prismatic joint). The sum over
+the joints is an upper bound of the tool speed.
 """
 
 import math
@@ -15,7 +15,7 @@ import numpy as np
 from epson_driver.motion import Array, JointLimits
 
 LOW_POWER = 0.05
-"""The share of Speed and Accel that Power Low allows."""
+"""Fraction of Speed and Accel that Power Low allows."""
 
 LOW_POWER_TOOL_SPEED = 0.25
 """The tool's speed that Power Low allows, m/s."""
@@ -25,8 +25,8 @@ LOW_POWER_TOOL_SPEED = 0.25
 class LowPower:
     """The caps of Power Low.
 
-    fraction: of the robot's limits, (0, 1]; tool_speed: m/s; reach: shape (n,), m, of
-    each joint, 1 of a prismatic one. Raises ValueError for other values.
+    fraction: of the robot's limits, (0, 1]. tool_speed: m/s. reach: shape (n,), m per joint, 1 for
+    a prismatic joint. Raises ValueError for other values.
     """
 
     fraction: float
@@ -47,9 +47,9 @@ class LowPower:
         object.__setattr__(self, 'reach', reach)
 
     def limits(self, limits: JointLimits) -> JointLimits:
-        """Return the limits of a motion whose joints move in any proportion, tool speed kept.
+        """Return limits that respect the tool speed for any combination of joint motions.
 
-        Raises ValueError if they are of another number of joints.
+        Raises ValueError if the number of joints differs.
         """
         self._check(limits)
         velocity = self.fraction * limits.velocity
@@ -66,12 +66,12 @@ class LowPower:
     def speed(self, limits: JointLimits, direction: Array) -> float:
         """Return the largest Speed of a line, as a fraction (0, 1] of the limits.
 
-        `direction`, shape (n,), of any length but 0, tells how much each joint moves. Raises
-        ValueError as `limits` does.
+        `direction`, shape (n,), is the displacement of each joint, with any length except 0.
+        Raises ValueError like `limits`.
         """
         self._check(limits)
         distances = np.abs(direction)
-        # The time that the joint that binds takes for the distance at full speed.
+        # The time that the slowest joint takes for the distance at full speed.
         time = float(np.max(distances / limits.velocity))
         tool = float(distances @ self.reach)
         if tool == 0.0 or time == 0.0:

@@ -1,8 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The planner as a process of its own: planning never delays the motion cycle.
+"""The planner in a separate process, so that planning never delays the motion cycle.
 
-If it dies or hangs, whoever asked gets no plan, the controller is told, and it is started again.
+If the process dies or stalls, the pending request gets no plan, the controller is notified, and
+the process is restarted.
 """
 
 import asyncio
@@ -24,16 +25,16 @@ from epson_driver.processes.worker import (
 from epson_driver.sim_controller.arm.streaming import Answer
 
 START_TIMEOUT_S = 60.0
-"""Time to start the process, s. It takes about 0.5 s; this is for a busy machine."""
+"""Time allowed to start the process, s. It takes about 0.5 s on an idle machine."""
 
 PLAN_TIMEOUT_S = 5.0
-"""After this time without a plan, s, the process counts as hung and is killed."""
+"""Time without a plan, s, after which the process counts as stalled and is killed."""
 
 RESTART_DELAY_S = 1.0
-"""Pause before a process that has ended is started again, s."""
+"""Delay before a process that has ended is restarted, s."""
 
 EXIT_TIMEOUT_S = 0.5
-"""How long a process whose pipe has closed may take to end, s, so that its exit code is known."""
+"""Time allowed for the process to exit after its pipe has closed, s, to get its exit code."""
 
 WORKER = 'epson_driver.sim_controller.arm.planner_worker'
 
@@ -41,13 +42,13 @@ _log = logging.getLogger(__name__)
 
 
 class PlannerError(RuntimeError):
-    """The planner could not be started, or has ended. The text says how."""
+    """The planner could not be started, or has ended. The text gives the reason."""
 
 
 class PlannerProcess:
-    """Plans in a child process. Lives in the event loop.
+    """Planner in a child process, used from the event loop.
 
-    `limits` are those to begin with; the process keeps to the limits it was told last.
+    `limits` are the initial limits. The process uses the most recent ones that it received.
     """
 
     def __init__(self, limits: JointLimits) -> None:
@@ -58,12 +59,12 @@ class PlannerProcess:
 
     @property
     def ready(self) -> bool:
-        """Whether it can be asked."""
+        """Whether the process accepts a request."""
         return self._child is not None
 
     @property
     def pid(self) -> int | None:
-        """The id of the process, None while there is none."""
+        """Id of the process, or None if none is running."""
         return None if self._child is None else self._child.pid
 
     async def start(self) -> None:
@@ -84,7 +85,7 @@ class PlannerProcess:
                 await child.end()
 
     def ask(self, request: Request, limits: JointLimits, answer: Answer) -> None:
-        """Have a request planned, see `streaming.Planner`. Raises RuntimeError if it is busy."""
+        """Request a plan, see `streaming.Planner`. Raises RuntimeError if a request is pending."""
         if self._answer is not None:
             raise RuntimeError('the planner has a request already')
         if self._child is None:
@@ -101,9 +102,9 @@ class PlannerProcess:
         failed: Callable[[str], None],
         present: Callable[[], AbstractContextManager[object]] = nullcontext,
     ) -> None:
-        """Pass plans on, and when the process ends, call `failed` with the reason and restart it.
+        """Deliver plans. When the process ends, call `failed` with the reason and restart it.
 
-        Either happens within `present()`: whoever gets a plan knows what time it is.
+        Both happen within `present()`, so that the receiver of a plan sees the current time.
         """
         while True:
             if self._child is None:
@@ -173,7 +174,8 @@ class _Child:
     async def receive(self) -> Any:
         """Return the next answer.
 
-        Raises PlannerError that says how the process has ended, or what is wrong with its bytes.
+        Raises PlannerError with the exit reason of the process, or if the received bytes are
+        invalid.
         """
         try:
             return await next_value(self._answers, PASSED_TYPES)

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The process that plans: requests on stdin, plans on stdout, until stdin closes.
+"""The planning process: reads requests from stdin and writes plans to stdout until stdin closes.
 
-First come the joint limits, which are answered with None once everything is ready. Then each
-request comes with the limits to keep to from now on, or None for those so far.
+The joint limits come first. The process answers them with None once it is ready. Each request then
+comes with new limits, or with None for the previous ones.
 """
 
 import gc
@@ -35,7 +35,7 @@ def main() -> None:
 
 
 def _warm_up(limits: JointLimits) -> None:
-    """Plan a little, so that the first real plan takes no longer than the others."""
+    """Compute a small plan, so that the first real plan takes no longer than the others."""
     span = limits.position_max - limits.position_min
     smoother = Smoother(limits, limits.position_min + 0.5 * span)
     for index in range(1, 5):

@@ -1,18 +1,19 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Point-to-point motion, as SPEL+'s `Go`: along lines in joint space from rest to rest.
+"""Point-to-point motion like SPEL+'s `Go`: straight lines in joint space from rest to rest.
 
-A point taken is a `Go` statement. The rules:
-
-* A statement needs `statement_overhead` s from when it is taken until its motion begins. That is
-  hidden if the statement before is still executed then.
-* Without `cp` a statement is executed until the arm rests. With it (`Go … CP`) until its
-  deceleration begins: if the next one is known then, their motions overlap, where that exceeds no
-  limit; if not, the arm comes to rest first. `late_blend`: they also overlap if the next one comes
-  while the arm decelerates, as it does from a program that goes on then.
-* A statement with a `path` of its own goes along it, from rest to rest: it never overlaps.
-* Points are acknowledged when they are executed ('done'; the next is taken only then), or when
-  they are taken ('taken'; so many as `look_ahead_points` are taken ahead of the one executed).
+An accepted point is a `Go` statement. The rules:
+* A statement needs `statement_overhead` s from its acceptance to the start of its motion. This
+  time is hidden while the previous statement is still executing.
+* Without `cp` a statement is executed until the arm is at rest. With it (`Go … CP`) it is executed
+  until its deceleration starts. If the next statement is known by then, the two motions overlap as
+  far as no limit is exceeded. Otherwise the arm comes to rest first. With `late_blend` they also
+  overlap if the next statement arrives during the deceleration, as it does from a program that
+  continues at that moment.
+* A statement with a `path` follows it from rest to rest and never overlaps.
+* Points are acknowledged when they are executed ('done', and only then is the next one accepted)
+  or when they are accepted ('taken', with up to `look_ahead_points` accepted ahead of the
+  executing one).
 """
 
 from collections import deque
@@ -34,11 +35,12 @@ Stop = Motion | JointStop
 
 @dataclass(slots=True, eq=False)
 class Statement:
-    """A `Go`: its target, fractions of the limits, when its motion may begin, s.
+    """A `Go` statement: its target, fractions of the limits, and earliest start, s.
 
-    duration: how long it takes at least, s; 0: no matter. executed: whether the program goes on
-    after it, though the arm may still decelerate. begun: whether the arm has begun it. cp: whether
-    it is executed as soon as the arm decelerates. path: how it goes there, if not straight.
+    duration: its minimum duration, s (0: unspecified). executed: whether the program continues
+    after it, though the arm may still decelerate. begun: whether its motion has started. cp:
+    whether it counts as executed as soon as the arm decelerates. path: the path, unless it is
+    straight.
     """
 
     target: Array
@@ -54,9 +56,9 @@ class Statement:
 
 @dataclass(slots=True, eq=False)
 class Segment:
-    """The motion of a statement since `begin`, s, at a speed, at low power or not.
+    """The motion of a statement since `begin`, s, with its speed and power.
 
-    decelerates: whether its deceleration has begun, and the next statement with it.
+    decelerates: whether its deceleration has started, and the next statement with it.
     """
 
     statement: Statement
@@ -68,12 +70,12 @@ class Segment:
 
     @property
     def braking(self) -> float:
-        """When its deceleration begins, s."""
+        """Time at which its deceleration starts, s."""
         return self.begin + self.motion.braking
 
     @property
     def end(self) -> float:
-        """When it ends, s."""
+        """Time at which it ends, s."""
         return self.begin + self.motion.duration
 
 
@@ -86,26 +88,26 @@ class Brake:
 
     @property
     def end(self) -> float:
-        """When the arm stands, s."""
+        """Time at which the arm is at rest, s."""
         return self.begin + self.motion.duration
 
 
 OVERLAP_SHARE = 0.5
-"""With CP each move has this share of the acceleration, so that two of them may overlap."""
+"""Fraction of the acceleration that each move has with CP, so that two of them may overlap."""
 
 
 OVERLAP_ATTEMPTS = 4
-"""A timed move that overlaps is as much slower, so it may have to begin later: tried so often."""
+"""Maximum attempts to start a timed overlapping move: each one is slower and may start later."""
 
 
 class PointToPoint:
-    """An arm that goes from point to point, inside its limits.
+    """An arm that moves from point to point within its limits.
 
     `start` has shape (n,), rad. `speed` and `accel` are fractions (0, 1] of the limits (SPEL+
-    Speed, Accel); a point's own velocity can only make its move slower, its duration too if
-    `timed`. With `cp`, moves overlap, and each has at most half of the acceleration. `caps` is
-    what low power does; without, nothing. Raises ValueError for a start that is not n finite
-    angles within the limits, and for other fractions.
+    Speed, Accel). The velocity of a point can only make its move slower. The same holds for its
+    duration if `timed` is set. With `cp`, moves overlap, and each has at most half of the
+    acceleration. `caps` are the low-power caps (None: low power has no effect). Raises ValueError
+    unless `start` consists of n finite angles within the limits, and for other fractions.
     """
 
     def __init__(
@@ -137,8 +139,8 @@ class PointToPoint:
         self.begun = 0
         self._now = 0.0
         self._rest = go(limits, start, start, speed, accel).end
-        self._queue: deque[Statement] = deque()  # not begun
-        # Begun, and perhaps one that will begin before the last has ended. Two move at most.
+        self._queue: deque[Statement] = deque()  # not started
+        # Started segments. The last may start before the previous one ends. At most two move.
         self._segments: list[Segment] = []
         self._brake: Brake | None = None
         self._stopping = False
@@ -146,7 +148,7 @@ class PointToPoint:
 
     @property
     def speed(self) -> float:
-        """Speed of the points that are taken from now on, a fraction (0, 1] of the limits."""
+        """Speed of the points accepted from now on, a fraction (0, 1] of the limits."""
         return self._speed
 
     @speed.setter
@@ -156,7 +158,7 @@ class PointToPoint:
 
     @property
     def accel(self) -> float:
-        """Acceleration of the points taken from now on, a fraction (0, 1] of the limits."""
+        """Acceleration of the points accepted from now on, a fraction (0, 1] of the limits."""
         return self._accel
 
     @accel.setter
@@ -171,32 +173,32 @@ class PointToPoint:
 
     @property
     def still(self) -> bool:
-        """Whether the arm stands, with nothing that would move it: at rest, or held at rest."""
+        """Whether the arm is at rest and nothing will move it, including an arm paused at rest."""
         return not (self._segments or self._brake) and (self._held or not self._queue)
 
     @property
     def has_room(self) -> bool:
-        """Whether it takes another point now, which it does not while it brakes after `stop`."""
+        """Whether the arm accepts another point now. It does not while it brakes after `stop`."""
         return not self._stopping and self._unexecuted() < self._most
 
     @property
     def done(self) -> bool:
-        """Whether the point taken last may be answered."""
+        """Whether the last accepted point may be acknowledged."""
         return self._early or not (self._stopping or self._unexecuted())
 
     @property
     def due_in(self) -> float:
-        """Time until a motion begins, is executed or ends by itself, s, or inf."""
+        """Time until a motion starts, is executed or ends, s, or inf."""
         return self._due() - self._now
 
     @property
     def elapsed(self) -> float:
-        """How long the motion under way has taken until now, s, or 0."""
+        """Elapsed time of the current motion, s, or 0."""
         return self._now - self._segments[0].begin if self._segments else 0.0
 
     @property
     def destination(self) -> Array:
-        """Where the arm rests when it has done all that it knows of, shape (n,), rad."""
+        """Rest position after all known statements, shape (n,), rad."""
         if self._queue:
             return self._queue[-1].target.copy()
         if self._brake is not None:
@@ -206,7 +208,7 @@ class PointToPoint:
     @property
     def position(self) -> Array:
         """The commanded joint angles now, shape (n,), rad."""
-        # The last digit of a position on a line that ends at a limit may lie beyond it.
+        # Rounding can place the end of a line at a limit slightly beyond it.
         low, high = self.limits.position_min, self.limits.position_max
         position, _, _ = self._state()
         nearest: Array = np.minimum(
@@ -220,9 +222,9 @@ class PointToPoint:
         return self._state()[1]
 
     def take(self, point: Point) -> None:
-        """Go to a point after those taken before, without a motion if the arm is there.
+        """Accept a point, to be executed after the earlier ones. No motion if the arm is there.
 
-        Raises ValueError as `motion.go` does, and RuntimeError if there is no room.
+        Raises ValueError like `motion.go`, and RuntimeError if there is no room.
         """
         if not self.has_room:
             raise RuntimeError('there is no room for a point')
@@ -246,9 +248,9 @@ class PointToPoint:
                 self._blend()
 
     def stop(self) -> bool:
-        """Forget all points, brake as fast as the limits allow, and end a hold.
+        """Discard all points, brake as fast as the limits allow, and end a hold.
 
-        Return whether points that were answered are forgotten.
+        Return whether acknowledged points are discarded.
         """
         lost = [self._early or statement.executed for statement in self._statements()]
         self._queue.clear()
@@ -258,9 +260,9 @@ class PointToPoint:
         return any(lost)
 
     def hold(self) -> None:
-        """Brake on the path and stay there, keeping the points. Twice is no error.
+        """Brake on the path and stay there, keeping the points. Calling it twice is allowed.
 
-        Between two lines there is no path: the joints brake each by itself.
+        Between two lines no path exists, so each joint brakes independently.
         """
         if not self._held:
             self._held = True
@@ -268,11 +270,11 @@ class PointToPoint:
             self._begin_brake()
 
     def resume(self) -> None:
-        """Go on after `hold` from rest, to the first target that was not reached."""
+        """Resume after `hold` from rest, towards the first target that was not reached."""
         self._held = False
 
     def settle(self, position: Array) -> None:
-        """Stand at another position within the limits, shape (n,), rad.
+        """Set the position, shape (n,), rad, within the limits.
 
         Raises RuntimeError if the arm moves or has points, ValueError for another position.
         """
@@ -282,9 +284,9 @@ class PointToPoint:
         self._rest = position.copy()
 
     def step(self, dt: float) -> float | None:
-        """Let `dt` ≥ 0 s pass, until a point is executed or the arm rests.
+        """Advance by `dt` ≥ 0 s, until a point is executed or the arm is at rest.
 
-        Return how much of it was left then, s; None if there was no such moment.
+        Return the time left, s, or None if neither happened within `dt`.
         """
         if not self.moving:
             return dt
@@ -318,10 +320,10 @@ class PointToPoint:
     def _unexecuted(self) -> int:
         return sum(not statement.executed for statement in self._statements())
 
-    # What happens when.
+    # Events and their times.
 
     def _due(self) -> float:
-        """Return when something happens next, s."""
+        """Return the time of the next event, s."""
         if self._brake is not None:
             return self._brake.end
         if self._segments:
@@ -331,7 +333,7 @@ class PointToPoint:
         return self._queue[0].ready if self._queue and not self._held else inf
 
     def _happen(self) -> None:
-        """Do what is due."""
+        """Process the event that is due."""
         if self._brake is not None:
             self._rest = self._brake.motion.end
             self._brake = None
@@ -364,9 +366,9 @@ class PointToPoint:
         statement.begun = True
 
     def _segment(self, statement: Statement, start: Array, overlap: float = 0.0) -> Segment:
-        """Return the move of a statement that begins now.
+        """Return the move of a statement that starts now.
 
-        It ends the statement's duration after the move before, which it overlaps by `overlap` s.
+        It ends the statement's duration after the previous move, which it overlaps by `overlap` s.
         """
         if statement.path is not None:
             along = statement.path(start, self.low_power)
@@ -375,7 +377,7 @@ class PointToPoint:
         if self.low_power and self._caps is not None:
             speed = min(speed, self._caps.speed(self.limits, statement.target - start))
             most = self._caps.fraction
-        # With CP two moves overlap: each may have half of what the arm can do.
+        # With CP two moves overlap, and each may use half of the acceleration.
         overlaps = statement.cp or bool(self._segments)
         accel = min(accel, OVERLAP_SHARE * most if overlaps else most)
         ends = (self.limits, start, statement.target)
@@ -384,7 +386,7 @@ class PointToPoint:
         return Segment(statement, motion, self._now, speed, self.low_power)
 
     def _blend(self) -> None:
-        """Let the next move overlap the deceleration of the last segment, which begins now."""
+        """Start the next move during the deceleration of the last segment, which starts now."""
         last = self._segments[-1]
         self._skip(last.motion.end)
         if not self._queue or self.low_power is not last.low_power:
@@ -408,9 +410,9 @@ class PointToPoint:
             overlap = last.end - begin
 
     def _overlap_begin(self, last: Segment, segment: Segment, earliest: float) -> float:
-        """Return when a segment may begin, `earliest` or later, s: no two overlap."""
+        """Return the earliest permitted start of a segment, s, not before `earliest`."""
         caps = self._caps if self.low_power else None
-        # What has a path of its own does not come here.
+        # Statements with a path never overlap, so both are lines.
         assert isinstance(last.motion, LineMotion)  # noqa: S101
         assert isinstance(segment.motion, LineMotion)  # noqa: S101
         return last.begin + blend_start(

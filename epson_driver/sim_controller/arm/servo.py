@@ -3,8 +3,8 @@
 """The servos and encoders: from commanded to reported joint positions.
 
 Each joint follows its command with a first-order lag, solved exactly for a command that is linear
-from step to step. What such a joint does is a mean of what was commanded before: it never exceeds
-the command's velocity, acceleration or jerk, and never overshoots.
+between steps. The joint's motion is a weighted mean of earlier commands. So it never exceeds the
+command's velocity, acceleration or jerk, and never overshoots.
 """
 
 import math
@@ -14,22 +14,24 @@ import numpy as np
 from epson_driver.motion import Array
 
 SETTLE_JERK = 10.0
-"""A joint is set to its command once that, within one step, needs less jerk than this, rad/s³."""
+"""Jerk within one step, rad/s³, below which a joint is set to its command."""
 
 SETTLE_DISTANCE = 1e-12
-"""A joint this close, rad, is set to its command however short the step is."""
+"""Distance, rad, at which a joint is set to its command whatever the step."""
 
 MIN_STEP_S = 1e-9
-"""A shorter step, s, counts as none: the command's change counts in the next step."""
+"""Shortest step, s.
+
+A shorter one is ignored, and its change of command counts in the next step.
+"""
 
 
 class Servo:
-    """The servos of n joints, which stand at `start`, shape (n,), rad, at first.
+    """The servos of n joints, initially at rest at `start`, shape (n,), rad.
 
-    `lag` ≥ 0: how many s the joints are behind the command; 0 is not at all. `encoder`: whether
-    reported positions are whole pulses, by `pulses`, shape (n,), per rad (or m), NaN
-    where that is not known. Raises
-    ValueError for other numbers.
+    `lag` ≥ 0 is the delay of the joints behind the command, s (0: none). `encoder` rounds the
+    reported positions to whole pulses, with `pulses`, shape (n,), per rad (or m), NaN where
+    unknown. Raises ValueError for other numbers.
     """
 
     def __init__(self, start: Array, pulses: Array, lag: float, encoder: bool) -> None:
@@ -68,7 +70,7 @@ class Servo:
 
     @property
     def settled(self) -> bool:
-        """Whether all joints stand exactly at a command that does not change."""
+        """Whether all joints are at rest exactly at a constant command."""
         return self._settled
 
     @property
@@ -77,7 +79,7 @@ class Servo:
         return self._actual
 
     def step(self, commanded: Array, dt: float) -> None:
-        """Let `dt` ≥ 0 s pass, in which the command became `commanded`, shape (n,), rad."""
+        """Advance by `dt` ≥ 0 s, while the command changes to `commanded`, shape (n,), rad."""
         unchanged = bool((commanded == self._command).all())
         if self._settled and unchanged:
             return
@@ -91,7 +93,7 @@ class Servo:
             self._velocity = speed
             self._arrive(unchanged)
             return
-        # Behind a command of constant speed a joint is one lag; the rest dies away.
+        # Behind a command of constant speed a joint lags by `behind`. The rest decays.
         behind = self._lag * speed
         lag = behind + (before - self._actual - behind) * math.exp(-dt / self._lag)
         self._actual = commanded - lag
@@ -105,16 +107,16 @@ class Servo:
         self._settled = settled
 
     def freeze(self, joint: int | None) -> None:
-        """Freeze the encoder of a joint (index from 0), or with None let all work again."""
+        """Freeze the encoder of a joint (index from 0). None unfreezes all encoders."""
         if joint is None:
             self._frozen.clear()
         else:
             self._frozen.setdefault(joint, float(self.position[joint]))
 
     def jump(self, position: Array) -> None:
-        """Let the joints stand elsewhere, shape (n,), rad: pushed, or the controller was off.
+        """Move the joints, shape (n,), rad, as after a push or while the controller was off.
 
-        They go back to the command that comes with the next step.
+        They return to the command with the next step.
         """
         self._actual = position.copy()
         self._velocity = self._rest
@@ -122,7 +124,7 @@ class Servo:
         self._pushed = True
 
     def place(self, position: Array) -> None:
-        """Put the joints, which have no power, elsewhere, shape (n,), rad."""
+        """Set the position of joints without power, shape (n,), rad."""
         self._command = position.copy()
         self._arrive(settled=True)
         self._velocity = self._rest

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The arm as a whole: commanded motion, recovery after the door, joints that follow."""
+"""The complete arm: commanded motion, recovery after an open door, and joints that follow."""
 
 from collections.abc import Callable
 
@@ -13,9 +13,9 @@ from epson_driver.sim_controller.arm.servo import Servo
 
 
 class Recovery:
-    """A slow move in joint space from where the arm stands to where its motion goes on.
+    """A slow move in joint space from the current position to where the motion resumes.
 
-    `start` and `target` have shape (n,), rad; `caps` are those of low power.
+    `start` and `target` have shape (n,), rad. `caps` are the low-power caps.
     """
 
     def __init__(self, limits: JointLimits, start: Array, target: Array, caps: LowPower) -> None:
@@ -35,23 +35,23 @@ class Recovery:
         return self._time >= self._motion.duration
 
     def stop(self) -> None:
-        """Brake on the way."""
+        """Brake on the path."""
         if not self._stopping:
             self._stopping = True
             self._motion = self._motion.stop(self._time)
             self._time = 0.0
 
     def step(self, dt: float) -> None:
-        """Let `dt` ≥ 0 s pass."""
+        """Advance by `dt` ≥ 0 s."""
         self._time += dt
 
 
 class SimulatedArm:
-    """An arm that executes points, and its servos.
+    """An arm that executes points, with its servos.
 
-    `executor` says where the joints are to be; the servos follow. After the door has interrupted
-    a motion, the arm goes back within `caps` to where that happened; the executor waits meanwhile.
-    While it is lent, another executor says where the joints are to be.
+    `executor` commands the joints, and the servos follow. After an open door has interrupted a
+    motion, the arm returns within `caps` to the point of interruption while the executor waits.
+    `lend` lets another executor command the joints temporarily.
     """
 
     def __init__(self, executor: Executor, servo: Servo, caps: LowPower) -> None:
@@ -59,33 +59,33 @@ class SimulatedArm:
         self.servo = servo
         self._caps = caps
         self._recovery: Recovery | None = None
-        self._pushed: Array | None = None  # where it was pushed to while it had no power
+        self._pushed: Array | None = None  # the position after a push without power
 
     @property
     def in_motion(self) -> bool:
-        """Whether it moves, or is about to."""
+        """Whether the arm moves or is about to move."""
         moves = not self.executor.still if self._recovery is None else not self._recovery.still
         return moves or not self.servo.settled
 
     @property
     def moving(self) -> bool:
-        """Whether it moves or has somewhere to go, be it after a pause."""
+        """Whether the arm moves or has a target, possibly after a pause."""
         return self.executor.moving or self.in_motion
 
     @property
     def commanded(self) -> Array:
-        """Where the joints are to be now, shape (n,), rad."""
+        """The commanded joint positions now, shape (n,), rad."""
         if self._recovery is not None:
             return self._recovery.position
         return self.executor.position if self._pushed is None else self._pushed
 
     def step(self, dt: float, execute: Callable[[float], None]) -> None:
-        """Let `dt` ≥ 0 s pass.
+        """Advance by `dt` ≥ 0 s.
 
-        The time is for whoever commands the joints now. On the way back after the door that is
-        the recovery. At all other times it is the executor, but it is `execute`, the program's
-        `step`, that gets the time: only the program knows the point that follows when one is done
-        within `dt`. Last, the servos follow what is commanded then.
+        The recovery gets the time while the arm returns after an open door. At all other times
+        `execute`, the program's `step`, gets it instead of the executor, because only the program
+        knows the next point when one is done within `dt`. Finally the servos follow the resulting
+        command.
         """
         if self._recovery is not None:
             if not self.executor.moving:  # its points are gone: there is nothing to go back for
@@ -96,7 +96,7 @@ class SimulatedArm:
         self.servo.step(self.commanded, dt)
 
     def lend(self, executor: Executor) -> None:
-        """Let another executor move the arm, which must stand, until that rests."""
+        """Switch to another executor until it is at rest. The arm must be at rest now."""
         if self.executor is not executor:
             executor.settle(self.commanded)
             self._hand_over(executor)
@@ -117,21 +117,24 @@ class SimulatedArm:
             self._recovery.stop()
 
     def go_back(self) -> None:
-        """Go slowly back to where the motion goes on, or go on at once if the arm is there."""
+        """Start the slow return to where the motion resumes.
+
+        An arm that is already there resumes.
+        """
         way = (self.commanded, self.executor.position)
         self._recovery = Recovery(self.executor.limits, *way, self._caps)
 
     def went_back(self) -> None:
-        """End the recovery of a standing arm, whether it is complete or not."""
+        """End the recovery of an arm at rest, complete or not."""
         stands = self.commanded
         self._recovery = self._pushed = None
         if not self.executor.moving and not np.array_equal(stands, self.executor.position):
             self.executor.settle(stands)
 
     def push(self, angles: Array, powered: bool) -> None:
-        """Push the joints elsewhere, shape (n,), rad, within the limits.
+        """Push the joints to a position, shape (n,), rad, within the limits.
 
-        With power the servos push back; without, the arm stays there. It must stand then.
+        With power the servos push back. Without power the arm stays there, and it must be at rest.
         """
         if powered:
             self.servo.jump(angles)
@@ -141,7 +144,7 @@ class SimulatedArm:
         self.servo.place(angles)
 
     def rest(self) -> None:
-        """Let the executor begin where the arm stands, if there are no points to go to."""
+        """Set the executor to the current position, if the arm is at rest without points."""
         if not self.in_motion and not self.executor.moving:
             self.went_back()
             if self.executor is not self.own:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Smooth motion: the arm goes through points that are known ahead, without a stop."""
+"""Smooth motion through points that are known in advance, without a stop."""
 
 from collections import deque
 from collections.abc import Callable
@@ -19,10 +19,10 @@ from epson_driver.sim_controller.arm.executor import Point
 class DeadlineCounters:
     """Counts since the start.
 
-    deadline_misses: motion cycles that came a whole period late. late_plans: plans of smooth
-    motion that came after they should have begun; the plan before went on then.
-    planner_failures: how often the planner died or found no way. violations: how often smooth
-    motion was not what was planned, and was braked before it broke a limit.
+    deadline_misses: motion cycles that were late by a whole period. late_plans: plans of smooth
+    motion that arrived after their start time, so the previous plan continued. planner_failures:
+    times the planner died or found no path. violations: times that smooth motion deviated from its
+    plan and was braked before it exceeded a limit.
     """
 
     deadline_misses: int = 0
@@ -42,10 +42,10 @@ class DeadlineCounters:
 
 
 MAX_ATTEMPTS = 10
-"""Plans from rest that may fail one after the other before that counts as a failure."""
+"""Consecutive failed plans from rest that count as a planner failure."""
 
 ACKNOWLEDGE = ('taken', 'done')
-"""When a point may be answered: when the arm has taken it, or when it rests there."""
+"""When a point may be acknowledged: when the arm has accepted it, or when it is at rest there."""
 
 Answer = Callable[[Plan | None], None]
 
@@ -53,25 +53,27 @@ INITIAL_LATENCY_S = 0.04
 MIN_LATENCY_S = 0.01
 MAX_LATENCY_S = 0.15
 PERCENTILE, MARGIN_FACTOR = 90.0, 1.3
-"""The latency is this percentile of the times of recent plans, times this. A plan that takes
-longer than others is late, and costs nothing but itself: the plan so far goes on."""
+"""The latency is this percentile of recent planning times, multiplied by this factor.
+
+A plan that takes longer is late. The previous plan then continues, and nothing else is lost.
+"""
 
 LATE_FACTOR = 1.5
-"""After a plan that came too late, it is at least the latency before times this."""
+"""Minimum latency after a late plan, as a multiple of the previous latency."""
 
 MAX_RECENT_PLANS = 32
-"""How many plans are remembered; in motion there is one about every 30 ms."""
+"""Number of planning times kept. In motion a plan takes place about every 30 ms."""
 
 
 class PlanningLatency:
-    """The latency to plan with, s, from how long the recent plans took."""
+    """The expected planning latency, s, from the times of recent plans."""
 
     def __init__(self) -> None:
         self.value = INITIAL_LATENCY_S
         self._recent = deque([INITIAL_LATENCY_S / MARGIN_FACTOR], MAX_RECENT_PLANS)
 
     def took(self, seconds: float, late: bool = False) -> None:
-        """Adapt to how long a plan took, s, and whether it came too `late` to be used."""
+        """Adapt to a planning time, s. `late` marks a plan that arrived too late to be used."""
         self._recent.append(seconds)
         wanted = MARGIN_FACTOR * float(np.percentile(self._recent, PERCENTILE))
         if late:
@@ -80,39 +82,36 @@ class PlanningLatency:
 
 
 class Planner(Protocol):
-    """The planner, which takes one request at a time."""
+    """The planner, which accepts one request at a time."""
 
     @property
     def ready(self) -> bool:
-        """Whether it takes requests."""
+        """Whether the planner accepts a request."""
 
     def ask(self, request: Request, limits: JointLimits, answer: Answer) -> None:
-        """Have a request planned within limits, at once or elsewhere.
+        """Request a plan within limits, computed immediately or in another process.
 
         `answer` is called exactly once.
         """
 
 
 class Streaming:
-    """An arm that goes smoothly through streamed points, inside its limits.
+    """An arm that moves smoothly through streamed points within its limits.
 
-    Points are taken while less than `look_ahead` s and fewer than `look_ahead_points` points are
-    known ahead of the arm, none while it is held or brakes. With `acknowledge` 'done' it knows one
-    point at a time, and rests at each.
+    Points are accepted while less than `look_ahead` s and fewer than `look_ahead_points` points
+    are known ahead of the arm, and none during a hold or while it brakes. With `acknowledge`
+    'done' the arm knows one point at a time and stops at each.
+    `uses` selects the fields of a point. The duration is respected within the limits. Without one,
+    the velocity is a fraction of the joints' speed in (0, 1). Without either, the arm is as fast
+    as the limits allow. If neither field is used, each move has the duration that it needs at the
+    fraction `speed`. SPEL+'s Speed and Accel are for point-to-point motion. In all other cases
+    `speed` has no effect, and `accel` never has one.
 
-    `uses` says which fields of a point count. The duration is kept where the limits allow that;
-    without one, the velocity is a fraction of the joints' speed in (0, 1), and without that too
-    the arm is as fast as the limits allow. Where nothing counts, every way takes what it needs at
-    the fraction `speed`. SPEL+'s Speed and Accel are for point-to-point motion: else `speed` does
-    not count, and `accel` never does.
-
-    `low_power_limits` count instead of `limits` in every motion that begins at rest while
-    `low_power` is set; their position limits must be the same. None: low power is no less.
-
-    `failed` is told why when no plan is found at rest again and again, and when the smoother
-    averted the violation of a limit. Raises ValueError for a
-    start that is not n finite angles within the limits, and for other values of `acknowledge` and
-    `uses`.
+    `low_power_limits` replace `limits` in every motion that starts from rest while `low_power` is
+    set. Their position limits must be the same. None: low power has the same limits.
+    `failed` gets the reason when repeatedly no plan is found at rest, and when the smoother
+    prevents the violation of a limit. Raises ValueError unless `start` consists of n finite angles
+    within the limits, and for other values of `acknowledge` and `uses`.
     """
 
     def __init__(
@@ -153,7 +152,7 @@ class Streaming:
         self._now = 0.0
         self._held = False
         self._braking = False
-        # The request that the planner has, since when, and whether it was forgotten meanwhile.
+        # The planner's pending request, its start time, and whether it has been discarded.
         self._request: Request | None = None
         self._asked_at = 0.0
         self._forgotten = False
@@ -161,7 +160,7 @@ class Streaming:
         self._place(start)
 
     def _place(self, position: Array) -> None:
-        """Stand at a position, without any points."""
+        """Set the position, without any points."""
         self._smoother = Smoother(
             self._power_limits[self.low_power],
             position,
@@ -196,12 +195,12 @@ class Streaming:
 
     @property
     def still(self) -> bool:
-        """Whether the arm stands, with nothing that would move it: at rest, or held at rest."""
+        """Whether the arm is at rest and nothing will move it, including an arm paused at rest."""
         return not self.moving or (self._held and self._smoother.at_rest)
 
     @property
     def has_room(self) -> bool:
-        """Whether little enough is known ahead and the arm neither is held nor brakes."""
+        """Whether the points ahead are few enough, and the arm is neither paused nor braking."""
         if self._held or self._braking:
             return False
         if self._one_by_one:
@@ -213,13 +212,13 @@ class Streaming:
 
     @property
     def done(self) -> bool:
-        """Whether the point taken last may be answered."""
+        """Whether the last accepted point may be acknowledged."""
         return not (self._one_by_one and self.moving)
 
     def take(self, point: Point) -> None:
-        """Go on to a point, which with a sequence of 0 begins a new trajectory from rest.
+        """Accept a point. A sequence of 0 starts a new trajectory from rest.
 
-        Raises ValueError as `Smoother.append` does.
+        Raises ValueError like `Smoother.append`.
         """
         self._keep_to_power()
         if point.sequence == 0:
@@ -231,10 +230,10 @@ class Streaming:
         self._taken += 1
 
     def stop(self) -> bool:
-        """Forget all points and come to rest, on the path if that can be verified.
+        """Discard all points and come to rest, on the path if that can be verified.
 
-        It ends a hold too. Return whether the arm was not at the last of the points yet, and they
-        may have been answered.
+        It also ends a hold. Return whether the arm was short of the last point and points may have
+        been acknowledged.
         """
         lost = self.moving and not self._braking and not self._one_by_one
         self._taken = self.begun
@@ -246,9 +245,9 @@ class Streaming:
         return lost
 
     def hold(self) -> None:
-        """Brake on the path and stay there, keeping the points and taking none.
+        """Brake on the path and stay there, keeping the points and accepting none.
 
-        An arm that brakes already goes on with that.
+        An arm that brakes already continues to do so.
         """
         if not self._held:
             self._held = True
@@ -256,21 +255,21 @@ class Streaming:
             self._forget_request()
 
     def resume(self) -> None:
-        """Go on after `hold`, to the same points. The time that has passed is not made up for."""
+        """Resume after `hold`, towards the same points. The lost time is not made up for."""
         self._held = False
         self._smoother.resume()
 
     def settle(self, position: Array) -> None:
-        """Stand at another position, shape (n,), rad: the arm was moved while it had no power.
+        """Set the position, shape (n,), rad, after the arm was moved without power.
 
-        Raises RuntimeError while it moves or has points to go to, ValueError as the constructor.
+        Raises RuntimeError while it moves or has points, ValueError like the constructor.
         """
         if self.moving:
             raise RuntimeError('the arm moves or has points to go to: it cannot be moved by hand')
         self._place(position)
 
     def step(self, dt: float) -> None:
-        """Let `dt` ≥ 0 s pass, and ask for a plan if there is something to plan."""
+        """Advance by `dt` ≥ 0 s, and request a plan if one is needed."""
         self._now += dt
         violations = self._smoother.violations
         self._smoother.step(dt)
@@ -289,7 +288,7 @@ class Streaming:
                 self._planner.ask(request, self._smoother.limits, self._answered)
 
     def _averted(self) -> None:
-        """Say that the smoother brakes instead of breaking a limit: its points are lost."""
+        """Report that the smoother brakes instead of exceeding a limit. Its points are lost."""
         self._timing.violations += 1
         self._forget_request()
         self._braking = self._smoother.moving
@@ -297,7 +296,7 @@ class Streaming:
         self._failed(f'the arm brakes: {self._smoother.violation}')
 
     def _keep_to_power(self) -> None:
-        """Change to the limits of low or high power, at rest only."""
+        """Apply the limits of low or high power, at rest only."""
         limits = self._power_limits[self.low_power]
         if limits is not self._smoother.limits and self._smoother.at_rest:
             self._smoother.change_limits(limits)

@@ -13,15 +13,15 @@ from epson_driver.simple_message import ByteOrder, CommType
 _WORD_BYTES = 4
 _HEADER_BYTES = 16
 _COMM_TYPE_OFFSET = 8
-"""Where the comm_type stands in a frame, after length and msg_type."""
+"""Offset of the comm_type in a frame, after length and msg_type."""
 
 
 @dataclass(slots=True)
 class OutgoingMessage:
     """One message to the client: its remaining bytes, and how to send them.
 
-    No `data`: it is lost. It is held for `delay` s; then, if `gather` > 0, until what is gathered
-    in that many s is sent as one piece.
+    Empty `data`: the message is lost. It is delayed by `delay` s. If `gather` > 0, all messages of
+    the following `gather` s are sent in one piece.
     """
 
     data: bytes
@@ -54,12 +54,12 @@ def coalesce(outgoing: OutgoingMessage, fault: Fault, _chance: random.Random) ->
 
 
 def one_byte(outgoing: OutgoingMessage, _fault: Fault, _chance: random.Random) -> None:
-    """Send each byte by itself."""
+    """Send the message byte by byte."""
     outgoing.one_byte = True
 
 
 def bit_errors(outgoing: OutgoingMessage, fault: Fault, chance: random.Random) -> None:
-    """Flip `bits` different bits in the share `rate` of the messages."""
+    """Flip `bits` different bits in the fraction `rate` of the messages."""
     if chance.random() >= fault.number('rate'):
         return
     data = bytearray(outgoing.data)
@@ -70,7 +70,7 @@ def bit_errors(outgoing: OutgoingMessage, fault: Fault, chance: random.Random) -
 
 
 def wrong_length(outgoing: OutgoingMessage, fault: Fault, _chance: random.Random) -> None:
-    """Write `value`, or the true length and `add`, where the length stands."""
+    """Overwrite the length field with `value`, or with the true length plus `add`."""
     order = byte_order(outgoing.data)
     if order is None:  # another fault has been here before
         return
@@ -99,11 +99,11 @@ DISTURBANCES: dict[str, Disturbance] = {
     'late_reply': delay,
     'wrong_byte_order': wrong_byte_order,
 }
-"""The fault's name → what it does to a message that it strikes."""
+"""Fault name → its effect on an affected message."""
 
 
 def byte_order(message: bytes) -> ByteOrder | None:
-    """Return the order in which the length of a whole message is right, None if in none."""
+    """Return the byte order in which the length of a whole message is right, or None."""
     if len(message) < _WORD_BYTES:
         return None
     for order in ByteOrder:

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The kinds of faults, as one table: effect, ports and parameters of each.
 
-A fault disturbs what the controller sends, cuts or silences its connections, or is a failure of
-the controller itself. No fault changes a byte that a client has sent: what a session receives is
-what was sent, or nothing. So no fault can make a motion of its own.
+A fault disturbs the controller's messages, cuts or silences its connections, or is a failure of
+the controller. No fault changes a byte from a client: a session receives the bytes that were sent,
+or nothing. So no fault can cause a motion.
 """
 
 from collections.abc import Mapping
@@ -13,25 +13,25 @@ from dataclasses import dataclass
 from epson_driver.simple_message import MAX_JOINTS
 
 DATA_PORTS = ('motion', 'state', 'io')
-"""The ports that carry messages; `all` of them by default."""
+"""The ports that carry messages. `all` of them is the default."""
 
 REMOTE_PORT = 'remote'
-"""The port through which a person clears faults: disturbed only if it is named, and for a time."""
+"""The port through which users clear faults. It is disturbed only if named, and temporarily."""
 
 MAX_SECONDS = 3600.0  # s
 MAX_COUNT = 1_000_000
 
 Value = float | None
-"""A parameter's value; None: not given, and its text says what holds then."""
+"""A parameter's value. None: not specified, and the parameter's text describes the default."""
 
 
 class FaultError(ValueError):
-    """A fault that cannot be. The text names the fault, the parameter, its value and the limit."""
+    """An invalid fault. The text names the fault, the parameter, its value and the limit."""
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One parameter: a number from `low` to `high`, whole or not, or one of the `choices`."""
+    """One parameter: a number from `low` to `high`, `whole` or not, or one of the `choices`."""
 
     name: str
     text: str
@@ -52,7 +52,7 @@ class Parameter:
         return f'a {number} from {self.low:.12g} to {self.high:.12g}{unit}'
 
     def read(self, text: str) -> float:
-        """Return the value of a text. Raises ValueError, without words, if it is none."""
+        """Return the value of a text. Raises ValueError without a message if it is invalid."""
         if self.choices:
             return self.choices.index(text)
         value = int(text) if self.whole else float(text)
@@ -61,7 +61,7 @@ class Parameter:
         return value
 
     def write(self, value: float) -> str:
-        """Return the text from which `read` makes the value."""
+        """Return the text that `read` converts to the value."""
         if self.choices:
             return self.choices[int(value)]
         return str(int(value)) if float(value).is_integer() else repr(value)
@@ -69,10 +69,10 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One kind of fault. `ports` are those that it can act on, if any.
+    """One kind of fault. `ports` are the ports that it can affect.
 
-    `replies` limits it to replies to requests. `boots`: every connection ends, that of the person
-    who asked for it too, and nothing ends it early.
+    `replies` limits it to replies to requests. `boots`: it closes every connection, including the
+    requester's, and cannot be ended early.
     """
 
     text: str
@@ -85,7 +85,7 @@ class Kind:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A fault with all its values, and the ports it acts on. Made by `fault_text.parse`."""
+    """A fault with all its values and the ports it affects. Created by `fault_text.parse`."""
 
     name: str
     values: Mapping[str, Value]
@@ -97,7 +97,7 @@ class Fault:
         return FAULTS[self.name]
 
     def number(self, name: str) -> float:
-        """Return a value, or 0 for one that this fault lacks or that is not given."""
+        """Return a value, or 0 if the fault lacks it or it is not specified."""
         return self.values.get(name) or 0.0
 
 
@@ -133,7 +133,7 @@ def _joint(text: str, default: int, low: int) -> Parameter:
 
 
 def _on_links(text: str, *parameters: Parameter) -> Kind:
-    """Return a fault of connections, which may be asked for on the remote port too."""
+    """Return a fault of connections, which may be requested for the remote port too."""
     return Kind(text, (*parameters, AFTER), (*DATA_PORTS, REMOTE_PORT), DATA_PORTS)
 
 
@@ -246,4 +246,4 @@ FAULTS: dict[str, Kind] = {
         boots=True,
     ),
 }
-"""Name → what it is. The first parameter of each may be given without its name."""
+"""Name → kind of fault. The name of each fault's first parameter may be omitted."""

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Faults as text, in both directions: a name, then `key=value` as often as needed.
+"""Faults as text, in both directions: a name, followed by any number of `key=value`.
 
-The parts are separated by spaces, commas or a colon, so that one parser reads what stands on a
-command line (`delay:seconds=0.2,port=state`), what is said to the pendant (`delay seconds=0.2`)
-and what comes through the remote port. The first parameter needs no name: `estop_at_point 3`.
+Spaces, commas or a colon separate the parts. One parser therefore reads the command line
+(`delay:seconds=0.2,port=state`), the pendant's input (`delay seconds=0.2`) and the remote port.
+The first parameter needs no name: `estop_at_point 3`.
 """
 
 import re
@@ -23,16 +23,16 @@ from epson_driver.sim_controller.faults.fault_kinds import (
 )
 
 COLUMNS = 80
-"""Of a description."""
+"""Line width of a description."""
 
 _MAX_QUOTED_CHARACTERS = 40
-"""Characters of a wrong text that an error repeats."""
+"""Maximum characters of an invalid text that an error repeats."""
 
 
 def parse(text: str) -> Fault:
     """Return the fault that a text names, with defaults for missing parameters.
 
-    Raises FaultError, which names the parameter, its value and what is allowed.
+    Raises FaultError with the parameter, its value and the allowed range.
     """
     name, *parts = [part for part in re.split(r'[\s,:]+', text.lower()) if part] or ['']
     if name not in FAULTS:
@@ -58,7 +58,7 @@ def parse(text: str) -> Fault:
 
 
 def on_ports(fault: Fault, ports: tuple[str, ...]) -> Fault:
-    """Return the fault on these ports. Raises FaultError for one that nobody could clear."""
+    """Return the fault on these ports. Raises FaultError if no client could clear it."""
     if REMOTE_PORT in ports and not fault.number('for'):
         raise FaultError(
             f'{fault.name}: port = remote needs for = … s, more than 0: nobody could clear it'
@@ -67,7 +67,7 @@ def on_ports(fault: Fault, ports: tuple[str, ...]) -> Fault:
 
 
 def write(fault: Fault) -> str:
-    """Return the text of a fault, with its port, without parameters that are 0 or not given."""
+    """Return the text of a fault with its port, omitting parameters that are 0 or None."""
     parts = [fault.name]
     for parameter in fault.kind.parameters:
         value = fault.values[parameter.name]
@@ -118,7 +118,7 @@ def _value(name: str, parameter: Parameter, text: str | None) -> Value:
 
 
 def _ports(name: str, kind: Kind, text: str) -> tuple[str, ...]:
-    """Return the ports named, in the table's order. `all` leaves out the remote port."""
+    """Return the ports named, in the table's order. `all` excludes the remote port."""
     if text == 'all':
         return tuple(port for port in kind.ports if port != REMOTE_PORT)
     named = text.split('+')

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Faults on demand: which are active, when they begin and end, which messages they strike.
+"""Faults on demand: their activation, their start and end, and the affected messages.
 
-The controller's clock says when, a seed decides what is random: each connection draws from a
-generator of its own, made of the seed, the fault and how many connections its port had before.
+Timing uses the controller's clock, and randomness uses a seed. Each connection has a separate
+random generator, seeded by the seed, the fault and the connection's number on its port.
 """
 
 import logging
@@ -18,10 +18,10 @@ from epson_driver.sim_controller.faults.fault_kinds import FAULTS, REMOTE_PORT, 
 from epson_driver.sim_controller.faults.fault_text import on_ports, parse, write
 
 MAX_ACTIVE_FAULTS = 16
-"""Faults at a time, those included that have not begun."""
+"""Maximum number of simultaneous faults, including those that have not started."""
 
 ANSWER_TIME_S = 0.1
-"""A fault of the remote port begins so much later, s: the command is answered first."""
+"""Start delay of a fault of the remote port, s, so that the command is answered first."""
 
 __all__ = ['Actions', 'ActiveFault', 'Fault', 'FaultError', 'Faults', 'Transport', 'parse']
 
@@ -29,34 +29,37 @@ _log = logging.getLogger(__name__)
 
 
 class Actions(Protocol):
-    """The controller's own part in faults. None of these is refused or moves the arm.
+    """The controller's side of faults. No call is refused or moves the arm.
 
     Joints are indices, from 0.
     """
 
     def freeze(self, joint: int | None) -> None:
-        """Freeze the reported position of this joint too, or with None of none."""
+        """Freeze the reported position of this joint too. None unfreezes all joints."""
 
     def servo_error(self, joint: int, critical: bool = False) -> None:
-        """Let a joint's servo fail, which takes the power from the motors."""
+        """Trigger a joint's servo error, which switches the motors off."""
 
     def press_estop(self) -> None:
         """Press the E-stop. It may be pressed already."""
 
     def reboot(self, seconds: float) -> None:
-        """Switch off, closing all connections, and be up again after `seconds` s."""
+        """Switch off, closing all connections, and restart after `seconds` s."""
 
 
 class Transport(Protocol):
-    """A connection as faults see it: `FaultyTransport`."""
+    """A connection as seen by faults: `FaultyTransport`."""
 
     port: str
 
     def changed(self, release: bool) -> None:
-        """Apply a change of the active faults, sending with `release` what none holds back."""
+        """Apply a change of the active faults.
+
+        `release` sends messages that none delays any longer.
+        """
 
     def cut(self) -> None:
-        """Close the connection at once."""
+        """Close the connection immediately."""
 
 
 class ActiveFault:
@@ -67,7 +70,7 @@ class ActiveFault:
         self.number = number
         self.begun = False
         self.until: Timer | None = None
-        """When it begins, or once it has begun, when it ends."""
+        """Timer of its start, or of its end once it has started."""
         self._seed = seed
         self._to_pass = int(fault.number('skip'))
         self._left = int(fault.number('count')) or None
@@ -75,11 +78,11 @@ class ActiveFault:
 
     @property
     def used_up(self) -> bool:
-        """Whether it has acted on as many messages as asked for."""
+        """Whether it has affected the requested number of messages."""
         return self._left == 0
 
     def strikes(self, message: bytes) -> bool:
-        """Return whether it acts on this message, and count it."""
+        """Return whether it affects this message, and count the message."""
         if self.fault.kind.replies and not is_reply(message):
             return False
         if self.used_up:
@@ -92,7 +95,7 @@ class ActiveFault:
         return True
 
     def point_reached(self) -> bool:
-        """Count a point that the arm begins and return whether it is the one asked for."""
+        """Count a point that the arm starts. Return whether it is the requested one."""
         self._points -= 1
         return self._points == 0
 
@@ -115,10 +118,10 @@ class ActiveFault:
 
 
 class Faults:
-    """The faults of one controller, which act on messages one after the other.
+    """The faults of one controller, applied to messages one after the other.
 
-    `joints` is how many the robot has. `remote_only`: the driver uses no other port, so that is
-    where its link is.
+    `joints` is the number of joints. `remote_only`: the driver uses the remote port only, so its
+    link faults apply there.
     """
 
     def __init__(
@@ -135,13 +138,13 @@ class Faults:
         self._transports: dict[Transport, None] = {}
         self._serials: Counter[str] = Counter()
 
-    # What a person asks for.
+    # Requests of users.
 
     def start(self, fault: Fault) -> None:
-        """Begin a fault, now or after its `after`.
+        """Start a fault, now or after its `after`.
 
-        Raises FaultError for a joint that there is not, if too many are active, and for one that
-        nobody could clear.
+        Raises FaultError for a missing joint, if too many are active, or if no client could clear
+        it.
         """
         if self._remote_only and REMOTE_PORT in fault.kind.ports:
             fault = on_ports(fault, (REMOTE_PORT,))
@@ -188,12 +191,12 @@ class Faults:
         """Return each fault that has not ended, in one line without commas."""
         return [each.text(self._clock.now) for each in self._active]
 
-    # What the controller tells and asks.
+    # Notifications and queries of the controller.
 
     def point_begun(self) -> None:
-        """Take note that the arm was given one more point of a trajectory.
+        """Record that the arm got one more point of a trajectory.
 
-        What follows from it happens when the clock advances next, not within this call.
+        The effect takes place when the clock next advances, not within this call.
         """
         for active in list(self._active):
             if active.begun and active.fault.name == 'estop_at_point' and active.point_reached():
@@ -202,32 +205,32 @@ class Faults:
                 self._clock.after(0.0, self._actions.press_estop)
 
     def rejects(self, port: str) -> bool:
-        """Return whether new connections to this port must be closed at once."""
+        """Return whether new connections to this port must be closed immediately."""
         return any(active.fault.name == 'cut' for active in self._begun(port))
 
-    # What transports ask.
+    # Requests of transports.
 
     @property
     def attached(self) -> int:
-        """On how many connections faults can act now."""
+        """Number of connections that faults can affect now."""
         return len(self._transports)
 
     def attach(self, transport: Transport) -> int:
-        """Let faults act on a connection and return its number among those of its port."""
+        """Register a connection for faults and return its number among those of its port."""
         self._transports[transport] = None
         self._serials[transport.port] += 1
         return self._serials[transport.port]
 
     def detach(self, transport: Transport) -> None:
-        """Forget a connection. Twice is no error."""
+        """Remove a connection. Removing it twice is allowed."""
         self._transports.pop(transport, None)
 
     def disturbing(self, port: str) -> list[ActiveFault]:
-        """Return the faults that act on messages of this port, in the order they were started."""
+        """Return the faults that affect messages of this port, in the order of their start."""
         return [each for each in self._begun(port) if each.fault.name in DISTURBANCES]
 
     def struck(self, active: ActiveFault) -> None:
-        """Called when a fault acted on a message: it ends with the last of its count."""
+        """Called when a fault affected a message. The last message of its count ends it."""
         if active.used_up:
             self._end(active)
 
@@ -249,7 +252,7 @@ class Faults:
             ]:
                 transport.cut()
         elif fault.name == 'servo_error':
-            self._remove(active)  # it has happened: only a reset ends what follows
+            self._remove(active)  # it has happened, and only a reset clears the error
             joint = int(fault.number('joint')) - 1
             self._actions.servo_error(joint, bool(fault.number('critical')))
         elif fault.name == 'reboot':
@@ -266,7 +269,7 @@ class Faults:
         _log.warning('fault over: %s', write(active.fault))
 
     def _changed(self, release: bool = False) -> None:
-        """Tell encoders and connections which faults are active now."""
+        """Notify encoders and connections of the active faults."""
         self._freeze()
         for transport in list(self._transports):
             transport.changed(release)

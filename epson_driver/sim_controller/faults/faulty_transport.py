@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The transport between a session and its socket, where faults act on what is sent."""
+"""The transport between a session and its socket, on which faults act."""
 
 import logging
 import random
@@ -14,14 +14,14 @@ from epson_driver.sim_controller.faults.faults import ActiveFault, Faults
 from epson_driver.sim_controller.ports import Send
 
 MAX_HELD_BYTES = 262_144
-"""Bytes that faults may hold back on one connection: with more it is closed."""
+"""Maximum bytes that faults may delay on one connection. It is closed beyond that."""
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
 class _Held:
-    """Bytes that are sent at `due`, if `gathered` in one piece with others."""
+    """Bytes to send at `due`, together with others if `gathered`."""
 
     due: float
     data: bytes
@@ -32,8 +32,8 @@ class _Held:
 class FaultyTransport:
     """One connection of a port, whose messages keep their order under every fault.
 
-    `transmit` takes what goes into the socket at once; `hang_up` closes the connection and is
-    called at most once, possibly within `send` or `receive`.
+    `transmit` writes to the socket immediately. `hang_up` closes the connection and is called at
+    most once, possibly within `send` or `receive`.
     """
 
     def __init__(
@@ -52,12 +52,12 @@ class FaultyTransport:
         self._disturbing: list[tuple[ActiveFault, random.Random]] = []
         self._held: deque[_Held] = deque()
         self._timer: Timer | None = None
-        self._window_end = 0.0  # what is gathered now is sent then
+        self._window_end = 0.0  # when gathered messages are sent
         self._silent = False
         self._hole = False
         self._closed = False
         self.held = 0
-        """Bytes that wait to be transmitted."""
+        """Number of bytes waiting to be transmitted."""
         self._plain = True
         self._serial = faults.attach(self)
         self.changed()
@@ -70,27 +70,30 @@ class FaultyTransport:
             self._send_disturbed(message)
 
     def receive(self, data: bytes) -> bytes:
-        """Return what arrives of the bytes that came from the client: all of them, or none."""
+        """Return the received part of the client's bytes: all of them, or none."""
         if self._silent:
             self._hole = self._hole or bool(data)
             return b''
         return b'' if self._closed else data
 
     def close(self) -> None:
-        """Drop held messages, as the connection is gone. A second call is no error."""
+        """Drop delayed messages after the connection has ended. A second call is allowed."""
         self._closed = True
         self._plain = False
         self._forget_held()
         self._faults.detach(self)
 
     def cut(self) -> None:
-        """Close the connection at once, and drop held messages."""
+        """Close the connection immediately, and drop delayed messages."""
         if not self._closed:
             self.close()
             self._hang_up()
 
     def changed(self, release: bool = False) -> None:
-        """Apply a change of the active faults, sending with `release` what none holds back."""
+        """Apply a change of the active faults.
+
+        `release` sends messages that none delays any longer.
+        """
         if self._closed:
             return
         known = dict(self._disturbing)
@@ -155,7 +158,7 @@ class FaultyTransport:
         self._update_plain()
 
     def _release(self, until: float) -> None:
-        """Transmit the messages due by `until`, those of one moment in one piece."""
+        """Transmit the messages due by `until`, gathered ones in one piece."""
         while self._held and self._held[0].due <= until:
             first = self._held.popleft()
             data = [first.data]

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Lets real time pass for the core, which has no clock of its own that runs."""
+"""Advances the core by real time, because the core's clock does not run alone."""
 
 import asyncio
 import math
@@ -12,11 +12,11 @@ from epson_driver.sim_controller.core import CYCLE_PERIOD_S, Controller
 
 
 class Pacer:
-    """Steps the controller by the time that has really passed.
+    """Steps the controller by the elapsed real time.
 
-    It does so in every motion cycle while the arm moves, whenever a timer is due, and before
-    anything else is done with the controller, which is done within `present`. Motion cycles that
-    came a whole period late are counted in the controller's `timing`.
+    It does so in every motion cycle while the arm moves, whenever a timer is due, and before any
+    other use of the controller, which takes place within `present`. The controller's `timing`
+    counts the motion cycles that were late by a whole period.
     """
 
     def __init__(self, controller: Controller, clock: Callable[[], float] | None = None) -> None:
@@ -26,14 +26,14 @@ class Pacer:
         self._cycle = math.inf
         self._error: BaseException | None = None
         self._failed: asyncio.Future[None] | None = None
-        """While it runs: what fails when it does."""
+        """Future of the running `run`, which gets the error of a failed step."""
         self._timer: asyncio.TimerHandle | None = None
         self._context = copy_context()
         self._sleeps_until = -math.inf
 
     @contextmanager
     def present(self) -> Iterator[Controller]:
-        """Bring the controller up to this moment for use, then see when its next step is due."""
+        """Advance the controller to the present for use, then schedule its next step."""
         self._catch_up()
         try:
             yield self._controller
@@ -44,7 +44,7 @@ class Pacer:
     async def run(self) -> None:
         """Step the controller when its next timer is due, and every cycle while the arm moves.
 
-        It ends only by an error, which it raises.
+        Returns never. Raises the error that ends it.
         """
         self._failed = asyncio.get_running_loop().create_future()
         self._context = copy_context()
@@ -58,7 +58,7 @@ class Pacer:
             self._failed, self._sleeps_until = None, -math.inf
 
     def see_end(self, task: 'asyncio.Task[None]') -> None:
-        """Have `run` raise what the task of a client has raised: that is a defect."""
+        """Let `run` raise the exception of a client's task, because it is a defect."""
         if not task.cancelled() and (error := task.exception()) is not None:
             self._fail(error)
 
@@ -68,7 +68,10 @@ class Pacer:
             self._failed.set_exception(error)
 
     def _step(self) -> None:
-        """Step the controller. Called by the loop: a task would cost three calls for each step."""
+        """Step the controller.
+
+        A callback of the loop: a task would cost three calls for each step.
+        """
         try:
             self._catch_up()
         except Exception as error:  # noqa: BLE001 - raised by `run`
@@ -82,7 +85,7 @@ class Pacer:
         self._sleep(self._due())
 
     def _due(self) -> float:
-        """Return when the controller must be stepped next, on the real clock."""
+        """Return the time of the next step, on the real clock."""
         controller = self._controller
         if not controller.in_motion:
             self._cycle = math.inf
@@ -94,7 +97,7 @@ class Pacer:
         return min(self._cycle, self._now + due - controller.clock.now)
 
     def _sleep(self, until: float) -> None:
-        """Have the next step at that time, on the real clock."""
+        """Schedule the next step at that time, on the real clock."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None

@@ -24,37 +24,37 @@ from epson_driver.simple_message import FrameError
 from epson_driver.socket_errors import reason
 
 HALF_CLOSED_S = 2.0
-"""How long a client that has shut its own side is still sent to, s: it may be gone."""
+"""Time for which a client that has shut its side down is still sent data, s."""
 
 HANDOVER_S = 0.1
-"""How long a client waits for a place, s: when it reconnects, its old connection may still end."""
+"""Time a client waits for a place, s, because its old connection may still be closing."""
 
 MAX_WAITING_CLIENTS = 4
-"""How many clients may wait for a place; any further one is rejected at once."""
+"""Maximum number of clients waiting for a place. Any further client is rejected immediately."""
 
 BACKLOG = 64
-"""How many connections the system may queue; one is accepted in each turn of the event loop."""
+"""Maximum number of connections queued by the system. The event loop accepts one per turn."""
 
 ACCEPT_RETRY_S = 0.05
-"""Pause after the system could not accept a connection, s."""
+"""Delay after the system could not accept a connection, s."""
 
 _EXHAUSTED = (errno.EMFILE, errno.ENFILE)
 """The process, or the system, has no file descriptor left."""
 
 _GONE = (errno.EAGAIN, errno.EINTR, errno.ECONNABORTED)
-"""No connection waits to be accepted, or it has gone meanwhile."""
+"""No connection is pending, or it has ended before it was accepted."""
 
 _log = logging.getLogger(__name__)
 
 MAX_SAVED_S = 0.1
-"""The most processor time that a quiet client saves up, s."""
+"""Maximum processor time that an idle client accumulates, s."""
 
 INITIAL_S = 0.002
-"""What a new client may use at once, s: little, so that to reconnect does not pay."""
+"""Initial processor time of a new client, s. It is short, so that reconnecting gains nothing."""
 
 
 class CpuBudget:
-    """A client's recent use of the processor. Above its share, it must wait."""
+    """A client's recent processor time. A client above its share must wait."""
 
     def __init__(self, now: float) -> None:
         self._saved = INITIAL_S
@@ -63,7 +63,7 @@ class CpuBudget:
     def used(self, seconds: float, share: float, now: float) -> float:
         """Record processor time of a client with a `share` (0, 1], and return its wait, s.
 
-        The wait begins `now`. All times are s, `now` of a clock that never goes back.
+        The wait starts at `now`, of a monotonic clock. All times are in s.
         """
         self._saved = min(self._saved + (now - self._at) * share, MAX_SAVED_S) - seconds
         self._at = now
@@ -71,21 +71,21 @@ class CpuBudget:
 
 
 class SpareDescriptor:
-    """One file descriptor in reserve, or none: there is none at first."""
+    """One file descriptor in reserve, initially none."""
 
     def __init__(self) -> None:
         self._descriptor: int | None = None
 
     def keep(self) -> None:
-        """Reserve one, unless that is done already or none is left."""
+        """Reserve a descriptor, unless one is reserved or none is available."""
         if self._descriptor is None:
             try:
                 self._descriptor = os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
-            except OSError:  # none is left: the next client that goes frees one
+            except OSError:  # none is available: the next client that disconnects frees one
                 return
 
     def give(self) -> bool:
-        """Free the reserved one for use and return whether there was one."""
+        """Free the reserved descriptor for use. Return whether one was reserved."""
         descriptor, self._descriptor = self._descriptor, None
         if descriptor is not None:
             os.close(descriptor)
@@ -95,14 +95,15 @@ class SpareDescriptor:
 class PortRules(NamedTuple):
     """The rules of one port.
 
-    One client more than `max_clients` waits for a place, and is refused if there is none soon;
-    None: each gets in, if need be in another one's place, also without a file descriptor left. A
-    client that leaves more than `max_unsent` bytes unread is disconnected; `send_buffer` is what
-    the system may hold beside that, None for its default. Where `half_closed`, a client that has
-    shut its own side is still sent to, for HALF_CLOSED_S. `chunk` bytes are taken at once; all
-    clients together use at most the part `share` of the processor's time, after what each has
-    saved up; None: as much as they like. Where `replace`, the oldest client makes room for one
-    more.
+    max_clients: one further client waits for a place, and is refused if none becomes free soon.
+    None: every client is accepted, if necessary in place of another one, even without a free file
+    descriptor.
+    max_unsent: a client that leaves more unread bytes is disconnected. send_buffer: size of the
+    system's additional buffer, None for its default.
+    half_closed: a client that has shut its side down is still sent data, for HALF_CLOSED_S.
+    chunk: maximum bytes read per call. share: maximum fraction of the processor time of all
+    clients together, beyond the time that each has accumulated. None: unlimited.
+    replace: the oldest client makes room for one more.
     """
 
     name: str
@@ -119,9 +120,10 @@ def port_rules(server: ServerProfile) -> tuple[PortRules, ...]:
     """Return the rules of all ports, in the order of `servers.Ports`."""
     replace = server.full == 'replace'
     return (
-        PortRules('motion', 1, chunk=4096, share=None, replace=replace),  # its STOP is not held up
-        # what is sent at once after this process was not scheduled fits, and seconds more of a
-        # client that was not: a real controller would only wait until it reads again
+        PortRules('motion', 1, chunk=4096, share=None, replace=replace),  # unlimited, for its STOP
+        # The buffer holds the messages after a scheduling delay of this process, plus several
+        # seconds for a client that is not reading. A real controller would only wait until it
+        # reads again.
         PortRules(
             'state', server.state_clients, 65_536, 16_384, half_closed=True, replace=replace
         ),
@@ -131,12 +133,12 @@ def port_rules(server: ServerProfile) -> tuple[PortRules, ...]:
 
 
 class PortServer:
-    """Accepts clients of one port and serves each in a task of its own.
+    """Accepts clients of one port and serves each in a separate task.
 
-    One client more than there may be is closed at once, and the others do not notice it, unless
-    the rules let it replace one of them. With the
-    same `turn` for all ports, one client is listened to in a turn of the loop, and then the next:
-    what comes between two looks at the clock is bounded, however many clients never pause.
+    A client beyond the maximum is closed immediately without an effect on the others, unless the
+    rules let it replace one of them. All ports share the same `turn`: the loop reads from one
+    client per turn. This bounds the input between two clock updates, however many clients send
+    continuously.
     """
 
     def __init__(self, rules: PortRules, pacer: Pacer, turn: asyncio.Lock) -> None:
@@ -148,23 +150,23 @@ class PortServer:
         self._tasks: set[asyncio.Task[None]] = set()
         clients = rules.max_clients
         self._admitted: deque[float] = deque([-GRACE_S] * MAX_NEWCOMERS, MAX_NEWCOMERS)
-        """When the latest clients came, of a port where each client gets in."""
+        """Arrival times of the latest clients, on a port that accepts every client."""
         self._spare = SpareDescriptor()
-        """Lets a client in when no descriptor is left, of a port where each gets in."""
+        """Admits a client if no descriptor is available, on a port that accepts every client."""
         self._places = None if clients is None else asyncio.Semaphore(clients)
 
     @property
     def name(self) -> str:
-        """Which port it is."""
+        """Name of the port."""
         return self._rules.name
 
     @property
     def clients(self) -> int:
-        """How many clients are connected, or wait for a place."""
+        """Number of clients that are connected or wait for a place."""
         return len(self._tasks)
 
     def open(self, host: str, port: int) -> int:
-        """Listen on the port, or any free one for 0, and return it, or raise OSError."""
+        """Listen on the port (0: any free one) and return it. Raises OSError."""
         try:
             family = socket.AF_INET6 if ':' in host else socket.AF_INET
             sock = socket.create_server((host, port), family=family, backlog=BACKLOG)
@@ -181,7 +183,7 @@ class PortServer:
         return bound
 
     async def close(self) -> None:
-        """Stop listening and disconnect everybody."""
+        """Stop listening and disconnect all clients."""
         if self._retry is not None:
             self._retry.cancel()
         if self._sock is not None:
@@ -202,7 +204,7 @@ class PortServer:
         limit = self._rules.max_clients
         if limit is None and len(self._tasks) >= MAX_REMOTE_CLIENTS:
             wait = self._admitted[0] + GRACE_S - asyncio.get_running_loop().time()
-            if wait > 0.0:  # too many have just come: let them be heard
+            if wait > 0.0:  # too many are new, and get time to send
                 self._pause(listening, wait)
                 return
         try:
@@ -236,7 +238,7 @@ class PortServer:
             self._spare.keep()
 
     def _cannot(self, listening: socket.socket, why: str) -> None:
-        """Log why nobody can be accepted, and pause, as the loop would call again at once."""
+        """Log why no client can be accepted, and pause. The loop would retry without a delay."""
         _log.error('%s port: nobody can be accepted now: %s', self._rules.name, why)
         self._pause(listening, ACCEPT_RETRY_S)
         if self._rules.max_clients is None:
@@ -244,7 +246,7 @@ class PortServer:
                 controller.clients.dismiss_remote(why)
 
     def _pause(self, listening: socket.socket, seconds: float) -> None:
-        """Accept nobody for a while."""
+        """Accept no clients for `seconds`."""
         loop = asyncio.get_running_loop()
         loop.remove_reader(listening)
         self._retry = loop.call_later(seconds, self._listen)
@@ -291,7 +293,7 @@ class PortServer:
         try:
             while data := await connection.receive():
                 async with self._turn:
-                    await asyncio.sleep(0)  # so it is a turn of the loop, and the next waits
+                    await asyncio.sleep(0)  # one turn of the loop
                     with self._pacer.present():
                         began = time.thread_time()
                         session.receive(data)
@@ -306,7 +308,7 @@ class PortServer:
                 session.closed()
 
     async def _pay(self, budget: CpuBudget, used: float) -> None:
-        """Make a client wait that used more than its share of processor time."""
+        """Delay a client that has used more than its share of processor time."""
         if self._rules.share is not None:
             own = self._rules.share / len(self._tasks)
             wait = budget.used(used, own, asyncio.get_running_loop().time())

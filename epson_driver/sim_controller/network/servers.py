@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated controller as it stands on the network: four ports, a clock, and a planner."""
+"""The simulated controller on the network: four ports, a clock, and a planner."""
 
 import asyncio
 import logging
@@ -17,7 +17,7 @@ from epson_driver.sim_controller.ports import ClientSession, ProgramPorts
 
 HOST = '127.0.0.1'
 RETRY_S = 0.2
-"""Pause before another attempt to reach the peer, s."""
+"""Delay before another attempt to reach the peer, s."""
 
 MAX_UNSENT = 65_536
 
@@ -25,7 +25,7 @@ _log = logging.getLogger(__name__)
 
 
 async def connect(session: ClientSession, port: int, pacer: Pacer) -> None:
-    """Connect a program's port, and hand it what the peer sends, until one of them closes."""
+    """Connect a program's client port and pass on received data until either side closes."""
     writer = None
     while writer is None and session.wanted:
         try:
@@ -55,7 +55,7 @@ _log = logging.getLogger(__name__)
 
 
 class Ports(NamedTuple):
-    """TCP ports, where 0 asks for any free one."""
+    """TCP ports. 0 selects any free port."""
 
     motion: int = 11000
     state: int = 11002
@@ -66,8 +66,8 @@ class Ports(NamedTuple):
 class ControllerServers:
     """The listening ports of one controller, its real time, and its planner process if any.
 
-    With the network `spel` of a SPEL+ program: those too that it opens beside the usual ones.
-    `program_ports`: TCP port as the program names it → the one to listen on, 0 for any free one.
+    With the network `spel` of a SPEL+ program, it also serves the ports that the program opens.
+    `program_ports`: TCP port in the program → port to listen on, 0 for any free one.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class ControllerServers:
     async def open(self, host: str, ports: Ports) -> Ports:
         """Start the planner, listen on all ports, and return them.
 
-        Raises OSError that names the port which cannot be opened, or PlannerError; nothing is open
+        Raises OSError with the port that cannot be opened, or PlannerError. All ports are closed
         then.
         """
         self._host = host
@@ -113,7 +113,7 @@ class ControllerServers:
     def _listen(self, tcp_port: int) -> None:
         """Listen for clients of a port that a SPEL+ program opens. Raises OSError.
 
-        Where its own number cannot be had and no other was asked for, it is any free one.
+        The port is any free one if its own number is unavailable and no other was configured.
         """
         server = PortServer(PortRules(str(tcp_port), 1), self.pacer, self._turn)
         asked = self._program_ports.get(tcp_port)
@@ -127,7 +127,7 @@ class ControllerServers:
         _log.info('port %d of the program is %s:%d', tcp_port, self._host, bound)
 
     def _connect(self, session: ClientSession) -> None:
-        """Look for the peer of a port that a SPEL+ program opens as a client."""
+        """Connect to the peer of a port that a SPEL+ program opens as a client."""
         port = self._program_ports.get(session.tcp_port) or session.tcp_port
         task = asyncio.get_running_loop().create_task(connect(session, port, self.pacer))
         self._clients.add(task)
@@ -135,11 +135,11 @@ class ControllerServers:
         task.add_done_callback(self.pacer.see_end)
 
     def clients(self, port: str) -> int:
-        """Return how many clients of a port are connected, or wait for a place."""
+        """Return the number of clients of a port that are connected or wait for a place."""
         return sum(server.clients for server in self._servers if server.name == port)
 
     async def run(self) -> None:
-        """Let the controller's time pass, for ever."""
+        """Run the controller in real time. Returns never."""
         if self._planner is None:
             await self.pacer.run()
         else:
@@ -150,7 +150,7 @@ class ControllerServers:
                 )
 
     async def run_until(self, over: asyncio.Event) -> None:
-        """Let the controller's time pass until an event. Raises the error that ends it before."""
+        """Run the controller in real time until an event. Raises any error before it."""
         running, ending = asyncio.create_task(self.run()), asyncio.create_task(over.wait())
         try:
             await asyncio.wait((running, ending), return_when=asyncio.FIRST_COMPLETED)
@@ -161,7 +161,7 @@ class ControllerServers:
             ending.cancel()
 
     async def close(self) -> None:
-        """Stop listening, disconnect everybody and end the planner."""
+        """Stop listening, disconnect all clients and end the planner."""
         for task in self._clients:
             task.cancel()
         for server in self._servers:

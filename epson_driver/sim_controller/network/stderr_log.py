@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Logging to stderr that never waits for its reader.
+"""Logging to stderr that never blocks.
 
-A pipe that nobody reads would otherwise stop the whole controller at its 64 KiB, and a client that
-is refused all the time would fill the disk.
+Without it, a pipe that is not read would stop the whole controller after 64 KiB, and a client that
+is refused continuously would fill the disk.
 """
 
 import logging
@@ -17,7 +17,7 @@ from contextlib import suppress
 from epson_driver.log_lines import LogThrottle, PrintableFormatter, counted
 
 BURST_LINES = 20
-"""Lines that each place in the code may write at once; then one a second."""
+"""Burst of lines per line of code. Its rate is then limited to one line per second."""
 
 _STDERR_DESCRIPTOR = 2  # the file descriptor
 _MAX_WAITING_LINES = 1000
@@ -25,9 +25,9 @@ _FLUSH_TIMEOUT_S = 0.5  # s
 
 
 class StderrLog(logging.Handler):
-    """Writes records from a thread of its own, and drops them while 1000 wait.
+    """Writes records from a separate thread, and drops them while 1000 wait.
 
-    What one line of code logs has a pace of its own, on `clock`, s, which never goes back.
+    Each logging statement has a separate rate limit, on the monotonic `clock`, s.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -40,7 +40,7 @@ class StderrLog(logging.Handler):
         self._thread.start()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Hand the line to the thread, hold it back, or drop it."""
+        """Queue the line for the thread, delay it, or drop it."""
         where = (record.pathname, record.lineno)
         if where not in self._paces:
             self._paces[where] = LogThrottle(BURST_LINES)
@@ -52,13 +52,13 @@ class StderrLog(logging.Handler):
             self._lines.put_nowait(line.encode(errors='replace') + b'\n')
 
     def finish(self) -> None:
-        """Write the waiting lines, for half a second at most."""
+        """Write the waiting lines, within half a second."""
         with suppress(queue.Full):
             self._lines.put_nowait(None)
             self._thread.join(_FLUSH_TIMEOUT_S)
 
     def _write(self) -> None:
-        # Not sys.stderr: the interpreter must not find its lock taken when it ends.
+        # Not sys.stderr: its lock must not be held when the interpreter exits.
         with suppress(OSError):
             while (line := self._lines.get()) is not None:
                 while line:

@@ -1,15 +1,14 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A trajectory that comes as a whole before the arm moves: the download interface.
+"""The download interface: the arm moves after the whole trajectory has arrived.
 
 The rules (industrial_robot_client, `motion_download_interface`; thesis chapter 3):
-
-* The first point has sequence -1, the last -3, those between any that is not negative. All are
+* The first point has sequence -1, the last -3, the others any non-negative number. Either all are
   topics, which are not answered, or all are requests, which are.
-* The program spends `dead_time` s on each point. When it is done with the last one, the arm goes.
-* Nothing of a download moves that is refused or does not come to its end: by a bad point, a new
-  -1, a STOP, a lost client. The rest of a refused one is dropped, so that its cause stays shown.
-* More points than the buffer holds: all are refused, or those beyond are lost (ABB).
+* The program spends `dead_time` s on each point. The arm starts when the last one is processed.
+* A download that is refused or interrupted moves nothing. Causes are a bad point, a new -1, a STOP
+  or a lost client. The rest of a refused download is dropped, so that its cause remains visible.
+* If a download exceeds the buffer, all its points are refused, or the excess ones are lost (ABB).
 """
 
 import logging
@@ -44,34 +43,34 @@ class Download:
     _points: list[JointTrajPt] = field(default_factory=list)
     _dropped: int = 0
     busy_until: float = 0.0
-    """When the program is done with the points that have come, s."""
+    """When the program will have processed the received points, s."""
 
     def __len__(self) -> int:
         return len(self._points)
 
     def concerns(self, sequence: int, comm_type: CommType) -> bool:
-        """Return whether a point belongs to a download: it begins one, or goes on with it."""
+        """Return whether a point belongs to a download: it starts or continues one."""
         if sequence == FIRST:
             return comm_type is not CommType.SERVICE_REPLY
         if sequence == 0 and self.rejected and comm_type is CommType.SERVICE_REQUEST:
-            return False  # a stream begins
+            return False  # a stream starts
         under_way = self._phase is not _Phase.NONE and comm_type is self._comm_type
         return under_way and (sequence >= 0 or sequence == LAST)
 
     @property
     def rejected(self) -> bool:
-        """Whether the download under way was refused, and its remaining points are dropped."""
+        """Whether the current download was refused, and its remaining points are dropped."""
         return self._phase is _Phase.REJECTED
 
     def begin(self, comm_type: CommType) -> None:
-        """Begin a new download and forget one that has not ended."""
+        """Start a new download and discard an unfinished one."""
         self.forget()
         self._phase = _Phase.COLLECTING
         self._dropped = 0
         self._comm_type = comm_type
 
     def add(self, point: JointTrajPt, now: float) -> Rejection | None:
-        """Keep one more point and return why the whole download cannot be kept, or None."""
+        """Store one more point. Return why the whole download is refused, or None."""
         self.busy_until = max(self.busy_until, now) + self.profile.dead_time
         if len(self._points) < self.profile.buffer:
             self._points.append(point)
@@ -82,14 +81,14 @@ class Download:
         return None
 
     def reject(self) -> None:
-        """Forget the points, and drop those that still come of this download."""
+        """Discard the points, and drop the remaining points of this download."""
         if self._phase is _Phase.COLLECTING:
             self._phase = _Phase.REJECTED
         self._points = []
         self.busy_until = 0.0
 
     def end(self) -> list[JointTrajPt]:
-        """End the download and return all points that are to be executed."""
+        """End the download and return all points to execute."""
         if self._points and self._dropped:
             _log.warning('%d points of a download are lost: the buffer is full', self._dropped)
         self._phase = _Phase.NONE
@@ -97,7 +96,7 @@ class Download:
         return points
 
     def forget(self) -> None:
-        """Forget the download and its points."""
+        """Discard the download and its points."""
         if self._points:
             _log.warning('a download is dropped: it did not come to its end')
         self._points = []

@@ -2,30 +2,30 @@
 # SPDX-License-Identifier: Apache-2.0
 """The program on the motion port: points in, one move after the other, replies out.
 
-The rules (REP-I0006 where it says something, the thesis' program otherwise):
-
-* A point is a JOINT_TRAJ_PT request. Its sequence is 0, a new trajectory, or one more than the
-  last point accepted; -2 (START_TRAJECTORY_STREAMING) is as 0. Point to point, the reply comes
-  when the arm has come to rest at the point. In smooth motion it comes when there is room for the
-  point in the look-ahead buffer; that is the flow control.
-* Points that arrive before that wait; all are answered in the order they came.
-* A refused point ends the motion: the arm brakes, all points that are not answered yet get
-  FAILURE, then the refused one. A point answered with FAILURE does not count as accepted.
-  If points that were answered already are lost with that, which only happens in smooth motion,
-  the trajectory is over: the next point must have sequence 0, so that none is skipped.
+The rules (REP-I0006 where specified, otherwise the thesis' program):
+* A point is a JOINT_TRAJ_PT request. Its sequence is 0 for a new trajectory, or one more than the
+  last accepted point. -2 (START_TRAJECTORY_STREAMING) is equivalent to 0. In point-to-point
+  motion, the reply follows when the arm is at rest at the point. In smooth motion it follows when
+  the look-ahead buffer has room for the point, which provides the flow control.
+* Points that arrive earlier wait. All are answered in the order of arrival.
+* A refused point ends the motion: the arm brakes, all unanswered points get FAILURE, then the
+  refused one. A point answered with FAILURE does not count as accepted. If this loses points that
+  were already answered, which only happens in smooth motion, the trajectory is over. The next
+  point must then have sequence 0, so that none is skipped.
 * STOP (sequence -4) does the same in every condition, is answered with SUCCESS, and ends the
-  trajectory: the next point must have sequence 0.
-* A sequence of -1 begins a download (download.py). Its points, if they are requests, are answered
-  when the program is done with them. From a client that downloads by topics, topics are never
-  answered. A streamed point in between ends it; points that still move go on first.
-* A reply is not looked at, and a topic that belongs to no download is never answered: two peers
-  that answered each other would do so for ever.
-* A client that hangs (ClientWatchdog) has its points dropped, as by a STOP. A PING reply with
-  FAILURE tells it, before their own, and each point after that gets FAILURE until a STOP.
-* In a pause the arm gets no point and none is answered; what is wrong is refused all the same, and
+  trajectory. The next point must have sequence 0.
+* A sequence of -1 starts a download (download.py). Points sent as requests are answered when the
+  program has processed them. Topics of a client that downloads by topics are never answered. A
+  streamed point in between ends the download, but points still in motion are completed first.
+* A reply is ignored, and a topic that belongs to no download is never answered. Otherwise two
+  peers that answer each other would do so forever.
+* A client that stalls (ClientWatchdog) loses its points, as after a STOP. A PING reply with
+  FAILURE reports this before the replies to the points, and each later point gets FAILURE until a
+  STOP.
+* During a pause the arm gets no points and none is answered. Invalid points are still refused, and
   STOP works.
 
-What a profile's `ProgramProfile` changes in these rules stands there.
+A profile's `ProgramProfile` documents its changes to these rules.
 """
 
 import logging
@@ -71,14 +71,14 @@ REPLIES: dict[str, Callable[[int], Message]] = {
     'sequence': JointPosition,
     'header': lambda sequence: Opaque(MessageType.JOINT_TRAJ_PT),
 }
-"""The reply to the point with a sequence, by the profile's word for its form."""
+"""Function of a sequence that returns the reply to the point, by the profile's reply format."""
 
 
 STOP = SpecialSequence.STOP_TRAJECTORY
 STREAMING = SpecialSequence.START_TRAJECTORY_STREAMING
 
 POINT_BODY_BYTES = {Real.FLOAT32: 52, Real.FLOAT64: 100}
-"""of a JOINT_TRAJ_PT's body, bytes"""
+"""Size of the body of a JOINT_TRAJ_PT, bytes."""
 
 
 _log = logging.getLogger(__name__)
@@ -89,7 +89,7 @@ def _name(point: JointTrajPt) -> str:
 
 
 class MotionProgram:
-    """Has the points of one client executed, one after the other, and answers them.
+    """Executes the points of one client, one after the other, and answers them.
 
     At most `motion.pending_limit` of the profile wait, or the points of one download.
     """
@@ -111,7 +111,7 @@ class MotionProgram:
         self._download = Download(profile.download)
         self._accepted: int | None = None
         self._topics = False  # whether the client downloads by topics, which are not answered
-        self._silent: Rejection | None = None  # why each point is refused: the client hung
+        self._silent: Rejection | None = None  # refuses each point after the client has stalled
         self._queue = PointQueue(controller, self._answer_success, self._fail)
 
     @property
@@ -126,16 +126,16 @@ class MotionProgram:
 
     @property
     def waiting(self) -> int:
-        """How many points, and replies, wait for their turn."""
+        """Number of points and replies that wait for their turn."""
         return len(self._queue)
 
     @property
     def downloaded(self) -> int:
-        """The number of points kept of the download under way."""
+        """Number of stored points of the current download."""
         return len(self._download)
 
     def receive(self, frame: Frame) -> None:
-        """Obey, queue or refuse one frame."""
+        """Execute, queue or refuse one frame."""
         taken = taken_for_point(frame, self._profile.accepts, POINT_BODY_BYTES[self._real])
         if taken is None or taken.comm_type == CommType.SERVICE_REPLY:
             _log.warning('not answered: message type %d', frame.msg_type)
@@ -151,11 +151,11 @@ class MotionProgram:
             self._send(response)
 
     def step(self, dt: float) -> None:
-        """Let `dt` s pass for the arm, see `Program.step`."""
+        """Advance the arm by `dt` s, see `Program.step`."""
         self._queue.step(dt)
 
     def abort(self) -> None:
-        """Brake, and answer all points that are not answered yet with FAILURE."""
+        """Brake, and answer all unanswered points with FAILURE."""
         entries, lost = self._queue.flush()
         self._download.reject()
         sequences = [  # None: of a download
@@ -171,7 +171,7 @@ class MotionProgram:
             self._answer(entry.reply_to, ReplyCode.FAILURE)
 
     def restart(self) -> None:
-        """Abort, and forget the trajectory: the next point must have sequence 0."""
+        """Abort and discard the trajectory. The next point must have sequence 0."""
         self.abort()
         self._download.forget()
         self._accepted = None
@@ -180,7 +180,7 @@ class MotionProgram:
             self._silent = None
 
     def client_silent(self, seconds: float) -> None:
-        """Stop, as the client has hung for `seconds` while the arm moves."""
+        """Stop after the client has been silent for `seconds` while the arm moves."""
         if not (self._arm.moving or len(self._queue) or len(self._download)):
             return
         self._send(failure(MessageType.PING))
@@ -190,7 +190,7 @@ class MotionProgram:
         self._errors.enter(self._silent)
 
     def detach(self) -> None:
-        """Forget the client and its unacknowledged points, but let the arm go on."""
+        """Discard the client and its unacknowledged points. The arm continues."""
         self._queue.detach()
         self._download.forget()
         self._topics = False
@@ -201,15 +201,15 @@ class MotionProgram:
         self._queue.paused = True
 
     def resume(self) -> None:
-        """Go on after `pause`."""
+        """Resume after `pause`."""
         self._queue.paused = False
         self._queue.advance()
 
     def boot(self) -> None:
-        """Keep nothing: `restart` came with the boot already."""
+        """Do nothing, because the boot has already called `restart`."""
 
     def tasks(self) -> None:
-        """Return None: they are those of condition/tasks.py."""
+        """Return None, because condition/tasks.py lists the tasks."""
 
     # Points.
 
@@ -327,14 +327,14 @@ class MotionProgram:
         )
 
     def _room_rejection(self) -> Rejection | None:
-        """Return why the whole download cannot wait behind the waiting points, or None."""
+        """Return why the whole download cannot be queued behind the waiting points, or None."""
         most = max(self._pending_limit, self._profile.download.buffer)
         if len(self._queue) + len(self._download) <= most:
             return None
         return corrupt(f'{len(self._queue)} points wait already, {most} is the most that can')
 
     def _execute(self, points: list[JointTrajPt]) -> None:
-        """Have the points of a download executed when the program is done with them."""
+        """Queue the points of a download for execution once the program has processed them."""
         for index, point in enumerate(points):
             outside = limits_rejection(point, self._limits)
             reason = None if outside is None else outside.about(_name(point))

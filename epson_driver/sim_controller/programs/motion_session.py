@@ -12,17 +12,20 @@ from epson_driver.sim_controller.programs.motion_program import MotionProgram
 from epson_driver.simple_message import Frame, FrameError, Framer
 
 SLICES = 20
-"""Slices of the time-out. A slice counts once, however late its end was seen: the messages that
-came while this process was not scheduled are read after it."""
+"""Number of slices of the timeout.
+
+A slice counts once, however late its end is detected. Messages received during a scheduling delay
+of this process are therefore still read.
+"""
 
 
 class ClientWatchdog:
-    """Calls `silent` when a client that has sent a heartbeat has sent nothing for `timeout` s.
+    """Calls `silent` when a client that has sent a heartbeat sends nothing for `timeout` s.
 
-    Once for each silence, and up to a slice later. `hear` takes every message of the client.
+    Once for each silence, and up to a slice later. `hear` gets every message of the client.
 
-    A heartbeat is a PING as a topic, which nobody answers (REP-I0006). A client that has never
-    sent one on its connection may be silent for as long as it likes, as ROS 1's are.
+    A heartbeat is a PING as a topic, which is not answered (REP-I0006). A client that has sent
+    none on its connection may be silent indefinitely, like the clients of ROS 1.
     """
 
     def __init__(self, clock: Clock, timeout: float, silent: Callable[[], None]) -> None:
@@ -33,13 +36,13 @@ class ClientWatchdog:
         self._timer: Timer | None = None
 
     def hear(self, frame: Frame) -> None:
-        """Count anew after a message, once a first heartbeat came."""
+        """Restart the timeout after a message, once a first heartbeat has arrived."""
         self._quiet = -1  # the slice in which it came does not count
         if frame.heartbeat and self._timer is None:
             self._timer = self._clock.every(self._slice, self._look, first=self._slice)
 
     def end(self) -> None:
-        """Look no more: the client is gone."""
+        """Stop the watchdog after the client has disconnected."""
         if self._timer is not None:
             self._timer.cancel()
 
@@ -50,7 +53,7 @@ class ClientWatchdog:
 
 
 class MotionSession:
-    """The session of the one motion client, with a watchdog where the profile has one."""
+    """The session of the one motion client, with a watchdog if the profile has one."""
 
     def __init__(self, controller: Controller, send: Send) -> None:
         self._controller = controller
@@ -66,7 +69,7 @@ class MotionSession:
         controller.client_came()
 
     def receive(self, data: bytes) -> None:
-        """Obey the client, or raise FrameError, after which it counts as lost."""
+        """Process the client's bytes. Raises FrameError, after which the client counts as lost."""
         self._framer.receive_data(data)
         try:
             while self._open and (frame := self._framer.next_frame()) is not None:
@@ -79,7 +82,7 @@ class MotionSession:
             raise
 
     def closed(self) -> None:
-        """End the session, and have the controller react to the loss of its client."""
+        """End the session. The controller reacts to the loss of its client."""
         if self._open:
             self._open = False
             if self._watchdog is not None:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motoman's trajectory mode: whether points are taken, and why not."""
+"""Motoman's trajectory mode: whether points are accepted, and the reason if not."""
 
 import logging
 from collections.abc import Callable
@@ -28,22 +28,22 @@ NOT_READY: tuple[tuple[NotReady, Callable[[Condition], bool]], ...] = (
     (NotReady.HOLD, lambda condition: condition.paused or condition.tasks is Tasks.RECOVERING),
     (NotReady.NOT_STARTED, lambda condition: condition.tasks is not Tasks.RUNNING),
 )
-"""What a condition lacks for motion. The first row that applies counts, in MotoROS's order.
+"""Reasons why a condition permits no motion. The first match counts, in MotoROS's order.
 
-MotoROS has ERROR as the second; here it is what the program shows, which an E-stop and the servos
-going off can have caused, and is told when none of these applies.
+MotoROS has ERROR second. Here ERROR is the program's error, which an E-stop or the loss of servo
+power can have caused, and is reported when none of these applies.
 """
 
 
 class TrajectoryMode:
-    """Off at first. Nothing but `begin` turns it on."""
+    """Trajectory mode, initially off. Only `begin` turns it on."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
         self._on = False
 
     def missing(self) -> NotReady | None:
-        """Return the first thing that motion lacks, or None."""
+        """Return the first reason why motion is not possible, or None."""
         condition = self._controller.condition
         blocked = self._controller.motion_rejection()
         ready = condition.motors is Motors.ON and condition.tasks is Tasks.RUNNING
@@ -57,10 +57,10 @@ class TrajectoryMode:
         return NotReady.NOT_STARTED if blocked is None else NotReady.UNSPECIFIED
 
     def begin(self) -> NotReady | None:
-        """Turn it on, after resetting an alarm and switching the servos on if that is needed.
+        """Turn the mode on. Reset an alarm and switch the servos on if needed.
 
-        What wants a person stays as it is: the E-stop, a pause, the key switch, stopped tasks.
-        Return what is missing then, or None.
+        States that need an operator remain: the E-stop, a pause, the key switch, stopped tasks.
+        Return the remaining reason, or None.
         """
         condition = self._controller.condition
         wants_person = (

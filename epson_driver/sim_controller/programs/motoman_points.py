@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks of a JOINT_TRAJ_PT_FULL before the arm moves, with Motoman's subcodes.
 
-As MotoROS 1.9 checks it: group, valid fields, time, start position, speed. Stricter than MotoROS:
-it warns only of times that do not increase, it sees positions outside the limits when the arm gets
-there, and it does not look for numbers that are not finite.
+The checks are those of MotoROS 1.9: group, valid fields, time, start position, speed. They are
+stricter than MotoROS, which only warns of times that do not increase, detects positions outside
+the limits when the arm reaches them, and accepts non-finite numbers.
 """
 
 from typing import NamedTuple
@@ -17,28 +17,28 @@ from epson_driver.simple_message import JointTrajPtFull, ValidFields
 from epson_driver.simple_message.motoman import Invalid
 
 REQUIRED = ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY
-"""What every point must carry."""
+"""Fields that every point must have."""
 
 MAX_TIME_S = 4 * 3600.0
-"""Time from which on a point is refused, s: float32 is too coarse for longer trajectories."""
+"""Time at or above which a point is refused, s: float32 is too coarse for longer trajectories."""
 
 START_TOLERANCE = 5e-4
-"""How far point 0 may be from where the arm stands, rad, each joint.
+"""Maximum distance of point 0 from the current position, rad, each joint.
 
-MotoROS compares encoder pulses, and allows 10 to 30 of the about 1000 in a degree, according to
-its version. This is 30 pulses, for every joint of every robot.
+MotoROS compares encoder pulses. Depending on its version it allows 10 to 30 of the about 1000
+pulses per degree. This is 30 pulses, for every joint of every robot.
 """
 
 
 class InvalidReason(NamedTuple):
-    """Why a point is INVALID: the subcode for the client, a sentence for people."""
+    """Why a point is INVALID: the subcode for the client, and a sentence for the log."""
 
     subcode: Invalid
     sentence: str
 
 
 def invalid_form(point: JointTrajPtFull) -> InvalidReason | None:
-    """Return the fault of the point by itself, or None. Unused joints count too."""
+    """Return the error in the point alone, or None. Unused joints count too."""
     if point.robot_id != 0:
         return InvalidReason(
             Invalid.GROUPNO, f'robot_id = {point.robot_id}: there is only group 0'
@@ -67,7 +67,7 @@ def invalid_form(point: JointTrajPtFull) -> InvalidReason | None:
 def invalid_start(
     point: JointTrajPtFull, position: Array, limits: JointLimits
 ) -> InvalidReason | None:
-    """Return the fault of point 0 for an arm that stands at `position`, shape (n,), rad."""
+    """Return the error in point 0 for an arm at rest at `position`, shape (n,), rad, or None."""
     off = np.abs(np.array(point.positions[: len(position)]) - position)
     joint = int(np.argmax(off))
     if off[joint] > START_TOLERANCE:
@@ -83,7 +83,7 @@ def invalid_start(
 def invalid_next(
     point: JointTrajPtFull, before: float, limits: JointLimits
 ) -> InvalidReason | None:
-    """Return the fault of a point that follows one of the time `before`, s, or None."""
+    """Return the error in a point that follows one with time `before`, s, or None."""
     if point.time <= before:
         sentence = f'time = {point.time:g} s: must be after {before:g} s, the point before'
         return InvalidReason(Invalid.DATA_TIME, sentence)
@@ -95,7 +95,7 @@ def invalid_next(
 
 def _invalid_speed(point: JointTrajPtFull, limits: JointLimits) -> InvalidReason | None:
     speeds = np.abs(np.array(point.velocities[: len(limits.names)]))
-    # A limit that was rounded to float32 on its way is still allowed.
+    # A limit that was rounded to float32 in transit is still allowed.
     above = speeds > np.maximum(limits.velocity, limits.velocity.astype(np.float32))
     if not above.any():
         return None

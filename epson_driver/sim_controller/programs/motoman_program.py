@@ -3,35 +3,33 @@
 """Motoman's program on the motion port: MOTION_CTRL commands and JOINT_TRAJ_PT_FULL points.
 
 The rules (MotoROS 1.9):
+* Every message except a reply is answered immediately with a MOTION_REPLY. Its header contains
+  SUCCESS, and its result the outcome. PING has its own reply. STATUS, JOINT_FEEDBACK and
+  MOTION_REPLY, which MotoROS knows but does not serve, end the connection.
+* Points are only accepted in trajectory mode. START_TRAJ_MODE enters it, and for this resets an
+  alarm and switches the servos on. The E-stop, a pause and the key switch need an operator. The
+  mode ends with STOP_TRAJ_MODE and when the servos switch off, but not with the connection.
+* Without a client the arm stops, with its servos on, the mode and the points already entered. Only
+  the waiting point is discarded. The arm resumes when the next client connects, until this client
+  sends STOP_MOTION.
+* Point 0 must match the current position, and moves nothing. Each later point has the next
+  sequence and a later time, at which the arm reaches it. All have time, position and velocity.
+* BUSY: no room for the point now. The point has no effect, and the client sends it again.
+* INVALID: the point is wrong. It has no effect either, and the arm finishes the points before it.
+* STOP_MOTION brakes and discards all points, in every condition. The mode remains. The next point
+  is a point 0, once the arm is at rest.
 
-* Everything but a reply is answered at once with a MOTION_REPLY, whose header says SUCCESS and
-  whose result says what became of it. PING has its own reply; STATUS, JOINT_FEEDBACK and
-  MOTION_REPLY, which it knows but does not serve, end the connection.
-* Points are only taken in trajectory mode. START_TRAJ_MODE begins it, and for that resets an
-  alarm and switches the servos on; the E-stop, a pause and the key switch want a person. It ends
-  with STOP_TRAJ_MODE, and when the servos go off; not with the connection.
-* Without a client the arm stands, with its servos on, the mode and the points that were entered
-  already; only the one that waits is forgotten. It goes on when the next client connects, until
-  that one sends STOP_MOTION.
-* Point 0 must be where the arm stands, and moves nothing. Each later one has the next sequence
-  and a later time, and is to be reached at that time. All carry time, position and velocity.
-* BUSY: there is no room for the point now. Nothing has happened; the client sends it again.
-* INVALID: the point is wrong. It changes nothing either: the arm finishes the points before it.
-* STOP_MOTION brakes and forgets all points, in every condition; the mode stays. The next point is
-  a point 0, once the arm stands.
+Approximations:
 
-What is approximate:
-
-* The arm goes through the points as in any other profile. MotoROS interpolates position and
-  velocity; here velocities are checked against the limits, but otherwise neither they nor
-  accelerations count.
-* CHECK_QUEUE_CNT counts the points that wait, plus one while the arm moves, instead of the
+* The arm moves through the points as in any other profile. MotoROS interpolates position and
+  velocity. Here velocities are only checked against the limits, and accelerations are ignored.
+* CHECK_QUEUE_CNT counts the waiting points, plus one while the arm moves, instead of the
   interpolation steps. It is 0 when no motion is left.
-* STOP_SERVOS is answered at once; MotoROS waits until the power is off.
-* After a pause the arm goes on to the same points; MotoROS wants START_TRAJ_MODE again.
-* There is one group, 0. Sequences that skip or repeat, which MotoROS does not check, are INVALID;
-  so are messages that are not requests.
-* RESET_ALARM also resets an E-stop that was released, as reset does on this controller.
+* STOP_SERVOS is answered immediately. MotoROS waits until the power is off.
+* After a pause the arm resumes to the same points. MotoROS needs START_TRAJ_MODE again.
+* Only group 0 exists. Sequences that skip or repeat, which MotoROS does not check, are INVALID,
+  and so are messages that are not requests.
+* RESET_ALARM also resets an E-stop that was released, like a reset on this controller.
 """
 
 import logging
@@ -75,7 +73,7 @@ from epson_driver.simple_message.motoman import Command, Invalid, Result
 def success(packet: Packet) -> MotionReply:
     """Return SUCCESS with the repeated fields of a message: group, sequence, command.
 
-    The command of a message that is none is its type; group and sequence are -1 where it has none.
+    The command is the message type if the message has none. Group and sequence are -1 if missing.
     """
     message = packet.message
     if isinstance(message, MotionCtrl):
@@ -86,12 +84,12 @@ def success(packet: Packet) -> MotionReply:
 
 
 def unreadable(msg_type: int) -> MotionReply:
-    """Return SUCCESS for a message of which nothing but the type is known."""
+    """Return SUCCESS for a message of which only the type is known."""
     return MotionReply(-1, -1, msg_type, Result.SUCCESS)
 
 
 def too_short(frame: Frame) -> MotionReply:
-    """Return SUCCESS with the repeated fields of a frame, 0 for those the body lacks."""
+    """Return SUCCESS with the repeated fields of a frame, 0 for fields that the body lacks."""
     if frame.msg_type not in (MessageType.MOTION_CTRL, MessageType.JOINT_TRAJ_PT_FULL):
         return unreadable(frame.msg_type)
     order: Literal['big', 'little'] = 'big' if frame.byte_order is ByteOrder.BIG else 'little'
@@ -122,13 +120,13 @@ _NOT_SERVED = (MessageType.STATUS, MessageType.JOINT_FEEDBACK, MessageType.MOTIO
 """Messages that MotoROS knows, but not as requests to this port."""
 
 _Command = Callable[[MotionReply], MotionReply | None]
-"""Obeys a command. It takes the reply that says SUCCESS, and returns the reply if there is one."""
+"""Executes a command. Takes the SUCCESS reply and returns the reply to send, if any."""
 
 
 class MotomanProgram:
-    """Has the points of one client executed, and obeys its commands.
+    """Executes the points and commands of one client.
 
-    At most `motion.pending_limit` points of the profile wait for the arm; more are BUSY.
+    At most `motion.pending_limit` points of the profile wait for the arm. Further ones are BUSY.
     """
 
     def __init__(self, controller: Controller) -> None:
@@ -138,7 +136,7 @@ class MotomanProgram:
         self._send = controller.send_reply
         self._mode = TrajectoryMode(controller)
         self._paused = False
-        # The sequence and the time of the point taken last; None before a point 0.
+        # The sequence and the time of the last accepted point, or None before a point 0.
         self._last: tuple[int, float] | None = None
         self._waiting: deque[Point] = deque()
         self._commands: dict[int, _Command] = {
@@ -169,7 +167,7 @@ class MotomanProgram:
         return self._paused
 
     def receive(self, frame: Frame) -> None:
-        """Obey, queue or refuse one frame."""
+        """Execute, queue or refuse one frame."""
         try:
             packet = decode(frame)
         except (HeaderError, BodyError) as error:
@@ -188,7 +186,7 @@ class MotomanProgram:
             self._answer(self._obey(packet))
 
     def step(self, dt: float) -> None:
-        """Let `dt` s pass for the arm, see `Program.step`."""
+        """Advance the arm by `dt` s, see `Program.step`."""
         left: float | None = dt
         while left is not None:
             left = self._arm.step(left)
@@ -197,16 +195,16 @@ class MotomanProgram:
                 return
 
     def abort(self) -> None:
-        """Brake, forget all points, which are answered already, and end the trajectory mode."""
+        """Brake, discard all points, which are already answered, and end the trajectory mode."""
         self._stop()
         self._mode.end()
 
     def restart(self) -> None:
-        """Abort. The same, because no trajectory goes on after that."""
+        """Abort. This is equivalent, because no trajectory continues after an abort."""
         self.abort()
 
     def detach(self) -> None:
-        """Forget the point that waits, but neither the mode nor the points that the arm has."""
+        """Discard the waiting point, but keep the mode and the points that the arm has."""
         self._waiting.clear()
 
     def pause(self) -> None:
@@ -214,15 +212,15 @@ class MotomanProgram:
         self._paused = True
 
     def resume(self) -> None:
-        """Go on with the points that wait."""
+        """Resume with the waiting points."""
         self._paused = False
         self._feed()
 
     def boot(self) -> None:
-        """Keep nothing: `restart` came with the boot already."""
+        """Do nothing, because the boot has already called `restart`."""
 
     def tasks(self) -> None:
-        """Return None: they are those of condition/tasks.py."""
+        """Return None, because condition/tasks.py lists the tasks."""
 
     def _obey(self, packet: Packet) -> MotionReply | None:
         message, done = packet.message, success(packet)
@@ -290,7 +288,7 @@ class MotomanProgram:
         self._waiting.clear()
         self._last = None
 
-    # Commands. Each takes the reply that says SUCCESS.
+    # Commands. Each takes the SUCCESS reply.
 
     def _check_motion_ready(self, done: MotionReply) -> MotionReply:
         missing = self._mode.missing()

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The point queue of the motion program: waiting points, the arm's present ones, answers."""
+"""The point queue of the motion program: waiting points, the arm's current points, replies."""
 
 from collections import deque
 from collections.abc import Callable
@@ -18,10 +18,10 @@ from epson_driver.sim_controller.core import Controller
 class Entry:
     """A point for the arm, or only a reply to send, each in its turn.
 
-    The arm goes to `point`; None: there is only something to answer. `reply_to` is the sequence of
-    the request to answer; None: it was no request. `begins`: a trajectory begins with the point.
-    `rejection`: the point is never executed, and the motion ends for that reason. Its turn does
-    not come before the controller's time `ready_at`, s.
+    The arm moves to `point` (None: the entry is only a reply). `reply_to` is the sequence of the
+    request to answer (None: the point was no request). `begins`: a trajectory starts with the
+    point. `rejection`: the point is never executed, and the motion ends for that reason. Its turn
+    comes at the controller's time `ready_at`, s, or later.
     """
 
     point: Point | None = None
@@ -32,18 +32,19 @@ class Entry:
 
 
 ROUNDING_S = 1e-9
-"""Differences in time that rounding makes, s."""
+"""Time differences caused by rounding, s."""
 
 
 class PointQueue:
-    """Gives the arm one entry after the other, and has each answered.
+    """Gives the arm one entry after the other, and triggers the replies.
 
-    `answered` is called with an entry that was done (or, with `program.late_failure`, one that
-    will be refused); `failed` with one that is refused in its turn: when the arm stands, and the
-    entry is still in the queue then. With `late_failure` at once, while the arm goes on to the
-    points before, and it has left the queue. The controller hears of a trajectory before the arm
-    takes its first point, which is left out if it is within `program.skip_first`, rad or m, of
-    where the arm stands. Any of them may flush the queue.
+    `answered` gets a completed entry (or, with `program.late_failure`, one that will be refused).
+    `failed` gets an entry that is refused in its turn. By then the arm is at rest, and the entry
+    is still in the queue. With `late_failure` this happens immediately, while the arm continues to
+    the earlier points, and the entry has left the queue. The controller is notified of a
+    trajectory before the arm accepts its first point. That point is skipped if it is within
+    `program.skip_first`, rad or m, of the current position. Any of these callbacks may flush the
+    queue.
     """
 
     def __init__(
@@ -65,11 +66,11 @@ class PointQueue:
         self.paused = False
 
     def __len__(self) -> int:
-        """How many wait."""
+        """Number of waiting entries."""
         return len(self._waiting)
 
     def append(self, entry: Entry) -> None:
-        """Queue an entry for `advance` to begin in its turn."""
+        """Queue an entry. `advance` starts it in its turn."""
         self._waiting.append(entry)
 
     def flush(self) -> tuple[list[Entry], bool]:
@@ -82,19 +83,20 @@ class PointQueue:
         return entries, lost
 
     def drop(self) -> None:
-        """Forget the waiting points, but let the arm go on to those it has."""
+        """Discard the waiting points. The arm continues to its current points."""
         self._waiting.clear()
 
     def detach(self) -> None:
-        """Forget the client, and the points that wait for their answer."""
+        """Discard the client, and the points that wait for their reply."""
         if self._current is not None:
             self._current = replace(self._current, reply_to=None)
         self._waiting = deque(entry for entry in self._waiting if entry.reply_to is None)
 
     def step(self, dt: float) -> None:
-        """Let `dt` s pass, see `Program.step`.
+        """Advance by `dt` s, see `Program.step`.
 
-        The arm returns what is left of it when a point is done; `advance` gives it the next.
+        The arm returns the remaining time when a point is done, and `advance` supplies the next
+        point.
         """
         left: float | None = dt
         while left is not None:
@@ -104,9 +106,9 @@ class PointQueue:
                 return
 
     def advance(self) -> None:
-        """Answer the points that are done, and give the arm the next ones that it has room for.
+        """Answer the completed points, and give the arm as many next points as it has room for.
 
-        In a pause nothing is done.
+        Does nothing during a pause.
         """
         while not self.paused:
             if (current := self._current) is not None:
@@ -123,7 +125,7 @@ class PointQueue:
         return room and self._is_ready(entry.ready_at)
 
     def _is_ready(self, ready_at: float) -> bool:
-        """Return whether it is that time, or have `advance` called then."""
+        """Return whether that time has come, or schedule a call of `advance` for it."""
         if ready_at <= self._clock.now + ROUNDING_S:
             return True
         timer = self._timer
@@ -134,7 +136,7 @@ class PointQueue:
         return False
 
     def _begin(self, entry: Entry) -> None:
-        """Give the arm an entry's point, if it is one to go to."""
+        """Give the arm an entry's point, if the entry has one to execute."""
         self._current = entry
         if entry.point is None:
             return
@@ -144,7 +146,7 @@ class PointQueue:
             return
         if entry.begins:
             self._began()
-        if self._current is not entry:  # flushed meanwhile
+        if self._current is not entry:  # flushed by the callback
             return
         if self._is_skipped(entry, entry.point):
             self._current = replace(entry, point=None)

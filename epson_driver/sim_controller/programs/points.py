@@ -23,10 +23,10 @@ from epson_driver.simple_message import (
 )
 
 MIN_VELOCITY = 1e-6
-"""Smallest velocity field obeyed: below it a move would take days. 0 means: none given."""
+"""Smallest valid velocity field: below it a move would take days. 0 means not specified."""
 
 MAX_DURATION_S = 86_400.0
-"""Longest duration field obeyed, s: a day."""
+"""Longest valid duration field, s: a day."""
 
 
 POINT_REALS = 12
@@ -36,7 +36,7 @@ POINT_REALS = 12
 def taken_for_point(frame: Frame, accepts: str, size: int) -> Frame | None:
     """Return the frame that a program reads in the given one, whose points have `size` bytes.
 
-    None: it reads none. `accepts`: `program.accepts` of a profile.
+    Return None if it cannot be read. `accepts`: `program.accepts` of a profile.
     """
     least = size - size // POINT_REALS * 2  # without velocity and duration
     if accepts == 'any':
@@ -51,9 +51,9 @@ def taken_for_point(frame: Frame, accepts: str, size: int) -> Frame | None:
 
 
 def numbers_rejection(point: JointTrajPt, used: FieldsUsed = FieldsUsed.BOTH) -> Rejection | None:
-    """Return why the point's numbers make no sense, or None. Unused joints count too.
+    """Return why the point's numbers are invalid, or None. Unused joints count too.
 
-    `used`: which of velocity and duration are looked at.
+    `used`: which of velocity and duration are checked.
     """
     for index, angle in enumerate(point.joints):
         if not np.isfinite(angle):
@@ -80,9 +80,9 @@ def _number_rejection(name: str, value: float) -> Rejection | None:
 
 
 def limits_rejection(point: JointTrajPt, limits: JointLimits) -> Rejection | None:
-    """Return which joint of the point is outside its limits, or None.
+    """Return the rejection for a joint of the point outside its limits, or None.
 
-    A limit that was rounded to float32 on its way is still inside.
+    A limit that was rounded to float32 in transit is still inside.
     """
     return angles_rejection(np.array(point.joints[: len(limits.names)]), limits)
 
