@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A goal in the controller's joint order, its checks, and whether the arm has arrived."""
+"""A goal in the controller's joint order, its checks, and the check for arrival."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ from epson_driver.simple_message import Message
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tolerances:
-    """How far each joint may be from where it should be: shape (n,), inf where not checked.
+    """Maximum errors of each joint, shape (n,), inf for a joint without a limit.
 
     position: rad. velocity: rad/s.
     """
@@ -40,7 +40,7 @@ class Tolerances:
     ) -> str | None:
         """Return a clause with joint, error and limit for the worst violation, or None if none.
 
-        `unit` tells that of a joint, by its index.
+        `unit` returns the unit of a joint's position for the joint's index.
         """
         for quantity, errors, limits, per in (
             ('position', position_error, self.position, ''),
@@ -61,16 +61,18 @@ class Tolerances:
 class Goal:
     """A trajectory in the controller's joint order, with its tolerances.
 
-    goal_tolerance: shape (n,), rad; inf where it is not checked. goal_time: s after the planned
-    end within which the arm must be there; 0 means no limit. goal_velocity: shape (n,), rad/s,
-    below which each joint counts as standing at the end, if that is less than what holds for all;
-    None: no such. path_tolerance: on the way, against the plan at that moment; None: not checked.
-    units: 'rad' or 'm', one per joint; all rad where nothing is said. may_end_moving: its last
-    point may have a velocity; the arm comes to rest there anyway. message: what makes a controller
-    do all of it that takes statements; None: what its delivery makes of the trajectory.
+    goal_tolerance: shape (n,), rad; inf disables the check of a joint.
+    goal_time: maximum delay after the planned end, s; 0 means no limit.
+    goal_velocity: shape (n,), rad/s, below which a joint counts as stopped at the end, if lower
+    than the general `stopped_velocity`; None: no such limit.
+    path_tolerance: maximum deviation from the plan at each time; None: not checked.
+    units: 'rad' or 'm', one per joint; empty: all rad.
+    may_end_moving: the last point may have a velocity. The arm comes to rest there anyway.
+    message: the statement that executes the whole goal, for a controller that takes statements;
+    None: the delivery creates the messages from the trajectory.
     start: earliest start by the loop's clock, s, or 0 for immediately.
 
-    The goal queue checks every goal before anything of it is sent.
+    The goal queue checks every goal before sending any part of it.
     """
 
     trajectory: Trajectory
@@ -89,24 +91,26 @@ class Goal:
 
 
 def late_start(start: float, now: float) -> str:
-    """Return a clause on a start at `now` that is late for a goal's `start`, or ''."""
+    """Return a clause if a start at `now` is late for a goal's `start`, else ''."""
     if not start or now - start <= MAX_UNREPORTED_DELAY_S:
         return ''
     return f'; it started {now - start:.3g} s after its header.stamp'
 
 
 MAX_MENTIONED_PROBLEMS = 5
-"""So many violations are spelled out in a goal's error text; the rest is counted."""
+"""Maximum number of violations listed in an error text."""
 
 MAX_UNREPORTED_DELAY_S = 0.1
 
 
 def checked_goal(goal: Goal, limits: JointLimits) -> Goal:
-    """Return a goal that is complete, finite and within the limits, its points settled on them.
+    """Return a goal that is complete, finite and within the limits.
+
+    Positions that are only just outside a limit are set to it (`JointLimits.settled`).
 
     Raises GoalRejectedError:
-    INVALID_JOINTS for other joints than those of the limits, in another order, or an array of
-    another shape; INVALID_GOAL for anything that `check_limits` finds.
+    INVALID_JOINTS if the joints or their order differ from the limits, or if an array has another
+    shape; INVALID_GOAL if `check_limits` finds a violation.
     """
     trajectory, names = goal.trajectory, limits.names
     if trajectory.joint_names != names:
@@ -136,7 +140,7 @@ def checked_goal(goal: Goal, limits: JointLimits) -> Goal:
 def check_limits(
     trajectory: Trajectory, limits: JointLimits, *, may_end_moving: bool = False
 ) -> None:
-    """Raise GoalRejectedError INVALID_GOAL that names point, joint, value and limit."""
+    """Raise GoalRejectedError INVALID_GOAL, naming point, joint, value and limit, if invalid."""
     if found := list(problems(trajectory, limits)):
         raise GoalRejectedError(ErrorCode.INVALID_GOAL, listed(found))
     if not may_end_moving and (found := list(_end_velocities(trajectory, limits))):
@@ -149,8 +153,8 @@ def check_start(
 ) -> None:
     """Raise GoalRejectedError INVALID_GOAL unless the trajectory starts where the arm is.
 
-    A first point at time 0 must be within `tolerance` (rad) of `actual` (shape (n,), rad); a later
-    one must be reachable from there in its time.
+    A first point at time 0 must be within `tolerance` (rad) of `actual` (shape (n,), rad). A later
+    first point must be reachable from there in its time.
     """
     offset = np.abs(trajectory.positions[0] - actual)
     time = float(trajectory.times[0])
@@ -179,10 +183,10 @@ def check_start(
 
 
 def untimed(trajectory: Trajectory, limits: JointLimits) -> Trajectory:
-    """Return only the positions of a trajectory whose times do not count.
+    """Return only the positions of a trajectory, with provisional times.
 
-    Its provisional times are slow enough for the velocity limits (shapes as in Trajectory); the
-    first one stays, since a point at 0 s is where the arm is, and a later one where it goes to.
+    The times are slow enough for the velocity limits (shapes like Trajectory). The first time is
+    unchanged: a point at 0 s is the arm's position, and a later one is a target.
     """
     steps = np.abs(np.diff(trajectory.positions, axis=0)) / limits.velocity
     durations = np.nan_to_num(steps.max(axis=1)) * 1.01 + 1e-3
@@ -202,26 +206,27 @@ def _end_velocities(trajectory: Trajectory, limits: JointLimits) -> Iterable[str
 
 
 def listed(found: Sequence[str]) -> str:
-    """Return problems as one text: the first few, and how many more there are."""
+    """Return the problems as one text: the first few, and the number of the others."""
     text = '; '.join(islice(found, MAX_MENTIONED_PROBLEMS))
     rest = len(found) - MAX_MENTIONED_PROBLEMS
     return f'{text}; and {rest} more' if rest > 0 else text
 
 
 CAUSE_TIMEOUT_S = 0.095
-"""How long a rejected goal waits for the STATUS that says why, s. EPSON's comes every 55 ms."""
+"""Wait of a rejected goal for the STATUS with the cause, s. EPSON sends one every 55 ms."""
 
 CAUSE_TIMEOUT_MARGIN_S = 0.04
-"""What it waits beyond the time between two STATUS messages, s."""
+"""Wait in addition to the time between two STATUS messages, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class GoalSettings:
-    """Tolerances and patience of a goal execution.
+    """Tolerances and timeouts of a goal execution.
 
-    stopped_velocity: rad/s, below which a joint counts as standing. reply_timeout: s without a
-    reply and without the arm moving, beyond the time that the plan takes to the point.
-    cause_timeout: how long a rejected goal waits for the STATUS that says why, s.
+    stopped_velocity: velocity below which a joint counts as stopped, rad/s.
+    reply_timeout: maximum time without a reply and without arm motion, beyond the planned time to
+    the point, s.
+    cause_timeout: maximum wait of a rejected goal for the STATUS with the cause, s.
     require_planned_speed: reject plans and streams that the controller is known to execute faster.
     """
 
@@ -232,16 +237,16 @@ class GoalSettings:
 
 
 def cause_timeout(state: StateProfile) -> float:
-    """Return how long to wait for a STATUS of a controller with this profile, s."""
+    """Return how long to wait for a STATUS from a controller with this profile, s."""
     return state.period * (state.joint_positions_per_status + 1) + CAUSE_TIMEOUT_MARGIN_S
 
 
 MIN_DISPLACEMENT = 1e-3
-"""A goal that is so far from where the arm was, rad or m, is not reached by standing there."""
+"""Distance from start to goal, rad or m, above which the arm must move nearer to it."""
 
 
 class Arrival:
-    """Compares where the arm is with the end of one goal. Distances have shape (n,), rad."""
+    """Compares the arm's position with the end of one goal. Distances have shape (n,), rad."""
 
     def __init__(self, goal: Goal) -> None:
         self._goal = goal
@@ -251,20 +256,21 @@ class Arrival:
 
     @cached_property
     def _min_excursion(self) -> float:
-        """See `_min_excursion`. It looks at every point: not before the first one is sent."""
+        """See the function `_min_excursion`. Computed late, because it checks every point."""
         return _min_excursion(self._goal)
 
     def see(self, positions: Array) -> None:
-        """Take measured positions, shape (n,), rad."""
+        """Evaluate measured positions, shape (n,), rad."""
         self._distance = np.abs(positions - self._goal.trajectory.positions[-1])
         if self._start is None:
             self._start = self._distance
         self._left = self._left or float(self._distance.max()) >= self._min_excursion
 
     def reached(self, *, said: bool) -> bool:
-        """Return whether the arm is at the goal, and has been on its way to it.
+        """Return whether the arm is at the goal and has moved toward it.
 
-        `said`: the controller says that it stands; else it must have come nearer, too.
+        `said`: the controller reports that the arm is at rest. Otherwise the arm must also have
+        moved nearer to the goal.
         """
         if not (self._left and (said or self._came_nearer())):
             return False
@@ -278,7 +284,7 @@ class Arrival:
         return bool(start[joint] < MIN_DISPLACEMENT or distance[joint] < start[joint] / 2)
 
     def shortfall(self) -> str:
-        """Return why an arm that stands where it does has not reached the goal, as a clause."""
+        """Return why an arm at rest has not reached the goal, as a clause."""
         if not self._left:
             return 'the controller acknowledged all points, but the arm did not move'
         distance, tolerance = self._distance, self._goal.goal_tolerance
@@ -293,9 +299,9 @@ class Arrival:
 
 
 def _min_excursion(goal: Goal) -> float:
-    """Return how far from the goal the arm must have been seen, rad.
+    """Return the distance from the goal that must have been measured during the motion, rad.
 
-    On a path that ends where it began, an arm that has not moved yet is at the goal, too.
+    On a path that ends at its start, an arm that has not moved yet is also at the goal.
     """
     positions = goal.trajectory.positions
     last = positions[-1]

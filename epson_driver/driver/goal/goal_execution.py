@@ -1,11 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The execution of one goal, from the first point to its one outcome.
+"""The execution of one goal, from its first point to its single outcome.
 
-The rules, and what may follow what, are in goal_states.py.
+The rules and the allowed transitions are in goal_states.py.
 
-The object has no clock and no I/O: it is told what happened and when, and it sends through the
-callable it was given.
+The object has no clock and no I/O. Its owner passes in every event with its time, and messages are
+sent through a callable.
 """
 
 import contextlib
@@ -48,27 +48,28 @@ from epson_driver.motion import Array, JointLimits, Trajectory
 from epson_driver.simple_message import Message, MotionReply, Packet, TriState
 
 SETTLE_TIME_S = 1.0
-"""How long an arm may stand beside the goal after the last reply before that is a failure, s."""
+"""Maximum rest away from the goal after the last reply, s; after that the goal fails."""
 
 MAX_COUNTED_GAP_S = 0.5
-"""Time from one state to the next that counts as waiting, s: what is longer is this process not
-scheduled, or a silent controller, which the link sees by itself (receive_timeout.py)."""
+"""Maximum time between two states that counts toward a timeout, s. A longer gap means that this
+process was not scheduled, or that the controller is silent, which the link detects separately
+(receive_timeout.py)."""
 
 EARLY_S = 0.2
-"""A place that the plan passes twice within this time counts as not passed yet, s: a pause repeats
-a point rather than skip it."""
+"""Margin for a position that the plan passes twice, s. Two passes closer than this to the expected
+time count as not passed yet, because after a pause a point is repeated rather than skipped."""
 
 ACCEPTED_EARLY = 2
-"""A controller that ignores times accepts a point this many points before the arm is there."""
+"""Points by which a controller that ignores times acknowledges ahead of the arm."""
 
 _log = logging.getLogger(__name__)
 
 COUNTED_STATES = BRAKING_STATES | {GoalState.SETTLING}
-"""States in which the controller must confirm the standstill in time."""
+"""States in which the controller must confirm the standstill before the timeout."""
 
 Send = Callable[[Message, Callable[[Packet, float], None]], object]
-"""send(message, on_reply) posts a request; on_reply(packet, now) is called when its reply comes.
-Raises ConnectionError if there is no link."""
+"""send(message, on_reply) posts a request. on_reply(packet, now) is called with its reply.
+Raises ConnectionError if no link is available."""
 
 
 class GoalExecution:
@@ -91,12 +92,12 @@ class GoalExecution:
         self.settings = settings
         self.state = GoalState.PREPARING
         self.aftermath = UNKNOWN
-        """What is known of the arm when the goal has ended."""
+        """Known state of the arm after the goal has ended."""
         self.timing: Timing | None = None
-        """How long the plan took, once the goal has succeeded."""
+        """Planned and actual duration, once the goal has succeeded."""
         self.started = now
         self.point = 0
-        """How many points were taken: the index of the one that is on its way."""
+        """Number of accepted points, which is also the index of the pending point."""
         self._send = send
         self._on_end = on_end
         self._scaling = scaling or SpeedScaling()
@@ -104,13 +105,13 @@ class GoalExecution:
         self._start = goal.trajectory.positions[0]
         self._schedule: PointSchedule | None = None
         self._paused_at: Array | None = None  # where the arm came to rest
-        self._reached = 0.0  # time on the plan at that place, as far as known
-        self._passed = 0.0  # time of the plan before the last pause
+        self._reached = 0.0  # plan time at that position, as far as known
+        self._passed = 0.0  # plan time before the last pause
         self._standstill = Standstill(now)
         self._pause = PauseDetector()
         self._rest_at: float | None = None
         self._checked: JointSample | None = None
-        self._due = 0.0  # when the plan was to be where the next answer or the standstill comes
+        self._due = 0.0  # when the plan reaches the position of the next reply or standstill
         self._looked = now
         self._when_at_rest = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, 'stopped')
         self._rejection = ''
@@ -120,7 +121,7 @@ class GoalExecution:
 
     @property
     def paused(self) -> bool:
-        """True while the controller is paused: the motion waits for it."""
+        """True while the controller is paused. The motion then waits."""
         return self._pause.paused
 
     @property
@@ -130,7 +131,7 @@ class GoalExecution:
 
     @property
     def desired(self) -> tuple[float, Array, Array] | None:
-        """Where the plan is: its time in s, positions and velocities, shape (n,), rad and rad/s.
+        """The planned state: time in s, positions and velocities, shape (n,), rad and rad/s.
 
         None before the goal is prepared. Velocities are 0 while the plan waits and at its end.
         """
@@ -142,17 +143,17 @@ class GoalExecution:
         return max(self._passed + time, self._reached), *clock.desired()
 
     def speed(self, now: float) -> float:
-        """Return the share of the planned speed that the goal runs at: 0 while it is paused."""
+        """Return the fraction of the planned speed at which the goal runs; 0 while paused."""
         return 0.0 if self.paused else self._scaling.factor(now)
 
     @property
     def target(self) -> int:
-        """Index of the trajectory's point that the arm is on its way to."""
+        """Index of the trajectory's point toward which the arm moves."""
         return 0 if self._schedule is None else min(self.point, len(self._schedule) - 1)
 
     @property
     def where(self) -> str:
-        """How far the goal has come, as a clause."""
+        """Progress of the goal, as a clause."""
         first = self._schedule is None
         return 'before its first point' if first else f'on the way to point {self.target}'
 
@@ -171,9 +172,9 @@ class GoalExecution:
     ) -> None:
         """Send the first point of a prepared trajectory unless the goal was stopped before.
 
-        `trajectory` is what is executed: the goal's own, or what was made of it. `at`: shape
-        (n,), rad, where the arm stands, if that is not the first point. `begin_within`: how long
-        from now on the controller lets the arm stand before it moves, s; the plan begins then.
+        `trajectory` is executed: the goal's trajectory, or one derived from it. `at`: position of
+        the arm, shape (n,), rad, if different from the first point. `begin_within`: delay before
+        the controller moves the arm, s. The plan starts after this delay.
         """
         if self.state is not GoalState.PREPARING:
             return
@@ -189,11 +190,11 @@ class GoalExecution:
 
     @cached_property
     def _arrival(self) -> Arrival:
-        """The comparison of the arm with the end of the goal, once that is prepared."""
+        """The comparison of the arm with the goal's end. Created after the goal is prepared."""
         return Arrival(self.goal)
 
     def on_reply(self, index: int, packet: Packet, now: float) -> None:
-        """Take the controller's reply to point `index`."""
+        """Handle the controller's reply to point `index`."""
         if self.state is not GoalState.STREAMING or index != self.point:
             if self.state in UNCONFIRMED_STATES:
                 self._take_late_reply(packet, now)
@@ -210,13 +211,13 @@ class GoalExecution:
             self._step(GoalEvent.LAST_REPLY)
 
     def on_unsolicited_failure(self, now: float) -> None:
-        """Take a negative reply to something that the controller had acknowledged before."""
+        """Handle a negative reply to a message that the controller acknowledged before."""
         if self.state in RUNNING_STATES:
             where = self._name(self.target)
             self._reject(f'the controller withdrew an acknowledgement before {where}', now)
 
     def on_state(self, robot: RobotState, now: float) -> None:
-        """Look at the robot state, after new joints or a new status came."""
+        """Evaluate the robot state after new joints or a new status."""
         sample = robot.sample
         if self.ended or sample is None:
             return
@@ -245,12 +246,12 @@ class GoalExecution:
         self._check_patience(now)
 
     def cancel(self, now: float) -> None:
-        """Stop because the goal was canceled: it ends as canceled when the arm stands."""
+        """Stop because the goal was canceled. It ends as canceled when the arm is at rest."""
         outcome = Outcome(End.CANCELED, ErrorCode.SUCCESSFUL, 'canceled; the arm stands')
         self._stop(GoalEvent.CANCEL, outcome, now)
 
     def stop(self, why: str, now: float) -> None:
-        """Stop for another reason: the goal ends as aborted when the arm stands."""
+        """Stop for another reason. The goal ends as aborted when the arm is at rest."""
         outcome = Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, f'{why}; the arm stands')
         self._stop(GoalEvent.STOP, outcome, now)
 
@@ -263,7 +264,7 @@ class GoalExecution:
         self._stop(GoalEvent.PAUSE, outcome, now)
 
     def resume(self, sample: JointSample, limits: JointLimits, tolerance: float) -> None:
-        """Prepare the rest of a paused goal: its trajectory starts where the arm is at rest.
+        """Prepare the rest of a paused goal. Its trajectory starts where the arm is at rest.
 
         Raises GoalRejectedError if the arm is farther than `tolerance` (rad) from where it paused.
         """
@@ -286,14 +287,14 @@ class GoalExecution:
 
     @property
     def _expected(self) -> float:
-        """Time on the plan at which the arm stopped, s, as far as the driver knows."""
+        """Plan time at which the arm stopped, s, as far as the driver knows."""
         if self._schedule is None:
             return 0.0
         times = self.goal.trajectory.times
         if self._planned_speed is not None and self._planned_speed.unplanned:
             target = max(self.point - ACCEPTED_EARLY, 0)
             time = float((times[target - 1] if target else 0.0) + times[target]) / 2
-        else:  # the arm is not beyond the point that was sent last
+        else:  # the arm is not beyond the last point that was sent
             time = min(self._plan_time, float(times[self.target])) - EARLY_S
         share = time / max(self.goal.trajectory.duration, MIN_DURATION_S)
         expected = self._passed + (self._plan.duration - self._passed) * share
@@ -305,7 +306,7 @@ class GoalExecution:
         code: ErrorCode = ErrorCode.PATH_TOLERANCE_VIOLATED,
         remedy: Remedy = Remedy.NONE,
     ) -> None:
-        """End now, as something forbids motion, with STOP if anything was sent."""
+        """End immediately because motion is not allowed. Sends STOP if anything was sent."""
         if not self.ended:
             self._end_at_once(GoalEvent.FAULT, why, code, remedy=remedy)
 
@@ -325,26 +326,26 @@ class GoalExecution:
         self._on_end(Outcome(End.ABORTED, code, text, unexplained, remedy))
 
     def _reject(self, why: str, now: float) -> None:
-        """Stop, as the controller rejected a point, and wait for the STATUS that says why."""
+        """Stop because the controller rejected a point, and wait for the STATUS with the cause."""
         self._rejection, self._rejected_at = why, now
         self._cause_waited = 0.0
         statement = self._schedule is not None and math.isinf(self._schedule.duration)
-        taken = self.point > 0 or statement  # which may have moved the arm
+        taken = self.point > 0 or statement  # either may have moved the arm
         self._step(GoalEvent.REJECTION_MIDWAY if taken else GoalEvent.REJECTION)
         self._send_stop()
 
     def _look_for_cause(self, robot: RobotState, gap: float) -> None:
-        """End a rejected goal with the cause in the first status after the rejection, if it comes.
+        """End a rejected goal with the cause from the first STATUS after the rejection, if any.
 
-        Of the time since the last look, `gap`, s, only a part of the patience counts: a status
-        that came while this process was not scheduled is read before the next look.
+        `gap`, s, is the time since the last check. At most half the timeout counts per check: a
+        STATUS that arrived while this process was not scheduled is read before the next check.
         """
         status = robot.status
         told = status is not None and robot.status_time > self._rejected_at
         patience = self.settings.cause_timeout
         self._cause_waited += min(gap, patience / 2)
         if told and status and not status.error_code and robot.in_motion == TriState.TRUE:
-            # It brakes: what makes it do so may only show when it stands, as motors off do.
+            # The arm brakes. The cause, such as motors off, may only show once it is at rest.
             told = self._cause_waited > self.settings.reply_timeout
             patience = self.settings.reply_timeout
         if status is not None and told:
@@ -356,7 +357,7 @@ class GoalExecution:
             self._end_at_once(GoalEvent.FAULT, 'no status came that says why', unexplained=True)
 
     def _send_stop(self) -> None:
-        with contextlib.suppress(ConnectionError):  # without a link the controller stops itself
+        with contextlib.suppress(ConnectionError):  # without a link the controller stops anyway
             self._send(STOP, lambda _packet, _now: None)
 
     def _stop(self, event: GoalEvent, outcome: Outcome, now: float) -> None:
@@ -375,9 +376,9 @@ class GoalExecution:
             self.fault(f'STOP could not be sent: {error}')
 
     def _take_late_reply(self, packet: Packet, now: float) -> None:
-        """Take an answer to a point that may be the one to STOP, after which it came.
+        """Handle a point reply after STOP, which may actually be the reply to STOP.
 
-        If the point's own never comes, STOP's takes its place; then the state decides.
+        If the point reply never comes, the STOP reply is mistaken for it. The state then decides.
         """
         message = packet.message
         if not isinstance(message, MotionReply) and not sequence_of(message):
@@ -404,21 +405,21 @@ class GoalExecution:
         self._on_end(outcome)
 
     def _stopped(self) -> Array:
-        """Return the velocities below which the joints count as standing, rad/s, shape (n,)."""
+        """Return the velocities below which the joints count as stopped, rad/s, shape (n,)."""
         stopped = np.full(len(self.goal.trajectory.joint_names), self.settings.stopped_velocity)
         if self.goal.goal_velocity is not None:
             stopped = np.minimum(stopped, self.goal.goal_velocity)
         return stopped
 
     def _judge(self, now: float, *, said: bool) -> None:
-        """Decide whether an arm that stands, with all points acknowledged, is at the goal.
+        """Check whether an arm at rest, with all points acknowledged, is at the goal.
 
-        `said`: the controller says so.
+        `said`: the controller reports that the arm is at rest.
         """
-        if self.paused:  # it may have a rest of the way to go
+        if self.paused:  # part of the motion may remain
             return
         if self._plan_time < self.goal.trajectory.duration:
-            return  # what is planned may be yet to come, however short a way
+            return  # part of the plan may remain, even if the distance is short
         if self._arrival.reached(said=said):
             text = f'at the goal after {now - self.started:.2f} s'
             text += late_start(self.goal.start, self.started)
@@ -431,8 +432,8 @@ class GoalExecution:
             self.fault(self._arrival.shortfall(), ErrorCode.GOAL_TOLERANCE_VIOLATED)
 
     def _other_speed(self, timing: Timing) -> str:
-        """Return a clause on a goal that ran at another speed than planned, or ''."""
-        own = self.goal.message is not None  # the controller's own pace
+        """Return a clause if a goal ran at another speed than planned, else ''."""
+        own = self.goal.message is not None  # the controller chose the speed
         why = '' if self._planned_speed is None or own else self._planned_speed.deviation(timing)
         if not why:
             return ''
@@ -467,13 +468,13 @@ class GoalExecution:
 
     @property
     def _plan_time(self) -> float:
-        """Where the plan is, s, or 0 before it is prepared."""
+        """Current plan time, s, or 0 before the goal is prepared."""
         return 0.0 if self._schedule is None else self._schedule.clock.time
 
     def _exclude_unscheduled_time(self, now: float, gap: float) -> None:
         """Exclude time in which this process was not scheduled from the reply timeout.
 
-        `gap`: s since somebody looked.
+        `gap`: time since the last check, s.
         """
         unseen = gap - MAX_COUNTED_GAP_S
         if unseen > 0.0:
@@ -482,10 +483,10 @@ class GoalExecution:
                 self._due = min(self._due + unseen, now)
 
     def _keep_time(self, robot: RobotState, sample: JointSample, now: float) -> None:
-        """Advance the clock, and detect a pause of the controller.
+        """Advance the plan's clock, and detect a pause of the controller.
 
-        The plan is where it was when the joints were measured: they may have waited since, in the
-        network or for this process.
+        The clock uses the time at which the joints were measured. They may have been delayed in
+        the network or by this process since then.
         """
         moves = self.state in RUNNING_STATES
         clock = None if self._schedule is None else self._schedule.clock
@@ -501,7 +502,7 @@ class GoalExecution:
             self._due = max(self._due, now)
 
     def _check_path(self, sample: JointSample, now: float) -> None:
-        """Hold new joints against where the plan was when they were measured."""
+        """Compare new joints with the plan at the time of their measurement."""
         tolerance = self.goal.path_tolerance
         is_new, self._checked = sample is not self._checked, sample
         if (
@@ -533,7 +534,7 @@ class GoalExecution:
         self._stop(GoalEvent.STOP, outcome, now)
 
     def _send_point(self, now: float) -> None:
-        """Send the next point at the present speed."""
+        """Send the next point at the current speed."""
         if self._schedule is None:
             return
         index = self.point

@@ -1,11 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The running goal and the one that waits for it: from submission to outcome.
+"""The running goal and the waiting goal, from submission to outcome.
 
-A new goal replaces the running one, which is stopped; it starts when the arm stands. One that
-comes after a goal that ended at once starts when the stop of that one is over. A goal whose start
-is in the future waits as the running goal, in the state PREPARING. Everything here runs in the
-driver's loop.
+A new goal replaces the running one, which is stopped. The new goal starts when the arm is at rest.
+If the goal before it ended immediately, the new goal starts when the stop of that goal is over. A
+goal with a start time in the future waits as the running goal, in the state PREPARING. Everything
+here runs in the driver's loop.
 """
 
 import asyncio
@@ -44,17 +44,17 @@ from epson_driver.motion import Trajectory
 REPLACED = 'replaced by a newer goal before it could start'
 
 FRESH_POSE_TIMEOUT_S = 0.2
-"""How long a goal waits for joints if those that are there are too old, s: when the machine was
-busy, they are about to come, or wait in the socket."""
+"""Maximum wait of a goal for fresh joints, s. If the machine was busy, new ones are about to
+arrive or already wait in the socket."""
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(eq=False)
 class GoalHandle:
-    """A goal in the queue. `on_end` gets its outcome, once, `on_feedback` each sample.
+    """A goal in the queue. `on_end` receives its outcome, once, `on_feedback` each sample.
 
-    alone: it replaces no other goal.
+    alone: it must not replace another goal.
     """
 
     goal: Goal
@@ -67,11 +67,11 @@ class GoalHandle:
 
 
 class GoalQueue:
-    """Executes one goal after the other.
+    """Executes one goal at a time.
 
     `on_broken_off` is called with the outcome of a goal after which the arm must be enabled again,
-    and whether an answer is missing. `start_tolerance` (rad) and `settings` may be changed at any
-    time; the latter hold for the running goal, too.
+    and with True if a reply is missing. `start_tolerance` (rad) and `settings` may be changed at
+    any time. Changed settings also apply to the running goal.
     """
 
     def __init__(
@@ -89,13 +89,13 @@ class GoalQueue:
         self.start_tolerance = 0.02
         self.scaling = SpeedScaling(by_velocity=self._planned_speed.by_velocity)
         self.unsmoothed = 0
-        """Goals for which no smooth motion inside every limit was found."""
+        """Number of goals without a smooth motion inside every limit."""
         self.last_timing: Timing | None = None
-        """How long the last goal that succeeded was planned to take, and took."""
+        """Planned and actual duration of the last goal that succeeded."""
         self.other_speed = 0
-        """Goals that were executed at another speed than planned."""
+        """Number of goals that were executed at another speed than planned."""
         self.stops: list[str] = []
-        """Requests to stop that are under way: no goal begins meanwhile."""
+        """Reasons of pending requests to stop. No goal starts while one is pending."""
         self._robot = robot
         self._why_not = why_not
         self._stopper = stopper
@@ -109,11 +109,11 @@ class GoalQueue:
         self._waiting: GoalHandle | None = None
         self._preparations: set[asyncio.Task[None]] = set()
         self.plans = PlanningScopes()
-        """Goals of which there is no trajectory yet. One that is submitted ends them."""
+        """Goals that are still being planned. Submitting a goal cancels them."""
 
     @property
     def settings(self) -> GoalSettings:
-        """Tolerances and patience of goal executions."""
+        """Tolerances and timeouts of goal executions."""
         return self._settings
 
     @settings.setter
@@ -146,7 +146,7 @@ class GoalQueue:
 
     @contextlib.contextmanager
     def stopping(self, why: str) -> Iterator[None]:
-        """End waiting goals, and those that come during this block: they may be older."""
+        """End waiting goals, and goals submitted during this block, which may be older."""
         self.stops.append(why)
         self.end_waiting(why)
         try:
@@ -155,12 +155,12 @@ class GoalQueue:
             self.stops.remove(why)
 
     def make_ready(self) -> None:
-        """Start the smoothing process, so that the first goal need not wait for it."""
+        """Start the smoothing process, so that the first goal does not wait for it."""
         if self.smoother is not None:
             self.smoother.make_ready()
 
     async def close(self) -> None:
-        """End the tasks and the process that prepare goals once no goal runs any more."""
+        """Wait for pending preparations, then close the smoothing process. No goal may run."""
         await asyncio.gather(*self._preparations, return_exceptions=True)
         if self.smoother is not None:
             await self.smoother.close()
@@ -168,11 +168,11 @@ class GoalQueue:
     def submit(self, handle: GoalHandle) -> None:
         """Execute a goal after stopping the running one, which ends as aborted.
 
-        It is checked here, whoever submits it: one that breaks a limit ends at once, and what runs
-        goes on.
+        Every goal is checked here. An invalid goal is aborted immediately, and the running goal is
+        unaffected.
 
-        If the pose is too old, it waits for a moment for a newer one: the loop may not have been
-        scheduled for a while, and what came meanwhile is still to be read.
+        If the pose is too old, the goal waits briefly for a newer one: the loop may not have been
+        scheduled for a while, and newer joints may still be unread.
         """
         try:
             if self.stops:
@@ -194,16 +194,16 @@ class GoalQueue:
             self._submit(handle, now)
 
     async def _submit_later(self, handle: GoalHandle) -> None:
-        """Submit a goal when there is a fresh pose, or none in time."""
+        """Submit a goal when a fresh pose is available, or after FRESH_POSE_TIMEOUT_S."""
         now = await wait_for_fresh_state(self._robot.stale, self._changed, FRESH_POSE_TIMEOUT_S)
         if handle is self._waiting:
             self._waiting = handle.preparation = None
             self._submit(handle, now)
 
     def _submit(self, handle: GoalHandle, now: float) -> None:
-        """Start a goal, or let it wait for a stop. Whether the pose is fresh is judged at `now`.
+        """Start a goal, or let it wait for a stop. The age of the pose is judged at `now`.
 
-        At one moment in all checks: this process may be held up between two of them.
+        All checks use the same time, because this process may be delayed between two of them.
         """
         try:
             self.check(self._purpose, now)
@@ -220,20 +220,20 @@ class GoalQueue:
             self.execution.stop('replaced by a new goal', _now())
 
     def _wait(self, handle: GoalHandle) -> None:
-        """Let a goal wait for a pose or a stop, instead of the one that waits."""
+        """Queue a goal that waits for a pose or a stop, replacing the one already waiting."""
         replaced, self._waiting = self._waiting, handle
         if replaced is not None:
             self._end_unstarted(replaced, REPLACED)
 
     def cancel(self, handle: GoalHandle) -> None:
-        """Stop the goal's motion, so that it ends as canceled when the arm stands."""
+        """Stop the goal's motion. The goal ends as canceled when the arm is at rest."""
         if handle is self._waiting:
             self._end_unstarted(handle, 'canceled before it could start', End.CANCELED)
         elif handle is self._running and handle.execution is not None:
             handle.execution.cancel(_now())
 
     def end_waiting(self, why: str) -> None:
-        """End the goals that wait to be started, or for their plan."""
+        """End the goals that wait for their start or their plan."""
         self.plans.end(why)
         if self._waiting is not None:
             self._end_unstarted(self._waiting, why)
@@ -247,25 +247,28 @@ class GoalQueue:
         handle.on_end(Outcome(end, code, why))
 
     def on_rest(self) -> None:
-        """Start the goal that waits, as a stop is over, unless it waits for a pose."""
+        """Start the waiting goal after a stop is over, unless it waits for a pose."""
         following = self._waiting
         if self._running is None and following is not None and following.preparation is None:
             self._waiting = None
             self._start(following, _now())
 
     def fault(self, why: str) -> None:
-        """End the running and the waiting goals at once: something forbids motion."""
+        """End the running and the waiting goals immediately because motion is not allowed."""
         self.end_waiting(why)
         if (execution := self.execution) is not None:
             execution.fault(f'{why} ({execution.where})')
 
     def withdraw(self) -> None:
-        """Tell the running goal that the controller withdrew an acknowledgement."""
+        """Notify the running goal that the controller withdrew an acknowledgement."""
         if self.execution is not None:
             self.execution.on_unsolicited_failure(_now())
 
     async def stop(self, why: str, timeout: float) -> Outcome | None:
-        """Stop the running goal, if any. Returns its outcome, or None if there is none in time."""
+        """Stop the running goal and return its outcome, or None if there is none in time.
+
+        `timeout`: maximum wait for the outcome, s.
+        """
         handle = self._running
         if handle is None or handle.execution is None:
             return None
@@ -279,7 +282,7 @@ class GoalQueue:
         return handle.outcome
 
     def on_joints(self, sample: JointSample, now: float) -> None:
-        """Tell the goals that new joints came."""
+        """Notify the running goal of new joints."""
         handle = self._running
         if handle is not None and handle.execution is not None:
             handle.execution.on_state(self._robot, now)
@@ -288,7 +291,7 @@ class GoalQueue:
                 handle.on_feedback(handle.execution, sample)
 
     def on_status(self, now: float) -> None:
-        """Tell the goals that a status came, which does not forbid motion."""
+        """Notify the running goal of a STATUS that permits motion."""
         execution = self.execution
         if execution is None:
             return
@@ -301,17 +304,17 @@ class GoalQueue:
 
     @property
     def _purpose(self) -> Purpose:
-        """What a new goal asks for: it needs no pose while the arm moves without one."""
+        """Purpose of a new goal. It needs no pose while the arm moves without one."""
         moves = self._running is not None and self._robot.withheld
         return Purpose.GOAL if moves else Purpose.READY
 
     def check(self, purpose: Purpose, now: float) -> None:
-        """Raise GoalRejectedError for what forbids a purpose at `now`, s."""
+        """Raise GoalRejectedError if a purpose is not allowed at `now`, s."""
         if (found := self._why_not(purpose, now)) is not None:
             raise GoalRejectedError(ErrorCode.INVALID_GOAL, found.said, found.remedy)
 
     def ready_sample(self, now: float, purpose: Purpose = Purpose.READY) -> JointSample:
-        """Return where the arm is. Raises GoalRejectedError unless it may move at `now`, s."""
+        """Return the joint sample. Raises GoalRejectedError if the arm may not move at `now`."""
         self.check(purpose, now)
         sample = self._robot.sample
         assert sample is not None  # noqa: S101 - for the type checker: otherwise there is no pose
@@ -342,9 +345,9 @@ class GoalQueue:
             handle.execution.pause(now)
 
     def set_speed(self, factor: float) -> str:
-        """Request a speed scaling, or a pause by 0, and return a sentence about its effect.
+        """Request a speed scaling, or a pause with 0, and return a sentence about its effect.
 
-        Raises ValueError if the controller cannot keep it.
+        Raises ValueError if the controller cannot apply it.
         """
         running = None if self.execution is None else self.execution.goal.trajectory
         self._planned_speed.check_factor(factor, running)
@@ -363,7 +366,7 @@ class GoalQueue:
         return 'pausing: the arm brakes, and the motion waits'
 
     def _resume(self, now: float) -> None:
-        """Continue the running goal if it is paused, and no longer should be."""
+        """Continue the running goal if it is paused and may resume."""
         handle = self._running
         if handle is None or handle.execution is None or not self.scaling.target:
             return
@@ -392,7 +395,7 @@ class GoalQueue:
         handle.preparation.add_done_callback(report_task_error)
 
     async def _execute_later(self, execution: GoalExecution, sample: JointSample) -> None:
-        """Plan a goal's motion and wait for its start, then execute it unless it was stopped.
+        """Plan a goal's motion, wait for its start, and execute it unless it was stopped.
 
         The arm must still be at rest at the start position.
         """

@@ -1,35 +1,36 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The states of a goal and everything that moves it from one to another.
+"""The states of a goal and all transitions between them.
 
 Rules:
-1. Every change of a goal's state is a row of TRANSITIONS. The three final states have no row:
-   a goal ends once. Nothing is sent for a goal before it is prepared: its motion may have to be
-   planned first.
-2. One point is on its way at a time; its reply lets the next one go (streaming, REP-I0006).
-3. Success needs all replies positive, the arm at the goal within tolerance, and standing, as
-   measured after the last reply, and not before the time of the plan has passed (reference.py):
-   a way that is shorter than the tolerance may not have begun yet. Where the controller does not
-   say whether the arm moves, it must have stood for longer, nearer to the goal than to its start.
-4. Cancel, stop and replacement send STOP at once, never behind a pending reply, and end the goal
-   when the arm stands. If STOP's answer was taken for that of a point which never came, the state
-   decides: an arm that has stood for longer. A fault sends STOP and ends the goal at once: it
-   cannot wait for an arm that it may no longer see.
-5. After a FAILURE reply STOP is sent, and the next STATUS is awaited for CAUSE_TIMEOUT_S at most:
-   it has the reason. While the arm still brakes, the reason may be yet to come, and is awaited.
-6. A joint that leaves its path tolerance stops the arm; the goal ends when it stands. It is held
-   against the plan at that moment (reference.py), until the plan's end.
-7. A controller that is paused (PauseDetector) is waited for, however long: the clock stands
-   and no patience runs out.
+1. Every change of a goal's state is a row of TRANSITIONS. The three final states have no row, so a
+   goal ends exactly once. Nothing is sent for a goal before it is prepared, because its motion may
+   have to be planned first.
+2. Only one point is pending at a time. Its reply releases the next one (streaming, REP-I0006).
+3. A goal succeeds if all replies are positive and the arm is at rest at the goal, within the
+   tolerance. Rest is measured after the last reply, and not before the planned time has passed
+   (reference.py): if the whole path is shorter than the tolerance, the arm may not have started
+   yet. If the controller does not report whether the arm moves, the arm must have been at rest for
+   longer, and be nearer to the goal than to its start.
+4. Cancel, stop and replacement send STOP immediately, never after a pending reply, and end the
+   goal when the arm is at rest. If the STOP reply was mistaken for a missing point reply, a longer
+   standstill in the joint state decides. A fault sends STOP and ends the goal immediately, because
+   it cannot wait for an arm whose state may no longer be available.
+5. After a FAILURE reply STOP is sent, and the next STATUS is awaited for up to CAUSE_TIMEOUT_S: it
+   contains the cause. While the arm still brakes, the cause may not be set yet, so the wait
+   extends to the reply timeout.
+6. A joint that leaves its path tolerance stops the arm, and the goal ends when the arm is at rest.
+   The joint is compared with the planned position at that time (reference.py) until the plan ends.
+7. While the controller is paused (PauseDetector), the goal waits without a time limit: the plan's
+   clock stops and no timeout expires.
 8. A pause (speed scaling 0) is a STOP that keeps the goal. No point is sent while the arm is at
-   rest. At another factor the rest of the plan is checked, prepared and sent like a new goal, from
-   where the arm rests. A pause that is not confirmed ends the goal as any STOP would.
-9. A goal breaks off when the controller does not answer in time, or rejects what follows points
-   that it had taken. Nobody knows then what it will do with them: the arm must be enabled again.
-   That time begins when the plan is where the answer is due, at the speed with which points were
-   sent: until then the plan may have the arm rest.
-10. What is known of the arm when a goal has ended follows from the change that ended it
-    (AFTERMATH).
+   rest. At the next nonzero factor the rest of the plan is checked, prepared and sent like a new
+   goal, starting from the arm's position. An unconfirmed pause ends the goal like any other STOP.
+9. A goal breaks off when the controller does not answer in time, or rejects a later message after
+   it has accepted points. Whether it will still execute those points is then unknown, so the arm
+   must be enabled again. The reply timeout starts when the plan reaches the point where the reply
+   is due, at the speed at which points were sent. Until then the plan may keep the arm at rest.
+10. AFTERMATH defines, for each transition that ends a goal, the known state of the arm afterward.
 """
 
 from dataclasses import dataclass
@@ -37,11 +38,12 @@ from enum import Enum
 
 
 class GoalState(Enum):
-    """Where a goal is.
+    """The state of a goal.
 
-    Rejected: a point was refused, and none was taken before it; rejected midway: one was. While it
-    is canceling, stopping or pausing, STOP is pending. Confirmed: STOP was
-    acknowledged. Paused: the arm is at rest, and the goal waits for another factor.
+    Rejected: a point was refused and none was accepted before it. Rejected midway: a point was
+    refused after others were accepted. Canceling, stopping and pausing: STOP is pending.
+    Confirmed: STOP was acknowledged. Paused: the arm is at rest, and the goal waits for another
+    speed factor.
     """
 
     PREPARING = 'preparing'
@@ -62,7 +64,7 @@ class GoalState(Enum):
 
 
 class GoalEvent(Enum):
-    """What happens to a goal."""
+    """An event that changes the state of a goal."""
 
     PREPARED = 'prepared'
     LAST_REPLY = 'last reply'
@@ -147,10 +149,10 @@ BRAKING_STATES = UNCONFIRMED_STATES | CONFIRMED_STATES
 
 @dataclass(frozen=True, slots=True)
 class Aftermath:
-    """The state of arm and controller, as far as known, when a goal has ended.
+    """The known state of arm and controller after a goal has ended.
 
-    at_rest: the arm stands. broken_off: nobody knows what the controller will do with the points
-    that it has taken. unanswered: because an answer is missing, which may come later.
+    at_rest: the arm is at rest. broken_off: the controller may or may not execute the points that
+    it has accepted. unanswered: the cause is a missing reply, which may come later.
     """
 
     at_rest: bool = False
@@ -163,7 +165,7 @@ AT_REST_UNCONFIRMED = Aftermath(at_rest=True, broken_off=True, unanswered=True)
 REJECTED_MIDWAY = Aftermath(broken_off=True)
 NO_REPLY = Aftermath(broken_off=True, unanswered=True)
 UNKNOWN = Aftermath()
-"""Of a goal that has not ended, and where a fault ended it."""
+"""For a goal that has not ended, and for one ended by a fault."""
 
 AFTERMATH: dict[tuple[GoalState, GoalEvent], Aftermath] = {
     (GoalState.SETTLING, GoalEvent.AT_GOAL): AT_REST,
@@ -175,4 +177,4 @@ AFTERMATH: dict[tuple[GoalState, GoalEvent], Aftermath] = {
     **{(state, GoalEvent.AT_REST): AT_REST_UNCONFIRMED for state in UNCONFIRMED_STATES},
     **{(state, GoalEvent.NO_REPLY): NO_REPLY for state in RUNNING_STATES | BRAKING_STATES},
 }
-"""What follows from the change that ended a goal; from any other fault, UNKNOWN."""
+"""Known state by the transition that ended the goal. UNKNOWN for all other faults."""

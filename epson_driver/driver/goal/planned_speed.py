@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the controller keeps the planned speed of a goal.
+"""Checks whether the controller keeps the planned speed of a goal.
 
-Times are those of the plan: what pauses and the speed scaling add does not count.
+Times are plan times, without the delays from pauses and speed scaling.
 """
 
 from dataclasses import dataclass
@@ -18,13 +18,13 @@ from epson_driver.motion import Array, JointLimits, Trajectory
 from epson_driver.profiles.profile_rules import FieldsUsed
 
 MIN_DEVIATION_SHARE = 0.2
-"""A plan that takes this much longer or shorter, as a share of its time, runs at another speed."""
+"""Relative difference between actual and planned time that counts as another speed."""
 
 MIN_DEVIATION_S = 0.3
-"""And by at least so much, s: seeing that the arm stands takes some of it."""
+"""Minimum absolute difference, s, because detecting the standstill takes part of it."""
 
 MAX_FASTER = 1.25
-"""The controller may be faster than the fastest joint of a plan by this factor."""
+"""Tolerated factor by which the controller may be faster than a plan's fastest joint."""
 
 REMEDY = "lower the controller's own speed (in its program, or by the override of its pendant)"
 
@@ -38,20 +38,20 @@ WHY = {
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """How long a goal was planned to take, and how long it took until the arm stood there, s."""
+    """Planned duration of a goal, and actual duration until the arm was at rest at its end, s."""
 
     planned: float
     executed: float
 
     @property
     def deviates(self) -> bool:
-        """Whether it ran at another speed than planned."""
+        """Whether the goal ran at another speed than planned."""
         limit = max(MIN_DEVIATION_S, MIN_DEVIATION_SHARE * self.planned)
         return abs(self.executed - self.planned) > limit
 
 
 class PlannedSpeed:
-    """Whether the controller keeps the times of points, and so which speeds it can execute.
+    """Determines which speeds the controller can execute, from its use of the times of points.
 
     All checks of speed scaling, plans and streams are here.
     """
@@ -61,9 +61,9 @@ class PlannedSpeed:
         uses = FieldsUsed.DURATION if points_have_times else rules.uses
         statements = rules.interface == 'statements'
         self.by_velocity = uses is not FieldsUsed.DURATION
-        """Whether it may go by the velocities of points."""
+        """Whether the controller may use the velocities of points."""
         self.unplanned = uses is FieldsUsed.NOTHING and not statements
-        """Whether it ignores the velocities and durations of points."""
+        """Whether the controller ignores the velocities and durations of points."""
         self._downloads = rules.interface == 'download'
         self._why = WHY[uses]
         self._fixed = self._no_pause = ''
@@ -78,7 +78,7 @@ class PlannedSpeed:
         self._limits = limits
 
     def deviation(self, timing: Timing) -> str:
-        """Return a clause with both times and why they differ, or '' if they hardly do."""
+        """Return a clause with both times and the reason, or '' if they are about the same."""
         if not timing.deviates:
             return ''
         return f'executed in {timing.executed:.3g} s, planned {timing.planned:.3g} s: {self._why}'
@@ -86,7 +86,7 @@ class PlannedSpeed:
     def check_factor(self, factor: float, running: Trajectory | None) -> None:
         """Raise ValueError if the arm would not move at this speed scaling.
 
-        `running`: the trajectory that is executed, or None.
+        `running`: the trajectory being executed, or None.
         """
         why = self._no_pause if factor == 0.0 else self._fixed if factor < 1.0 else ''
         if running is not None and self._downloads and factor < 1.0:
@@ -100,11 +100,11 @@ class PlannedSpeed:
             raise ValueError(f'factor = {factor:g}: {why}')
 
     def why_no_stream(self) -> str:
-        """Return why no stream of setpoints can keep its speed, or ''."""
+        """Return why the controller cannot keep the speed of a setpoint stream, or ''."""
         return f'streams of setpoints have no speed here: {self._fixed}' if self.unplanned else ''
 
     def check(self, trajectory: Trajectory, start: Array, factor: float) -> None:
-        """Raise GoalRejectedError for a plan that the controller executes faster than planned.
+        """Raise GoalRejectedError if the controller would execute a plan faster than planned.
 
         `start`: shape (n,), rad, where the arm is at rest. `factor`: the speed scaling.
         """
@@ -119,7 +119,7 @@ class PlannedSpeed:
             raise GoalRejectedError(ErrorCode.INVALID_GOAL, why, Remedy.ALLOW_OTHER_SPEED)
 
     def _too_slow(self, fastest: float) -> str:
-        """Return why a plan is too slow, by the share of its fastest joint, or ''."""
+        """Return why a plan is too slow, or ''. `fastest`: its highest fraction of a limit."""
         if self._slowest <= MAX_FASTER * fastest:
             return ''
         return (
@@ -128,7 +128,7 @@ class PlannedSpeed:
         )
 
     def _fastest(self, trajectory: Trajectory, start: Array) -> float:
-        """Return the highest speed of a plan, as a share of its joint's limit."""
+        """Return the highest speed of a plan, as a fraction of the joint's limit."""
         steps = np.abs(np.diff(trajectory.positions, axis=0, prepend=start[None, :]))
         times = np.diff(trajectory.times, prepend=0.0)
         shares = steps[times > 0.0] / times[times > 0.0][:, None] / self._limits.velocity

@@ -1,9 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Goals whose motion is still being planned, and which end with the waiting goals.
+"""Cancellation of goals whose motion is still being planned.
 
-Planning takes up to seconds. Who stops, disables or moves the arm meanwhile must be sure that
-nothing moves afterwards that was asked for before, also if the arm is enabled again by then.
+Planning takes up to several seconds. After a stop, disable or new motion, no request made earlier
+may move the arm, even if it has been enabled again. Goals in planning therefore end together with
+the waiting goals.
 """
 
 import asyncio
@@ -21,35 +22,35 @@ _log = logging.getLogger(__name__)
 
 
 class PlanningEndedError(RuntimeError):
-    """A goal must not begin any more, with the reason as its text."""
+    """The goal must not start any more. The text contains the reason."""
 
 
 class PlanningScope:
-    """A goal that is being planned, made in any thread and used in the driver's loop."""
+    """A goal that is being planned. Created in any thread, used in the driver's loop."""
 
     def __init__(self) -> None:
         self.why: str | None = None
-        """Why the goal must not begin any more; None: it may."""
+        """Why the goal must not start, or None if it may."""
         self._ended: asyncio.Future[None] | None = None
 
     def end(self, why: str) -> None:
-        """Cancel the goal before it begins, and tell whoever waits for its planning."""
+        """Cancel the goal before it starts, and wake up the caller waiting for its plan."""
         if self.why is None:
             self.why = why
             if self._ended is not None and not self._ended.done():
                 self._ended.set_result(None)
 
     def check(self) -> None:
-        """Raise PlanningEndedError if the goal must not begin any more."""
+        """Raise PlanningEndedError if the goal must not start any more."""
         if self.why is not None:
             raise PlanningEndedError(self.why)
 
     async def in_thread(self, work: Callable[[Callable[[], None]], T]) -> T:
-        """Plan in a thread and return what `work` returns, or raise what it raises.
+        """Run `work` in a thread, and return its result or raise its exception.
 
-        `work` must call its argument at each step, which raises PlanningEndedError once the result
-        is not needed: the process waits for its threads at its end. Raises PlanningEndedError as
-        soon as the goal must not begin.
+        `work` must call its argument at each step. The argument raises PlanningEndedError once the
+        result is not needed, because the process waits for its threads when it exits. Raises
+        PlanningEndedError as soon as the goal is canceled, without waiting for the thread.
         """
         self.check()
         loop = asyncio.get_running_loop()
@@ -79,22 +80,22 @@ class PlanningScopes:
         self._numbers = count()
 
     def begin(self, plan: PlanningScope | None = None) -> PlanningScope:
-        """Return a new plan, or the one given: from now on it is ended with the others.
+        """Register a new or given plan, to be canceled with the others, and return it.
 
-        As long as somebody has it; there is no need to take it away.
+        The registration ends automatically with the last reference to the plan.
         """
         plan = PlanningScope() if plan is None else plan
         self._plans[next(self._numbers)] = plan
         return plan
 
     def end(self, why: str) -> None:
-        """Let none of them begin any more, in the order in which they came."""
+        """Cancel all registered goals, in the order of their registration."""
         for plan in list(self._plans.values()):
             plan.end(why)
 
 
 def _take(done: 'asyncio.Future[T]', *, left: bool) -> None:
-    """Retrieve the exception of a plan nobody waits for any more, usually that it was given up."""
+    """Retrieve the exception of a plan without a waiting caller, usually its cancellation."""
     if done.cancelled():
         return
     error = done.exception()

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where a goal should be now, and which point is sent next: its plan, a clock, the speed scaling.
+"""The planned state of a goal over time, and the next point to send, with speed scaling.
 
 Rules:
-1. The clock starts with the first point and runs regardless of the controller: behind it falls an
-   arm that stops at each point.
+1. The clock starts with the first point and runs regardless of the controller. An arm that stops
+   at each point therefore falls behind it.
 2. A segment whose end was sent runs at the factor with which that point was sent: a later factor
    does not change a point that the controller has acknowledged. Further segments run at the
    present factor.
@@ -36,7 +36,7 @@ M = TypeVar('M', bound=Message)
 class SpeedScaling:
     """A factor that changes in a ramp, except to a pause. Times (`now`) are monotonic, s.
 
-    `by_velocity`: points are for a controller that goes by their velocities.
+    `by_velocity`: the controller uses the velocities of points.
     """
 
     def __init__(self, *, by_velocity: bool = True) -> None:
@@ -77,16 +77,16 @@ class SpeedScaling:
         return self._from + (done if change > 0.0 else -done)
 
     def least(self, message: Message) -> float:
-        """Return the factor (0, 1] below which a point cannot be sent, or 0 if there is none.
+        """Return the factor (0, 1] below which a point cannot be sent, or 0 if any can.
 
-        No velocity is below MIN_VELOCITY: the arm would be faster than its clock.
+        No velocity below MIN_VELOCITY is sent, so the arm would be faster than its clock.
         """
         if not (self._by_velocity and isinstance(message, JointTrajPt)):
             return 0.0
         return MIN_VELOCITY / message.velocity
 
     def time_for(self, planned: float, now: float) -> float:
-        """Return how long `planned` s of a plan take from `now` on, s, with the ramp.
+        """Return the actual duration of `planned` s of a plan from `now`, s, with the ramp.
 
         The target must not be 0.
         """
@@ -106,8 +106,8 @@ class SpeedScaling:
 def scaled(message: M, factor: float, delay: float) -> M:
     """Return a point's message at `factor` (0, 1] of its planned speed.
 
-    `delay` is how much later than planned the point is then to be reached, s: some messages count
-    their time from the start of the trajectory.
+    `delay` is the delay of the point relative to the plan, s, for messages whose time counts from
+    the start of the trajectory.
     """
     if factor == 1.0 and delay == 0.0:
         return message
@@ -130,7 +130,7 @@ def scaled(message: M, factor: float, delay: float) -> M:
 class ReferenceTrajectory:
     """A trajectory as a function of time, interpolated as joint_trajectory_controller does.
 
-    `start` (shape (n,), rad) is where the arm stands at 0 s.
+    `start` (shape (n,), rad) is the arm's position at 0 s.
     """
 
     def __init__(self, trajectory: Trajectory, start: Array) -> None:
@@ -146,7 +146,7 @@ class ReferenceTrajectory:
                 for part in parts[1:]
             ),
         )
-        """From where the arm stands to the first point, if that has a time."""
+        """Segment from the arm's position to the first point, if that has a time."""
         self._interpolation = Interpolation(trajectory.times, *parts)
 
     def at(self, time: float) -> tuple[Array, Array]:
@@ -204,10 +204,10 @@ class GoalClock:
 
 
 class PointSchedule:
-    """Scales the messages of one trajectory to the present speed, and keeps its clock.
+    """Scales the messages of one trajectory to the current speed, and runs its clock.
 
-    `start`: shape (n,), rad, where the arm is at rest. `begins_by`: when the controller starts to
-    move it at the latest, monotonic, s.
+    `start`: shape (n,), rad, where the arm is at rest. `begins_by`: latest time at which the
+    controller starts to move it, monotonic, s.
     """
 
     def __init__(
@@ -236,10 +236,10 @@ class PointSchedule:
         return max(self._times[index] - self.clock.time, 0.0)
 
     def message(self, index: int, now: float) -> Message:
-        """Return the next point to send, at the present speed, which must not be a pause."""
+        """Return the next point to send, at the current speed, which must not be a pause."""
         before = self._times[index - 1] if index else 0.0
         planned = max(self._times[index] - before, MIN_DURATION_S)
-        begin = max(now, self._sent_until)  # it runs after the points that were sent before
+        begin = max(now, self._sent_until)  # it runs after the earlier points
         message = self._messages[index]
         takes = self._scaling.time_for(planned, begin)
         factor = max(planned / takes, self._scaling.least(message))

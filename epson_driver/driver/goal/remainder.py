@@ -3,9 +3,9 @@
 """The rest of a plan after a pause, from where the arm came to rest.
 
 STOP does not end at a planned point, and no controller reports how far along the plan it stopped.
-Geometry finds the rest: it starts at the nearest place of the planned path. A path may pass one
-place several times, as a pick and place does. Between places at about the same distance, the time
-at which the plan reaches them decides: the closest to the expected time counts.
+The rest is therefore found by geometry: it starts at the nearest position of the planned path. A
+path may pass one position several times, for example in a pick and place. Among positions at about
+the same distance, the one whose planned time is closest to the expected time is chosen.
 """
 
 import numpy as np
@@ -30,9 +30,9 @@ def remainder(
     """Return the trajectory from `rest` through the points that the arm has not passed.
 
     `start`, `rest`: positions at the start of the plan and of the arm at rest, shape (n,), rad.
-    `expected`: time on the plan at which the arm stopped, s, as far as known. The points keep
-    their distances in time. The arm reaches the first of them no faster than the plan's fastest
-    joint moves, as a share of its limit.
+    `expected`: plan time at which the arm stopped, s, as far as known. The times between points
+    are unchanged. The arm moves to the first point no faster than the plan's fastest joint, as a
+    fraction of the limit.
     """
     times, positions = plan.times, plan.positions
     added = int(times[0] > 0.0)

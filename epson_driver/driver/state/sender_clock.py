@@ -1,16 +1,17 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The controller's clock, as seen through a network that delays its messages.
+"""Estimates when the controller sent each state message, despite network delays.
 
-A controller sends its state by its own clock, a message a slot. The network, the kernel and this
-process only ever add to the time of arrival, and TCP neither loses nor reorders. So the slots are
-counted, and the clock lies on the lower envelope of the arrivals: the messages that were delayed
-least. How far a message lies above it is how long it was on its way beyond the shortest way.
+Messages are sent once per period by the controller's clock, one per slot. They arrive late by a
+varying network, kernel and scheduling delay. TCP neither loses nor reorders them, so slots can be
+counted. The delay is never negative, so the lower envelope of the arrivals, through the least
+delayed messages, is the sender's clock plus the minimum delay. The distance of a message from the
+envelope is its delay beyond the minimum. The envelope is fitted instead of the average, because
+one burst would shift an average by its whole length.
 
-What can be known by that: the time between messages, to about a period in the two seconds that
-are looked at (0.25 % at 200 Hz), and the age of a message to two periods, but for the network's
-least delay, which nothing shows. In the first second the period is the one that was given, as far
-as the arrivals allow it.
+The minimum delay itself cannot be observed. Otherwise the accuracy is one period within the 2 s
+that are evaluated for the time between messages (0.25 % at 200 Hz), and two periods for the age of
+a message. In the first second the configured period is used, as far as the arrivals permit it.
 """
 
 from collections import deque
@@ -19,48 +20,51 @@ BLOCK_TIME_S = 0.25
 FIRST_BLOCK_TIME_S = 0.05
 MIN_BLOCK_MESSAGES = 8
 MAX_BLOCKS = 8
-"""The envelope is made of the least delayed message of each block, s and messages at least; the
-newest blocks are kept. The first ones are shorter: the given period may be far off."""
+"""Minimum duration, s, and size, messages, of a block. Each block contributes its least delayed
+message to the envelope, which consists of the newest MAX_BLOCKS blocks. The first blocks are
+shorter, because the configured period may be far off."""
 
 MIN_LINE_POINTS = 3
-"""How many points of the envelope show whether they lie on one line."""
+"""Minimum number of envelope points for checking whether they are on one line."""
 
 MIN_ENVELOPE_S = 0.75
-"""An envelope of that length, s, says what the period is; a shorter one, what it cannot be."""
+"""Minimum length of an envelope that determines the period, s. A shorter one only bounds it."""
 
 SAME_PERIOD_FRACTION = 0.05
 PERIOD_FILTER_DIVISOR = 4
 MIN_DOUBTS = 8
-"""A controller has one period. One that was seen and is this part of itself off is followed by one
-part in so many at a time; another one must be seen so many times in a row, which is 2 s: a program
-that is held up shows many."""
+"""Filter for a proven period. A controller has one period, so an estimate within
+SAME_PERIOD_FRACTION of it is followed by 1/PERIOD_FILTER_DIVISOR at a time. A larger change must
+be seen MIN_DOUBTS times in a row, which takes 2 s, because a stalled program causes many."""
 
 LATE_SLOTS = 3
-"""A message that comes later than this, in slots, was held up, or the sender paused."""
+"""Delay, in slots, above which a message was delayed in transit or the sender paused."""
 
 DECISION_SLOTS = 4
-"""So many slots after a late message it is seen whether the next ones hurry."""
+"""Slots after a late message until the spacing of the next messages is evaluated."""
 
 MAX_PAUSES = 4
-"""So many pauses between which there was no time for a line are none: the period is wrong."""
+"""Maximum number of pauses with too few envelope points for a line between them. If exceeded, the
+assumed period is wrong."""
 
 MIN_SPACING_S = 1e-6
-"""Least time between two messages, s: stamps of ROS must differ."""
+"""Minimum time between two messages, s: ROS time stamps must differ."""
 
 Point = tuple[float, float, float]
-"""Of the envelope: slots counted, arrival, arrival less the sender's time."""
+"""Envelope point: counted slots, arrival, and arrival minus the sender's time."""
 
 
 class SenderClock:
-    """The clock of one stream of messages. `step` for each message, in order. Times in s.
+    """Clock of the sender of one message stream. Times in s.
 
-    `time` is the sender's time of the newest message, on an axis of its own; `measured` the same
-    on the receiver's clock, never later than the arrival.
+    Call `step` for each message, in order.
+    `time` is the sender's time of the newest message, from an arbitrary origin. `measured` is the
+    same time on the receiver's clock, never later than the arrival.
 
-    A message that comes much too late was held up on its way, or the sender paused before it:
-    the next ones tell. Those that were held up with it come at once; after a pause they come one
-    period after the other. Until that is known, `gap` is the sender's time of the late message,
-    as if there had been no pause.
+    A late message was either delayed in transit or preceded by a sender pause. The following
+    messages distinguish the two: messages delayed together arrive in a burst, whereas after a
+    pause they arrive one period apart. Until this is decided, `gap` is the sender's time of the
+    late message, assuming no pause.
     """
 
     def __init__(self, period: float) -> None:
@@ -83,10 +87,10 @@ class SenderClock:
         self._first_pause = (0.0, 0.0)
 
     def step(self, arrival: float, told: float | None = None) -> float:
-        """Take the next message. `told`: time since the one before, if the sender said that.
+        """Process the next message. `told`: time since the previous one, if the sender reports it.
 
-        Returns by how much the messages since `gap` were sent later than they seemed to be:
-        0, unless it has become clear that the sender paused.
+        Returns the time by which the messages since `gap` were sent later than first assumed. It
+        is nonzero only when a sender pause has been detected.
         """
         if self._arrival is None:
             self._arrival = self.measured = self._offset = arrival
@@ -113,16 +117,16 @@ class SenderClock:
         return shift
 
     def _after_gap(self, arrival: float, tolerance: float, again: bool) -> float:
-        """Judge a late message, and return how long the sender paused before it.
+        """Evaluate a late message, and return the length of the sender's pause before it.
 
-        `again`: this one is as late, too: then it was not held up with the other.
+        `again`: the current message is equally late, so the two were not delayed together.
         """
         late = arrival - self._offset - self.time
         since = self.time - (self.gap or 0.0)
         others = since > 1.5 * self.period
         if late <= tolerance or (again and others):
-            # All that was held up has come. If it is still late the period is wrong, or the
-            # sender paused, too: that shows in the envelope.
+            # All delayed messages have arrived. If this one is still late, the period is wrong or
+            # the sender also paused. The envelope will show which.
             self.gap = None
             return 0.0
         if again or (
@@ -138,7 +142,7 @@ class SenderClock:
         return 0.0
 
     def _count_pause(self, arrival: float) -> None:
-        """Count a pause, and take another period after too many in a row."""
+        """Count a pause, and estimate a new period after too many in a row."""
         if self._proven or len(self._envelope) >= MIN_LINE_POINTS:
             self._pauses = 0
         if not self._pauses:
@@ -155,7 +159,7 @@ class SenderClock:
         self._block_size = 0
 
     def _take(self, arrival: float) -> None:
-        """Add the message to the envelope."""
+        """Add a message to the current block, and a complete block to the envelope."""
         self._block_size += 1
         lies = arrival - self.time
         if lies <= self._least[2]:
@@ -167,7 +171,7 @@ class SenderClock:
             self._begin_block(arrival)
 
     def _follow(self) -> None:
-        """Follow the envelope: its slope is the period, its height the offset."""
+        """Fit the envelope: its slope is the period, its height the offset."""
         envelope = self._envelope
         size = len(envelope)
         length = envelope[-1][1] - envelope[0][1]
@@ -178,7 +182,7 @@ class SenderClock:
         if size >= MIN_LINE_POINTS:
             slope = sum((p[0] - slots) * (p[1] - arrival) for p in envelope) / spread
             off = max(abs(p[1] - arrival - slope * (p[0] - slots)) for p in envelope)
-            if slope <= 0.0 or off > 2.0 * slope:  # not one line: the way became another one
+            if slope <= 0.0 or off > 2.0 * slope:  # not one line: the network path has changed
                 newest = envelope[-1]
                 envelope.clear()
                 envelope.append(newest)
@@ -191,7 +195,7 @@ class SenderClock:
         self._offset = now + min(point[1] - point[0] * self.period for point in envelope)
 
     def _set_period(self, period: float) -> None:
-        """Follow the period that a whole envelope shows."""
+        """Update the period from a complete envelope."""
         change = period - self.period
         if not self._proven:
             self.period = period
@@ -207,11 +211,11 @@ class SenderClock:
 
 
 class QuestionClock:
-    """In the place of a SenderClock where every message answers a question.
+    """Replaces SenderClock if every message is the reply to a request.
 
-    Nothing waits anywhere for long, and nothing comes by itself: a message was measured when it
-    came, but for the way of question and answer. `period`: s, the usual one, or the last if that
-    was longer.
+    Replies do not queue up and are not sent unprompted, so the arrival time of a message is its
+    measurement time, apart from the round trip. `period`: the usual period, or the last one if
+    longer, s.
     """
 
     gap: float | None = None
@@ -223,9 +227,9 @@ class QuestionClock:
         self._usual = period
 
     def step(self, arrival: float, _told: float | None = None) -> float:
-        """Take the next message. Returns 0: no earlier one was sent later than it seemed."""
+        """Process a message. Always returns 0, since earlier time stamps need no correction."""
         spacing = arrival - self.measured
-        if self.measured and spacing > self._usual / 2.0:  # not two answers to one question
+        if self.measured and spacing > self._usual / 2.0:  # not two replies to one request
             self.period = max(self._usual, spacing)
         self.time = self.measured = arrival
         return 0.0

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Since when the arm stands, by what is measured and by what the controller says."""
+"""Detects standstill from measured positions and the controller's in_motion flag."""
 
 import numpy as np
 
@@ -10,26 +10,27 @@ from epson_driver.motion import Array
 from epson_driver.simple_message import TriState
 
 REST_TIME_S = 0.05
-"""How long the arm must stand before it counts as standing, s: more than the velocity window."""
+"""Minimum standstill of an arm at rest, s. Longer than the velocity window."""
 
 UNCONFIRMED_REST_TIME_S = 1.0
-"""How long it must stand where the controller has not confirmed STOP, s: it may be slow to do what
-it was sent before."""
+"""Minimum standstill if the controller has not confirmed STOP, s. It may be slow to execute
+earlier messages."""
 
 UNSAID_REST_TIME_S = 0.2
-"""How long it must stand at a goal where the controller does not say whether it moves, s."""
+"""Minimum standstill at a goal if the controller does not report whether the arm moves, s."""
 
 MIN_MOVEMENT_RAD = 1e-4
-"""A change of position that shows that the arm moves, rad: well above an encoder's step."""
+"""Change of position that counts as motion, rad. Well above the resolution of an encoder."""
 
 
 class Standstill:
-    """Sees whether the arm moves. Times are monotonic, s.
+    """Detects whether the arm moves. Times are monotonic, s.
 
-    What counts is when joints and status were measured, not when they came: a network may hold
-    them up, and what stood before the motion began is no standstill after it.
+    Samples count by the time at which joints and status were measured, not by their arrival: a
+    network may delay them, and a standstill before the motion started must not count as one after
+    it.
 
-    `alive` is when the arm was last seen to move; whoever hears from the controller sets it, too.
+    `alive` is the time of the last motion. The owner also updates it when the controller replies.
     """
 
     def __init__(self, now: float) -> None:
@@ -41,20 +42,20 @@ class Standstill:
         self._stands_at: Array = np.zeros(0)
 
     def expect(self, after: float | None, rest: float = REST_TIME_S) -> None:
-        """Count only samples after this time, before which the motion may not have begun.
+        """Count only samples measured after `after`, when the motion may have started.
 
-        None: nothing counts yet. `rest`: how long the arm must stand, s.
+        None: no sample counts yet. `rest`: required standstill, s.
         """
         self._after = after
         self._rest = rest
         self._since = None
 
     def expect_rest(self, rest: float) -> None:
-        """Require rest for `rest` s, including the time the arm has stood already."""
+        """Require a standstill of `rest` s, including the time already at rest."""
         self._rest = rest
 
     def see(self, sample: JointSample, robot: RobotState, stopped: Array, now: float) -> None:
-        """Take a sample. `stopped`: rad/s, shape (n,), below which a joint counts as standing."""
+        """Process a sample. `stopped`: velocities below which joints are stopped, rad/s, (n,)."""
         if (
             self._alive_at is None
             or np.abs(sample.positions - self._alive_at).max() > MIN_MOVEMENT_RAD
@@ -76,9 +77,9 @@ class Standstill:
 
     @property
     def stands(self) -> bool:
-        """Whether the arm stood in the last sample that counts."""
+        """Whether the arm was at rest in the last sample that counts."""
         return self._since is not None
 
     def reached(self, now: float) -> bool:
-        """Return whether the arm has stood for long enough at `now`, the sample's `measured`."""
+        """Return whether the arm has been at rest long enough at `now`, a sample's `measured`."""
         return self._since is not None and now - self._since >= self._rest

@@ -1,41 +1,42 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The arm gate: after anything that stopped the arm for safety it stays still until enabled."""
+"""The arm gate: after any safety stop the arm stays still until it is enabled."""
 
 import contextlib
 from collections.abc import Callable, Iterator
 
 
 class GateError(RuntimeError):
-    """The gate stays closed, as something closed it after the request to open it."""
+    """The gate stays closed because it was closed again after the request to open it."""
 
 
 class Enabling:
-    """A request to open the gate, while it is under way.
+    """A pending request to open the gate.
 
-    `canceled` says what closed the gate since, or would have closed it; None: nothing did.
-    `motors_on`: the motors were seen on since it began, so that they must stay on.
+    `canceled`: the reason that closed the gate since the request started, or would have closed an
+    open one. None if the request is still valid.
+    `motors_on`: the motors have been seen on since the request started, so they must stay on.
     """
 
     def __init__(self, motors_on: bool) -> None:
         self.canceled: str | None = None
         self.motors_on = motors_on
         self.on_cancel: Callable[[], object] = lambda: None
-        """Called when it is canceled."""
+        """Called when the request is canceled."""
 
     def cancel(self, why: str) -> None:
-        """Cancel this request, as something closes the gate."""
+        """Cancel this request because the gate was closed."""
         if self.canceled is None:
             self.canceled = why
             self.on_cancel()
 
 
 class ArmGate:
-    """Open or closed, and why: closed from the start until `open` opens it.
+    """The gate, open or closed with a reason. It starts closed, and only `open` opens it.
 
-    docs/invariants.md, 4: a link that comes back, a released E-stop or motors that are switched
-    on again do not open it. Nor does a request that was under way when something closed it, or
-    would have closed it if it had been open.
+    docs/invariants.md, 4: a restored link, a released E-stop or motors switched on again do not
+    open it. A pending request does not open it either if the gate was closed since the request
+    started, or would have been closed if it had been open.
     """
 
     def __init__(self) -> None:
@@ -45,15 +46,15 @@ class ArmGate:
 
     @property
     def reason(self) -> str | None:
-        """Why it is closed, or None while it is open."""
+        """Why the gate is closed, or None while it is open."""
         return self._reason
 
     @contextlib.contextmanager
     def enabling(self, *, motors_on: bool = False) -> Iterator[Enabling]:
-        """Begin a request to open it, which ends with the block.
+        """Register a request to open the gate for the duration of the `with` block.
 
-        Motors that are off cancel it only once they were seen on (`motors_on`: they were):
-        until then it is what switches them on.
+        Motors that are off cancel the request only after they have been seen on (`motors_on`: they
+        already were). Before that, this request is expected to switch them on.
         """
         enabling = Enabling(motors_on)
         self._under_way.append(enabling)
@@ -63,7 +64,7 @@ class ArmGate:
             self._under_way.remove(enabling)
 
     def open(self, enabling: Enabling) -> None:
-        """Open it, for a request under way. Raises GateError if that was canceled."""
+        """Open the gate for a pending request. Raises GateError if it is canceled or over."""
         if enabling.canceled is not None:
             raise GateError(enabling.canceled)
         if enabling not in self._under_way:
@@ -72,11 +73,11 @@ class ArmGate:
         self._unexplained = False
 
     def close(self, reason: str, *, motors_off: bool = False, unexplained: bool = False) -> bool:
-        """Close it, or keep the first reason if it is closed. Returns True if it was open.
+        """Close the gate and return True if it was open. A closed gate keeps its first reason.
 
-        Either way it cancels the requests to open it that are under way. `motors_off`: only that
-        the motors are off closes it. `unexplained`: the controller has not said why so far; the
-        next reason is added to this one.
+        Pending requests to open it are canceled in both cases. `motors_off`: the only reason is
+        that the motors are off. `unexplained`: the controller has not reported a cause yet, so the
+        next reason is appended to this one.
         """
         for enabling in list(self._under_way):
             if enabling.motors_on or not motors_off:
@@ -91,6 +92,6 @@ class ArmGate:
         return True
 
     def see_motors_on(self) -> None:
-        """Record that the motors are on, on which requests to open the gate rely."""
+        """Record for all pending requests that the motors are on and must stay on."""
         for enabling in self._under_way:
             enabling.motors_on = True

@@ -1,18 +1,20 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Heartbeats for a controller that stops the arm when its motion client hangs.
+"""Heartbeats for a controller that stops the arm when its motion client stalls.
 
-Only for one whose profile says so, and whose program does too: its version is asked for on the
-state port, and by each enable until it has said so. Other programs get nothing new on the motion
-port, whatever the profile: the published one for EPSON's C3 would end there. It does not read its
-state port.
+Heartbeats are sent only if the profile enables them and the controller's program supports them.
+The driver requests the program's version on the state port, and repeats the request with each
+enable until the version is known to support heartbeats. Other programs receive no new messages on
+the motion port, whatever the profile: the published program for EPSON's C3 would terminate there.
+It does not read its state port.
 
-A heartbeat is a PING as a topic: REP-I0006 has nobody answer that, so it takes part in no matching
-of replies. The first one goes before the first point; then one follows every BEAT of the time-out,
-from the loop that does all the rest, so that none is sent while the loop hangs.
+A heartbeat is a PING sent as a topic. REP-I0006 defines no reply to a topic, so heartbeats do not
+take part in matching replies to requests. The first heartbeat is sent before the first point. The
+next ones follow every BEAT of the timeout. They are sent by the loop that does all other work, so
+none is sent while the loop stalls.
 
-A driver that hung goes by the same time-out: what it was doing is over, even where the arm stood
-by itself, at the last point that it had, before the controller would have stopped it.
+A stalled driver applies the same timeout to itself. It abandons its goal or stream, even if the
+arm came to rest at its last point before the controller would have stopped it.
 """
 
 import asyncio
@@ -23,21 +25,21 @@ from epson_driver.link import Link, PendingRequest
 from epson_driver.simple_message import GetVersion, Packet, Ping, ReplyCode
 
 BEAT = 0.05
-"""Period of the heartbeats as a share of the time-out. The loop may stall for the rest of it."""
+"""Period of the heartbeats as a fraction of the timeout. The loop may stall for the rest of it."""
 
 BUSY = 'this machine is too busy: '
 REMEDY = ', end other programs or allow a higher priority (docs/troubleshooting.md)'
-"""Around the first report."""
+"""Text before and after the first report of a stall."""
 
 FIRST_VERSION = (0, 2)
-"""Of a program that has a watchdog."""
+"""Version of the first program with a watchdog."""
 
 
 class Heartbeat:
-    """Sends heartbeats on the `motion` link while `wanted` says that there are points.
+    """Sends heartbeats on the `motion` link while `wanted` returns True (points are pending).
 
-    `timeout`: how long the controller waits for one, s; 0: it wants none, and gets none. `on_hung`
-    is called, with a clause that says so, when none was sent for longer.
+    `timeout`: the controller's heartbeat timeout, s; 0 disables heartbeats. `on_hung` is called
+    with a clause for the error text when no heartbeat was sent for longer than that.
     """
 
     def __init__(
@@ -58,27 +60,27 @@ class Heartbeat:
         self._sent = 0.0
         self._reported = False
         self.longest_gap = 0.0
-        """The longest time between two heartbeats during a motion, s."""
+        """Longest time between two heartbeats during a motion, s."""
 
     def ask(self) -> None:
-        """Ask the controller, once on each state connection, whether it has a watchdog."""
+        """Request the version of the controller's program, once per state connection."""
         if self._timeout and self._asked is None:
             with contextlib.suppress(ConnectionError):
                 self._asked = self._state.post(GetVersion(), self._on_version)
 
     def ask_again(self) -> None:
-        """Ask once more if it has not answered that it has one: bits may have been changed."""
+        """Repeat the request unless a watchdog is confirmed: the reply may have been corrupted."""
         if self._asked is not None and not self._watched:
             self._state.give_up(self._asked)
             self._asked = None
             self.ask()
 
     def forget(self) -> None:
-        """Take note that the state link is gone: another controller may answer next."""
+        """Forget the version after the state link is lost: another controller may reply next."""
         self._asked, self._watched = None, False
 
     def before_point(self) -> None:
-        """Make sure that a point may be sent. Raises ConnectionError if the loop hung before."""
+        """Send or check the heartbeat before a point. Raises ConnectionError after a stall."""
         if not self._watched:
             return
         if not self._wanted():
@@ -87,7 +89,7 @@ class Heartbeat:
             raise ConnectionError(why)
 
     async def run(self) -> None:
-        """Send them until cancelled."""
+        """Send heartbeats until cancelled."""
         while self._timeout:
             await asyncio.sleep(BEAT * self._timeout)
             if self._watched and self._wanted():
@@ -102,14 +104,15 @@ class Heartbeat:
 
     def _send(self) -> None:
         self._sent = _now()
-        with contextlib.suppress(ConnectionError):  # without a link the controller stops itself
+        with contextlib.suppress(ConnectionError):  # without a link the controller stops anyway
             self._motion.tell(Ping())
 
     def look(self, *, stopped: bool = False) -> str | None:
-        """End the motion if the loop hung since the last heartbeat, and return a clause.
+        """Return a clause and end the motion if the loop stalled since the last heartbeat.
 
-        `stopped`: the controller reports that it heard nothing. Half the time-out shows then that
-        the loop was the cause.
+        Returns None if it did not, or if no heartbeats are needed now.
+        `stopped`: the controller reports that its watchdog expired. Half the timeout is then
+        enough to show that the loop was the cause.
         """
         if not (self._watched and self._wanted()):
             return None

@@ -1,14 +1,14 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""How the driver switches the controller's motors and resets its errors, where it can.
+"""Switching the controller's motors and resetting its errors.
 
-The profile says it (`program.motors`, docs/controllers.md):
+The profile selects the method (`program.motors`, docs/controllers.md):
 
-* remote_ethernet: EPSON's commands, if there is a `remote_port`;
-* restart: that, with the program stopped first and started after: what runs a program takes
-  these commands only while it does not run;
-* motoman: Motoman's commands, on the motion port;
-* none: a person does it.
+* remote_ethernet: EPSON's Remote Ethernet commands, if a `remote_port` is configured;
+* restart: the same commands, with the program stopped before and started after them. Controllers
+  that run a program accept these commands only while it is stopped;
+* motoman: Motoman's commands on the motion port;
+* none: an operator switches the motors.
 """
 
 import asyncio
@@ -31,18 +31,18 @@ _log = logging.getLogger(__name__)
 MotorsKind = Literal['none', 'remote_ethernet', 'restart', 'motoman']
 
 READY_PERIOD_S = 0.05
-"""How often a controller is asked whether it is Ready, s."""
+"""Period for polling whether a controller is Ready, s."""
 
 READY_SHARE = 0.75
-"""Of the time for an action, how much it may take until the controller is Ready."""
+"""Fraction of an action's timeout within which the controller must become Ready."""
 
 READY_FLAG = 10
-"""Its place in the answer to GetStatus."""
+"""Index of the Ready flag in the reply to GetStatus."""
 
 
 @dataclass(frozen=True, slots=True)
 class Commands:
-    """An action's names: in Remote Ethernet, by Motoman, and for a person."""
+    """An action's command in Remote Ethernet, for Motoman, and as an instruction to a person."""
 
     remote_ethernet: str
     motoman: Command
@@ -50,7 +50,7 @@ class Commands:
 
 
 class Action(Enum):
-    """An action on the controller, with its commands."""
+    """An action on the controller and its commands."""
 
     MOTORS_ON = Commands(
         'SetMotorsOn,1', Command.START_SERVOS, 'switch the motors on at the controller'
@@ -65,17 +65,17 @@ MOTOMAN_LOOK = (
     'the controller does not tell why; see whether a safeguard door is open, an E-stop is '
     'pressed, or the pendant shows an alarm, or is not in REMOTE mode'
 )
-"""What to look at when the servos of a Motoman do not come on."""
+"""Checks for the operator when the servos of a Motoman do not switch on."""
 
 Told = tuple[tuple[str, ...], int, int | None]
-"""Flags, error number and control device, as Remote Ethernet tells them."""
+"""Flags, error number and control device, as reported over Remote Ethernet."""
 
 
 class MotorsError(RuntimeError):
-    """An action that failed: the reason, and what a person can do, as its text.
+    """A failed action. Its text contains the reason and a remedy for the operator.
 
-    `unanswered`: the controller may have got the command, and may obey it yet. `told`: what it
-    tells of its condition after a refusal, or None.
+    `unanswered`: the controller may have received the command and may still execute it. `told`:
+    the controller's status after it refused the command, or None.
     """
 
     def __init__(self, text: str, *, unanswered: bool = False, told: Told | None = None) -> None:
@@ -85,23 +85,23 @@ class MotorsError(RuntimeError):
 
 
 class Motors(Protocol):
-    """Switches the motors. `missing`: why that is not possible, or ''.
+    """Interface for switching the motors. `missing`: why it is unavailable, or ''.
 
-    `restarts`: switching the motors on starts the controller's program too.
+    `restarts`: switching the motors on also starts the controller's program.
     """
 
     missing: str
     restarts: bool
 
     async def act(self, action: Action, timeout: float) -> None:
-        """Do it within `timeout` s. Raises MotorsError."""
+        """Execute the action within `timeout` s. Raises MotorsError if it fails."""
 
     async def tell(self, timeout: float) -> Told | None:
-        """Return what the controller tells of its condition within `timeout` s, if it does."""
+        """Return the controller's status, requested within `timeout` s, or None if unavailable."""
 
 
 class MotorsByHand:
-    """For a controller whose motors a person switches: every action fails."""
+    """Motors that only an operator can switch: every action fails."""
 
     restarts = False
 
@@ -117,7 +117,7 @@ class MotorsByHand:
 
 
 class RemoteEthernetMotors:
-    """Switches the motors by EPSON's Remote Ethernet, ahead of other users of the port."""
+    """Switches the motors over EPSON's Remote Ethernet, ahead of other users of the port."""
 
     missing = ''
     restarts = False
@@ -134,7 +134,7 @@ class RemoteEthernetMotors:
         self._turns = turns or RemoteTurns()
 
     async def act(self, action: Action, timeout: float) -> None:
-        """Log in and give the command. Raises MotorsError."""
+        """Log in and send the command. Raises MotorsError if it fails."""
         failed: Exception | None = None
         told: Told | None = None
         try:
@@ -154,7 +154,7 @@ class RemoteEthernetMotors:
             ) from failed
 
     async def tell(self, timeout: float) -> Told | None:
-        """Ask while nobody else needs the port. None: no answer, or somebody does."""
+        """Return the status if the port is free, or None if it is in use or does not answer."""
 
         async def asked() -> Told:
             async with self._login(timeout) as ask:
@@ -174,10 +174,11 @@ class RemoteEthernetMotors:
 
 
 class RestartingMotors(RemoteEthernetMotors):
-    """The same where a program runs: it is stopped first, and started when the motors are on.
+    """Remote Ethernet for a controller that runs a program.
 
-    The controller takes most commands only while no program runs (it is Ready then). The arm, if
-    it moves, comes to rest by the Stop.
+    The controller accepts most commands only while no program runs, that is, while it is Ready.
+    The program is therefore stopped before the command, and started after the motors are on. The
+    Stop command also brings a moving arm to rest.
     """
 
     restarts = True
@@ -197,7 +198,7 @@ class RestartingMotors(RemoteEthernetMotors):
 
 
 class MotomanMotors:
-    """Switches the motors by Motoman's MOTION_CTRL requests on the motion link."""
+    """Switches the motors with Motoman's MOTION_CTRL requests on the motion link."""
 
     missing = ''
     restarts = False
@@ -206,7 +207,7 @@ class MotomanMotors:
         self._link = link
 
     async def act(self, action: Action, timeout: float) -> None:
-        """Send the command and wait for its MOTION_REPLY. Raises MotorsError."""
+        """Send the command and wait for its MOTION_REPLY. Raises MotorsError if it fails."""
         commands = action.value
         answer: asyncio.Future[Packet] = asyncio.get_running_loop().create_future()
 
@@ -237,17 +238,17 @@ class MotomanMotors:
 
 
 class SerializedMotors:
-    """Switches the motors through another object, one command at a time.
+    """Serializes the commands to another `Motors` object.
 
-    So the one that was given last has the last word. Somebody who waits for a command and is
-    cancelled leaves it on its way, if it is; if it is not yet, it is not given.
+    The last command therefore determines the final state. Cancelling a caller drops a command that
+    is still queued, but not a command that has already been sent.
     """
 
     def __init__(self, way: Motors) -> None:
         self.missing = way.missing
         self.restarts = way.restarts
         self.may_come_on = False
-        """The controller has not answered that the motors be switched on: it may do so yet."""
+        """True if a command to switch the motors on had no reply and may still take effect."""
         self._way = way
         self._lock = asyncio.Lock()
         self._given: asyncio.Task[None] | None = None
@@ -255,11 +256,14 @@ class SerializedMotors:
 
     @property
     def busy(self) -> bool:
-        """True while a command is on its way, or waits for its turn."""
+        """True while a command is being executed or queued."""
         return bool(self._tasks)
 
     async def act(self, action: Action, timeout: float) -> None:
-        """Do it when all before it is done, within `timeout` s from then. Raises MotorsError."""
+        """Execute an action after all earlier ones. Raises MotorsError if it fails.
+
+        `timeout`, s, starts when the earlier actions are complete.
+        """
         task = asyncio.create_task(self._act(action, timeout))
         self._tasks[task] = None
         task.add_done_callback(self._done)
@@ -274,11 +278,11 @@ class SerializedMotors:
             raise
 
     async def tell(self, timeout: float) -> Told | None:
-        """Return what the controller tells, beside its commands."""
+        """Return the controller's status, requested independently of the command queue."""
         return await self._way.tell(timeout)
 
     async def close(self) -> None:
-        """Cancel the commands that are on their way or wait, each of which fails."""
+        """Cancel the running and queued commands. Each of them fails."""
         tasks = list(self._tasks)
         for task in tasks:
             task.cancel()
@@ -287,9 +291,9 @@ class SerializedMotors:
     def _done(self, task: asyncio.Task[None]) -> None:
         self._tasks.pop(task, None)
         if task is self._given:
-            self._given = None  # its error refers to frames of who called
+            self._given = None  # its exception refers to the caller's frames
         if not task.cancelled() and (error := task.exception()) is not None:
-            _log.debug('%s', error)  # and raised, to who still waits for it
+            _log.debug('%s', error)  # also raised to a caller that still waits
 
     async def _act(self, action: Action, timeout: float) -> None:
         async with self._lock:

@@ -1,23 +1,24 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""STOP, seen through: sent, answered, and followed by an arm that stands in the state.
+"""Supervision of STOP: it is sent, acknowledged, and followed by an arm at rest.
 
 Rules (docs/invariants.md, 3 and 9):
 
-1. Every message for the motion port passes here, so it is known whether the arm may still have
-   something of ours to do. After a STOP nothing new begins before that stop is over.
-2. A stop is over when the arm has stood for REST_TIME_S after STOP was acknowledged. Without an
-   acknowledgement the state decides: the arm must have stood for UNCONFIRMED_REST_TIME_S, and, if
-   there can be an answer, for as long as that may take.
-3. A STOP that is refused, not answered in time, or not followed by rest in time raises the alarm:
-   the owner closes the arm gate. As long as the arm then moves, STOP is sent again and again, and
-   the motors are switched off where there is a way to.
-4. A controller that has switched the motors off itself, as for an E-stop, need not take STOP:
-   only an arm that moves on then raises the alarm.
-5. A controller that may still have points when a client connects, this driver's own or, where its
-   kind keeps them, those of any client before, gets STOP first (`goes_on`).
-6. An arm that moves without anything of ours (somebody jogs it) is left alone: no STOP is
-   repeated, no motors are switched off.
+1. Every message for the motion port passes through here, so it is known whether the arm may still
+   have a motion of this driver to execute. After a STOP no new motion starts before that stop is
+   over.
+2. A stop is over when the arm has been at rest for REST_TIME_S after STOP was acknowledged.
+   Without an acknowledgement the state decides: the arm must have been at rest for
+   UNCONFIRMED_REST_TIME_S and, if a reply is still possible, for the reply timeout.
+3. The alarm is raised if STOP is refused, is not answered in time, or is not followed by rest in
+   time. The owner then closes the arm gate. While the arm still moves, STOP is repeated, and the
+   motors are switched off if the driver can do that.
+4. A controller that has switched off the motors on its own, for example for an E-stop, need not
+   accept STOP. In that case only an arm that keeps moving raises the alarm.
+5. A controller that may still have points when a client connects receives STOP first (`goes_on`).
+   The points may be from this driver or, on controllers that keep points, from any client before.
+6. An arm that moves without a motion of this driver (for example, jogged by an operator) is left
+   alone: STOP is not repeated, and the motors are not switched off.
 """
 
 import asyncio
@@ -37,37 +38,37 @@ from epson_driver.driver.tasks import Notification, report_task_error
 from epson_driver.simple_message import Message, Packet, TriState
 
 ANSWER_TIMEOUT_S = 1.0
-"""A STOP that is not answered within this time raises the alarm, s."""
+"""Reply timeout of STOP, s. If it expires, the alarm is raised."""
 
 BRAKING_TIMEOUT_S = 2.0
-"""An arm that still moves this long after STOP raises the alarm, s."""
+"""Maximum time from STOP to rest, s. If the arm still moves then, the alarm is raised."""
 
 STOP_REPEAT_PERIOD_S = 0.3
-"""While the arm moves in spite of STOP, it is sent again every so often, s."""
+"""Period for repeating STOP while the arm moves in spite of it, s."""
 
 MOTORS_OFF_DELAY_S = 0.5
-"""An arm that moves this long after the alarm has its motors switched off, s: one that was stopped
-by something else, as an E-stop is, stands by then."""
+"""Time from the alarm until the motors of a moving arm are switched off, s. An arm that was
+stopped by another cause, such as an E-stop, is at rest within this time."""
 
 MOTORS_OFF_TIMEOUT_S = 2.0
-"""How long the controller may take to switch them off before it is asked again, s."""
+"""Time for the controller to switch the motors off before the command is repeated, s."""
 
 CAUSE_TIMEOUT_S = 0.1
-"""A STATUS that says why STOP was refused is waited for so long, s."""
+"""Maximum wait for the STATUS with the reason for a refused STOP, s."""
 
 CHECK_PERIOD_S = 0.1
-"""How often a stop that is under way is looked at when nothing comes, s. Patience is counted in
-looks: however long one took, as where this process was not scheduled, it counts once."""
+"""Period for checking a pending stop when no messages arrive, s. Timeouts are counted in checks,
+so a delayed check, for example when this process was not scheduled, counts only once."""
 
 _log = logging.getLogger(__name__)
 
 
 class Stopper:
-    """Sends every message for the motion port, and sees each STOP through.
+    """Sends all messages for the motion port, and supervises each STOP until the arm is at rest.
 
-    `before_point` is called before each point, and may raise
-    ConnectionError. `on_alarm(why, unanswered)` is called once for each stop that does
-    not work, `on_rest` when a stop is over. Runs in one event loop; times are its own, s.
+    `before_point` is called before each point, and may raise ConnectionError.
+    `on_alarm(why, unanswered)` is called once for each failed stop, `on_rest` when a stop is over.
+    Runs in one event loop. Times are the loop's, s.
     """
 
     def __init__(
@@ -81,9 +82,9 @@ class Stopper:
         before_point: Callable[[], None] = lambda: None,
     ) -> None:
         self.stopped_velocity = 0.01
-        """rad/s, below which a joint counts as standing."""
+        """Velocity below which a joint counts as stopped, rad/s."""
         self.alarm: str | None = None
-        """Why the last stop did not work; None again when the arm is enabled."""
+        """Why the last stop failed. Reset to None when the arm is enabled."""
         self.delivery = delivery
         self._robot = robot
         self._changed = changed
@@ -106,7 +107,7 @@ class Stopper:
         self._switching: asyncio.Task[None] | None = None
 
     def post(self, message: Message, on_reply: OnReply) -> None:
-        """Post a message as Delivery does, and see a STOP through. Raises ConnectionError."""
+        """Post a message through the delivery and supervise STOP. Raises ConnectionError."""
         if message == STOP:
             self._post_stop(on_reply)
         else:
@@ -116,7 +117,7 @@ class Stopper:
 
     @property
     def over(self) -> bool:
-        """True while no stop is under way: the arm stood when the last one ended."""
+        """True while no stop is pending: the arm was at rest when the last one ended."""
         return self._since is None
 
     @property
@@ -126,34 +127,34 @@ class Stopper:
 
     @property
     def goes_on(self) -> bool:
-        """True if the controller may go on with old points on a new motion connection."""
+        """True if the controller may execute old points on a new motion connection."""
         return self.delivery.keeps_points or self._ours or not self.over
 
     @property
     def kept(self) -> bool:
-        """True if a controller of a kind that keeps points has not taken the last STOP."""
+        """True if the controller keeps points and the last STOP is unconfirmed (`doubt`)."""
         return self.delivery.keeps_points and self.doubt is not None
 
     @property
     def answered(self) -> bool:
-        """True once the controller answered the last STOP, with SUCCESS or FAILURE."""
+        """True once the controller has replied to the last STOP, with SUCCESS or FAILURE."""
         return self._acknowledged or self._rejection is not None
 
     @property
     def failed(self) -> bool:
-        """True if the last stop raised the alarm, even if the arm stands now."""
+        """True if the last stop raised the alarm, even if the arm is at rest now."""
         return self._alarm_since is not None
 
     @property
     def unsent(self) -> bool:
-        """True if there was no link for the last STOP."""
+        """True if no link was available for the last STOP."""
         return self._unsent is not None
 
     @property
     def doubt(self) -> str | None:
-        """What the last stop lacks, as a clause, or None if it was acknowledged and the arm stood.
+        """Why the last stop is unconfirmed, as a clause, or None.
 
-        One that was refused first lacks that.
+        None if STOP was acknowledged, was not refused before, and the arm came to rest.
         """
         if self._unsent is not None and not self._acknowledged:
             return f'STOP could not be sent: {self._unsent}'
@@ -169,7 +170,7 @@ class Stopper:
 
     @property
     def stands(self) -> str:
-        """Whether the arm stands, as a clause."""
+        """The arm's motion state, as a clause: at rest, moving or unknown."""
         if self._unseen:
             return 'no joint state shows whether the arm stands'
         return 'the arm still moves' if self._moves() else 'the arm stands'
@@ -179,12 +180,12 @@ class Stopper:
         return self._robot.sample is None or self._robot.withheld
 
     def stop(self) -> None:
-        """Send STOP and see it through, or put into `doubt` that it could not be sent."""
+        """Send STOP and supervise it. If it cannot be sent, `doubt` contains the reason."""
         with contextlib.suppress(ConnectionError):
             self._post_stop(lambda _packet, _now: None)
 
     async def wait(self, timeout: float) -> bool:
-        """Wait at most `timeout` s until no stop is under way, and return whether that is so."""
+        """Wait up to `timeout` s for the pending stop, and return whether it is over."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(timeout):
                 while not self.over:
@@ -192,31 +193,31 @@ class Stopper:
         return self.over
 
     def raise_alarm(self, why: str) -> None:
-        """Raise the alarm for the stop that is under way, if it has not been raised."""
+        """Raise the alarm for the pending stop, at most once."""
         if self._since is not None and self._alarm_since is None:
             self._alarm_since = _now()
             self.alarm = why
             self._on_alarm(why, not self.answered)
 
     def goal_reached(self) -> None:
-        """A goal has succeeded: all that was sent is done, and the arm stands."""
+        """Record that a goal succeeded: all points are executed and the arm is at rest."""
         self._ours = False
 
     def enabled(self) -> None:
-        """Forget the alarm, as somebody has enabled the arm."""
+        """Clear the alarm because the arm was enabled."""
         self.alarm = None
 
     def link_lost(self) -> None:
-        """Take note that the motion link is gone: no reply will come on it any more."""
+        """Record that the motion link is lost, so no reply to STOP can come."""
         if self._since is not None and not self.answered and self._unsent is None:
             self._not_sent('the motion link was lost')
 
     def see(self, now: float) -> None:
-        """Look at the robot state, after new joints or a new status came."""
+        """Evaluate the robot state after new joints or a new status."""
         sample = self._robot.sample
         if self._since is None or sample is None:
             return
-        if not self._powered():  # rule 4: no answer need come
+        if not self._powered():  # rule 4: a reply is not required
             self._standstill.expect_rest(
                 REST_TIME_S if self._acknowledged else UNCONFIRMED_REST_TIME_S
             )
@@ -226,7 +227,7 @@ class Stopper:
             self._end(now)
 
     async def close(self) -> None:
-        """End the supervision of a stop, as the links are gone."""
+        """Stop the supervision after the links are closed."""
         self._since = None
         self._look_no_more()
         if self._switching is not None:
@@ -234,7 +235,7 @@ class Stopper:
             await asyncio.gather(self._switching, return_exceptions=True)
 
     async def motors_off(self, timeout: float) -> None:
-        """Switch the motors off if the arm moves in spite of STOP, and log what fails."""
+        """Switch the motors off if the arm moves in spite of STOP, and log a failure."""
         if not self.over and self._ours and self._moves():
             await self._switch_off(timeout)
 
@@ -246,7 +247,7 @@ class Stopper:
             self._acknowledged = False
             self._rejection = None
             self._standstill = Standstill(now)
-            # not before an answer is overdue: a network that was held up may bring the state first
+            # not before the reply is overdue: after a network delay the state may arrive first
             self._standstill.expect(now, max(UNCONFIRMED_REST_TIME_S, ANSWER_TIMEOUT_S))
             self._look_no_more()
             self._looks = 0
@@ -264,7 +265,7 @@ class Stopper:
             raise
 
     def _not_sent(self, why: str) -> None:
-        """Take note that no answer will come: the state alone decides."""
+        """Record that no reply to STOP will come, so the state alone decides."""
         self._unsent = why
         if not self.answered:
             self._standstill.expect_rest(UNCONFIRMED_REST_TIME_S)
@@ -283,7 +284,7 @@ class Stopper:
         self._changed.notify_all()
 
     def _end(self, now: float) -> None:
-        """End the stop, as the arm stands."""
+        """End the stop: the arm is at rest."""
         taken = self._acknowledged and self._rejection is None
         if not taken and self._unsent is None and self._powered():
             self.raise_alarm(self.doubt or 'STOP was not acknowledged')
@@ -346,12 +347,12 @@ class Stopper:
             _log.error('the arm moved in spite of STOP: the motors were switched off')
 
     def _powered(self) -> bool:
-        """Return whether the motors may be on: unless STATUS says that they are off."""
+        """Return whether the motors may be on, that is, STATUS does not report them off."""
         status = self._robot.status
         return status is None or status.drives_powered != TriState.FALSE
 
     def _moves(self) -> bool:
-        """Return whether the arm moves, which unseen it may unless the controller took STOP."""
+        """Return whether the arm moves. Without joints, assume so until STOP is acknowledged."""
         sample = self._robot.sample
         if sample is None:
             return not self._acknowledged
