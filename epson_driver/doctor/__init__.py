@@ -1,7 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is wrong between this machine and a controller, and what to do (docs/troubleshooting.md).
+"""Diagnosis of the connection between this machine and a controller (docs/troubleshooting.md).
 
-environment.py looks at this machine; listening.py at what a controller sends, state_facts.py finds
-its habits in that; asking.py asks what cannot move anything; learning.py makes a profile of it.
+environment.py checks this machine. listening.py receives a controller's messages, and
+state_facts.py derives the controller's behaviour from them. asking.py sends requests that cannot
+move anything, and learning.py writes the results as a controller profile.
 """

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Questions to a controller whose motors are off, none of which can move anything.
+"""Requests to a controller whose motors are off. None of them can move anything.
 
-They change something all the same: they take the one place of a motion client, a refused point
-may leave an error, and programs that serve one client once have to be started again. So they are
-asked only if a person allows it.
+They still have side effects: they occupy the only place of a motion client, a rejected point may
+leave an error, and programs that serve one client once must be restarted. So they are sent only
+with the user's permission.
 """
 
 import asyncio
@@ -34,11 +34,11 @@ from epson_driver.simple_message import (
 
 REPLY_TIMEOUT_S = 5.0
 SILENCE_S = 2.0
-"""What is not answered by then is not answered."""
+"""Maximum wait for a reply that the controller may never send, s."""
 
 ADMISSION_TIMEOUT_S = 3.0
 MAX_CLIENTS = 20
-"""So many clients are tried; where all get in, the number is at least that."""
+"""Maximum number of clients tried. If all are accepted, the limit is at least this high."""
 
 SLOW_VELOCITY = 0.01
 SLOW_DURATION_S = 5.0
@@ -55,7 +55,7 @@ IO_KEYS = {
 
 
 def why_not_to_ask(state: Conversation) -> str:
-    """Return why the motion port must be left alone now, or '' if it need not be."""
+    """Return why the motion port must not be used now, or '' if it may be used."""
     status = latest_status(state.heard)
     if status is None:
         return 'no STATUS came: nobody knows whether the motors are off'
@@ -67,7 +67,7 @@ def why_not_to_ask(state: Conversation) -> str:
 
 
 async def ask_motion_port(host: str, port: int, state: Conversation, findings: Findings) -> Facts:
-    """Return what the replies to a STOP and to a point at the arm's own place tell."""
+    """Return the facts from the replies to a STOP and to a point at the arm's current position."""
     facts: Facts = {}
     try:
         async with conversation(host, port) as motion:
@@ -109,7 +109,7 @@ def _tell_of_silence(motion: Conversation, findings: Findings) -> None:
 
 
 def _reply_facts(reply: Packet) -> Facts:
-    """Return what a reply to a STOP tells."""
+    """Return the facts from a reply to a STOP."""
     message = reply.message
     if isinstance(message, MotionReply):
         return {'program.kind': 'motoman', 'program.motors': 'motoman'}
@@ -124,7 +124,7 @@ def _described(reply: Packet) -> str:
 
 
 async def _ask_points(motion: Conversation, state: Conversation) -> Facts:
-    """Ask, with the motors off, what only programs for JOINT_TRAJ_PT are asked."""
+    """Send, with the motors off, the requests meant for JOINT_TRAJ_PT programs only."""
     start = JointTrajPt(SpecialSequence.START_TRAJECTORY_STREAMING)
     answered = await motion.ask(start, SILENCE_S)
     facts: Facts = {} if answered is None else {'program.special_sequences': 'all'}
@@ -133,7 +133,7 @@ async def _ask_points(motion: Conversation, state: Conversation) -> Facts:
         return facts
     point = JointTrajPt(0, joint_data(here), SLOW_VELOCITY, SLOW_DURATION_S)
     reply = await motion.ask(point, REPLY_TIMEOUT_S)
-    if reply is not None:  # else its tasks may be paused, and its silence tells nothing
+    if reply is not None:  # without a reply its tasks may be paused, which proves nothing
         facts.setdefault('program.special_sequences', 'stop')
     await motion.ask(JointTrajPt(SpecialSequence.STOP_TRAJECTORY), REPLY_TIMEOUT_S)
     return facts
@@ -151,7 +151,7 @@ async def _serves_again(host: str, port: int, before: Conversation) -> bool:
 
 
 async def count_state_clients(host: str, port: int) -> Facts:
-    """Return how many clients the state port serves at once, besides the one that is there."""
+    """Return how many clients the state port serves in parallel, including the existing one."""
     served = 1
     async with AsyncExitStack() as connected:
         while served < MAX_CLIENTS:
@@ -168,7 +168,7 @@ async def count_state_clients(host: str, port: int) -> Facts:
 
 
 async def ask_io_port(host: str, port: int, state: Conversation, findings: Findings) -> Facts:
-    """Return which points there are. Outputs may take their safe values when it leaves."""
+    """Return the I/O points. Outputs may take their safe values when the connection closes."""
     try:
         async with conversation(host, port) as link:
             link.dialect = state.heard.packets[0][1].dialect
@@ -212,9 +212,9 @@ async def ask_remote_port(
     texts: ErrorTexts,
     needs_main: bool,
 ) -> tuple[Facts, list[Inhibit]]:
-    """Return what Remote Ethernet tells: facts, and what keeps the arm from moving.
+    """Return the facts from Remote Ethernet, and the reasons why the arm cannot move.
 
-    `texts`: of the controller's error numbers. `needs_main`: the arm moves only while main runs.
+    `texts`: the controller's error texts. `needs_main`: the arm moves only while main runs.
     """
     try:
         async with logged_in(host, port, REPLY_TIMEOUT_S, password) as ask:

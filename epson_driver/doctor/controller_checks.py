@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a controller's state port tells: what is wrong, and what it may be asked."""
+"""Checks of a controller through its ports, and which requests it may be sent."""
 
 import asyncio
 import time
@@ -44,37 +44,38 @@ from epson_driver.simple_message import Status, TriState
 
 MIN_LISTENING_S = 1.0
 AT_ONCE_S = 0.5
-"""A connection that the controller closes so soon was not wanted."""
+"""Time within which a closed connection counts as refused, s."""
 
 CONDITION_S = 3.0
-"""How long to wait for the first STATUS before the rest is looked at, s."""
+"""Maximum wait for the first STATUS before the remaining checks, s."""
 
 LATE_S = 0.05
-"""A timer that comes later is told of, s."""
+"""Timer delay above which a note is given, s."""
 
 BUSY_S = 0.25
-"""Where one comes so late, s, silence says nothing of the controller: a process that was not let
-run for half a second waits for seconds as well, and a simulated controller is one."""
+"""Timer delay above which silence is no evidence against the controller, s. A process that was
+delayed for half a second may be delayed for seconds, and a simulated controller is such a process.
+"""
 
 LONGEST_GAP_S = 0.3
 CLOCK_JUMP_S = 0.1
 NEEDED = ('drives_powered', 'e_stopped', 'in_error')
-"""Fields of STATUS without which nobody knows whether the arm could move."""
+"""Fields of STATUS without which the arm's ability to move is unknown."""
 
 SERVERS = {
     'state port': 'StateServer (67)',
     'motion port': 'MotionServer (66)',
     'I/O port': 'IoServer (68)',
 }
-"""Which task of the SPEL+ program serves a port, and its number in RC+'s Task Manager."""
+"""Tasks of the SPEL+ program that serve the ports, with their numbers in RC+'s Task Manager."""
 
 OUTSIDE_RAD = 0.05
-"""How far beyond a limit a joint may be reported, rad or m: noise, and a rest at the very end."""
+"""Tolerance beyond a limit for a reported joint, rad or m: noise, and a rest at the very end."""
 
 
 @dataclass(frozen=True)
 class Question:
-    """The controller to check, and the checks allowed. A port of 0 is left alone."""
+    """The controller to check, and the checks allowed. A port of 0 is not used."""
 
     host: str
     profile: ControllerProfile
@@ -92,9 +93,10 @@ class Question:
 async def check_controller(
     question: Question, findings: Findings, ask: Ask | None = None
 ) -> Facts:
-    """Look at a controller and return what was found out, by the keys of a profile.
+    """Check a controller and return the facts by the keys of a profile.
 
-    `ask` talks to a person at the pendant; None: there is none.
+    `ask` shows a sentence to a person at the pendant and returns the answer. None: no person is
+    available.
     """
     facts = await _check(question, findings, ask)
     if question.profile.spel.project:
@@ -103,7 +105,7 @@ async def check_controller(
 
 
 def _name_tasks(findings: Findings) -> None:
-    """Say which tasks of the SPEL+ program do not serve."""
+    """Add a note on the tasks of the SPEL+ program that do not serve."""
     well = {each.about for each in findings.all if each.level is Level.OK}
     looked_at = {each.about for each in findings.all if each.level in (Level.WRONG, Level.NOTE)}
     missing = [task for port, task in SERVERS.items() if port in looked_at - well]
@@ -134,7 +136,7 @@ async def _check(question: Question, findings: Findings, ask: Ask | None) -> Fac
 
 
 async def _check_remote(question: Question, findings: Findings) -> Facts:
-    """Return what a controller tells of which nothing but Remote Ethernet is used."""
+    """Check a controller that is used through Remote Ethernet only, and return the facts."""
     findings.busy('asking the remote port')
     texts = load_error_texts(question.profile.error_texts)
     units = question.model.limits.units
@@ -164,7 +166,7 @@ async def _check_remote(question: Question, findings: Findings) -> Facts:
 
 
 async def _check_state(question: Question, state: Conversation, findings: Findings) -> Facts:
-    """Return what the state port tells, which may be nothing."""
+    """Check the state port and return the facts, which may be empty."""
     heard = state.heard
     wall, monotonic = time.time(), time.monotonic()
     loop = asyncio.get_running_loop()
@@ -216,7 +218,7 @@ async def _check_state(question: Question, state: Conversation, findings: Findin
 
 
 async def _tell_why_not(question: Question, state: Conversation, findings: Findings) -> Facts:
-    """Say first what keeps the arm from moving, as STATUS and Remote Ethernet tell it."""
+    """Report first why the arm cannot move, from STATUS and Remote Ethernet."""
     status = latest_status(state.heard) or Status()
     texts = load_error_texts(question.profile.error_texts)
     facts: Facts = {}
@@ -232,7 +234,7 @@ async def _tell_why_not(question: Question, state: Conversation, findings: Findi
         no_program = facts.get('program.motors') == 'remote_ethernet'
         if unclear and (told or no_program):
             held, told = [], told or [MAIN_ENDED]
-        # STATUS knows E-stop, key and error, too: of one cause one line
+        # STATUS covers E-stop, key and error as well: one line for each cause
         known = {each.cause for each in held}
         held = [each for each in told if each.cause not in known] + held
     for each in held:
@@ -250,7 +252,7 @@ async def _tell_why_not(question: Question, state: Conversation, findings: Findi
 def _wrong_unless_busy(
     heard: Heard, findings: Findings, about: str, found: str, remedy: str
 ) -> None:
-    """Say what is wrong with times, or that this machine is too busy to tell."""
+    """Report a timing problem, or a note if this machine was too busy to be sure."""
     if heard.lateness <= BUSY_S:
         findings.wrong(about, found, remedy)
         return
@@ -348,7 +350,7 @@ async def _ask(question: Question, state: Conversation, findings: Findings) -> F
     findings.busy('asking the motion and the I/O port')
     if question.may_use_io and question.io_port:
         facts |= await ask_io_port(question.host, question.io_port, state, findings)
-    if question.may_ask:  # last: a program that serves one client once is over after it
+    if question.may_ask:  # last, because a program that serves one client once ends after it
         facts |= await ask_motion_port(question.host, question.motion_port, state, findings)
     return facts
 

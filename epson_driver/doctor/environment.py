@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is wrong with this machine: Python, ROS, message packages, middleware, discovery.
+"""Checks of this machine: Python, ROS, message packages, middleware, discovery.
 
-ROS is looked at in a process of its own: an import that hangs or crashes is a finding, too.
+ROS is checked in a separate process, because an import that hangs or crashes is a finding, too.
 """
 
 import contextlib
@@ -23,10 +23,10 @@ ASK_TIMEOUT_S = 60.0
 MIN_PYTHON = (3, 11)
 
 SAFE_DOMAINS = range(102)
-"""Whose ports lie below the ephemeral ones of every common system."""
+"""Domains whose ports are below the ephemeral ports of every common system."""
 
 DISTRIBUTIONS = ('jazzy',)
-"""Of ROS, those that this package is tested with."""
+"""ROS distributions with which this package is tested."""
 
 SHARED, PROCESSES = Path('/dev/shm'), Path('/proc')  # noqa: S108 - Fast DDS' own place
 LOGIND = Path('/etc/systemd/logind.conf')
@@ -69,7 +69,7 @@ DEFINITIONS: dict[str, Sequence[str]] = {
     'trajectory_msgs.msg.JointTrajectory': ('header', 'joint_names', 'points'),
     'diagnostic_msgs.msg.DiagnosticArray': ('header', 'status'),
 }
-"""Messages, and the fields that the driver uses: another package of the same name lacks some."""
+"""Messages, and the fields used by the driver. Another package of the same name lacks some."""
 
 _ASK = """
 import importlib, json, os, sys
@@ -95,7 +95,7 @@ sys.stdout.write('\\n' + json.dumps(found))
 
 
 def check_environment(findings: Findings, environment: Mapping[str, str] = os.environ) -> None:
-    """Look at this machine."""
+    """Check this machine."""
     version = platform.python_version()
     if sys.version_info >= MIN_PYTHON:
         findings.ok('Python', f'{version}, {sys.executable}')
@@ -149,7 +149,7 @@ def _check_definition(
     about = name.replace('.', '/')
     if isinstance(found, str):
         remedy = BUILD
-        if found.endswith(']'):  # it was imported, but it is not what its name says
+        if found.endswith(']'):  # it was imported, but it is another package of that name
             remedy = f'{OTHER_PACKAGE}; or {BUILD}'
         findings.wrong(about, found, remedy)
     elif lacking := [field for field in fields if field not in found[1:]]:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What was looked at, how it is, and what to do about it: a line each."""
+"""Findings: the subject, its state and the remedy, a line each."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from enum import StrEnum
 
 
 class Level(StrEnum):
-    """How something is. WRONG and HELD make the exit code 1.
+    """Severity of a finding. WRONG and HELD make the exit code 1.
 
     HELD: nothing is broken, but this keeps the arm from moving.
     """
@@ -22,7 +22,7 @@ class Level(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One line: what it is about, what was found, and what to do."""
+    """One line: its subject, the finding and the remedy."""
 
     level: Level
     about: str
@@ -31,10 +31,10 @@ class Finding:
 
 
 class Findings:
-    """Collects findings, and tells each at once: what comes next may take its time.
+    """Collects findings and reports each immediately, because the next check may be slow.
 
-    `busy` is told what takes its time now. `doubt`: a
-    sentence on what keeps anybody from knowing whether the arm could move.
+    `tell` receives each finding, `busy` a description of the current step. `doubt`: a sentence on
+    why it is unknown whether the arm could move.
     """
 
     def __init__(
@@ -46,28 +46,28 @@ class Findings:
         self._tell = tell
 
     def add(self, finding: Finding) -> None:
-        """Take a finding."""
+        """Add a finding."""
         self.all.append(finding)
         self._tell(finding)
 
     def ok(self, about: str, found: str) -> None:
-        """Say that something is as it should be."""
+        """Report a correct state."""
         self.add(Finding(Level.OK, about, found))
 
     def note(self, about: str, found: str, remedy: str = '') -> None:
-        """Say something worth knowing that is not wrong."""
+        """Report a remark on a state that is not wrong."""
         self.add(Finding(Level.NOTE, about, found, remedy))
 
     def wrong(self, about: str, found: str, remedy: str) -> None:
-        """Say what is wrong, and what to do."""
+        """Report an error and its remedy."""
         self.add(Finding(Level.WRONG, about, found, remedy))
 
     def held(self, about: str, found: str, remedy: str) -> None:
-        """Say what keeps the arm from moving, and what helps."""
+        """Report a reason why the arm cannot move, and its remedy."""
         self.add(Finding(Level.HELD, about, found, remedy))
 
     def skipped(self, about: str, why: str, remedy: str = '') -> None:
-        """Say what was not looked at, and why."""
+        """Report a skipped check and the reason."""
         self.add(Finding(Level.SKIPPED, about, why, remedy))
 
     @property
@@ -77,7 +77,7 @@ class Findings:
 
     @property
     def verdict(self) -> str:
-        """All of it in one sentence."""
+        """The summary in one sentence."""
         wrong = sum(each.level is Level.WRONG for each in self.all)
         held = next((each for each in self.all if each.level is Level.HELD), None)
         said = [f'{wrong} wrong'] if wrong else []

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A controller profile from what was found out, and a sentence for every key that was not."""
+"""A controller profile from measured facts, with a reason for every key that was not measured."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -62,25 +62,26 @@ NOT_FOUND: Mapping[str, str] = {
     'io': 'not asked (see --io), or not answered',
     'remote.': 'not asked: a session would have to be left alone until it ends',
 }
-"""Why a key was not found out; a name with a dot at its end stands for all that begin so."""
+"""Reasons why keys were not measured. A name that ends with a dot applies to its whole section."""
 
 
 def why_not(key: str) -> str:
-    """Return why a key of a profile was not found out."""
+    """Return why a key of a profile was not measured."""
     section = key[: key.rfind('.') + 1]
     return NOT_FOUND[key] if key in NOT_FOUND else NOT_FOUND[section]
 
 
 def unknown(facts: Facts) -> list[str]:
-    """Return the keys of a profile that were not found out, in the order of the rules."""
+    """Return the keys of a profile that were not measured, in the order of the rules."""
     named = ('name', 'description', 'approximate')
     return [key for key in RULES if key not in facts and key not in named]
 
 
 def profile_text(name: str, facts: Facts, like: str, about: str) -> str:
-    """Return the text of a profile file: what was found, over another profile for the rest.
+    """Return the text of a profile file: the facts, over another profile for the other keys.
 
-    `about`: when and where it was measured. What was not found out is in its comments.
+    `about`: time and place of the measurement. The keys that were not measured are listed in
+    comments.
     """
     missing = unknown(facts)
     data: dict[str, Any] = {
@@ -107,7 +108,7 @@ def profile_text(name: str, facts: Facts, like: str, about: str) -> str:
 
 
 def differences(facts: Facts, profile: ControllerProfile) -> list[tuple[str, object, object]]:
-    """Return key, value found and value of the profile, where they are not the same."""
+    """Return key, measured value and value of the profile for each difference."""
     found = []
     for key, value in facts.items():
         if key.startswith('ports.') or key in ('io', 'mode'):
@@ -124,21 +125,21 @@ def differences(facts: Facts, profile: ControllerProfile) -> list[tuple[str, obj
 
 
 _SEEN_IN_PART = {('program.motors', 'none'), ('program.motors', 'restart')}
-"""Remote Ethernet is there, but whether a driver should use it, a person knows; that a running
-program must be stopped first shows only while it runs."""
+"""Values that a measurement cannot contradict. Remote Ethernet may be available without being
+meant for the driver, and a running program that must be stopped first is seen only while it runs.
+"""
 
 TOLERANCE_SHARE = 0.1
-"""A measured time is another one than the profile's only if it is off by more than this share of
-it and what it may be off by."""
+"""Relative tolerance of a measured time, in addition to its uncertainty."""
 
 
 def tolerance(value: float, held: float) -> float:
-    """Return how far a measured value may be from the one held, for the two to be the same."""
+    """Return the tolerance for a measured value against the profile's value."""
     return TOLERANCE_SHARE * held + getattr(value, 'uncertainty', 0.0)
 
 
 def value_of(profile: ControllerProfile, key: str) -> object:
-    """Return a key of a profile as it is written in a file."""
+    """Return a key of a profile in the form of a profile file."""
     held: Any = profile
     for name in key.split('.'):
         held = getattr(held, name)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Listens to a port, and asks it: what came, when, and in which pieces. Nothing else."""
+"""A connection to a port that records each message with its time, and can send requests."""
 
 import asyncio
 import contextlib
@@ -34,7 +34,7 @@ from epson_driver.trace.pcap import PcapWriter
 CONNECT_TIMEOUT_S = 5.0
 FRAME_HEADER_BYTES = 16
 MAX_KEPT = 100_000
-"""Packets that are kept: eight minutes at 200 Hz."""
+"""Maximum number of packets stored: eight minutes at 200 Hz."""
 
 
 PROBES = {
@@ -43,17 +43,17 @@ PROBES = {
     socket.TCP_KEEPINTVL: (socket.IPPROTO_TCP, 1),
     socket.TCP_KEEPCNT: (socket.IPPROTO_TCP, 2),
 }
-"""TCP asks a silent peer after 1 s, and gives it up 2 s later. No byte is sent for it."""
+"""TCP probes a silent peer after 1 s and drops it 2 s later. No byte of data is sent for this."""
 
 TRACE: ContextVar[PcapWriter | None] = ContextVar('trace', default=None)
-"""Where what is heard and said is recorded, if anywhere."""
+"""Recorder of all bytes sent and received, or None."""
 
 TICK_S = 0.02
-"""How often this machine's own lateness is looked at."""
+"""Period of measuring this process's own lateness, s."""
 
 
 class Refusal(Enum):
-    """Why there is no connection."""
+    """Kinds of failed connections."""
 
     UNKNOWN_NAME = auto()
     REFUSED = auto()
@@ -62,7 +62,7 @@ class Refusal(Enum):
 
 
 class NoConnectionError(ConnectionError):
-    """There is no connection, for the reason in its text and of the kind `refusal`."""
+    """The connection failed, for the reason in the text and of the kind `refusal`."""
 
     def __init__(self, text: str, refusal: Refusal) -> None:
         super().__init__(text)
@@ -71,25 +71,25 @@ class NoConnectionError(ConnectionError):
 
 @dataclass
 class Heard:
-    """What came over one connection. Times are s on the monotonic clock."""
+    """The data received over one connection. Times are s on the monotonic clock."""
 
     handshake: float
-    """How long TCP's handshake took, s."""
+    """Duration of TCP's handshake, s."""
     packets: list[tuple[float, Packet]] = field(default_factory=list)
     frames: int = 0
     unreadable: str = ''
-    """What was wrong with the first bytes that were no message."""
+    """Error text for the first bytes that were no message, or ''."""
     ended: str = ''
-    """How the connection ended, if the controller ended it."""
+    """How the controller ended the connection, or '' if it did not."""
     vanished: bool = False
-    """Whether it ended since the other machine did not answer TCP any more."""
+    """Whether the connection was lost because the other machine stopped answering TCP."""
     first_bytes: bytes = b''
     lateness: float = 0.0
-    """How late a timer of this process came at most, s: so far its times may be off."""
+    """Maximum delay of a timer in this process, s: the uncertainty of its times."""
 
 
 class Conversation:
-    """One connection to a port of the controller, while it lasts."""
+    """One open connection to a port of the controller."""
 
     def __init__(
         self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, handshake: float
@@ -110,7 +110,7 @@ class Conversation:
         self._ticks = asyncio.create_task(self._watch_lateness())
 
     async def heard_within(self, enough: Callable[[Heard], object], seconds: float) -> bool:
-        """Wait until what was heard is enough, and return whether it is in time."""
+        """Wait until the received data is enough, and return whether it is in time."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(seconds):
                 while not enough(self.heard) and not self._task.done():
@@ -119,13 +119,13 @@ class Conversation:
         return bool(enough(self.heard))
 
     async def ended_within(self, seconds: float) -> bool:
-        """Wait, and return whether the controller closed the connection meanwhile."""
+        """Wait, and return whether the controller has closed the connection by the end."""
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(asyncio.shield(self._task), seconds)
         return self._task.done()
 
     async def next_packet(self, timeout: float, *, replies: bool = False) -> Packet | None:
-        """Return the next packet that comes, or the next reply, or None if none does in time."""
+        """Return the next packet received, or the next reply, or None after the timeout."""
         begin = len(self.heard.packets)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(timeout):
@@ -141,14 +141,14 @@ class Conversation:
         return None
 
     async def ask(self, message: Message, timeout: float) -> Packet | None:
-        """Send a request and return the next reply, or None if none comes in time, or ever."""
+        """Send a request and return the next reply, or None if none arrives in time."""
         if self._task.done():
             return None
         self.post(message)
         return await self.next_packet(timeout, replies=True)
 
     def post(self, message: Message) -> None:
-        """Send a request and do not wait for its reply."""
+        """Send a request without waiting for its reply."""
         self._send(encode(request(message), self.dialect))
 
     async def close(self) -> None:
@@ -163,7 +163,7 @@ class Conversation:
             await asyncio.wait_for(self._writer.wait_closed(), 1.0)
 
     async def say(self, data: bytes) -> None:
-        """Send bytes that are no message."""
+        """Send bytes that are not a message."""
         self._send(data)
         await self._writer.drain()
 
@@ -220,7 +220,7 @@ class Conversation:
 
 @asynccontextmanager
 async def conversation(host: str, port: int) -> AsyncIterator[Conversation]:
-    """Connect to a port. Raises NoConnectionError that says why not."""
+    """Connect to a port. Raises NoConnectionError if that fails, with the reason."""
     began = asyncio.get_running_loop().time()
     try:
         async with asyncio.timeout(CONNECT_TIMEOUT_S):

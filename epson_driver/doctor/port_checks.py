@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is at a port that is no state port, from the side of the protocol: a sentence for each."""
+"""Identification of a port that is not a state port, from its protocol."""
 
 import asyncio
 from collections import Counter
@@ -20,18 +20,19 @@ from epson_driver.simple_message import Status
 ABOUT = 'state port'
 
 OTHER_PORT_S = 1.5
-"""How long the motion port is listened to when the state port is silent, s."""
+"""Time to listen to the motion port when the state port is silent, s."""
 
 FELL_SILENT_S = 1.0
-"""A port that sent, and then nothing for so long, fell silent."""
+"""Silence after which a port that had sent data counts as silent, s."""
 
 HTTP_QUESTION = b'HEAD / HTTP/1.0\r\n\r\n'
-"""Read as a message it would be 1 GB long in either byte order: it cannot be taken for a point."""
+"""As a message it would be 1 GB long in either byte order, so it cannot be mistaken for a point.
+"""
 
 HTTP_ANSWER_S = 2.0
 
 ROBOT_PORTS = frozenset({5000, *range(11000, 11004), *range(50240, 50243)})
-"""Where robots usually listen: nothing but their own protocol is spoken there unless allowed."""
+"""Usual ports of robots. Only their own protocol is spoken there unless the user allows more."""
 
 REFUSALS = {
     Refusal.UNKNOWN_NAME: (
@@ -52,11 +53,11 @@ REFUSALS = {
         "check the address, the cable, and this machine's network settings",
     ),
 }
-"""Why there is no connection, and what to do."""
+"""Reasons for a failed connection, with remedies."""
 
 
 def tell_refusal(where: str, error: NoConnectionError, findings: Findings) -> None:
-    """Say why the state port could not be opened."""
+    """Report why the state port could not be opened."""
     text, remedy = REFUSALS[error.refusal]
     findings.wrong(ABOUT, f'{where}: {text} ({error})', remedy)
 
@@ -68,9 +69,9 @@ async def tell_of_no_state(
     findings: Findings,
     may_ask: bool,
 ) -> bool:
-    """Say what is at the port if it is no state port, and return whether it is none.
+    """Report what answers at a port that is not a state port. Returns whether it is not.
 
-    `motion`: host and port of the motion port, which is listened to if this one is silent.
+    `motion`: host and port of the motion port, which is checked if this port is silent.
     """
     heard = state.heard
     if heard.unreadable:
@@ -118,7 +119,7 @@ async def _why_silent(
 
 
 async def _sends_state(host: str, port: int) -> bool:
-    """Return whether a port sends joint states by itself. Nothing is sent to it."""
+    """Return whether a port sends joint states without a request."""
     try:
         async with conversation(host, port) as other:
             return await other.heard_within(has_joints, OTHER_PORT_S)
@@ -134,10 +135,10 @@ async def _answer_to_http(state: Conversation) -> bytes:
 
 
 def has_joints(heard: Heard) -> bool:
-    """Return whether a joint state came."""
+    """Return whether a joint state was received."""
     return any(is_joints(each) for _, each in heard.packets)
 
 
 def silence(heard: Heard) -> float:
-    """Return since when nothing came, s."""
+    """Return the time since the last message, s."""
     return asyncio.get_running_loop().time() - heard.packets[-1][0]

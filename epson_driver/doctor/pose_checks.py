@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Does the robot model fit the arm? Signs and order of the joints, and tool0.
+"""Checks that the robot model fits the arm: signs and order of the joints, and tool0.
 
-A person jogs each joint a little at the pendant, and reads X Y Z U V W there: nothing is sent.
+A person jogs each joint a little at the pendant, and reads X Y Z U V W there. Nothing is sent.
 """
 
 import asyncio
@@ -19,16 +19,16 @@ from epson_driver.robots import RobotModel
 from epson_driver.robots.kinematics import Kinematics
 
 MIN_JOG = 0.004
-"""A joint that has moved less, rad or m, was not jogged: a quarter of a degree, 4 mm."""
+"""Minimum motion of a jogged joint, rad or m: a quarter of a degree, 4 mm."""
 
 OTHERS_SHARE = 0.2
-"""The other joints may have moved by this share of it: coupled axes do."""
+"""Maximum motion of the other joints, as a share of the jogged joint's. Coupled axes move more."""
 
 POSITION_TOLERANCE_M = 0.001
 ANGLE_TOLERANCE_RAD = math.radians(0.2)
 
 Ask = Callable[[str], Awaitable[str]]
-"""Shows a person a sentence and returns what he types."""
+"""Shows a sentence to a person and returns the typed answer."""
 
 NEXT_STATE_TIMEOUT_S = 2.0
 
@@ -38,7 +38,7 @@ NO_JOINTS = 'no joint states came that are numbers'
 async def check_joints(
     state: Conversation, model: RobotModel, ask: Ask, findings: Findings
 ) -> None:
-    """Have each joint jogged, and see which number changes, and in which direction."""
+    """Ask for a jog of each joint, and check which value changes and in which direction."""
     names = model.joint_names
     for index, name in enumerate(names):
         before = await _standing(state, len(names))
@@ -78,7 +78,7 @@ def _judge_jog(index: int, name: str, moved: Array, findings: Findings) -> None:
 
 
 async def check_tool(state: Conversation, model: RobotModel, ask: Ask, findings: Findings) -> None:
-    """Compare the pendant's X Y Z U V W with what the model makes of the joints."""
+    """Compare the pendant's X Y Z U V W with the model's forward kinematics."""
     said = await ask(
         'X Y Z U V W as the pendant shows them for Tool 0, Local 0, in mm and degrees '
         '(Enter: skip): '
@@ -117,10 +117,10 @@ def _wrapped(angles: Array) -> Array:
 
 
 async def _standing(state: Conversation, joints: int) -> Array | None:
-    """Return where the joints are now, or None if no state comes, or none that is in numbers."""
+    """Return the current joints, or None if no state arrives or its values are not finite."""
     if await state.next_packet(NEXT_STATE_TIMEOUT_S) is None:
         return None
-    await asyncio.sleep(0.2)  # a joint state, not a STATUS, has come by now
+    await asyncio.sleep(0.2)  # a joint state, not only a STATUS, has arrived by this time
     found = latest_joints(state.heard)
     if found is None or not np.all(np.isfinite(found[:joints])):
         return None

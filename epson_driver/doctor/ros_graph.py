@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What runs in this ROS domain, for the doctor, as a process of its own.
+"""Query of this ROS domain for the doctor, run as a separate process.
 
-Prints JSON: `moveit`, the joints of a running MoveIt's robot, or null if there is no move_group;
-`drivers`, what the arm of each driver tells in /diagnostics.
+Prints JSON. `moveit`: the joints of a running MoveIt's robot, or null without a move_group.
+`drivers`: the values of each driver's arm in /diagnostics.
 """
 
 import json
@@ -22,11 +22,11 @@ from epson_driver.node.ros_transport import udp_by_default
 MOVABLE = ('revolute', 'continuous', 'prismatic')
 
 ARM = ': arm'
-"""How the name of the status ends that tells of an arm."""
+"""Suffix of the diagnostics status of an arm."""
 
 
 def main() -> int:
-    """Look around for as many seconds as the first argument says."""
+    """Collect for the number of seconds in the first argument."""
     patience = float(sys.argv[1]) if len(sys.argv) > 1 else 3.0
     with udp_by_default():
         rclpy.init()
@@ -39,7 +39,7 @@ def main() -> int:
     )
     try:
         until = time.monotonic() + patience
-        while (left := until - time.monotonic()) > 0.0:  # a driver tells once a second
+        while (left := until - time.monotonic()) > 0.0:  # a driver reports once a second
             executor.spin_once(timeout_sec=left)
         found = {'moveit': _joints(node, executor), 'drivers': list(drivers.values())}
         print(json.dumps(found))
@@ -80,7 +80,7 @@ def _joints(node: Any, executor: Any) -> list[str] | None:
 
 
 def joints_of(description: str) -> list[str]:
-    """Return the joints of a URDF that move, without those that mimic others."""
+    """Return the movable joints of a URDF, without joints that mimic others."""
     try:
         root = ElementTree.fromstring(description)  # noqa: S314 - expat expands no entity bombs
     except ElementTree.ParseError:

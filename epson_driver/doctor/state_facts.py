@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the messages of a state port tell of a controller, as keys of a controller profile."""
+"""Facts on a controller from the messages of its state port, as keys of a controller profile."""
 
 import itertools
 import statistics
@@ -25,19 +25,19 @@ Facts = dict[str, object]
 
 MIN_JOINTS = 20
 MIN_STATUSES = 3
-"""Messages of each kind from which habits can be seen."""
+"""Minimum number of messages of each kind for deriving facts."""
 
 TOGETHER_SHARE = 0.3
-"""A STATUS that comes sooner after the joints than this share of a period came with them."""
+"""Maximum time from the joints to a STATUS sent together with them, as a share of a period."""
 
 UNEVEN_SHARE = 0.25
-"""A period that may be off by more than this share of it was not found out."""
+"""Maximum uncertainty of a measured period, as a share of it. Beyond it, the period is omitted."""
 
 
 def state_facts(heard: Heard) -> Facts:
-    """Return what is certain from what was heard, by key.
+    """Return the facts that are certain from the received messages, by key.
 
-    At least one message must have been heard.
+    At least one message is required.
     """
     facts: Facts = {}
     packets = heard.packets
@@ -63,12 +63,12 @@ def state_facts(heard: Heard) -> Facts:
 
 
 def is_joints(packet: Packet) -> bool:
-    """Return whether a packet says where the joints are."""
+    """Return whether a packet contains joint positions."""
     return isinstance(packet.message, JointPosition | JointFeedback)
 
 
 def latest_joints(heard: Heard) -> tuple[float, ...] | None:
-    """Return the ten joint values that came last, rad or m, or None if none did."""
+    """Return the ten joint values received last, rad or m, or None."""
     for _, packet in reversed(heard.packets):
         if isinstance(packet.message, JointPosition):
             return packet.message.joints
@@ -78,7 +78,7 @@ def latest_joints(heard: Heard) -> tuple[float, ...] | None:
 
 
 def latest_status(heard: Heard) -> Status | None:
-    """Return the STATUS that came last."""
+    """Return the STATUS received last, or None."""
     for _, packet in reversed(heard.packets):
         if isinstance(packet.message, Status):
             return packet.message
@@ -86,7 +86,7 @@ def latest_status(heard: Heard) -> Status | None:
 
 
 class Measured(float):
-    """A value, and by how much it may be off."""
+    """A value and its uncertainty."""
 
     uncertainty: float
 
@@ -98,11 +98,11 @@ class Measured(float):
 
 
 def rhythm(times: Sequence[float], lateness: float = 0.0) -> Measured | None:
-    """Return the mean time between messages that came at these times, or None of too few.
+    """Return the mean time between messages that arrived at these times, or None for too few.
 
-    TCP loses nothing: held-up messages come later, not fewer. So the period is the median of
-    what passed between message i and message i + n/2, over n/2, which bursts and single gaps do
-    not change. `lateness`: how far each time may be off, s.
+    TCP loses nothing: delayed messages come later, not fewer. So the period is the median of the
+    time from message i to message i + n/2, divided by n/2, which bursts and single gaps do not
+    change. `lateness`: uncertainty of each time, s.
     """
     half = len(times) // 2
     if half < MIN_JOINTS // 2:
@@ -114,9 +114,9 @@ def rhythm(times: Sequence[float], lateness: float = 0.0) -> Measured | None:
 
 
 def _rhythm(heard: Heard) -> Facts:
-    """Return period, messages per STATUS, and whether the STATUS has a slot of its own.
+    """Return the period, the messages per STATUS, and whether the STATUS has a separate slot.
 
-    What bursts or this machine's lateness leave open is left out.
+    Facts are omitted where bursts or this machine's lateness leave them uncertain.
     """
     kinds = [(at, is_joints(packet)) for at, packet in heard.packets]
     at_status = [index for index, (_, joints) in enumerate(kinds) if not joints]

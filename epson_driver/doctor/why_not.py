@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Why the arm does not move, as the doctor says it: what the controller and the drivers tell."""
+"""Reports why the arm cannot move, from the reports of the controller and the drivers."""
 
 from collections.abc import Mapping, Sequence
 
@@ -21,7 +21,7 @@ ABOUT = {
     Cause.MAIN_ENDED: 'main',
     Cause.PAUSED: 'pause',
 }
-"""What a cause is about, in a word; of others: the arm."""
+"""Subjects of the causes. Any other cause: the arm."""
 
 WORDS = {
     Remedy.RELEASE_ESTOP: 'release it, ~/reset_error (or reset at the controller), then ~/enable',
@@ -37,16 +37,16 @@ WORDS = {
 
 
 def tell_inhibit(found: Inhibit, findings: Findings, who: str = '') -> None:
-    """Say what keeps the arm from moving, by the driver `who`, or by the controller."""
+    """Report a reason why the arm cannot move, from the driver `who`, or from the controller."""
     remedy = WORDS.get(found.remedy, found.remedy.value)
     about = who or ABOUT.get(found.cause, ARM)
     findings.held(about, found.text, ', '.join(filter(None, (found.advice, remedy))))
 
 
 def tell_drivers(drivers: Sequence[Mapping[str, str]], findings: Findings) -> None:
-    """Say what the drivers that run in this ROS domain tell of themselves in /diagnostics.
+    """Report the /diagnostics of the drivers running in this ROS domain.
 
-    Each has `name`, `host`, `text` and what else the diagnostics of its arm have.
+    Each has `name`, `host`, `text` and the other diagnostic values of its arm.
     """
     for each in drivers:
         who = f'driver {each["name"]} ({each["host"]})'
