@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""From launch arguments to what is started. No ROS here: the launch files import launch."""
+"""Conversion of launch arguments to node parameters. It imports no ROS: the launch files do."""
 
 from epson_driver.bringup.arguments import (
     launch_arguments,

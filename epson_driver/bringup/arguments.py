@@ -174,7 +174,7 @@ def launch_arguments(*names: str, **defaults: str) -> list[dict[str, Any]]:
 
 
 def misspelled_arguments(given: Iterable[str]) -> list[str]:
-    """Return a sentence for each name that no launch file of this package has, but nearly.
+    """Return a sentence for each name that is nearly an argument of this package's launch files.
 
     `given`: the names of all launch configurations. Others may belong to a launch file that
     includes one of ours.

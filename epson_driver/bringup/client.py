@@ -34,7 +34,7 @@ DESCRIPTION = ('parent', 'origin_xyz', 'origin_rpy')
 """The arguments of every launch file with the robot's description."""
 
 GIVEN = ('robot_ip', 'robot_model', 'controller', 'interface')
-"""Arguments that are parameters of the client, if they are given."""
+"""Arguments passed to the client as parameters, if they are not empty."""
 
 DEFAULT_MODEL = 'c3_a601s'
 
@@ -47,11 +47,11 @@ SIM_REMOTE_PORT = '5000'
 
 
 def client_parameters(values: Mapping[str, str]) -> dict[str, Any]:
-    """Return the client's parameters that follow from launch arguments that are not empty.
+    """Return the client's parameters that follow from non-empty launch arguments.
 
-    What params_file says holds then. Raises FileNotFoundError or InputError for a model that
-    cannot be read, InputError for an address, prefix or port that is not valid, BringupError for a
-    params_file that is not there.
+    The values of params_file apply to the others. Raises FileNotFoundError or InputError for a
+    model that cannot be read, InputError for an invalid address, prefix or port, and BringupError
+    for a missing params_file.
     """
     prefix = values['tf_prefix']
     resolved = effective(values)
@@ -72,10 +72,10 @@ def client_parameters(values: Mapping[str, str]) -> dict[str, Any]:
 
 
 def effective(values: Mapping[str, str]) -> dict[str, str]:
-    """Return launch arguments with the client's own values where none is given.
+    """Return launch arguments, with the client's own values for the empty ones.
 
-    They are those of params_file, which is read for it, and the model's default. Raises as
-    `file_parameters` does.
+    The client's values are read from params_file, with the model's default. Raises the exceptions
+    of `file_parameters`.
     """
     path = values['params_file']
     said = file_parameters(path, values['namespace']) if path else {}
@@ -88,8 +88,8 @@ def effective(values: Mapping[str, str]) -> dict[str, str]:
 def controller_arguments(values: Mapping[str, str]) -> list[str]:
     """Return the command line of the simulated controller for this client.
 
-    Where the controller's profile has a SPEL+ program, that says how it moves. Raises
-    FileNotFoundError, InputError for a profile that is not there, or wrong.
+    A SPEL+ program in the controller's profile determines the motion. Raises FileNotFoundError for
+    a missing profile, InputError for an invalid one.
     """
     values = effective(values)
     words = ['--robot', values['robot_model']]

@@ -24,7 +24,7 @@ def robot_description(model: str, prefix: str = '', **arguments: str) -> str:
 def semantic_description(model: str, prefix: str = '', world: str = 'world') -> str:
     """Return the SRDF of a model as text. The group's name stays `manipulator`.
 
-    `world`: the frame in which the arm stands. Raises as `robot_description` does.
+    `world`: the frame in which the arm is mounted. Raises as `robot_description` does.
     """
     return _described(srdf, model, prefix=prefix, world=world)
 
@@ -39,7 +39,7 @@ def _described(make: Callable[..., str], model: str, **arguments: str) -> str:
 
 
 def pose_arguments(parent: str, xyz: str, rpy: str, prefix: str = '') -> list[str]:
-    """Return the arguments of static_transform_publisher for where an arm stands.
+    """Return the arguments of static_transform_publisher for the pose of an arm's base.
 
     `xyz` (m) and `rpy` (rad) are three numbers each, separated by spaces. Raises BringupError.
     """

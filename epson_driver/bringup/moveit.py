@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""MoveIt's configuration of a model: parameters for launch files, or a package of the user's own.
+"""MoveIt's configuration of a model, as parameters for launch files or as a separate package.
 
-What is the same for all models is in config/moveit/; the rest follows from the model's data.
+Files shared by all models are in config/moveit/. The rest is derived from the model's data.
 """
 
 from pathlib import Path
@@ -17,17 +17,18 @@ from epson_driver.robots.kinematics import singularity_thresholds
 from epson_driver.share import share_file, share_folder
 
 JOINTS_OF_A_FREE_TOOL = 6
-"""With fewer the tool cannot have every orientation, and KDL solves for its place alone."""
+"""Minimum number of joints for any tool orientation. With fewer, KDL solves for position only."""
 
 MARGIN_SHARE = 0.05
-"""Of a joint's range: MoveIt Servo's margin at each limit at most, as of a SCARA's shaft."""
+"""Maximum margin of MoveIt Servo at each limit, as a share of the joint's range. It matters for a
+SCARA's shaft."""
 
 SCARA_CORNERS = 0.01
-"""How far TOTG may cut the corners of a SCARA's plan, rad and m alike. Its default, 0.1, would be
-10 cm of a shaft's stroke."""
+"""TOTG's corner tolerance for a SCARA's plan, rad and m alike. The default, 0.1, would be 10 cm of
+a shaft's stroke."""
 
 OWN_ACTION = 'epson_driver'
-"""The driver, whose action executes what MoveIt plans."""
+"""The driver's node, whose action executes MoveIt's plans."""
 
 PACKAGE_XML = """<?xml version="1.0"?>
 <package format="3">

@@ -17,10 +17,10 @@ PARAMETERS = 'ros__parameters'
 
 
 def file_parameters(path: str, namespace: str) -> dict[str, Any]:
-    """Return the parameters that a file has for the client in a namespace, later ones winning.
+    """Return the parameters in a file for the client in a namespace.
 
-    Raises BringupError for a file that does not exist or has none for it, InputError for one that
-    is no YAML.
+    Later sections take precedence. Raises BringupError if the file does not exist or has no
+    section for the client, InputError if it is not YAML.
     """
     if not Path(path).is_file():
         raise BringupError(f'launch argument params_file = {path}: there is no such file')
@@ -38,7 +38,7 @@ def file_parameters(path: str, namespace: str) -> dict[str, Any]:
 def node_sections(path: Path) -> dict[str, dict[str, Any]]:
     """Return a file's sections by node name, which may contain `*` and `**`.
 
-    Raises InputError for a file that is no YAML.
+    Raises InputError if the file is not YAML.
     """
     content = read_yaml(path)
     return dict(_sections(content)) if isinstance(content, Mapping) else {}
@@ -56,6 +56,6 @@ def _sections(content: Mapping[str, Any], above: str = '') -> Iterator[tuple[str
 
 
 def _matches(pattern: str, node: str) -> bool:
-    """Return whether a node's name, `*` for one part of it and `**` for any, means this one."""
+    """Return whether a pattern matches a node's name. `*`: one part of it, `**`: any number."""
     expression = re.escape(pattern).replace(r'/\*\*', '(/.*)?').replace(r'\*', '[^/]*')
     return re.fullmatch(expression, node) is not None

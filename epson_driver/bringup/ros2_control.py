@@ -11,19 +11,20 @@ from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import load_robot_model
 
 CONTROLLER = 'joint_trajectory_controller'
-"""The controller that is started."""
+"""The controller to start."""
 
 DEFAULT_PROFILE = 'simulated'
 
 GOAL_TOLERANCE = {'revolute': 0.01, 'prismatic': 0.001}
-"""How near to a goal the controller waits for each joint, by its type, rad or m."""
+"""The controller's goal tolerance for each joint, by its type, rad or m."""
 
 
 PATH_TOLERANCE_S = 0.5
-"""An arm that follows is less behind a setpoint, s; the driver sends nothing more then."""
+"""Path tolerance as a delay behind the setpoint, s. An arm that follows the stream lags less. A
+larger lag ends the goal, and the driver sends nothing more."""
 
 SERVO_SCALE = 0.25
-"""The driver's `servo.scale` unless it is told another one: what the arm follows a stream with."""
+"""Default of the driver's `servo.scale`: the share of the joint limits for following a stream."""
 
 
 def ros2_control_arguments(namespace: str) -> dict[str, str]:
@@ -40,16 +41,16 @@ def ros2_control_arguments(namespace: str) -> dict[str, str]:
 
 
 def first_joint_state(namespace: str) -> list[str]:
-    """Return the command that ends when the first joint state has come."""
+    """Return the command that ends at the first joint state."""
     topic = ros2_control_arguments(namespace)['joint_states_topic']
     words = ('ros2', 'topic', 'echo', '--once', '--qos-reliability', 'best_effort', '--field')
     return [*words, 'header', topic, 'sensor_msgs/msg/JointState']
 
 
 def controllers_parameters(model: str, prefix: str = '') -> dict[str, Any]:
-    """Return what differs from config/ros2_control/controllers.yaml for a model and a prefix.
+    """Return the changes to config/ros2_control/controllers.yaml for a model and a prefix.
 
-    These are joints, how far each may be behind, and where it must arrive.
+    These are the joints, and each joint's path and goal tolerance.
     """
     robot = load_robot_model(model)
     joints = [prefix + name for name in robot.joint_names]

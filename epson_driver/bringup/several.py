@@ -25,7 +25,7 @@ EACH = (
 
 
 def several_robots(values: Mapping[str, str]) -> list[dict[str, str]]:
-    """Return the arguments of one robot per namespace: what differs from the other robots.
+    """Return the arguments of one robot per namespace that differ between the robots.
 
     Raises BringupError if the lists do not match.
     """
@@ -57,10 +57,10 @@ def several_robots(values: Mapping[str, str]) -> list[dict[str, str]]:
 
 
 def fleet_robots(values: Mapping[str, str]) -> list[dict[str, str]]:
-    """Return the arguments of each robot that params_file names, or of those of `robots` only.
+    """Return the arguments of each robot in params_file, or only of the robots in `robots`.
 
-    A robot is a section for its node by its full name, `/robot_1/epson_driver`. Raises
-    BringupError if there is none, or not one of `robots`; InputError for a file that is no YAML.
+    A robot is a section named after its node, `/robot_1/epson_driver`. Raises BringupError if the
+    file has no robot or lacks one of `robots`, InputError if it is not YAML.
     """
     path = values['params_file']
     if not Path(path).is_file():

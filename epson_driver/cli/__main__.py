@@ -22,13 +22,13 @@ INTERFACES = ('epson_msgs', 'industrial_msgs')
 """Message packages that no binary release has: they are built from interfaces/."""
 
 NO_WHEELS = ('control_msgs', 'tf2_msgs', *INTERFACES)
-"""Message packages that there are no wheels of."""
+"""Message packages without wheels."""
 
 NOT_OF_ROS = {'matplotlib': 'report'}
-"""Modules that come with another extra than `ros`, and that one."""
+"""Modules that belong to another extra than `ros`, with its name."""
 
 BROKEN_PIPE = 141
-"""The exit code after nobody reads the output any more, as shells have it: 128 and SIGPIPE."""
+"""Exit code after the reader of the output has closed it, like in shells: 128 + SIGPIPE."""
 
 
 def main() -> int:
@@ -89,7 +89,7 @@ def _usage() -> str:
 
 
 def _unknown(name: str) -> str:
-    """Return the line about a name that no executable has, or nothing if none was given."""
+    """Return a line about an unknown executable, or '' if no name was given."""
     if not name:
         return ''
     near = get_close_matches(name.lower(), EXECUTABLES, n=1, cutoff=0.5)

@@ -13,7 +13,7 @@ from epson_driver.inputs import HOST, Rule, count, printable, shown
 
 PORT = Rule(count(1, 65_535).read, 'must be a port from 1 to 65535')
 FREE_PORT = Rule(count(0, 65_535).read, 'must be a port from 0 to 65535')
-"""0 stands for any free port."""
+"""0 selects any free port."""
 
 
 def argument(rule: Rule, parse: Callable[[str], object] | None = None) -> Callable[[str], Any]:
@@ -33,7 +33,7 @@ host = argument(HOST, str)
 
 
 def define(text: str) -> tuple[str, str]:
-    """Return name and value of NAME=VALUE: another value in a #define line of a SPEL+ project."""
+    """Return name and value of NAME=VALUE, which replaces a #define value of a SPEL+ project."""
     name, equals, value = text.partition('=')
     if not equals or not name.strip():
         rule = 'must be NAME=VALUE, or NAME= to turn it off'
@@ -45,7 +45,7 @@ PICTURES = ('.png', '.pdf', '.svg', '.jpg')
 
 
 def picture(text: str) -> Path:
-    """Return the path of a picture whose suffix is of a format that can be written."""
+    """Return the path of a picture, checked for a supported suffix."""
     path = Path(text)
     if path.suffix not in PICTURES:
         rule = f'must end in {" or ".join(PICTURES)}'
@@ -62,7 +62,7 @@ def page(text: str) -> Path:
 
 
 def if_in_use(cause: BaseException | None) -> str:
-    """Return advice for a port that another process has open."""
+    """Return advice if another process has the port open."""
     if not isinstance(cause, OSError) or cause.errno != errno.EADDRINUSE:
         return ''
     return (

@@ -16,7 +16,7 @@ def main() -> int:
     """Run until SIGINT or SIGTERM and return the exit code of `run`."""
     try:
         namespaces = _namespaces(remove_ros_args(sys.argv)[1:])
-    except (RuntimeError, ValueError) as error:  # from rcl; ValueError: not valid text
+    except (RuntimeError, ValueError) as error:  # from rcl. ValueError: not valid text
         print(f'epson_driver client: {printable(error)}', file=sys.stderr)
         return 1
     return run(namespaces)

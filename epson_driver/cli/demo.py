@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """`epson_driver demo`: a planned trajectory through real ROS 2 to a simulated controller.
 
-Starts sim_controller and client as processes of their own, enables the arm, sends the trajectory
-as a FollowJointTrajectory goal, and reports what the joint states showed. With --compare twice: a
-controller that rests at every point, then one that smooths. With --stay controller and driver go
-on afterwards, with a panel in the browser.
+Starts sim_controller and client as separate processes, enables the arm, sends the trajectory as a
+FollowJointTrajectory goal, and reports the measured motion. With --compare it runs twice: with a
+controller that rests at every point, then with one that smooths. With --stay, controller and
+driver keep running afterwards, with a panel in the browser.
 """
 
 import argparse
@@ -32,14 +32,14 @@ from epson_driver.trajectory_file import read_trajectory
 ROBOT = 'c3_a601s'
 TRAJECTORY = share_file('config', 'trajectories', 'around_pillar_11_points.yaml')
 TRAJECTORY_OF_SCARAS = share_file('config', 'trajectories', 'scara_pick_and_place.yaml')
-"""What is executed if nothing is said: the first by six axes, the second by SCARAs."""
+"""Default trajectories: the first for six-axis arms, the second for SCARAs."""
 
 NATIVE = 'simulated'
-"""The profile that a SPEL+ program is compared with: its program is built in."""
+"""The profile to which a SPEL+ program is compared. Its program is built in."""
 
 
 def main() -> int:
-    """Run the demo. Returns 0 only if the arm did what was planned, 3 if that cannot be judged."""
+    """Run the demo. Returns 0 only if the arm followed the plan, 3 if that is uncertain."""
     arguments = _arguments()
     console = Console()
     if arguments.panel and panel_missing():
@@ -157,9 +157,9 @@ def _fitting(file: Path, model: RobotModel) -> Trajectory:
 
 
 def _motions(arguments: argparse.Namespace) -> list[tuple[str, str]]:
-    """Return the motions to run, in order, and the controller profile.
+    """Return the motions to run, in order, each with its controller profile.
 
-    The last is of the controller asked for.
+    The last one uses the requested controller.
     """
     asked = arguments.controller
     if arguments.spel:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver doctor [ADDRESS]`: what is wrong from this machine to the controller."""
+"""`epson_driver doctor [ADDRESS]`: diagnose this machine and its connection to the controller."""
 
 import argparse
 import asyncio
@@ -45,7 +45,7 @@ GRAPH_TIMEOUT_S = 60.0
 
 
 def main() -> int:
-    """Look at everything that may be looked at. Returns 0 if nothing is wrong, else 1."""
+    """Run all permitted checks. Returns 0 if nothing is wrong, else 1."""
     parser = _parser()
     arguments = parser.parse_args()
     if arguments.address is None and (arguments.learn or arguments.ask or arguments.jog):
@@ -86,7 +86,7 @@ async def _asked(before: Callable[[], None], sentence: str) -> str:
 
 @contextmanager
 def _looked_around() -> Iterator[subprocess.Popen[str]]:
-    """Inspect this ROS domain in another process, meanwhile."""
+    """Query this ROS domain in another process while the block runs."""
     command = module_command('epson_driver.doctor.ros_graph', f'{GRAPH_PATIENCE_S:g}')
     with subprocess.Popen(  # noqa: S603 - our own
         command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
@@ -122,7 +122,7 @@ def _question(
 def _finish(
     arguments: argparse.Namespace, findings: Findings, facts: Facts, console: Console
 ) -> int:
-    """Write the files, and say how it is."""
+    """Write the files, and print the verdict."""
     if arguments.learn is not None:
         if facts:
             about = f'{arguments.address}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC'
@@ -145,7 +145,7 @@ def _finish(
 
 
 def tell(console: Console, finding: Finding) -> None:
-    """Show a finding in a line, and the advice in another, broken between words on a terminal."""
+    """Show a finding on one line, and its remedy on another, wrapped at words on a terminal."""
     about, found = escape(printable(finding.about)), escape(printable(finding.found))
     level = f'[{COLOURS[finding.level]}]{finding.level.value:8}[/]'
     rows = [(level, f'[bold]{about}[/]: {found}')]
@@ -163,7 +163,7 @@ def tell(console: Console, finding: Finding) -> None:
 
 
 def _check_graph(process: subprocess.Popen[str], model: RobotModel, findings: Findings) -> None:
-    """Say what the drivers tell, and compare the joints of a running MoveIt with the model's."""
+    """Report the drivers, and compare the joints of a running MoveIt with the model's."""
     try:
         told, _ = process.communicate(timeout=GRAPH_TIMEOUT_S)
         found = json.loads(told.strip().rpartition('\n')[2])

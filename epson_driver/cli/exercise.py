@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver exercise -- COMMAND…`: a person's own program, once per fault."""
+"""`epson_driver exercise -- COMMAND…`: run a user's program once per fault."""
 
 import argparse
 import shlex
@@ -26,7 +26,7 @@ from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import load_robot_model
 
 USUAL_ATTEMPTS = 3
-"""Runs without a fault at most: a busy machine may hold up controller or driver in one."""
+"""Maximum runs without a fault. On a busy machine, controller or driver may stall in one."""
 
 COLOURS = {Verdict.FINISHED: 'green', Verdict.GAVE_UP: 'cyan'}
 

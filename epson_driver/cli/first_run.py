@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver first-run ADDRESS`: the first day with a real robot, step by step, in one file."""
+"""`epson_driver first-run ADDRESS`: the first run of a real robot, step by step, in one file."""
 
 import argparse
 import asyncio
@@ -31,7 +31,7 @@ LISTENING_S = 5.0
 
 
 def main() -> int:
-    """Go through the steps. Returns 0 if none is left, 1 if some are, 2 for wrong arguments."""
+    """Run the steps. Returns 0 if none remains, 1 if some do, 2 for wrong arguments."""
     parser = _parser()
     arguments = parser.parse_args()
     path = arguments.file or Path(f'first_run_{arguments.address}.html'.replace(':', '_'))
@@ -65,7 +65,7 @@ def main() -> int:
 
 
 def _tell(console: Console, finding: Finding) -> None:
-    if finding.level is not Level.SKIPPED:  # it comes in a step of its own
+    if finding.level is not Level.SKIPPED:  # a later step covers it
         tell(console, finding)
 
 
@@ -81,7 +81,7 @@ class _Keyboard:
         self._typed = b''
 
     async def ask(self, sentence: str) -> str:
-        """Show a sentence and return the line that is typed after it. Raises EOFError."""
+        """Show a sentence and return the line typed after it. Raises EOFError."""
         loop, file = asyncio.get_running_loop(), sys.stdin.fileno()
         if os.isatty(file):  # an earlier line answers another question
             termios.tcflush(file, termios.TCIFLUSH)

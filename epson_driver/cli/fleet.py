@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver fleet`: simulated robots behind a discovery server, and a table of how they do."""
+"""`epson_driver fleet`: run simulated robots with a discovery server, and show their state."""
 
 import argparse
 import math
@@ -37,11 +37,11 @@ from epson_driver.processes.processes import Process, RunError
 PROGRAM, START_TIMEOUT_S = 'fast-discovery-server', 300.0
 SERVER, RANGE = 'ROS_DISCOVERY_SERVER', 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 WINDOW_S, KEPT = 2.0, 2000
-"""The table shows the mean of so long, s, of at most so many joint states of a robot."""
+"""The table shows means over this window, s, from at most KEPT joint states of a robot."""
 
 
 class Row(NamedTuple):
-    """One robot: its driver's link state, or which process has ended; cores, bytes."""
+    """One robot: its driver's link state or the process that has ended, cores, bytes."""
 
     name: str
     state: str
@@ -56,7 +56,7 @@ class Row(NamedTuple):
 
 
 class Fleet:
-    """The running robots, driver and controller by namespace, and what is heard of them."""
+    """The running robots, driver and controller by namespace, and their received joint states."""
 
     def __init__(self, robots: dict[str, tuple[Process, Process]]) -> None:
         self._robots = robots
@@ -76,7 +76,7 @@ class Fleet:
             self._states[name] = sampled(self._counter, JointState, topic, KEPT, raw=True)
 
     def rows(self) -> list[Row]:
-        """Listen for the time of a window, and return how each robot did in it."""
+        """Listen for one window, and return each robot's figures in it."""
         before, began, _ = self._used(), time.monotonic(), self._count()
         while (left := began + WINDOW_S - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=min(left, 0.1))
@@ -98,7 +98,7 @@ class Fleet:
 
 
 def _use(process_id: int) -> tuple[float, int]:
-    """Return CPU time so far, s, and memory, bytes, as Linux has them; 0 once it has ended."""
+    """Return a process's CPU time, s, and memory, bytes. Both are 0 once it has ended."""
     folder = Path('/proc', str(process_id))
     try:
         fields = (folder / 'stat').read_text('ascii').rpartition(')')[2].split()
@@ -130,8 +130,8 @@ def _figures(rate: float, cpu: float, memory: int) -> tuple[str, str, str]:
 def running_fleet(folder: Path, size: int) -> Iterator[tuple[Fleet, list[str]]]:
     """Run a fleet in a ROS domain of this machine, until the block ends, with logs in `folder`.
 
-    Yields what another terminal exports to find it. Raises RunError. The server uses no shared
-    memory: what killed processes leave in /dev/shm can keep its answers from its clients.
+    Yields the environment that another terminal needs to find it. Raises RunError. The server uses
+    no shared memory, because the files left by killed processes in /dev/shm can block its answers.
     """
     beside = Path(sys.executable).with_name(PROGRAM)  # in an environment made by pip
     server = str(beside) if beside.is_file() else shutil.which(PROGRAM)
@@ -166,7 +166,7 @@ def running_fleet(folder: Path, size: int) -> Iterator[tuple[Fleet, list[str]]]:
 
 
 def main() -> int:
-    """Run until Ctrl-C, or as long as asked for. Returns 0 if all robots were up to the end."""
+    """Run until Ctrl-C or for the given time. Returns 0 if all robots were up to the end."""
     parser = argparse.ArgumentParser(prog='epson_driver fleet', description=__doc__)
     robots, seconds = argument(count(1, 64)), argument(number(0.1, 1e6, 's'))
     parser.add_argument('--robots', type=robots, default=4, metavar='N', help='(%(default)s)')

@@ -63,7 +63,7 @@ def main() -> int:
 
 
 def _trajectories(files: list[Path]) -> dict[str, Trajectory]:
-    """Read trajectories: those of this package if no file is named. Raises InputError, OSError."""
+    """Read trajectories, by default the ones of this package. Raises InputError, OSError."""
     paths = files or sorted(share_folder('config', 'trajectories').glob('*.yaml'))
     return {path.stem: read_trajectory(path) for path in paths}
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`pendant`: what a person does at a controller; each answer says which controller gave it."""
+"""`pendant`: a person's actions at a controller. Each answer names the controller."""
 
 import argparse
 import asyncio
@@ -42,7 +42,7 @@ WORDS |= {said: each.done or 'tell all' for said, each in ACTIONS.items()}
 
 
 def main() -> int:
-    """Do one action. Return 0 if it was done, 1 if it was refused or nobody answered."""
+    """Do one action. Returns 0 if it was done, 1 if it was refused or not answered."""
     parser = argparse.ArgumentParser(
         prog='epson_driver pendant',
         description='What a person does at the controller.',
@@ -80,7 +80,7 @@ def main() -> int:
 
 
 async def _ask(asked: Action, said: str, given: argparse.Namespace) -> str:
-    """Return the answer and who gave it. What looks or stops is tried again after a hang-up."""
+    """Return the answer and its controller. Queries and stops are retried after a disconnect."""
     place, tries = (given.host, given.port, given.timeout), round(given.timeout / 0.2)
     async with asyncio.timeout(given.timeout):
         while True:
@@ -110,7 +110,7 @@ async def _done(ask: Ask, asked: Action, said: str, address: str) -> str:
 
 
 async def _who(ask: Ask, address: str) -> str:
-    """Return the controller's identity, or only its address if it has hung up."""
+    """Return the controller's identity, or only its address if it has disconnected."""
     try:
         return await identity(ask, address)
     except ConnectionError:
@@ -118,7 +118,7 @@ async def _who(ask: Ask, address: str) -> str:
 
 
 async def _reason(ask: Ask, error: RefusedError) -> str:
-    """Return why the controller refused: in its own words, or by what its flags show."""
+    """Return why the controller refused: in its own words, or from its flags."""
     text = str(error)
     with suppress(RemoteError):
         if error.number == RemoteErrorNumber.NOT_READY and not error.explained:
@@ -132,7 +132,7 @@ async def _reason(ask: Ask, error: RefusedError) -> str:
 
 
 async def _status(ask: Ask) -> str:
-    """Return all that a controller, real or simulated, reports, as rows of text."""
+    """Return the full state report of a controller, real or simulated, as rows of text."""
     flags, shown = await ask_flags(ask)
     texts, motor = load_error_texts(), (await told(ask, 'GetMotor,0')).split(',')
     condition, names = await told(ask, 'Sim,condition'), ('joints', 'tasks', 'timing', 'fault')

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What `spel check` has found, as text and as what tools of CI read."""
+"""Output of `spel check`, as text and in the formats of CI tools."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -14,7 +14,7 @@ from epson_driver.spel.lint import RULES
 
 
 def path_from_here(folder: Path, name: str) -> str:
-    """Return a file of a folder as it is named from where the command was called."""
+    """Return the name of a file in `folder`, relative to the current folder if it is inside."""
     path = folder / name
     here = Path.cwd()
     if path.is_absolute() and path.is_relative_to(here):
@@ -23,7 +23,7 @@ def path_from_here(folder: Path, name: str) -> str:
 
 
 def placed(problems: Sequence[Problem], folder: Path) -> list[Problem]:
-    """Return problems whose files are named from where the command was called."""
+    """Return problems whose files are named relative to the current folder."""
     return [
         replace(each, position=at._replace(file=path_from_here(folder, at.file)))
         for each in problems

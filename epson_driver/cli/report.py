@@ -53,7 +53,7 @@ def main() -> int:
 
 
 def default_output(group: list[tuple[Run, Figures]]) -> Path:
-    """Return where a report goes if nobody says: into the current folder."""
+    """Return the default path of a report, in the current folder."""
     return Path('-'.join(Path(run.source).stem for run, _ in group) + '-report.html')
 
 
@@ -74,7 +74,7 @@ def _read(file: Path, model: RobotModel, arguments: argparse.Namespace) -> tuple
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path is that of a bag: a folder, an MCAP or a database file."""
+    """Return whether a path is a bag: a folder, an MCAP or a database file."""
     return path.is_dir() or path.suffix in ('.mcap', '.db3')
 
 

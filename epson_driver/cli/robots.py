@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver robots [NAME]`: the robot models there are, or all numbers of one of them."""
+"""`epson_driver robots [NAME]`: list the available robot models, or all numbers of one model."""
 
 import argparse
 import os
@@ -188,7 +188,7 @@ def _shown(model: RobotModel) -> list[Sheet]:
 
 
 def _quantities(model: RobotModel) -> Iterator[tuple[str, Array]]:
-    """Yield each quantity of the joints twice: as EPSON has it, and in SI units."""
+    """Yield each quantity of the joints twice: in EPSON's units, and in SI units."""
     limits = model.limits
     units = list(dict.fromkeys(limits.units))
     shown, si = ' or '.join(SHOWN_UNITS[unit][0] for unit in units), ' or '.join(units)

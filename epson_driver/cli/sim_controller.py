@@ -42,7 +42,7 @@ from epson_driver.spel import Program, build, read_project, with_defines
 _PORTS = Ports()
 
 PANEL = tuple(module_command('epson_driver.cli', 'panel'))
-"""A process of its own: the simulated controller needs no ROS, and must not wait for a browser."""
+"""A separate process: the simulated controller needs no ROS, and must not wait for a browser."""
 
 STATE_PERIOD = number(0.001, 3600.0, 's')
 SEED = count(0, 2**63 - 1)
@@ -123,7 +123,7 @@ def _program(
 
 
 def _of_built_in_programs(args: argparse.Namespace) -> tuple[str, str] | None:
-    """Return an argument that a SPEL+ program makes nothing of, and why, or None."""
+    """Return an argument that does not apply to a SPEL+ program, and why, or None."""
     given = {
         '--motion': (args.motion, 'moves as its statements say'),
         '--look-ahead': (args.look_ahead, 'takes points as its statements say'),
@@ -136,7 +136,7 @@ def _of_built_in_programs(args: argparse.Namespace) -> tuple[str, str] | None:
 
 
 def _port_of(args: argparse.Namespace, name: str, profile: ControllerProfile) -> int:
-    """Return the port asked for, else the profile's, else (where that is 0) the default."""
+    """Return the requested port, else the profile's, else (if that is 0) the default."""
     asked: int | None = getattr(args, f'{name}_port')
     if asked is not None:
         return asked
@@ -174,7 +174,7 @@ async def _run(
             await servers.run_until(stop)
         finally:
             if beside is not None:
-                with contextlib.suppress(ProcessLookupError):  # it has ended, and said why
+                with contextlib.suppress(ProcessLookupError):  # it has ended and printed why
                     beside.terminate()
                 await beside.wait()
             await servers.close()
@@ -182,7 +182,7 @@ async def _run(
 
 
 def _watch_stdin(ended: asyncio.Event) -> None:
-    """Set an event when the other end of stdin is closed, as when its process has died."""
+    """Set an event when stdin is closed, also by the death of the process at its other end."""
     loop, file = asyncio.get_running_loop(), sys.stdin.fileno()
 
     def read() -> None:
@@ -214,7 +214,7 @@ def _start(text: str, limits: JointLimits) -> Array:
 
 
 def _with_start_joined(arguments: Sequence[str]) -> list[str]:
-    """Make `--start -1.0,0.2` one word: argparse takes a leading minus for an option."""
+    """Make `--start -1.0,0.2` one word, because argparse would read an option."""
     joined: list[str] = []
     for word in arguments:
         if joined and joined[-1] == '--start':

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver smooth FILE`: a planned trajectory through the smoother, without any robot.
+"""`epson_driver smooth FILE`: a planned trajectory through the smoother, without a robot.
 
-Writes the smooth trajectory in the same format, and reports and draws it beside what a
-point-to-point controller and a plain spline make of the plan.
+Writes the smooth trajectory in the same format. It also reports and plots it next to the motions
+of a point-to-point controller and of a plain spline.
 """
 
 import argparse
@@ -40,14 +40,14 @@ SAMPLE_PERIOD_S = 0.001
 """Time between the samples at which the motion is judged and drawn, s."""
 
 MIN_LOOK_AHEAD_S = 0.01
-"""As of the simulated controller; with less, the arm creeps and planning never ends."""
+"""Minimum, as in the simulated controller. With less, the arm creeps and planning never ends."""
 
 
 NO_PICTURE = "none, as matplotlib is missing: pip install 'epson_driver[report]'"
 
 
 class _PlanError(ValueError):
-    """A plan that cannot be smoothed. The text says what to do."""
+    """A plan that cannot be smoothed, with the remedy as text."""
 
 
 def main() -> int:
@@ -128,7 +128,7 @@ class _CountingPlanner:
 
     @property
     def summary(self) -> str:
-        """The plans in words, if there were any."""
+        """The plans in words, or '' without any."""
         if not self._times:
             return ''
         total, longest = sum(self._times) * 1e3, max(self._times) * 1e3

@@ -25,7 +25,7 @@ def main() -> int:
     )
     try:
         parser.parse_args(remove_ros_args(sys.argv)[1:])
-    except (RuntimeError, ValueError) as error:  # from rcl; ValueError: not valid text
+    except (RuntimeError, ValueError) as error:  # from rcl. ValueError: not valid text
         print(f'{parser.prog}: {printable(error)}', file=sys.stderr)
         return 1
     return run([''], SmoothGoals, DEFAULT_NAME)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver spel run|test|export`: what needs a robot model, or a simulated controller."""
+"""`epson_driver spel run|test|export`: the commands with a robot model or simulated controller."""
 
 import argparse
 import logging
@@ -37,7 +37,7 @@ FOUND = 1
 """Exit code: something is wrong with the program."""
 
 OLD_OUTPUTS = '0'
-"""RC+ 6 assigns no remote outputs by itself (p953)."""
+"""RC+ 6 assigns no remote outputs by default (p953)."""
 
 
 Project = tuple[Path, Mapping[str, str]]
@@ -74,11 +74,11 @@ def run(arguments: argparse.Namespace, project: Project) -> int:
 
 
 def test(arguments: argparse.Namespace, projects: Iterable[Project]) -> int:
-    """Run the functions named Test…, and report what became of them.
+    """Run the functions named Test…, and report their results.
 
     Raises ProgramError, InputError, OSError.
     """
-    logging.basicConfig(handlers=[logging.NullHandler()])  # what ends a test is reported below
+    logging.basicConfig(handlers=[logging.NullHandler()])  # the error of a test is reported below
     bench = Bench(arguments.robot, arguments.controller)
     wanted = arguments.k.lower()
     results: list[TestResult] = []

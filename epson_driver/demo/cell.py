@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The demo's robot cell: a simulated controller, the driver for it, and a ROS node that uses both.
+"""The demo's robot cell: a simulated controller, its driver, and a ROS node that uses both.
 
-Controller and driver are processes of their own, as in a real cell.
+Controller and driver are separate processes, like in a real cell.
 """
 
 import asyncio
@@ -37,7 +37,8 @@ class RunningDriver(NamedTuple):
 def running_controller(folder: Path, start: Sequence[float], *arguments: str) -> Iterator[Ports]:
     """Run a simulated controller on free ports, its joints at `start`, rad or m.
 
-    Its log goes to a file in `folder`; it ends with the block. Raises RunError if it cannot start.
+    It is stopped when the block ends. Its log is written to a file in `folder`. Raises RunError if
+    it cannot start.
     """
     log = folder / 'sim_controller.log'
     controller = processes.sim_controller(log, *arguments, start=start)
@@ -55,8 +56,9 @@ def running_driver(
 ) -> Iterator[RunningDriver]:
     """Run the driver for a controller in a free ROS domain, and yield it once it is enabled.
 
-    `parameters` are ROS parameters of the driver, `__` for a dot. Its log goes to a file in
-    `folder`; all ends with the block. Raises RunError if the driver ends, or cannot be enabled.
+    `parameters`: ROS parameters of the driver, with `__` for a dot. The log is written to a file
+    in `folder`. All processes are stopped when the block ends. Raises RunError if the driver ends
+    or cannot be enabled.
     """
     domain = processes.free_ros_domain()
     parameters['joint_names'] = f'[{",".join(joint_names)}]'
@@ -88,7 +90,7 @@ def _identity(remote_port: int) -> str:
 
 
 ENVIRONMENT = ('ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE')
-"""What another terminal must have to find the driver."""
+"""Environment variables needed in another terminal to find the driver."""
 
 
 @contextlib.contextmanager
@@ -97,7 +99,7 @@ def panel_beside(
 ) -> Iterator[str | None]:
     """Run the panel during the block, if wanted and installed, and yield its address.
 
-    Raises RunError with what it said if it does not start.
+    Raises RunError with its output if it does not start.
     """
     if not wanted:
         yield None
@@ -115,7 +117,7 @@ def panel_beside(
 
 
 def stay(driver: RunningDriver, panel: str | None, console: Console) -> None:
-    """Say how driver and panel are reached, and return at Ctrl-C.
+    """Print how to reach driver and panel, and return at Ctrl-C.
 
     `panel`: its address. Raises RunError if the driver ends.
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of a demo run, from the joint states that were received, and what the wire shows."""
+"""The plot of a demo run, from the received joint states and the wire trace."""
 
 import time
 from collections.abc import Sequence
@@ -22,16 +22,17 @@ TRACE = 'demo.pcap'
 """The driver's trace, in the folder of the demo's logs."""
 
 WRITTEN_S = 0.3
-"""The driver writes what it has recorded a little more often, s."""
+"""Wait before reading the trace, s. The driver flushes its recording slightly more often."""
 
 MAX_READS = 10
 
 
 def recorded_run(trace: Path, model: RobotModel, what: str) -> Run:
-    """Return the demo's run until now, from the trace of a driver that still records.
+    """Return the demo's run until now, from the trace of a driver that is still recording.
 
-    `what` was run. It is read again until what came before this call is in it, a few times at
-    most: where nothing comes any more, it ends with the last message. Raises report.run.RunError.
+    `what`: the name of the run. The trace is read again until it covers the messages before this
+    call, at most MAX_READS times. If no more messages arrive, it ends with the last one. Raises
+    report.run.RunError.
     """
     until = time.time_ns()
     for _ in range(MAX_READS):
@@ -44,7 +45,7 @@ def recorded_run(trace: Path, model: RobotModel, what: str) -> Run:
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """A run with its figures, and its name in the picture."""
+    """A run with its figures, and its title in the plot."""
 
     title: str
     run: Recording
@@ -52,7 +53,7 @@ class Drawn:
 
 
 def top_speed(recording: Recording, limits: JointLimits) -> str:
-    """Return the highest velocity of all joints in words: that in rad/s, then that in m/s."""
+    """Return the highest velocity of all joints in words: first in rad/s, then in m/s."""
     fastest = np.abs(recording.velocities).max(axis=0)
     units = np.array(limits.units)
     return ', '.join(
@@ -61,9 +62,9 @@ def top_speed(recording: Recording, limits: JointLimits) -> str:
 
 
 def draw(path: Path, trajectory: Trajectory, drawn: Sequence[Drawn], limits: JointLimits) -> None:
-    """Write the picture, a column per run: measured positions and velocities over time.
+    """Write the plot, a column per run: measured positions and velocities over time.
 
-    Waypoints are dots, where the arm passed them.
+    Waypoints are dots, at the time when the arm passed them.
     """
     import matplotlib as mpl
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A ROS node that uses the driver as an application does: enable, send a goal, record states."""
+"""A ROS node that uses the driver like an application: enable, send a goal, record states."""
 
 import time
 from collections.abc import Callable
@@ -28,13 +28,13 @@ from epson_driver.processes.processes import RunError
 from epson_driver.report.measure import Recording
 
 READY_TIMEOUT_S = 30.0
-"""How long anything but the motion itself may take, s."""
+"""Timeout of every wait except for the motion itself, s."""
 
 
 class RosClient:
     """A ROS node that uses the driver, with its joints in the order of `joint_names`.
 
-    `check` is called while waiting, and raises when there is nothing left to wait for.
+    `check` is called while waiting, and raises if waiting has become pointless.
     """
 
     def __init__(self, joint_names: tuple[str, ...], check: Callable[[], None]) -> None:
@@ -101,8 +101,9 @@ class RosClient:
     ) -> tuple[str, bool]:
         """Send the goal and return the result's text and whether it succeeded.
 
-        `on_progress` is called with the number of points passed. A new recording begins, which
-        shows how the arm stands in the end: the result may overtake joint states on their way.
+        `on_progress` is called with the number of points passed. A new recording is started. It
+        ends only after joint states from after the result, which may overtake joint states in
+        transit.
         """
         goal = FollowJointTrajectory.Goal(trajectory=trajectory_message(trajectory))
         self._wait(self._action.server_is_ready, 'no action server')
@@ -127,7 +128,7 @@ class RosClient:
         return answer.result.error_string, succeeded
 
     def reply_latencies(self) -> dict[str, str]:
-        """Return the values that the driver's diagnostics have for the motion link."""
+        """Return the diagnostic values of the driver's motion link."""
         self._diagnostics = None
         self._wait(lambda: self._diagnostics, 'no diagnostics')
         link = next(s for s in self._diagnostics.status if s.name.endswith('motion link'))

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Execute a planned trajectory with controller and driver, report it, and judge it."""
+"""Executes a planned trajectory with controller and driver, reports and evaluates it."""
 
 import asyncio
 import socket
@@ -35,7 +35,7 @@ TOO_BUSY = 3
 """The exit code of a run that cannot be judged."""
 
 MAX_GAP_S = 0.1
-"""A run whose joint states have a longer gap says too little about what the arm did, s."""
+"""Maximum gap between joint states for a run that can be evaluated, s."""
 
 PINGS = 50
 TIMEOUT_S = 5.0
@@ -44,10 +44,10 @@ TITLES = {'ptp': 'point to point', 'smooth': 'smooth', 'spel': 'SPEL+ program'}
 
 
 def deadlines_missed(remote_port: int) -> int:
-    """Return how many deadlines the simulated controller on this machine has missed so far.
+    """Return the number of deadlines missed by the simulated controller on this machine.
 
-    By its own clock: motion cycles that began late, and plans of its smoother that came too late.
-    Raises OSError, TimeoutError, RemoteError or ValueError if it does not tell.
+    By its own clock: motion cycles that started late, and smoother plans that were ready too late.
+    Raises OSError, TimeoutError, RemoteError or ValueError if it cannot be queried.
     """
     command = execute('127.0.0.1', remote_port, ['Sim,timing'], TIMEOUT_S)
     cycles, plans, *_ = asyncio.run(command)[0].split(',')
@@ -57,8 +57,9 @@ def deadlines_missed(remote_port: int) -> int:
 def verdict(faults: Sequence[str], missed: int, longest_gap: float) -> tuple[int, str]:
     """Return the exit code of a run and the sentence about it.
 
-    `faults`: what was not as planned, a clause each. `missed`: deadlines during the run.
-    `longest_gap`: between two joint states, s. A run without faults is right, however busy it was.
+    `faults`: deviations from the plan, a clause each. `missed`: deadlines missed during the run.
+    `longest_gap`: between two joint states, s. A run without faults passes, however busy the
+    machine was.
     """
     if not faults:
         return 0, 'the arm did what was planned'
@@ -83,9 +84,9 @@ def run(
 ) -> int:
     """Execute a trajectory once per motion and controller profile, and return the exit code.
 
-    That is 0 only if the arm did what was planned, TOO_BUSY if nobody can tell. `staying`: with
-    the panel, and until Ctrl-C; for a single motion. Raises RunError, report.run.RunError and
-    OSError.
+    The exit code is 0 only if the arm followed the plan, and TOO_BUSY if that is uncertain.
+    `staying`: with the panel, and until Ctrl-C; for a single motion. Raises RunError,
+    report.run.RunError and OSError.
     """
     model = load_robot_model(robot)
     runs = []
@@ -111,7 +112,7 @@ def run(
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One execution: what was measured, and what the driver and the controller said."""
+    """One execution: the measurements, and the reports of driver and controller."""
 
     motion: str
     recording: Recording
@@ -120,13 +121,13 @@ class Run:
     latencies: dict[str, str]
     round_trips: list[float]
     missed: int
-    """Deadlines that the controller missed meanwhile."""
+    """Deadlines missed by the controller during the run."""
     page: tuple[WireRun, PageFigures]
-    """What went over the wire, and its figures: of them the page is made."""
+    """The run on the wire and its figures, for the report page."""
 
     @property
     def faults(self) -> list[str]:
-        """How the motion differed from the plan, a sentence for each difference."""
+        """The deviations of the motion from the plan, a sentence each."""
         faults = []
         if self.figures.waypoint_deviation > MAX_DEVIATION_RAD:
             faults.append(
@@ -140,10 +141,10 @@ class Run:
 
 
 def as_on_page(numbers: Figures, page: PageFigures) -> Figures:
-    """Return the figures of a run with the stops counted as on its page, if those are more.
+    """Return the figures of a run with the stops of its report page, if those are more.
 
-    `measure` goes by shares of the typical speed: behind a slow beginning it takes the whole of
-    that for a standstill. The page tells of each standstill, and how long it was.
+    `measure` compares with shares of the typical speed, so it may treat a slow start as one
+    standstill. The page lists each standstill with its duration.
     """
     stood = len(page.stops) - numbers.commanded_stops
     return replace(numbers, stops=max(numbers.stops, stood, *(m.stops or 0 for m in page.motions)))
@@ -171,8 +172,8 @@ def _executed(
 ) -> Iterator[tuple[Run, Callable[[], None]]]:
     """Execute the trajectory with a controller and driver that run until the block ends.
 
-    `staying`: with the panel. Yields the run, and what goes on until Ctrl-C. Raises RunError if
-    the goal is not reached.
+    `staying`: with the panel. Yields the run, and a function that keeps the cell running until
+    Ctrl-C. Raises RunError if the goal is not reached.
     """
     began = time.monotonic()
     start = trajectory.positions[0].tolist()
@@ -241,7 +242,7 @@ def _unfinished(error: _GoalError, model: RobotModel, report: Path, console: Con
         write_report([(error.wire, shown)], model, report)
     except OSError as why:
         console.print(f'no report: {escape(printable(why))}', highlight=False)
-    gap = float(np.max(np.diff(error.wire.times), initial=0.0))  # as long as a driver hung, too
+    gap = float(np.max(np.diff(error.wire.times), initial=0.0))  # also covers a stalled driver
     return _judged(console, [str(error)], error.missed, gap)
 
 
@@ -256,8 +257,9 @@ def _judged(console: Console, faults: list[str], missed: int, gap: float) -> int
 def _ping(ports: Ports) -> list[float]:
     """Return the round-trip times of PINGs to the controller's I/O port, s, sorted.
 
-    A SPEL+ program closes the port behind a client that has left, and opens it for the next one:
-    who was early has to connect again. Raises RunError if it goes on closing, and OSError.
+    A SPEL+ program closes the port after a client has disconnected, and opens it for the next one.
+    A client that is too early has to connect again. Raises RunError if the port keeps closing, and
+    OSError.
     """
     until = time.monotonic() + TIMEOUT_S
     while True:

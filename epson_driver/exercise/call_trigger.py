@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Calls a std_srvs/Trigger service until it succeeds, as a process of its own.
+"""Calls a std_srvs/Trigger service until it succeeds, as a separate process.
 
-`python -m epson_driver.exercise.call_trigger SERVICE SECONDS`: exit code 0 if it did, 1 if not in
-time.
+`python -m epson_driver.exercise.call_trigger SERVICE SECONDS`: exit code 0 on success, 1 after the
+timeout.
 """
 
 import sys
@@ -19,7 +19,7 @@ RETRY_S = 0.5
 
 
 def main() -> int:
-    """Call it. Returns 0 once it succeeds."""
+    """Call the service. Returns 0 once it succeeds."""
     name, seconds = sys.argv[1], float(sys.argv[2])
     until = time.monotonic() + seconds
     with udp_by_default():

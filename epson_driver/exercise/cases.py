@@ -7,16 +7,17 @@ from dataclasses import dataclass
 from epson_driver.sim_controller.faults.fault_kinds import FAULTS
 
 Words = str
-"""As `pendant` takes them: `estop press`, `fault cut 2`."""
+"""An action in the syntax of `pendant`: `estop press`, `fault cut 2`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One fault: how it begins, and what a person does about it a few seconds later.
+    """One fault: how it is triggered, and a person's reaction a few seconds later.
 
-    Nobody enables the arm again: that is the program's, or the person's after he has looked.
-    `stops`: it ends with an E-stop, after which nothing may move by itself. `early`: it begins
-    before the program does, since it strikes a moment that would be over when the arm moves.
+    The cell never enables the arm again: that is up to the program, or to a person who has checked
+    the arm. `stops`: the fault ends with an E-stop, after which nothing may move without a new
+    enable. `early`: the fault is triggered before the program starts, because it affects a moment
+    that would have passed once the arm moves.
     """
 
     name: str
@@ -43,7 +44,7 @@ _FAULT_WORDS = {
     'wrong_byte_order': 'wrong_byte_order for=2',
     'frozen_encoder': 'frozen_encoder for=3',
     'servo_error': 'servo_error',
-    'estop_at_point': 'estop_at_point 2',  # the first one is where the arm stands
+    'estop_at_point': 'estop_at_point 2',  # the first one is at the arm's current position
     'reboot': 'reboot for=3',
 }
 
@@ -53,7 +54,7 @@ _AFTERWARDS = {
 }
 
 STOPPED_FIRST = ('motors off', 'reset')
-"""What a controller does not take while a SPEL+ program runs: a person stops that first."""
+"""Actions refused while a SPEL+ program runs. The person stops the program first."""
 
 CASES: dict[str, Case] = {
     each.name: each
@@ -92,11 +93,11 @@ CASES: dict[str, Case] = {
         ),
     )
 }
-"""All cases: what people do, then every fault of the simulated controller."""
+"""All cases: a person's interventions, then every fault of the simulated controller."""
 
 
 def said(actions: tuple[Words, ...], *, spel: bool) -> tuple[Words, ...]:
-    """Return what a person says for these actions, with `spel` of a SPEL+ program."""
+    """Return the pendant's words for these actions. `spel`: for a SPEL+ program."""
     if not spel:
         return actions
     return tuple(

@@ -27,10 +27,9 @@ TRACE = 'wire.pcap'
 
 
 class SimulatedCell:
-    """A running controller and its driver. `environment` is that of a program that uses them.
+    """A running controller and its driver. `environment`: for programs that use them.
 
-    `trace` is the file into which the driver records the wire; it is complete when the cell has
-    been closed.
+    `trace`: the driver's recording of the wire, complete once the cell is closed.
     """
 
     def __init__(
@@ -45,20 +44,20 @@ class SimulatedCell:
         self._password = password
 
     def pendant(self, words: str) -> None:
-        """Do what a person does at the controller: `estop press`, `motors off`, `fault cut 2`.
+        """Do a person's action at the controller: `estop press`, `motors off`, `fault cut 2`.
 
-        Raises UsageError for words that mean nothing, RemoteError if the controller refuses.
+        Raises UsageError for unknown words, RemoteError if the controller refuses.
         """
         command = action(words).commands[0]
         port, limit = self.ports.remote, PENDANT_TIMEOUT_S
         asyncio.run(execute('127.0.0.1', port, [command], limit, self._password))
 
     def fault(self, words: str) -> None:
-        """Begin a fault, as in `cut 2` or `lost_reply skip=4`, or end all with `clear`."""
+        """Start a fault, such as `cut 2` or `lost_reply skip=4`, or end all with `clear`."""
         self.pendant(f'fault {words}')
 
     def enable(self) -> None:
-        """Enable the arm, as a person does. Raises RunError that says why it cannot be."""
+        """Enable the arm on a person's behalf. Raises RunError if that fails, with the reason."""
         words = ('/epson_driver/enable', f'{READY_TIMEOUT_S:g}')
         asked = subprocess.run(  # noqa: S603 - our own
             module_command('epson_driver.exercise.call_trigger', *words),
@@ -73,9 +72,9 @@ class SimulatedCell:
 
     @property
     def positions(self) -> Array:
-        """Where the joints are, as the controller says: shape (n,), rad or m.
+        """The joint positions reported by the controller: shape (n,), rad or m.
 
-        Raises RunError if it has said nothing yet.
+        Raises RunError before the first report.
         """
         _, positions = self.observer.seen
         if not len(positions):
@@ -95,8 +94,8 @@ def simulated_cell(
 ) -> Iterator[SimulatedCell]:
     """Run a cell on free ports and in a free ROS domain, with logs and trace in a folder.
 
-    `arguments` are further ones of sim_controller, `parameters` those of the driver, `__` for a
-    dot. Raises RunError that says what did not start.
+    `arguments`: further arguments of sim_controller. `parameters`: the driver's parameters, with
+    `__` for a dot. Raises RunError if a process does not start, with the reason.
     """
     model = load_robot_model(robot)
     log = folder / 'sim_controller.log'

@@ -11,11 +11,11 @@ import numpy as np
 from epson_driver.motion import Array
 
 THERE = 0.01
-"""An arm that ends no further from where it ends without a fault is there, rad or m."""
+"""Maximum distance from the end position of the run without a fault, rad or m."""
 
 
 class Verdict(StrEnum):
-    """What the program did."""
+    """The behaviour of the program."""
 
     FINISHED = 'finished'
     GAVE_UP = 'gave up'
@@ -29,17 +29,17 @@ class Verdict(StrEnum):
 
 
 GOOD = (Verdict.FINISHED, Verdict.GAVE_UP)
-"""What no program has to be ashamed of. The others fail the exercise."""
+"""Acceptable behaviour. The other verdicts fail the exercise."""
 
 
 @dataclass(frozen=True, eq=False)
 class Observed:
     """Observations of one run of the program.
 
-    `code` is its exit code, None if it had to be killed after `seconds`; `said` its last line.
-    `trajectories`: how many it had sent to the controller. `end`: where the arm stood then.
-    `refused`: why the controller did not take the fault, empty if it did. `aborted`: why the
-    driver aborted a goal, the last one, empty if it aborted none.
+    `code`: its exit code, or None if it had to be killed after `seconds`. `said`: its last line.
+    `trajectories`: the number sent to the controller. `end`: the arm's final position. `refused`:
+    why the controller did not accept the fault, or ''. `aborted`: why the driver aborted a goal,
+    the last one, or ''.
     """
 
     case: str
@@ -71,7 +71,7 @@ class Result:
 
 
 def judge(seen: Observed, usual: Observed) -> Result:
-    """Return what a program did, compared with its run without a fault."""
+    """Return the verdict on a program, compared with its run without a fault."""
     verdict, why = _verdict(seen, usual)
     return Result(seen.case, verdict, why, seen.seconds)
 

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""An observer at the controller's remote port: where the arm was, and whether it was stopped.
+"""An observer at the controller's remote port: the arm's position and the E-stop.
 
-It asks as a person at the pendant does, so that what it says depends on neither driver nor
-program, it takes no place from the driver at a state port that serves one client, and no fault of
-the messages changes it. When the controller boots, it logs in again.
+It queries the controller like a person at the pendant. So its observations depend on neither
+driver nor program, it occupies no place at a state port that serves one client, and faults of the
+messages do not affect it. When the controller reboots, it logs in again.
 """
 
 import asyncio
@@ -20,22 +20,22 @@ from epson_driver.robots import RobotModel
 
 HOST = '127.0.0.1'
 PERIOD_S = 0.02
-"""The simulated controller is asked so often: its remote port sends nothing by itself."""
+"""Polling period of the simulated controller, s. Its remote port sends nothing unrequested."""
 
 RETRY_S = 0.2
 SESSION_S = 86_400.0
 ESTOP_FLAG = 6
-"""Its place in the answer to GetStatus."""
+"""Position of the E-stop flag in the answer to GetStatus."""
 
 MOVED = 0.002
-"""A joint that is so far from where it stood has moved, rad or m."""
+"""Minimum displacement of a joint that counts as motion, rad or m."""
 
 STANDS_S = 0.2
-"""An arm that stays for so long stands."""
+"""Time without motion after which the arm counts as at rest, s."""
 
 
 class Observer:
-    """Looks on in a thread until `close`. Times are s on the monotonic clock."""
+    """Polls the controller in a thread until `close`. Times are s on the monotonic clock."""
 
     def __init__(self, port: int, model: RobotModel, password: str = '') -> None:
         self._port = port
@@ -54,7 +54,7 @@ class Observer:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop looking."""
+        """Stop the thread."""
         self._closing = True
         self._thread.join()
 
@@ -66,19 +66,19 @@ class Observer:
 
     @property
     def stopped_at(self) -> float | None:
-        """When the controller first said that its E-stop is pressed."""
+        """The time of the first report of a pressed E-stop, or None."""
         with self._lock:
             return next((at for at, stopped in self._stopped if stopped), None)
 
     def wait_for_state(self, timeout: float) -> bool:
-        """Wait for a first look at the arm and return whether there was one."""
+        """Wait for the first report and return whether it arrived in time."""
         with self._news:
             return bool(self._news.wait_for(lambda: self._times, timeout))
 
     def wait_for_motion(self, until: float, ended: threading.Event) -> float | None:
-        """Wait until the arm has moved since now and return when it did.
+        """Wait until the arm moves and return the time of the motion.
 
-        None: it had not at that time, or when `ended` was set.
+        Returns None if it has not moved by `until`, or when `ended` is set.
         """
         with self._news:
             start = self._positions[-1] if self._positions else None
@@ -92,7 +92,7 @@ class Observer:
         return None
 
     def moved_after_stop(self) -> bool:
-        """Return whether the arm stood after the E-stop, and then moved."""
+        """Return whether the arm came to rest after the E-stop, and then moved."""
         stopped = self.stopped_at
         if stopped is None:
             return False
@@ -127,7 +127,7 @@ class Observer:
 
 
 def standstill(times: Array, positions: Array) -> int | None:
-    """Return the first index from which the arm stood for STANDS_S, or None if it never did."""
+    """Return the first index after which the arm was at rest for STANDS_S, or None."""
     for index in range(len(times)):
         within = (times >= times[index]) & (times <= times[index] + STANDS_S)
         if times[-1] < times[index] + STANDS_S:

@@ -19,7 +19,7 @@ MARKER = (
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Make the marker known."""
+    """Register the marker."""
     config.addinivalue_line('markers', MARKER)
 
 
@@ -27,11 +27,11 @@ def pytest_configure(config: pytest.Config) -> None:
 def sim_controller(
     request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[SimulatedCell]:
-    """Run a simulated controller and the driver, in a ROS domain that nobody else uses.
+    """Run a simulated controller and the driver in a free ROS domain.
 
-    The environment of the test is set to that domain, for rclpy in the test and for processes
-    that it starts. `@pytest.mark.sim_controller(controller='rc700a', enabled=False)` changes what
-    `simulated_cell` takes.
+    The environment of the test is set to that domain, for rclpy in the test and for its child
+    processes. `@pytest.mark.sim_controller(controller='rc700a', enabled=False)` sets arguments of
+    `simulated_cell`.
     """
     marker = request.node.get_closest_marker('sim_controller')
     options = dict(marker.kwargs) if marker is not None else {}

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Runs a program in a cell of its own, has something happen, and sees what it does."""
+"""Runs a program in its own cell, triggers a fault, and records the program's behaviour."""
 
 import contextlib
 import os
@@ -27,24 +27,24 @@ from epson_driver.report.trace_run import read_trace
 from epson_driver.robots import load_robot_model
 
 MOTION_SHARE = (0.1, 0.6)
-"""The fault begins within this share of the motion, as the seed says."""
+"""Range of the fault's start, as a share of the motion. The seed selects the value."""
 
 LATEST_BEGIN_S = 2.0
 PERSON_COMES_S = 3.0
-"""A person does something about it so long after it began, s."""
+"""Time from the start of the fault to the person's reaction, s."""
 
 AFTERWARDS_S = 2.0
-"""The arm is watched for so long after the person has done it, or the program has ended, s."""
+"""Time for which the arm is observed after the program has ended, s."""
 
 KILL_TIMEOUT_S = 10.0
 ABORTED = 'goal aborted: '
-"""A line of the driver's log says so, and why."""
+"""Prefix of the driver's log line for an aborted goal. The reason follows."""
 MAX_SAID_CHARACTERS = 200
 
 
 @dataclass(frozen=True)
 class Exercise:
-    """What is exercised: a command, on which kind of robot, and for how long at most, s."""
+    """The command to run, the kind of robot, and the timeout, s."""
 
     command: Sequence[str]
     robot: str
@@ -58,8 +58,8 @@ class Exercise:
 def run_case(exercise: Exercise, case: Case, folder: Path, usual: Observed | None) -> Observed:
     """Run the program once, leaving logs and trace in the folder, which must be new.
 
-    `usual`: its run without a fault, None if this is that one. Raises cell.RunError if controller
-    or driver do not start.
+    `usual`: the run without a fault, or None if this is it. Raises cell.RunError if controller or
+    driver do not start.
     """
     folder.mkdir(parents=True)
     spel = bool(load_controller_profile(exercise.controller).spel.project)
@@ -123,7 +123,7 @@ def _watch(
     code = program.returncode if ended.is_set() else None
     seconds = time.monotonic() - began
     last = _last_line(log)
-    time.sleep(AFTERWARDS_S)  # a program that has ended may have left a goal behind
+    time.sleep(AFTERWARDS_S)  # a program that has ended may have left a goal running
     _kill(program)
     waiting.join()
     _, positions = cell.observer.seen
@@ -147,7 +147,7 @@ def _delay(usual: Observed | None, chance: random.Random) -> float:
 
 
 def _begin(cell: SimulatedCell, case: Case) -> str:
-    """Begin the fault and return why the controller does not take it, or '' if it does."""
+    """Start the fault and return why the controller refuses it, or ''."""
     try:
         for words in case.begin:
             cell.pendant(words)
@@ -164,7 +164,7 @@ def _help(cell: SimulatedCell, case: Case) -> None:
 
 
 def _kill(program: subprocess.Popen[bytes]) -> None:
-    """End the program and all that it has started."""
+    """Terminate the program and all its child processes."""
     for number in (signal.SIGTERM, signal.SIGKILL):
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(program.pid, number)
@@ -172,7 +172,7 @@ def _kill(program: subprocess.Popen[bytes]) -> None:
             program.wait(KILL_TIMEOUT_S)
             break
     with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(program.pid, signal.SIGKILL)  # what it has left behind
+        os.killpg(program.pid, signal.SIGKILL)  # remaining child processes
 
 
 def _last_line(log: Path) -> str:
@@ -189,7 +189,7 @@ def _aborted(log: Path) -> str:
 
 
 def _trajectories(trace: Path, robot: str) -> int:
-    """Return how many trajectories went over the wire."""
+    """Return the number of trajectories sent over the wire."""
     try:
         run = read_trace(trace, load_robot_model(robot).limits, load_error_texts())
     except (InputError, RunError):

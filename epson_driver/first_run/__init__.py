@@ -1,7 +1,7 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The first day with a real robot: step by step, each asked for, into one file.
+"""The first run of a real robot: guided steps, each confirmed, recorded in one file.
 
-steps.py are the steps, ride.py moves the arm and takes the times, habits.py says what is unusual,
-book.py is the file, from which the simulated controller can be made alike.
+steps.py defines the steps. ride.py moves the arm and measures the times. book.py is the file, from
+which a simulated controller can be set up like the robot.
 """

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The file of a first day: a page to read, and the data from which a simulation is made alike.
+"""The file of a first run: a page to read, with the data for setting up a simulation like it.
 
-The page is HTML without scripts; the data is JSON inside it, the wire traces are links in it.
+The page is HTML without scripts. The data is JSON inside it, and the wire traces are links in it.
 """
 
 import base64
@@ -32,11 +32,11 @@ VERSION = 1
 MAX_FILE_BYTES = 500_000_000
 
 START_S = {False: 0.1257, True: 0.0336}
-"""From the point's way to the motion seen, s, in the simulated controller without a lag of its
-servos, by whether it rests at points: what a robot takes longer, its state comes late."""
+"""Time from sending a point to the first motion in the simulated controller without servo lag, s,
+by whether it rests at points. Any longer time of a robot is attributed to a late state."""
 
 MIN_DELAY_S = 0.01
-"""A state that comes less late does so by chance."""
+"""Minimum delay taken over into the simulation, s. A smaller one is within the scatter."""
 
 _SECONDS = number(-1e6, 1e6, 's')
 START_TIME = 'joint 1: point sent to motion seen'
@@ -53,19 +53,20 @@ _STYLE = (
 
 @dataclass
 class Entry:
-    """What became of one step: done, skipped or failed (why), when, and what was found."""
+    """The outcome of a step: done, skipped or failed (with the reason), its date and results."""
 
     state: str
     at: str
     found: Found = field(default_factory=Found)
     why: str = ''
     trace: str = ''
-    """The wire, a pcap file in base64."""
+    """The wire trace, a pcap file in base64."""
 
 
 @dataclass
 class Book:
-    """All steps by name, facts about the robot (address, profile, model, versions), the file."""
+    """Steps by name, facts about the robot (address, profile, model, versions), the file's name.
+    """
 
     about: dict[str, str]
     entries: dict[str, Entry] = field(default_factory=dict)
@@ -73,17 +74,17 @@ class Book:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What was found out last, by the keys of a profile and some more."""
+        """The latest facts of all steps, by the keys of a profile and some additional ones."""
         return self._all('facts')
 
     @property
     def times(self) -> dict[str, float]:
-        """Every time that was measured, s."""
+        """All measured times, s."""
         return self._all('times')
 
     @property
     def habits(self) -> list[str]:
-        """What is unusual, in the order it was found: as the steps say, then the profile."""
+        """Unusual behaviour, as sentences: from the steps, then as differences to the profile."""
         told = [habit for each in self.entries.values() for habit in each.found.habits]
         profile = load_controller_profile(self.about['controller'])
         known = {key: value for key, value in self.facts.items() if key in RULES or key == 'io'}
@@ -107,7 +108,7 @@ class Book:
 
 
 def load(path: Path) -> Book:
-    """Read a file of a first day. Raises InputError."""
+    """Read a first-run file. Raises InputError."""
     name = printable(path)
     content = read_file(path, MAX_FILE_BYTES)
     try:
@@ -146,7 +147,7 @@ def _entry(step: str, data: Mapping[str, Any]) -> Entry:
 
 @dataclass(frozen=True)
 class Likeness:
-    """How a simulated controller is to be: its robot, profile, motion, and faults from the start.
+    """The setup of a simulated controller like the robot, with faults active from the start.
 
     motion: smooth or ptp.
     """
@@ -158,7 +159,7 @@ class Likeness:
 
 
 def likeness(book: Book) -> Likeness:
-    """Return how a simulated controller has to be to do as that robot did. Raises InputError."""
+    """Return the setup of a simulated controller like the robot. Raises InputError."""
     facts = book.facts
     stops = bool(facts.get('rests at points'))
     known = {key: value for key, value in facts.items() if key in RULES or key == 'io'}
@@ -182,14 +183,14 @@ def likeness(book: Book) -> Likeness:
 
 
 def _state_delay(book: Book, profile: ControllerProfile, replies: float, stops: bool) -> float:
-    """Return how late the state comes, s: by how much motions are seen later than in simulation.
+    """Return the delay of the state messages, s: how much later motion is seen than in simulation.
 
-    A lag of the servos beyond the profile's looks the same, and is made a delay, too.
+    A servo lag beyond the profile's has the same effect and is included in the delay.
     """
     start = book.times.get(START_TIME)
     if start is None or profile.spel.project:
         return 0.0
-    early = 0.0 if stops else min(replies, FIRST_DURATION_S)  # the first point is over by then
+    early = 0.0 if stops else min(replies, FIRST_DURATION_S)  # the first point has ended
     late = start - (START_S[stops] + profile.servo.lag - early)
     return late if late > float(book.facts.get('lateness', 0.0)) else 0.0
 
@@ -244,5 +245,5 @@ def _text(value: object) -> str:
 
 
 def packed(trace: bytes) -> str:
-    """Return a pcap file as the book keeps it."""
+    """Return a pcap file in the form stored in the book."""
     return base64.b64encode(trace).decode('ascii')

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One slow motion of a real arm, point by point, and the times that were seen in it.
+"""One slow motion of a real arm, point by point, with measured times.
 
-Nothing is between this and the controller, so that its habits are seen as they are. Only small,
-slow motions inside the limits are sent, a STOP ends every one that does not go as it should.
+It talks to the controller directly, so that the measurements show the controller's own behaviour.
+Only small, slow motions inside the limits are sent, and a STOP ends every motion that fails.
 """
 
 import asyncio
@@ -30,39 +30,40 @@ from epson_driver.simple_message import (
 )
 
 MOVED = 5e-4
-"""An arm that is so far from where it was, rad or m, has moved."""
+"""Minimum displacement that counts as motion, rad or m."""
 
 CBRT_MOVED = float(np.cbrt(MOVED))
 
 REST_S = 0.5
-"""An arm that has not moved for so long rests, s."""
+"""Time without motion after which the arm counts as at rest, s."""
 
 REST_TIMEOUT_S = 15.0
 REPLY_TIMEOUT_S = 5.0
-"""How long a reply may take beyond the time of its point, s."""
+"""Timeout of a reply beyond the time of its point, s."""
 
 MAX_SPEED = 0.1
-"""No joint is asked for more, rad/s or m/s."""
+"""Maximum speed of any joint, rad/s or m/s."""
 
 MIN_VELOCITY = 0.01
-"""The least velocity that is sent: one percent, the least of SPEL+."""
+"""Minimum velocity sent: one percent, the minimum of SPEL+."""
 
 FIRST_DURATION_S = 0.1
-"""Duration of the first point, where the arm stands."""
+"""Duration of the first point, at the current position, s."""
 
 STOP = JointTrajPt(SpecialSequence.STOP_TRAJECTORY)
 
 
 class NotMovedError(Exception):
-    """Nothing was sent, or nothing more, for the reason in the text."""
+    """Nothing was sent, or sending was stopped, for the reason in the text."""
 
 
 @dataclass
 class Ride:
-    """What was sent, answered and seen in one motion. Times: s on the loop's clock.
+    """Records of one motion. Times: s on the loop's clock.
 
-    answers: time and code of each reply, None for what nobody answered. stopped: when STOP was
-    sent. times (k,), positions (k, n): joint states, rad or m. statuses: each with its time.
+    sent: times of the points. answers: time and code of each reply, or None without a reply.
+    stopped: the time of a STOP. times (k,), positions (k, n): joint states, rad or m. statuses:
+    each with its time.
     """
 
     sent: list[float] = field(default_factory=list)
@@ -72,11 +73,14 @@ class Ride:
     positions: Array = field(default_factory=lambda: np.empty((0, 0)))
     statuses: list[tuple[float, Status]] = field(default_factory=list)
     lateness: float = 0.0
-    """How late this machine was at most, s: so far its times may be off."""
+    """Maximum delay of a timer on this machine, s: the uncertainty of the times."""
 
     @property
     def begin(self) -> float | None:
-        """When the arm had moved, or None: with constant jerk the cube root of a way is linear."""
+        """Start time of the motion, or None.
+
+        Interpolated in the cube root of the distance, which is linear in time at constant jerk.
+        """
         away = np.cbrt(np.abs(self.positions - self.positions[0]).max(axis=1))
         moved = np.flatnonzero(away > CBRT_MOVED)
         if not moved.size:
@@ -86,7 +90,7 @@ class Ride:
 
     @property
     def end(self) -> float:
-        """When the arm was last away from where it came to rest, in the same way."""
+        """End time of the motion, when the arm came to rest. Interpolated like `begin`."""
         away = np.cbrt(np.abs(self.positions - self.positions[-1]).max(axis=1))
         moved = np.flatnonzero(away > CBRT_MOVED)
         if not moved.size:
@@ -96,11 +100,11 @@ class Ride:
 
     @property
     def moved(self) -> Array:
-        """How far each joint came, rad or m, shape (n,)."""
+        """Displacement of each joint, rad or m, shape (n,)."""
         return np.asarray(self.positions[-1] - self.positions[0])
 
     def since(self, true: Callable[[Status], bool]) -> float | None:
-        """Return when a STATUS first said something, or None."""
+        """Return the time of the first STATUS that fulfils `true`, or None."""
         return next((at for at, status in self.statuses if true(status)), None)
 
 
@@ -115,8 +119,8 @@ async def ride(
 ) -> Ride:
     """Move through the targets, shape (n,) each, rad or m, and wait until the arm rests.
 
-    stop_after: send a STOP so long after the first point that asks for motion, s. Raises
-    NotMovedError before anything is sent if the arm cannot move, or is asked for too much.
+    stop_after: time from the first point with motion to a STOP, s. Raises NotMovedError before
+    anything is sent if the arm cannot move, or if a target is outside the limits or too fast.
     """
     clock = asyncio.get_running_loop().time
     here = await _here(state, model, errors)
@@ -229,9 +233,9 @@ def _take_over(made: Ride, state: Conversation, first: int, joints: int) -> None
 
 
 def ahead(made: Ride, joint: int, delay: float) -> float:
-    """Return how many points are answered ahead of the arm, at most, in a ride of one joint.
+    """Return the maximum number of points acknowledged ahead of the arm, in a ride of one joint.
 
-    delay: how late replies come, s.
+    delay: the delay of replies, s.
     """
     if made.begin is None:
         return 0.0
@@ -246,7 +250,7 @@ def ahead(made: Ride, joint: int, delay: float) -> float:
 
 
 def rests(made: Ride) -> int:
-    """Return how often the arm rested on its way."""
+    """Return how often the arm rested during its motion."""
     if made.begin is None:
         return 0
     inside = (made.times >= made.begin) & (made.times <= made.end)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Go through the steps: say what each does, ask, do it, and write the book after each."""
+"""Runs the steps: explain each one, ask for confirmation, do it, and write the book after each."""
 
 import dataclasses
 import io
@@ -18,10 +18,10 @@ CHOICES = 'Enter or y: do it, s: skip it, q: end (the rest another time): '
 
 
 async def go_through(run: FirstRun, book: Book, path: Path, say: Callable[[str], None]) -> bool:
-    """Do every step that has not been done, and return whether none is left to be offered.
+    """Do every step that has not been done. Returns False if the user ended the session.
 
-    `say` shows a person a line. The book is written after every step, so that an interruption
-    loses no more than the step in which it comes.
+    `say` shows a line to the user. The book is written after every step, so that an interruption
+    loses only the current step.
     """
     for step in steps(run.joints):
         before = book.entries.get(step.name)

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The steps of the first day, in their order: what each does, whether it moves, what it finds.
+"""The steps of the first run in their order, with their explanations and results.
 
-A step tells a person what will happen before it asks whether it may. What it returns goes into
-the book: `facts` by the keys of a profile, `times` in s, `answers`, `habits`.
+A step explains its actions before it asks for confirmation. Its result is stored in the book:
+`facts` by the keys of a profile, `times` in s, `answers`, `habits`.
 """
 
 import asyncio
@@ -32,26 +32,26 @@ from epson_driver.simple_message import ReplyCode, Status, TriState
 
 DEGREES = 5.0
 SLIDE_MM = 10.0
-"""How far a joint goes: 5 degrees, or 10 mm of one that slides."""
+"""Travel of a joint: 5 degrees, or 10 mm of a sliding joint."""
 
 WAY_S = 2.0
 BACK_AND_FORTH = 10
-"""How long a way takes, s, and how many there are in which a person does something."""
+"""Duration of a motion, s, and the number of motions during which a person interrupts."""
 
 STREAM_POINTS = 40
 STREAM_PERIODS_S = (0.1, 0.05)
 
 REPLY_TRIES = 5
 PENDANT_TOLERANCE = 0.05
-"""How far the pendant's figures may be from the joint states, degrees or mm."""
+"""Tolerance between the pendant's values and the joint states, degrees or mm."""
 
 LATE_S = 0.02
-"""A reply to a STOP that takes longer than this and the handshake is late."""
+"""Reply time of a STOP beyond the handshake above which replies count as late, s."""
 
 
 @dataclass
 class Found:
-    """What a step has found out."""
+    """The results of a step."""
 
     facts: dict[str, Any] = field(default_factory=dict)
     times: dict[str, float] = field(default_factory=dict)
@@ -61,9 +61,9 @@ class Found:
 
 @dataclass(frozen=True)
 class FirstRun:
-    """Whom to examine, with whom to speak, and where to say what was found.
+    """The robot to examine, the dialogue with the user, and the collected findings.
 
-    delay: how late replies come, s, as far as that was found out before.
+    delay: the delay of replies measured so far, s.
     """
 
     question: Question
@@ -78,7 +78,7 @@ class FirstRun:
 
     @property
     def joints(self) -> int:
-        """How many joints there are."""
+        """Number of joints."""
         return len(self.question.model.joint_names)
 
     @asynccontextmanager
@@ -99,7 +99,7 @@ Do = Callable[[FirstRun], Awaitable[Found]]
 class Step:
     """One step.
 
-    says: what will happen. moves: whether the arm moves in it.
+    says: its explanation. moves: whether it moves the arm.
     """
 
     name: str
@@ -124,10 +124,10 @@ async def _listen(run: FirstRun) -> Found:
 
 
 def _rounding(joints: Sequence[float]) -> float:
-    """Return to how many degrees joint states are rounded: 0.1, 0.01, 0.001, or 0 for none."""
+    """Return the rounding of joint states in degrees: 0.1, 0.01, 0.001, or 0 for none."""
     values = np.degrees(np.asarray(joints))
     if np.abs(values).max() < 0.1:
-        return 0.0  # an arm at 0 tells nothing
+        return 0.0  # an arm at 0 shows no rounding
     for step in (0.1, 0.01, 0.001):
         if np.abs(values / step - np.round(values / step)).max() < 0.02:
             return step
@@ -205,7 +205,7 @@ async def _io(run: FirstRun) -> Found:
 
 
 async def make_ready(run: FirstRun) -> None:
-    """Have a person make the arm ready, if it is not. Nothing is sent."""
+    """Ask a person to make the arm ready, if it is not. Nothing is sent."""
     async with conversation(run.question.host, run.question.state_port) as state:
         await state.heard_within(latest_status, 5.0)
         status = latest_status(state.heard)
@@ -238,7 +238,7 @@ async def _power(run: FirstRun) -> Found:
 
 
 async def _ready(run: FirstRun, state: Conversation, what: str) -> None:
-    """Have a person do something until STATUS says that the arm could move."""
+    """Ask a person to do something until STATUS permits motion."""
     while True:
         done = await agreed(run.ask, f'{what}, then press Enter (s: give this step up): ')
         await state.ended_within(0.5)
@@ -252,7 +252,7 @@ async def _ready(run: FirstRun, state: Conversation, what: str) -> None:
 
 
 def _target(here: Array, index: int, run: FirstRun) -> Array:
-    """Return where joint `index` goes: in its + direction, unless the end of its range is near."""
+    """Return the target of joint `index`, in its + direction unless the range ends nearby."""
     way = SLIDE_MM / 1000.0
     if run.question.model.joint_types[index] != PRISMATIC:
         way = math.radians(DEGREES)
@@ -275,7 +275,7 @@ async def _joint(index: int, run: FirstRun) -> Found:
         if off > 2.0 * MOVED:
             found.habits.append(f'{name} came to rest {off:.4f} rad or m beside its target')
         back = _ride_times(f'joint {index + 1}', await _ride(run, state, motion, [here], [WAY_S]))
-    # an arm begins in a cycle of its controller: the mean of two is nearer
+    # motion starts in a cycle of the controller, so the mean of two is more accurate
     found.times = {
         key: statistics.mean((value, back.times.get(key, value)))
         for key, value in found.times.items()
@@ -331,7 +331,7 @@ async def _points(run: FirstRun) -> Found:
         here = await _where(run, state)
         target = _target(here, 0, run)
         for usual in STREAM_PERIODS_S:
-            period = usual + 2.0 * run.delay  # the next point is sent when the last was answered
+            period = usual + 2.0 * run.delay  # a point waits for the reply before it
             ways = [here + (target - here) * k / STREAM_POINTS for k in _numbers(STREAM_POINTS)]
             name = f'{STREAM_POINTS} points of {usual:g} s{" and two replies" * bool(run.delay)}'
             made = await _ride(run, state, motion, ways, [period] * STREAM_POINTS)
@@ -343,7 +343,7 @@ async def _points(run: FirstRun) -> Found:
             stops = rests(made)
             await _ride(run, state, motion, [here], [WAY_S])
     found.facts |= _buffer(counts, periods)
-    # a point that is answered when the arm is there leaves it without a next one
+    # a point acknowledged at the arm's arrival leaves the arm without a next point
     waits = found.facts.get('program.acknowledge') == 'done'
     found.facts['rests at points'] = waits or stops > STREAM_POINTS // 4
     if found.facts['rests at points']:
@@ -358,15 +358,15 @@ def _numbers(count: int) -> range:
 
 
 def _buffer(counts: Sequence[float], periods: Sequence[float]) -> dict[str, Any]:
-    """Return what limits the points that are answered ahead: their number or their time.
+    """Return what limits the points acknowledged ahead: their number, or their time in s.
 
-    counts: the most that were, at points that are so far apart, s.
+    counts: the maximum number acknowledged ahead, for points with these periods, s.
     """
     if min(counts) < 0.5:
         return {'program.acknowledge': 'done'}
     whole = [math.floor(each + 0.5) for each in counts]
     if min(whole) >= STREAM_POINTS - 1:
-        return {'program.acknowledge': 'taken'}  # all were taken at once
+        return {'program.acknowledge': 'taken'}  # all were accepted immediately
     if whole[0] == whole[1]:
         return {'program.acknowledge': 'taken', 'motion.look_ahead_points': whole[0]}
     spans = [(each - 1.0) * period for each, period in zip(counts, periods, strict=True)]
@@ -394,7 +394,7 @@ async def _stop(run: FirstRun) -> Found:
 async def _interrupted(
     what: str, seen: Callable[[Status], bool], undo: str, run: FirstRun
 ) -> Found:
-    """Move joint 1 to and fro until a person does something, and see that the arm rests."""
+    """Move joint 1 to and fro until a person interrupts it, and check that the arm then rests."""
     found = Found()
     name = what.partition(',')[0]
     async with run.links() as (state, motion):
@@ -433,7 +433,7 @@ def _error_number(name: str, made: Ride, run: FirstRun, found: Found) -> None:
 
 
 async def _cable(run: FirstRun) -> Found:
-    """Have the cable pulled in a motion, and see afterwards where the arm stands."""
+    """Ask for the cable to be unplugged during a motion, then read the arm's position."""
     found = Found()
     async with run.links() as (state, motion):
         here = await _where(run, state)
@@ -500,7 +500,7 @@ def _held(status: Status) -> bool:
 
 
 def steps(joints: int) -> list[Step]:
-    """Return the steps for an arm with so many joints, in their order."""
+    """Return the steps for an arm with `joints` joints, in their order."""
     way = f'{DEGREES:g} degrees ({SLIDE_MM:g} mm)'
     slowly = f'joint 1 goes {way} to and fro, slowly, for at most {BACK_AND_FORTH * WAY_S:g} s'
     return [

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the pages of the report and the panel share: how an arm is drawn, three.js and uPlot."""
+"""Shared parts of the report's and the panel's pages: drawing of an arm, three.js and uPlot."""
 
 import base64
 from importlib.resources import files
@@ -15,7 +15,7 @@ from epson_driver.robots.link_surfaces import link_surfaces
 
 
 def packed_arm(model: RobotModel) -> dict[str, Any]:
-    """Return what the page needs to draw the arm at any joint positions."""
+    """Return the data with which the page draws the arm at any joint positions."""
     meshes = [
         {'link': number, 'colour': list(colour)} | packed(*_indexed(corners))
         for number, link in enumerate(link_surfaces(model))
