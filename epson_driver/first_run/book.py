@@ -65,8 +65,7 @@ class Entry:
 
 @dataclass
 class Book:
-    """Steps by name, facts about the robot (address, profile, model, versions), the file's name.
-    """
+    """Steps by name, facts on the robot (address, profile, model, versions), the file's name."""
 
     about: dict[str, str]
     entries: dict[str, Entry] = field(default_factory=dict)

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Writes a run as an MCAP bag that Foxglove, PlotJuggler and `ros2 bag` read.
+"""Writes a run as an MCAP bag for Foxglove, PlotJuggler and `ros2 bag`.
 
-The topics of commands are not in it: a plan is `report/plan`, so that playing the bag back on a
+Command topics are omitted: a plan is written as `report/plan`, so that playing the bag on a
 network with a robot moves nothing.
 """
 
@@ -19,10 +19,10 @@ from epson_driver.report.figures import Figures
 from epson_driver.report.run import FLAGS, NANOSECONDS, Run, RunError
 
 METADATA_VERSION: Final = 9
-"""As ROS 2 Jazzy writes it."""
+"""The version written by ROS 2 Jazzy."""
 
 LEVELS = {'info': 20, 'warning': 30, 'error': 40}
-"""As in rcl_interfaces/Log."""
+"""Levels of rcl_interfaces/Log."""
 
 TOPICS = {
     'joint_states': 'sensor_msgs/msg/JointState',
@@ -34,10 +34,10 @@ TOPICS = {
 
 
 def write_bag(run: Run, numbers: Figures, folder: Path) -> None:
-    """Write a run into a new folder. Velocities are those of the figures.
+    """Write a run into a new folder, with the velocities of the figures.
 
-    Raises RunError if the folder exists, OSError if it cannot be written; no half of a bag is
-    left behind then.
+    Raises RunError if the folder exists, OSError if it cannot be written. No partial bag remains
+    then.
     """
     if folder.exists():
         raise RunError(f'{folder}: is there already; a bag is a new folder')

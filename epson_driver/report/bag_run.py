@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Reads a run from a bag: of `ros2 bag record` (MCAP or SQLite), or one that bag_file.py wrote."""
+"""Reads a run from a bag of `ros2 bag record` (MCAP or SQLite) or of bag_file.py."""
 
 import os
 import resource
@@ -44,11 +44,11 @@ _LENGTH = 9
 """Bytes of a record's operation code and length."""
 
 _END = bytes([FOOTER]) + (20).to_bytes(8, 'little') + bytes(20) + MAGIC
-"""A footer that points at no summary: a reader scans the records then."""
+"""A footer without a summary, which makes a reader scan the records."""
 
 
 def whole_mcap(path: Path, folder: Path) -> Path | None:
-    """Return a copy, in a folder, of the whole records of a file that may break off.
+    """Return a copy, in a folder, of the complete records of a file that may be truncated.
 
     None if it is no MCAP file. Raises OSError.
     """
@@ -80,10 +80,10 @@ WARNING, ERROR = 30, 40
 """Levels of rcl_interfaces/Log."""
 
 MAX_JOINT_STATES = 3_000_000
-"""Of a bag: 4.6 hours at 182 Hz."""
+"""Maximum for one bag: 4.6 hours at 182 Hz."""
 
 USUAL_BYTES, GROWTH = 128 * MEGABYTE, 50
-"""Memory for a bag, bytes, and more for each of its bytes (an arm at rest needs 20)."""
+"""Memory for a bag, bytes, and extra memory for each of its bytes (an arm at rest needs 20)."""
 
 CUT_OFF = 'the file breaks off: its end, with the index, is missing; what is whole was read'
 
@@ -95,8 +95,8 @@ WANTED = (
 def read_bag(path: Path, texts: ErrorTexts, namespace: str | None = None) -> Run:
     """Return the run in a bag: a folder, or its one file.
 
-    namespace: the robot's, needed if the bag has several joint_states. Raises RunError that says
-    what is missing, or why the bag cannot be read.
+    namespace: the robot's, needed if the bag has several joint_states. Raises RunError if
+    something is missing or the bag cannot be read, with the reason.
     """
     most = USUAL_BYTES + GROWTH * _size(path)
     try:
@@ -119,13 +119,13 @@ def read_bag(path: Path, texts: ErrorTexts, namespace: str | None = None) -> Run
         raise RunError(printable(f'{path}: {text}')) from error
     except (AnyReaderError, OSError) as error:
         raise RunError(printable(f'{path}: {error}')) from error
-    except Exception as error:  # what a damaged bag makes the library raise is not documented
+    except Exception as error:  # the library's exceptions for a damaged bag are not documented
         why = 'nested too deeply' if isinstance(error, RecursionError) else repr(error)
         raise RunError(printable(f'{path}: cannot be read as a bag: {why}')) from error
 
 
 def _size(path: Path) -> int:
-    """Return the bytes that a bag has on the disk. Raises InputError unless all are files."""
+    """Return the size of a bag on the disk, bytes. Raises InputError unless all are files."""
     files = [each for each in path.iterdir() if not each.is_dir()] if path.is_dir() else [path]
     if (described := path / 'metadata.yaml') in files:
         read_yaml(described, largest=10 * MEGABYTE)
@@ -139,7 +139,7 @@ def _size(path: Path) -> int:
 
 @contextmanager
 def _bounded(most: int) -> Iterator[None]:
-    """Limit the memory that this process takes in addition, and the size of a file, bytes.
+    """Limit the additional memory of this process, and the size of a file, bytes.
 
     The library has no limits, and a chunk, a message or a file can be compressed.
     """
@@ -163,7 +163,7 @@ def _read_whole(
 
 
 class _Bag:
-    """A bag while it is read. `note`: what is wrong with it."""
+    """A bag being read. `note`: its damage, if any."""
 
     def __init__(self, reader: Any, path: Path, namespace: str | None, note: str) -> None:
         self._reader = reader
@@ -204,7 +204,7 @@ class _Bag:
         return next(iter(found.values()))
 
     def _belongs(self, connection: Connection) -> bool:
-        """Return whether a topic is of this robot, or of all."""
+        """Return whether a topic belongs to this robot, or to all."""
         return connection.topic == '/rosout' or connection.topic.startswith(f'{self._prefix}/')
 
     def run(self, texts: ErrorTexts) -> Run:
@@ -240,11 +240,11 @@ class _Bag:
         return self._finished(texts, end, broken)
 
     def _read(self, wanted: list[Connection]) -> Iterator[tuple[Any, int, Any]]:
-        """Yield connection, ns and message, and the reason at the end of a bag that breaks off."""
+        """Yield connection, ns and message, and finally the reason if the bag is truncated."""
         try:
             for connection, stamp, data in self._reader.messages(connections=wanted):
                 yield connection, stamp, self._reader.deserialize(data, connection.msgtype)
-        except Exception as error:  # a bag that ends in the middle ends there
+        except Exception as error:  # a truncated bag ends there
             if not self._times or isinstance(error, MemoryError):
                 raise
             yield None, 0, f'the bag breaks off: {error!r}'
@@ -344,15 +344,15 @@ class _Bag:
             self._replies.append(Reply(time, float(message.data), 'request'))
 
     def _sent(self) -> list[float]:
-        """Return when the joint states were sent: their stamps are times of arrival."""
+        """Return the sending times of the joint states, whose stamps are arrival times."""
         arrivals = [Arrival(time, joints=True) for time in self._times]
         arrivals += [Arrival(each.time, joints=False) for each in self._conditions]
         return sent_times(sorted(arrivals, key=lambda arrival: arrival.time))
 
     def _order(self, names: list[str]) -> list[int] | None:
-        """Return where our joints are among others, or None if they are not all there."""
+        """Return the indices of our joints among others, or None if some are missing."""
         if not self._names:
-            return None  # a plan before the first joint state says nothing
+            return None  # a plan before the first joint state cannot be assigned
         return [names.index(n) for n in self._names] if set(self._names) <= set(names) else None
 
     def _finished(self, texts: ErrorTexts, end: float, broken: str) -> Run:
@@ -395,7 +395,7 @@ class _Bag:
 
 
 def _why_no_plan(times: Array, rows: Sequence[Any], joints: int) -> str:
-    """Return why points are no plan: the driver rejects them, too. Empty if they are one."""
+    """Return why points are no valid plan (the driver rejects them, too), or ''."""
     for number, row in enumerate(rows):
         if len(row) != joints:
             return f'point {number} has {len(row)} positions for {joints} joints'
@@ -410,10 +410,10 @@ def _why_no_plan(times: Array, rows: Sequence[Any], joints: int) -> str:
 def _followed_plans(
     followed: list[tuple[float, float, list[float]]], joints: int
 ) -> Iterator[Plan]:
-    """Yield the plans that ~/controller_state shows: its reference, goal by goal."""
+    """Yield the plans in ~/controller_state: its reference, goal by goal."""
     rows: list[tuple[float, float, list[float]]] = []
     for row in followed:
-        if rows and row[1] < rows[-1][1]:  # the time from the start begins anew
+        if rows and row[1] < rows[-1][1]:  # the time from the start has been reset
             yield _plan(rows, joints)
             rows = []
         if not rows or row[1] > rows[-1][1]:

@@ -35,11 +35,11 @@ industrial_msgs/TriState in_error
 int32[] error_codes
 """,
 }
-"""As in interfaces/industrial_msgs, which are ROS-Industrial's; a test compares them."""
+"""Copies of interfaces/industrial_msgs, from ROS-Industrial. A test compares them."""
 
 
 def typestore() -> Any:
-    """Return ROS 2 Jazzy's types and those of industrial_msgs."""
+    """Return the types of ROS 2 Jazzy and industrial_msgs."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for name, definition in INDUSTRIAL_MSGS.items():
         store.register(get_types_from_msg(definition, name))

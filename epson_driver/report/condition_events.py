@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Events that the controller's condition tells: E-stops, errors, motors, with what helps."""
+"""Events from the controller's condition: E-stops, errors and motors, with remedies."""
 
 from collections.abc import Iterator, Sequence
 
@@ -19,13 +19,13 @@ CHANGES = {
     ('e_stopped', NO): ('info', 'E-stop released', ''),
     ('in_error', NO): ('info', 'no error any more', 'call ~/enable when the arm may move again'),
 }
-"""What a change of a flag is called: level, text, remedy. Motion is in the curves."""
+"""Events for changes of a flag: level, text, remedy. Motion is shown in the curves."""
 
 OTHERWISE = "look up the number in the controller's manual, reset, then ~/enable"
 
 
 def condition_events(conditions: Sequence[Condition], texts: ErrorTexts) -> Iterator[Event]:
-    """Yield what is wrong in the first condition, and what changed from each to the next."""
+    """Yield the errors in the first condition, and the changes from each one to the next."""
     before: Condition | None = None
     for now in conditions:
         for flag, value in CHANGES:

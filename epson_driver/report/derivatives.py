@@ -9,29 +9,29 @@ import numpy as np
 from epson_driver.motion import Array
 
 HALF_WINDOW_S = 0.03
-"""How far a window reaches before and after a sample, s: against the jitter of arrival times."""
+"""Half width of the window around a sample, s, against the jitter of arrival times."""
 
 MIN_NEIGHBOURS, MAX_NEIGHBOURS = 2, 25
 LATE_PERIODS = 5.0
-"""A joint state that comes so many periods after the one before is much too late."""
+"""Gap before a joint state, in periods, above which it counts as very late."""
 
 UNLIKELY_SHARE = 0.3
-"""A velocity that is off by a larger share of the one that many samples show is not believed."""
+"""Maximum deviation of a velocity from the fit to many samples, as a share of the fit."""
 
 SHORTEST_SHARE = 0.9
-"""Of the usual time between two joint states: they are not sent sooner one after the other."""
+"""Minimum time between two joint states at their sender, as a share of the median gap."""
 
 CHUNK = 20_000
-"""Samples that are fitted together: it bounds the memory."""
+"""Number of samples fitted together. It bounds the memory."""
 
 
 def likely_derivatives(sent: Array, came: Array, positions: Array) -> tuple[Array, Array]:
-    """Return velocities and accelerations by the times of sending, shape (k, m).
+    """Return velocities and accelerations from the times of sending, shape (k, m).
 
-    A controller sends in a rhythm: joint states that came in a burst were held up on the way.
-    Around a joint state that came much too late nobody knows whether it was held up or sent late.
-    There, what differs much from a fit to MAX_NEIGHBOURS on either side, by the times of arrival,
-    is replaced by that.
+    A controller sends periodically, so joint states that arrive in a burst were delayed in
+    transit. Around a very late joint state it is unknown whether it was delayed or sent late. A
+    value there that deviates strongly from a fit to MAX_NEIGHBOURS samples on either side, by
+    arrival times, is replaced by the fit.
     """
     if len(came) < 2 * MIN_NEIGHBOURS + 1:
         return derivatives(sent, positions)
@@ -55,17 +55,17 @@ def likely_derivatives(sent: Array, came: Array, positions: Array) -> tuple[Arra
 
 
 def apart(times: Array, shortest: float) -> Array:
-    """Return times, ascending, of which no two are closer than `shortest` s, and none is later."""
+    """Return the times, ascending, moved earlier so that none are closer than `shortest` s."""
     steps = shortest * np.arange(len(times))
     return np.asarray(np.minimum.accumulate((times - steps)[::-1])[::-1] + steps)
 
 
 def derivatives(times: Array, positions: Array) -> tuple[Array, Array]:
-    """Return velocities and accelerations, each of shape (k, m): of the parabola through a window.
+    """Return velocities and accelerations, shape (k, m) each, from a parabola fitted in a window.
 
-    times: shape (k,), s, ascending. It is fitted to the samples up to HALF_WINDOW_S around each,
-    two at least on either side; towards the ends the windows shrink to one side. With fewer than
-    five samples both are 0.
+    times: shape (k,), s, ascending. The window contains the samples up to HALF_WINDOW_S around
+    each sample, at least two on either side. Near the ends it is one-sided. With fewer than five
+    samples both are 0.
     """
     count = len(times)
     if count < 2 * MIN_NEIGHBOURS + 1:

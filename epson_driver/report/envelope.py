@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of where an arm can be: a SCARA from above, six axes from the side."""
+"""The plot of an arm's workspace: a SCARA from above, a six-axis arm from the side."""
 
 from pathlib import Path
 
@@ -13,21 +13,21 @@ from epson_driver.robots.kinematics import Kinematics
 from epson_driver.robots.model import SCARA, SIX_AXIS
 
 STEPS = 121
-"""Positions of each of the two joints that span the area."""
+"""Number of positions of each of the two joints that span the area."""
 
 SHOWN = {SCARA: (45.0, 60.0, 0.0, 0.0), SIX_AXIS: (0.0, -30.0, 10.0, 0.0, -60.0, 0.0)}
-"""Where the arm is drawn, degrees and mm."""
+"""Joint positions of the drawn arm, degrees and mm."""
 
 
 class PictureError(RuntimeError):
-    """No picture can be drawn. The text says why."""
+    """No picture can be drawn, for the reason in the text."""
 
 
 def draw_envelope(path: Path, model: RobotModel) -> None:
-    """Write the picture, in EPSON's world, mm: X and Y of a SCARA's tool, or Y and Z of a wrist.
+    """Write the plot: X and Y of a SCARA's tool, or Y and Z of a wrist, mm, in EPSON's world.
 
-    The wrist's, as EPSON counts the reach of six axes, with joint 1 at 0. Raises PictureError for
-    another kind of arm, or without matplotlib.
+    The wrist is the reference point of EPSON's reach figures for six-axis arms. Joint 1 is at 0.
+    Raises PictureError for another kind of arm, or without matplotlib.
     """
     if model.kind not in SHOWN:
         raise PictureError(f'{model.name} ({model.kind}): no picture of such an arm')
@@ -42,7 +42,7 @@ def draw_envelope(path: Path, model: RobotModel) -> None:
     arm, limits = Kinematics(model), model.limits
 
     def in_picture(frames: Array) -> Array:
-        """Return where frames, shape (…, 4, 4), are in the picture, shape (…, 2), mm."""
+        """Return the positions of frames, shape (…, 4, 4), in the plot, shape (…, 2), mm."""
         return np.asarray(arm.in_base(frames)[..., [across, up], 3] * 1e3)
 
     one, two = (

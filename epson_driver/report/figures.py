@@ -17,23 +17,23 @@ from epson_driver.report.run import NANOSECONDS, Event, Plan, Run
 from epson_driver.robots import RobotModel
 
 FORMAT = 1
-"""Number of the JSON's form; it changes when a name changes its meaning or goes."""
+"""Version of the JSON format. It changes when a name changes its meaning or is removed."""
 
 STANDSTILL_RAD = 5e-4
-"""A joint that is no further than this from where it stood has not begun to move, rad or m."""
+"""Maximum displacement of a joint that counts as not yet moving, rad or m."""
 
 MAX_PAIRS = 25_000_000
-"""Points times joint states that are compared; of longer motions every nth state is."""
+"""Maximum number of point and joint state pairs compared. Longer motions are subsampled."""
 
 STOP_SHARE = 0.02
-"""Share of its top speed below which a moving arm counts as standing, for the list of stops."""
+"""Share of its top speed below which a moving arm counts as stopped, for the list of stops."""
 
 MIN_STOP_S = 0.03
 
 
 @dataclass(frozen=True)
 class Timing:
-    """How evenly things came: rate in Hz, times between two in s, or None for fewer."""
+    """Regularity of messages: rate in Hz, intervals in s, or None for fewer than two."""
 
     count: int
     rate: float | None = None
@@ -44,11 +44,11 @@ class Timing:
 
 @dataclass(frozen=True)
 class Motion:
-    """One trajectory and what became of it. Times in s, angles in rad (m), per joint as lists.
+    """One trajectory and its execution. Times in s, angles in rad (m), per joint as lists.
 
-    dead_time: from the first point on the wire to the first motion of a joint. moved: how long
-    the arm moved. stops: on the way, that the plan did not ask for. waypoint_deviation: how far
-    from a point the motion passed, whatever the time. None: the arm did not move.
+    dead_time: from the first point on the wire to the first motion of a joint. moved: duration of
+    the motion. stops: stops during the motion that are not in the plan. waypoint_deviation:
+    distance from a point to the path, independent of time. None: the arm did not move.
     """
 
     sent: float
@@ -67,7 +67,7 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Figures:
-    """All figures of a run. velocities, accelerations: shape (k, m), as the page draws them."""
+    """All figures of a run. velocities, accelerations: shape (k, m), for the page's curves."""
 
     velocities: Array
     accelerations: Array
@@ -76,14 +76,14 @@ class Figures:
     replies: tuple[tuple[str, Timing], ...]
     motions: tuple[Motion, ...]
     stops: tuple[tuple[float, float], ...]
-    """When the arm came to a standstill on the way, and for how long, s."""
+    """Standstills during motions: start and duration, s."""
 
 
 def figures(run: Run, metric: Array | None = None) -> Figures:
-    """Return the figures of a run. Velocities are the measured ones if there are any.
+    """Return the figures of a run, with measured velocities if available.
 
-    metric: JointLimits.rad_per_unit of the robot's joints, shape (m,): without it, none of them is
-    taken for prismatic, which counts where it is decided whether the arm stands.
+    metric: JointLimits.rad_per_unit of the robot's joints, shape (m,). Without it, no joint is
+    treated as prismatic, which matters for detecting standstills.
     """
     metric = np.ones(len(run.joint_names)) if metric is None else metric
     sent = run.times if run.sent is None else run.sent
@@ -139,7 +139,7 @@ def _latencies(values: Sequence[float]) -> Timing:
 def _motion(
     plan: Plan, until: float, run: Run, velocities: Array, accelerations: Array, metric: Array
 ) -> Motion:
-    """Return what became of a plan, from the joint states until the next one."""
+    """Return the figures of a plan's execution, from the joint states until the next plan."""
     bare = Motion(plan.sent, len(plan.times), float(plan.times[-1]))
     here = np.flatnonzero((run.times >= plan.sent) & (run.times < until))
     if len(here) < 2:
@@ -188,7 +188,7 @@ def _motion(
 def _standstills(
     run: Run, velocities: Array, begin: float, end: float
 ) -> list[tuple[float, float]]:
-    """Return when the arm stood between two times, and for how long."""
+    """Return the standstills of the arm between two times: start and duration."""
     here = np.flatnonzero((run.times >= begin) & (run.times <= end))
     speed = np.abs(velocities[here]).max(axis=1)
     still = speed < STOP_SHARE * speed.max()
@@ -208,7 +208,7 @@ def _standstills(
 
 
 def as_json(run: Run, numbers: Figures, events: Sequence[Event], model: RobotModel) -> Any:
-    """Return the figures as what json.dumps takes. Names end in their unit where they have one."""
+    """Return the figures as input for json.dumps. Names end in their unit, if any."""
     limits = model.limits
     return {
         'format': FORMAT,

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A run in figures, from the joint states that were received: duration, stops, deviations."""
+"""Figures of a run from the received joint states: duration, stops, deviations."""
 
 from dataclasses import dataclass
 
@@ -11,20 +11,20 @@ from epson_driver.motion.passages import passages
 
 STOPPED_SHARE, MOVING_SHARE = 0.06, 0.15
 """Below the first share of the run's typical speed the arm has stopped, above the second it moves
-again; between them the noise of the arrival times decides nothing."""
+again. The hysteresis suppresses the noise of arrival times."""
 
 NEIGHBOURS = 2
-"""So many joint states before and after one say how fast it is."""
+"""Number of joint states on either side from which the speed is computed."""
 
 MAX_DEVIATION_RAD = 0.02
-"""How far from a waypoint the motion may pass, rad. Between two joint states it is taken for
-straight: 1 mrad off at the highest acceleration if they are 14 ms apart, more if they are rarer.
-"""
+"""Maximum distance of the path from a waypoint, rad. The path between two joint states is taken as
+straight, which is 1 mrad off at the highest acceleration if they are 14 ms apart, more if they are
+less frequent."""
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Joint states in the order they came: times (k,) in s, positions, velocities (k, n)."""
+    """Joint states in order of arrival: times (k,) in s, positions, velocities (k, n)."""
 
     times: Array
     positions: Array
@@ -33,9 +33,9 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class Figures:
-    """The run in numbers. Times in s, angles in rad, speed in rad/s (m: as rad, see `measure`).
+    """The figures of a run. Times in s, angles in rad, speed in rad/s (m: as rad, see `measure`).
 
-    stops: on the way, without those that were commanded.
+    stops: stops during the motion, without the commanded ones.
     """
 
     planned: float
@@ -54,7 +54,7 @@ class Figures:
 def measure(trajectory: Trajectory, run: Recording, metric: Array | None = None) -> Figures:
     """Return the figures of a run, with the joints of both in the same order.
 
-    metric: JointLimits.rad_per_unit of the joints, shape (n,), where not all of them turn.
+    metric: JointLimits.rad_per_unit of the joints, shape (n,), needed if some are prismatic.
     """
     if metric is not None:
         trajectory = Trajectory(
@@ -86,10 +86,10 @@ def measure(trajectory: Trajectory, run: Recording, metric: Array | None = None)
 
 
 def _speeds(run: Recording) -> Array:
-    """Return the fastest joint's speed at each state, as a share of the run's median, shape (k,).
+    """Return the fastest joint's speed at each state, relative to the run's median, shape (k,).
 
-    From the states around each, two on either side: one that came late is no stop. The median,
-    since states that come in a burst look too fast.
+    Each speed is computed from the states around, two on either side, so that a single late one is
+    no stop. The median is used because states in a burst look too fast.
     """
     steps = np.abs(run.positions[2 * NEIGHBOURS :] - run.positions[: -2 * NEIGHBOURS]).max(axis=1)
     between = np.maximum(run.times[2 * NEIGHBOURS :] - run.times[: -2 * NEIGHBOURS], 1e-3)
@@ -99,7 +99,7 @@ def _speeds(run: Recording) -> Array:
 
 
 def _stops(speeds: Array) -> int:
-    """Return how often the arm stopped and moved on."""
+    """Return how often the arm stopped and moved again."""
     moving = speeds >= MOVING_SHARE
     decided = moving | (speeds <= STOPPED_SHARE)
     begins = np.flatnonzero(np.diff(moving[decided].astype(int)) == 1)
@@ -107,7 +107,7 @@ def _stops(speeds: Array) -> int:
 
 
 def _commanded_stops(trajectory: Trajectory) -> int:
-    """Return how often the plan itself slows down to a stop on the way."""
+    """Return how often the plan itself slows down to a stop before its end."""
     if len(trajectory.times) < 3:
         return 0
     steps = np.diff(trajectory.positions, axis=0) / np.diff(trajectory.times)[:, None]
@@ -117,7 +117,7 @@ def _commanded_stops(trajectory: Trajectory) -> int:
 
 
 def _waypoints(trajectory: Trajectory, run: Recording) -> tuple[Array, Array]:
-    """Return how near each waypoint was passed, rad, and when, s, in shapes (n,)."""
+    """Return the distance to each waypoint, rad, and its passage time, s, in shapes (n,)."""
     samples = passages(trajectory.positions, run.positions)
     distances = np.abs(run.positions[samples] - trajectory.positions).max(axis=1)
     share = np.linspace(0.0, 1.0, 41)[:, None]

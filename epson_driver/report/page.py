@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The report as one HTML file, which needs nothing else: its policy forbids every request."""
+"""The report as one self-contained HTML file. Its content security policy blocks every request."""
 
 import base64
 import hashlib
@@ -21,10 +21,11 @@ from epson_driver.report.run import FLAGS, Condition, Run
 from epson_driver.robots import RobotModel
 
 MAX_SAMPLES = 15_000
-"""Joint states in a page, of all runs together; of more, every nth is drawn. 82 s at 182 Hz."""
+"""Maximum joint states in a page, for all runs together: 82 s at 182 Hz. Longer runs are
+subsampled."""
 
 MAX_EVENTS = 2000
-"""Events in a page; the JSON has all."""
+"""Maximum events in a page. The JSON file has all of them."""
 
 MAX_PLAN_POINTS = 4000
 
@@ -129,7 +130,7 @@ def _scaled(values: Array) -> dict[str, Any]:
 
 
 def _changes(conditions: Sequence[Condition]) -> list[list[Any]]:
-    """Return the conditions that differ from the one before: time, flags, mode, errors."""
+    """Return the conditions that differ from their predecessor: time, flags, mode, errors."""
     found: list[list[Any]] = []
     before: object = None
     for each in conditions:
@@ -141,9 +142,10 @@ def _changes(conditions: Sequence[Condition]) -> list[list[Any]]:
 
 
 def _gaps(times: Array) -> list[list[float]]:
-    """Return when a joint state came late or early: time and ms since the one before.
+    """Return the intervals between joint states: time and ms since the previous one.
 
-    Of long runs the largest in each of MAX_SAMPLES / 5 stretches: none that matters is left out.
+    Long runs show the largest in each of MAX_SAMPLES / 5 stretches, so that no important one is
+    omitted.
     """
     if len(times) < 2:
         return []

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A run as it was recorded, wherever it was read from. Times are s since its beginning."""
+"""A recorded run, independent of its source. Times are s since its beginning."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -10,12 +10,12 @@ import numpy as np
 from epson_driver.motion import Array
 
 UNKNOWN, NO, YES = -1, 0, 1
-"""Values of a lamp, as in industrial_msgs/TriState."""
+"""Values of industrial_msgs/TriState."""
 
 NANOSECONDS = 1_000_000_000
 
 FLAGS = ('drives_powered', 'e_stopped', 'in_error', 'in_motion', 'motion_possible')
-"""The lamps, by the names of industrial_msgs/RobotStatus."""
+"""Fields of industrial_msgs/RobotStatus."""
 
 
 class RunError(ValueError):
@@ -24,9 +24,9 @@ class RunError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """What the controller said of itself at a time: a STATUS, or a RobotStatus.
+    """The state reported by the controller at a time: a STATUS, or a RobotStatus.
 
-    `flags` are in the order of FLAGS; `mode` is -1 (unknown), 1 (manual) or 2 (auto).
+    `flags`: in the order of FLAGS. `mode`: -1 (unknown), 1 (manual) or 2 (auto).
     """
 
     time: float
@@ -35,15 +35,15 @@ class Condition:
     error_codes: tuple[int, ...] = ()
 
     def flag(self, name: str) -> int:
-        """Return one of the flags."""
+        """Return a flag by name."""
         return self.flags[FLAGS.index(name)]
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A trajectory that was sent: when its first point was, and its points.
+    """A trajectory sent to the controller: the time of its first point, and its points.
 
-    times: shape (n,), s from the first point; positions: shape (n, m), rad, m.
+    times: shape (n,), s from the first point. positions: shape (n, m), rad, m.
     """
 
     sent: float
@@ -53,7 +53,7 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something worth reading, of the `level` 'info', 'warning' or 'error'."""
+    """An event of the run, of the `level` 'info', 'warning' or 'error'."""
 
     time: float
     level: str
@@ -63,7 +63,7 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class Traffic:
-    """All messages of one kind: which, from whom ('controller', 'driver', or a topic's), when."""
+    """All messages of one kind: name, sender ('controller', 'driver', or a topic's), times."""
 
     name: str
     sender: str
@@ -72,7 +72,7 @@ class Traffic:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """A request that was answered: when it was sent, how long its reply took, s, and its kind."""
+    """A request with a reply: when it was sent, the latency of the reply, s, and its kind."""
 
     time: float
     latency: float
@@ -83,9 +83,9 @@ class Reply:
 class Run:
     """One run of one robot.
 
-    began: ns since 1970. times: shape (k,), s, ascending; positions: shape (k, m), rad, m;
-    velocities: the same shape as measured by the controller, None if it sends none. `links` says
-    when a port was connected and when not; `notes` are sentences on what the file does not tell.
+    began: ns since 1970. times: shape (k,), s, ascending. positions: shape (k, m), rad, m.
+    velocities: the same shape, as measured by the controller, or None. `links`: times when a port
+    was connected or disconnected. `notes`: sentences on the limits of the recording.
     """
 
     source: str
@@ -95,7 +95,7 @@ class Run:
     positions: Array
     velocities: Array | None = None
     sent: Array | None = None
-    """When the controller sent the joint states, s, shape (k,), as far as it can be known."""
+    """Estimated sending times of the joint states, s, shape (k,)."""
     conditions: Sequence[Condition] = ()
     plans: Sequence[Plan] = ()
     events: Sequence[Event] = ()
@@ -104,7 +104,7 @@ class Run:
     links: Sequence[tuple[float, str, bool]] = ()
     notes: Sequence[str] = field(default=())
     ended: float = 0.0
-    """Time of the last thing in the file, s."""
+    """Time of the last entry in the file, s."""
 
     def nanoseconds(self, time: float) -> int:
         """Return a time of the run as ns since 1970."""
@@ -112,6 +112,6 @@ class Run:
 
 
 def array(values: Sequence[object], columns: int | None = None) -> Array:
-    """Return numbers as an array, of shape (k,) or (k, columns) even if there are none."""
+    """Return numbers as an array of shape (k,) or (k, columns), also for k = 0."""
     found = np.array(values, dtype=float)
     return found if columns is None else found.reshape(-1, columns)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""When the controller sent its joint states, from when they came: the driver's own estimate."""
+"""Sending times of joint states, estimated from their arrival like in the driver."""
 
 import itertools
 import statistics
@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from epson_driver.driver.state.sender_clock import SenderClock
 
 MIN_MESSAGES = 20
-"""Of fewer, nothing is known: they were sent when they came."""
+"""Minimum number of messages for an estimate. With fewer, the arrival times are used."""
 
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """A state message: when it came, and the controller's own time of it, if any, s."""
+    """A state message: its arrival time, and the controller's own time stamp, if any, s."""
 
     time: float
     joints: bool
@@ -23,7 +23,7 @@ class Arrival:
 
 
 def sent_times(arrivals: Sequence[Arrival]) -> list[float]:
-    """Return when one connection's messages with joints were sent, ascending, s.
+    """Return the sending times of one connection's messages with joints, ascending, s.
 
     The times are on the receiver's clock and never later than the arrival.
     """
@@ -33,7 +33,7 @@ def sent_times(arrivals: Sequence[Arrival]) -> list[float]:
     clock = SenderClock(max(statistics.fmean(sorted(gaps)[: -len(gaps) // 20 or None]), 1e-4))
     sent: list[float] = []
     since: list[float] = []
-    """The clock's time of each that was sent."""
+    """The clock's time of each message."""
     told: float | None = None
     for each in arrivals:
         passed = None

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A smooth motion beside what it replaces, in figures and as a picture."""
+"""Comparison of a smooth motion with alternatives, in figures and as a plot."""
 
 import io
 from dataclasses import dataclass
@@ -20,10 +20,10 @@ SAMPLE_RATE_HZ = 1000.0
 """Samples per second of point-to-point motion and of the spline."""
 
 COLOURS = ('#0072B2', '#E69F00', '#009E73', '#D55E00', '#CC79A7', '#56B4E9', '#000000', '#F0E442')
-"""Colours of the joints: Okabe and Ito's palette, which colour-blind people can tell apart."""
+"""Colours of the joints: Okabe and Ito's palette, distinguishable by colour-blind people."""
 
 MAX_AXIS_RATIOS = (1.35, 2.5, 4.0)
-"""How many times the limit the axes of velocity, acceleration and jerk show at most."""
+"""Upper ends of the axes of velocity, acceleration and jerk, as multiples of the limit."""
 
 MAX_SHARED_TIME_RATIO = 3.0
 """Motions share one time axis if the longest takes at most this many times the shortest."""
@@ -36,7 +36,7 @@ def per_unit(limits: JointLimits, per: str = '') -> str:
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """A sampled motion through the points of a plan, and when it passes them, s, shape (n,)."""
+    """A sampled motion through the points of a plan, and its passage times, s, shape (n,)."""
 
     title: str
     motion: Trajectory
@@ -64,8 +64,8 @@ def column(
 ) -> Column:
     """Return a motion with its figures.
 
-    If the times at which it passes the points of the plan are not given, they are found.
-    `command`: the plan, if its times count.
+    The passage times at the plan's points are computed unless given. `command`: the plan, if its
+    times count.
     """
     if isinstance(motion, tuple):
         sampled, at = motion
@@ -77,7 +77,7 @@ def column(
 
 
 def point_to_point(plan: Trajectory, limits: JointLimits) -> tuple[Trajectory, Array]:
-    """Return the motion that rests at every point, at full speed, and when it is at them, s."""
+    """Return the motion that rests at every point, at full speed, and its times at them, s."""
     moves = [go(limits, start, target) for start, target in pairwise(plan.positions)]
     at = np.concatenate([[0.0], np.cumsum([move.duration for move in moves])])
     times = np.arange(0.0, at[-1] + 1.0 / SAMPLE_RATE_HZ, 1.0 / SAMPLE_RATE_HZ)
@@ -93,11 +93,11 @@ def point_to_point(plan: Trajectory, limits: JointLimits) -> tuple[Trajectory, A
 
 
 def spline(plan: Trajectory) -> tuple[Trajectory, Array]:
-    """Return what ros2_control's joint_trajectory_controller does with a plan, and its times, s.
+    """Return the motion of ros2_control's joint_trajectory_controller, and the plan's times, s.
 
-    A polynomial in time per segment, that keeps the plan's times whatever the limits say: quintic
-    if the plan has accelerations, else cubic. Velocities that it lacks are central differences.
-    Before and after the arm rests, whatever acceleration the first and the last point have.
+    It is a polynomial in time per segment that keeps the plan's times regardless of the limits:
+    quintic if the plan has accelerations, else cubic. Missing velocities are central differences.
+    The arm rests before and after, whatever the acceleration of the first and the last point.
     """
     t, q = plan.times - plan.times[0], plan.positions
     if len(t) == 1:
@@ -112,7 +112,7 @@ def spline(plan: Trajectory) -> tuple[Trajectory, Array]:
 
 
 def draw(path: Path, study: Study) -> None:
-    """Write the picture: position, velocity, acceleration and jerk in a column per motion."""
+    """Write the plot: position, velocity, acceleration and jerk in a column per motion."""
     import matplotlib as mpl
 
     mpl.use('Agg')
@@ -162,7 +162,7 @@ def save_picture(path: Path, figure: Any) -> None:
 
 
 def _shown(study: Study) -> list[float]:
-    """Return how many times the limit the axes of velocity, acceleration and jerk reach."""
+    """Return the upper ends of the velocity, acceleration and jerk axes, per limit."""
     figures = [each.figures for each in study.columns]
     worst = np.max([(each.velocity, each.acceleration, each.jerk) for each in figures], axis=0)
     return [float(value) for value in np.clip(1.08 * worst, 1.25, MAX_AXIS_RATIOS)]

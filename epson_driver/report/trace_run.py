@@ -53,7 +53,7 @@ from epson_driver.trace.pcap import PcapError
 from epson_driver.trace.recording import DamagedError, read_recording
 
 SILENCE_S = 0.3
-"""Without a joint state for longer, while the state port is connected, an event says so, s."""
+"""Gap between joint states above which an event is added while the state port is connected, s."""
 
 LINK_LOST = (
     'check cable, network and controller; the driver connects again by itself, then ~/enable'
@@ -73,11 +73,11 @@ COMMANDS = {
 def read_trace(
     path: Path, limits: JointLimits, texts: ErrorTexts, controller: str | None = None
 ) -> Run:
-    """Return the run in a pcap file up to where the file ends, or where it is damaged.
+    """Return the run in a pcap file up to the end of the file, or up to its damage.
 
-    limits: of the robot's joints; their names count, as the wire has numbers only, and what is
-    faster than a joint can be is left out, with an event. controller: its address, needed if
-    the file has several. Raises RunError, or InputError if the file cannot be read.
+    limits: limits of the robot's joints. Their names are used, as the wire has numbers only, and
+    joint states faster than possible are omitted, with an event. controller: its address, needed
+    if the file has several. Raises RunError, or InputError if the file cannot be read.
     """
     damage: list[str] = []
     try:
@@ -122,7 +122,7 @@ class _Reader:
         self._end = 0.0
 
     def take(self, entry: Entry) -> None:
-        """Take the next thing that happened."""
+        """Process the next entry."""
         self._end = entry.time
         role = self._role_of[entry.connection]
         if entry.kind is Kind.OPEN:
@@ -184,7 +184,7 @@ class _Reader:
     def _state(
         self, time: float, positions: tuple[float, ...], velocities: tuple[float, ...]
     ) -> bool:
-        """Take joints and return whether they can be true."""
+        """Process joints and return whether they are plausible."""
         since = self._silent_since
         if since is not None and time - since > SILENCE_S:
             text = f'no joint state for {time - since:.2f} s'
@@ -209,7 +209,7 @@ class _Reader:
     def _why_not(
         self, time: float, positions: tuple[float, ...], velocities: tuple[float, ...]
     ) -> str | None:
-        """Return why the joints cannot be there, whatever their signs, or None if they can."""
+        """Return why the joint positions are implausible, whatever their signs, or None."""
         here = positions[: self._joints]
         if not all(math.isfinite(value) for value in (*here, *velocities[: self._joints])):
             return 'not all are numbers'
@@ -272,7 +272,7 @@ class _Reader:
         self._events.append(Event(entry.time, level, text, remedy))
 
     def run(self, source: str, began: int, joint_names: tuple[str, ...], texts: ErrorTexts) -> Run:
-        """Return what was collected."""
+        """Return the collected run."""
         sent = [time for each in self._arrivals.values() for time in sent_times(each)]
         measured = all(len(row) == self._joints for row in self._velocities)
         for pending in self._pending.values():
@@ -309,7 +309,7 @@ class _Reader:
 
 
 class _Plans:
-    """Puts trajectories together from the points that were sent."""
+    """Assembles trajectories from the points sent."""
 
     def __init__(self, joints: int) -> None:
         self._joints = joints
@@ -320,9 +320,9 @@ class _Plans:
         self._points: list[tuple[float, ...]] = []
 
     def take(self, time: float, point: JointTrajPt | JointTrajPtFull) -> bool:
-        """Take a point and return whether it is the first of a trajectory."""
+        """Process a point and return whether it is the first of a trajectory."""
         if point.sequence < 0 or (point.sequence == self._last and point.sequence):
-            return False  # how the trajectory comes; a point that was sent again
+            return False  # a special sequence, or a repeated point
         if isinstance(point, JointTrajPtFull):
             positions, seconds = point.positions, point.time
         else:
@@ -336,7 +336,7 @@ class _Plans:
             self._sent = time
         elif point.sequence == 0:
             return False
-        if not isinstance(point, JointTrajPtFull):  # it says how long after the one before
+        if not isinstance(point, JointTrajPtFull):  # relative to the previous point
             seconds = 0.0 if first else self._times[-1] + seconds
         self._times.append(seconds)
         self._last = point.sequence
@@ -344,12 +344,12 @@ class _Plans:
         return first
 
     def _same(self, point: JointTrajPt | JointTrajPtFull) -> bool:
-        """Return whether it is the first point again, which a busy controller is sent twice."""
+        """Return whether it repeats the first point, which is sent twice to a busy controller."""
         positions = point.positions if isinstance(point, JointTrajPtFull) else point.joints
         return isinstance(point, JointTrajPtFull) and positions[: self._joints] == self._points[0]
 
     def end(self) -> None:
-        """End the trajectory that is being collected, if there is one."""
+        """End the current trajectory, if any."""
         if self._points:
             times = array(self._times)
             latest = np.maximum.accumulate(times)
