@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Arguments of the Python API, held against the annotations of what is called."""
+"""Checks arguments of the Python API against the annotations of the called method."""
 
 import inspect
 from collections.abc import Callable
@@ -26,10 +26,11 @@ _SAID: dict[Any, str] = {
 
 
 def checked_arguments(method: Callable[P, T]) -> Callable[P, T]:
-    """Have a method, awaited or not, raise an ArgumentError for what cannot be used.
+    """Decorate a method, awaited or not, so that it raises ArgumentError for invalid arguments.
 
-    Flags, functions, paths and objects of ours are held against their annotations; numbers, names
-    and shapes the method itself checks by ValueErrors. Numbers of numpy become Python's.
+    Flags, functions, paths and objects of this package are checked against their annotations.
+    The method itself checks numbers, names and shapes, and raises ValueErrors. numpy numbers are
+    converted to Python's.
     """
     call: Any = method
     code = call.__code__
@@ -62,14 +63,14 @@ def checked_arguments(method: Callable[P, T]) -> Callable[P, T]:
 
 
 def _rule(annotation: Any) -> Rule | None:
-    """Return the rule for an argument, or None for what the method checks itself."""
+    """Return the rule for an argument, or None if the method checks it."""
     kinds = get_args(annotation) if isinstance(annotation, UnionType) else (annotation,)
     kinds = tuple(get_origin(kind) or kind for kind in kinds)
     classes = [kind for kind in kinds if isinstance(kind, type)]
     ours = [kind for kind in classes if kind.__module__.startswith('epson_driver.')]
     if len(classes) < len(kinds) or not all(kind in _SAID or kind in ours for kind in kinds):
         return None
-    if kinds in ((str,), (str, NoneType)):  # a name: who knows them all says which there are
+    if kinds in ((str,), (str, NoneType)):  # a name: the method knows the valid ones
         return None
     said = [_SAID.get(kind, kind.__name__) for kind in classes]
 

@@ -218,7 +218,7 @@ class Arm(Unique):
 
 
 def _load(model: RobotModel, mass: float, center: npt.ArrayLike, inertia: npt.ArrayLike) -> 'Load':
-    """Return the Weight and Inertia of a body given as in `aio.Robot.set_payload`.
+    """Return Weight and Inertia for the arguments of `aio.Robot.set_payload`.
 
     Raises ValueError with the field, its value and the limit.
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Who wants to be told of E-stop, errors and the link, and what changed since they were told."""
+"""Callbacks for joints, E-stop, errors and the link, called when the state has changed."""
 
 from collections.abc import Callable
 from typing import Generic, ParamSpec
@@ -14,11 +14,11 @@ from epson_driver.simple_message import Status, TriState
 P = ParamSpec('P')
 
 Failed = Callable[[Exception], None]
-"""Called with what a callback raised."""
+"""Called with the exception that a callback raised."""
 
 
 class Callbacks(Generic[P]):
-    """Functions that are called one after the other. One that raises keeps no other from it."""
+    """Functions that are called one after the other, even if one raises an exception."""
 
     def __init__(self, failed: Failed) -> None:
         self._failed = failed
@@ -26,11 +26,11 @@ class Callbacks(Generic[P]):
 
     @property
     def wanted(self) -> bool:
-        """Whether there is a function to call."""
+        """Whether a function is registered."""
         return bool(self._functions)
 
     def add(self, function: Callable[P, object]) -> Callable[[], None]:
-        """Have a function called from now on. Returns what takes it away again."""
+        """Register a function. Returns a function that unregisters it."""
         self._functions.append(function)
 
         def remove() -> None:
@@ -40,11 +40,11 @@ class Callbacks(Generic[P]):
         return remove
 
     def clear(self) -> None:
-        """Call none of them any more."""
+        """Unregister all functions."""
         self._functions.clear()
 
     def call(self, *args: P.args, **kwargs: P.kwargs) -> None:
-        """Call all of them."""
+        """Call all functions."""
         for function in list(self._functions):
             try:
                 function(*args, **kwargs)
@@ -53,7 +53,7 @@ class Callbacks(Generic[P]):
 
 
 class Changes:
-    """Calls back when E-stop, error or link change, unless they cease to be known."""
+    """Calls the callbacks when E-stop, error or link change. Unknown values are not a change."""
 
     def __init__(self, failed: Failed, texts: ErrorTexts) -> None:
         self.estop: Callbacks[[bool]] = Callbacks(failed)
@@ -66,7 +66,7 @@ class Changes:
         self._number: int | None = None
 
     def see(self, status: Status) -> None:
-        """Take a STATUS."""
+        """Process a STATUS."""
         if status.e_stopped in (TriState.TRUE, TriState.FALSE):
             e_stopped = status.e_stopped == TriState.TRUE
             if e_stopped != self._e_stopped:

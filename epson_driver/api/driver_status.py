@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a driver knows of arm and controller, as a RobotStatus."""
+"""Builds a RobotStatus from the state of a driver."""
 
 from epson_driver.api.errors import WORDS
 from epson_driver.api.status import ControllerError, RobotStatus
@@ -15,7 +15,7 @@ _MODES = {int(Mode.MANUAL): 'manual', int(Mode.AUTO): 'auto'}
 
 
 def controller_error(status: Status, texts: ErrorTexts) -> ControllerError | None:
-    """Return the error that a STATUS shows, if any."""
+    """Return the error that a STATUS reports, or None."""
     if not status.error_code and status.in_error != TriState.TRUE:
         return None
     number = status.error_code
@@ -23,7 +23,7 @@ def controller_error(status: Status, texts: ErrorTexts) -> ControllerError | Non
 
 
 def robot_status(driver: Driver, now: float, link_reason: str) -> RobotStatus:
-    """Return the state of a driver at a time of its loop. `link_reason`: why a link is down."""
+    """Return the state of a driver at loop time `now`, s. `link_reason`: why a link is down."""
     status = driver.robot.status or Status()
     text = 'the arm moves' if driver.goal_queue.busy else 'the arm is enabled'
     remedy = ''

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the Python API raises. A motion raises nothing but RobotErrors."""
+"""Exceptions of the Python API. A motion raises only RobotErrors."""
 
 import contextlib
 from collections.abc import Iterator
@@ -25,23 +25,23 @@ WORDS = {
     Remedy.ALLOW_END_VELOCITY: '',
     Remedy.ALLOW_OTHER_SPEED: 'or set require_planned_speed=False in Settings',
 }
-"""What helps, in the names of this API."""
+"""Remedies in the names of this API."""
 
 
 TIMEOUT = number(0.0, 1e7, 's')
 
 
 class RobotError(RuntimeError):
-    """What was asked for could not be done, with the reason and the remedy as text."""
+    """A request failed. The text contains the reason and the remedy."""
 
     def __init__(self, text: str, remedy: Remedy = Remedy.NONE) -> None:
         super().__init__(with_remedy(text, remedy, WORDS))
 
 
 class MotionError(RobotError):
-    """A motion was not begun, or did not reach its end. The arm is not where it was to go.
+    """A motion was rejected, or did not reach its end. The arm is not at the target.
 
-    end: CANCELED or ABORTED. code: that of the action FollowJointTrajectory for the same case.
+    end: CANCELED or ABORTED. code: the error code of FollowJointTrajectory for the same case.
     """
 
     def __init__(self, outcome: Outcome) -> None:
@@ -51,24 +51,24 @@ class MotionError(RobotError):
 
 
 class ArgumentError(RobotError, ValueError):
-    """A motion was asked for with an argument that cannot be used. Nothing was sent."""
+    """A motion was requested with an invalid argument. Nothing was sent."""
 
 
 class PathError(ArgumentError):
-    """The tool cannot follow a path from where the arm is: out of reach, or through a singularity.
+    """The tool cannot follow a path from the current position: out of reach, or singular.
 
-    The text names place, joint and limit. Nothing was sent.
+    The text contains place, joint and limit. Nothing was sent.
     """
 
 
 def not_begun(sentence: str) -> MotionError:
-    """Return the error for a motion that was not begun."""
+    """Return the error for a motion that was not started."""
     return MotionError(Outcome(End.ABORTED, ErrorCode.INVALID_GOAL, sentence))
 
 
 @contextlib.contextmanager
 def refusals() -> Iterator[None]:
-    """Raise a MotionError for what the driver refuses, or ended before it could start."""
+    """Convert rejections by the driver, and canceled planning, to MotionError."""
     try:
         yield
     except PlanningEndedError as ended:
@@ -79,7 +79,7 @@ def refusals() -> Iterator[None]:
 
 @contextlib.contextmanager
 def argument_errors() -> Iterator[None]:
-    """Raise an ArgumentError for every ValueError."""
+    """Convert ValueErrors to ArgumentError."""
     try:
         yield
     except RobotError:
@@ -91,6 +91,6 @@ def argument_errors() -> Iterator[None]:
 
 
 def checked_timeout(timeout: float | None) -> float | None:
-    """Return how long to wait, s, or None for ever. Raises ArgumentError."""
+    """Return a timeout, s, or None for no timeout. Raises ArgumentError."""
     with argument_errors():
         return None if timeout is None else float(TIMEOUT.checked(timeout, 'timeout'))

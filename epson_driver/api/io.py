@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The controller's inputs and outputs, point by point, and a gripper that is wired to them."""
+"""The controller's inputs and outputs, point by point, and a gripper wired to them."""
 
 import asyncio
 import contextlib
@@ -27,7 +27,7 @@ VALUE = count(-(2**31), 2**31 - 1)
 
 
 class Io(Unique):
-    """Reads and writes single points. A controller without I/O is a RobotError that says so."""
+    """Reads and writes single I/O points. Raises RobotError if the controller has no I/O."""
 
     def __init__(self, driver: Callable[[], 'io_client.Io']) -> None:
         self._driver = driver
@@ -69,31 +69,31 @@ class Io(Unique):
 
 
 class Gripper(Unique):
-    """Opens and closes the gripper that `Settings(gripper=GripperWiring(...))` describes.
+    """Opens and closes the gripper of `Settings(gripper=GripperWiring(...))`.
 
-    Without that, each method raises RobotError that says so. The arm need not be enabled for it.
+    Without this setting, each method raises RobotError. The arm need not be enabled.
     """
 
     def __init__(self, gripper: Callable[[], 'DrivenGripper | None']) -> None:
         self._gripper = gripper
 
     async def open(self) -> GripperState:
-        """Open it and return its state when it is open.
+        """Open the gripper and return its state once it is open.
 
-        Raises RobotError if it does not open in its time, or if a newer command took its place.
+        Raises RobotError if it does not open in time, or if a newer command replaces this one.
         """
         return await _done(self._known().move(opened=True))
 
     async def close(self) -> GripperState:
-        """Close it and return its state: closed, or neither if it holds something.
+        """Close the gripper and return its state: closed, or neither if it holds something.
 
-        Whether it holds something is known after its `time`. Raises RobotError if it stays open,
-        or if a newer command took its place.
+        A held part is detected after the wiring's `time`. Raises RobotError if the gripper stays
+        open, or if a newer command replaces this one.
         """
         return await _done(self._known().move(opened=False))
 
     async def state(self) -> GripperState:
-        """Return what its inputs show now. Raises RobotError if they are not known."""
+        """Return the gripper's state from its inputs. Raises RobotError if they are unknown."""
         return await _done(self._known().state())
 
     def _known(self) -> 'DrivenGripper':

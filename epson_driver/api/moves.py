@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""From what a user asks for to a checked trajectory. ValueErrors name field, value and limit."""
+"""Converts requests to checked trajectories. ValueErrors contain field, value and limit."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -36,10 +36,10 @@ if TYPE_CHECKING:  # the driver is loaded with the first Robot
     from epson_driver.link.replies import Statement
 
 LOOK_M, MAX_LOOKS = 1e-3, 2000
-"""How densely the path is described that a motion is held against, m."""
+"""Spacing, m, of the path samples for the accuracy check, and their maximum number."""
 
 SAME_PLACE_M, SAME_PLACE_RAD = 1e-4, 1e-3
-"""Points of a path that are closer than both are one: more than encoders tremble."""
+"""Path points closer than both are the same point. Encoder jitter is smaller."""
 
 
 def joint_rows(field: str, values: Pose, limits: JointLimits, *, rows: bool) -> Array:
@@ -63,7 +63,7 @@ def joint_rows(field: str, values: Pose, limits: JointLimits, *, rows: bool) -> 
 
 
 def checked(trajectory: Trajectory, limits: JointLimits, field: str) -> Trajectory:
-    """Return a trajectory that keeps the limits. Raises ValueError in the driver's words."""
+    """Return a trajectory within the limits. Raises ValueError with the driver's message."""
     from epson_driver.driver.goal.goal import check_limits
 
     try:
@@ -74,7 +74,7 @@ def checked(trajectory: Trajectory, limits: JointLimits, field: str) -> Trajecto
 
 
 def scaled_limits(limits: JointLimits, speed: float, acceleration: float) -> JointLimits:
-    """Return limits with shares, (0, 1], of velocity and of acceleration and jerk."""
+    """Return limits with fractions, (0, 1], of velocity, and of acceleration and jerk."""
     return replace(
         limits,
         velocity=limits.velocity * speed,
@@ -84,7 +84,7 @@ def scaled_limits(limits: JointLimits, speed: float, acceleration: float) -> Joi
 
 
 def check_shares(speed: float, acceleration: float) -> None:
-    """Raise ValueError unless both are shares of the joint limits, (0, 1]."""
+    """Raise ValueError unless both are fractions of the joint limits, (0, 1]."""
     for name, value in (('speed', speed), ('acceleration', acceleration)):
         if isinstance(value, bool) or not isinstance(value, int | float | np.number):
             raise ValueError(f'{name} = {value!r}: must be a number in (0, 1]')
@@ -105,7 +105,7 @@ def tool_limits(
     jerk: float | None,
     slow: bool,
 ) -> ToolLimits:
-    """Return how the tool may move. Raises ValueError that names the argument."""
+    """Return the limits of a tool motion. Raises ValueError with the argument's name."""
     given = {
         'speed': speed,
         'acceleration': acceleration,
@@ -132,21 +132,24 @@ _TOOL_RULES = {
 
 @dataclass(frozen=True, eq=False)
 class PathPoint:
-    """A checked way point: where to go, through what on a circle, and the blend there, m."""
+    """A checked waypoint: the pose, a via point for an arc, and the blend distance, m."""
 
     pose: Target
     via: Target | None = None
     blend: float = 0.0
 
     def segment(self, before: Array, start: Array) -> PosePath:
-        """Return the way there from a pose of a tool that began at `start`. Raises ValueError."""
+        """Return the segment from a pose to this point. Raises ValueError.
+
+        start: the tool's pose at the start of the motion.
+        """
         end = self.pose.seen_from(start)
         if self.via is None:
             return line(before, end)
         return arc(before, self.via.seen_from(start)[:3, 3], end)
 
     def run(self, start: Array) -> list[Run]:
-        """Return the way there from `start`, a pose in base_link, or [] if that is it already.
+        """Return the path from `start`, a pose in base_link, or [] if the tool is already there.
 
         Raises ValueError.
         """
@@ -163,7 +166,7 @@ def tool_statement(
     limits: ToolLimits,
     statements: 'Moves',
 ) -> 'Statement':
-    """Return a planned line or arc from the joints `start` as a statement.
+    """Return the statement for a planned line or arc from the joints `start`.
 
     tool: in the flange, shape (4, 4), m.
     """
@@ -183,7 +186,7 @@ def tool_statement(
 def path_points(
     points: Sequence[Waypoint | Pose], blend: float, frame: str | None, frames: Frames
 ) -> list[PathPoint]:
-    """Return a user's way points, with a default blend and frame. Raises ValueError."""
+    """Return a user's waypoints, with default blend and frame. Raises ValueError."""
     _BLEND.checked(blend, 'blend')
     if isinstance(points, str) or not isinstance(points, Sequence | np.ndarray):
         raise ValueError(f'points = {points!r}: must be a list of poses or way points')
@@ -209,10 +212,10 @@ def path_points(
 
 
 def path_runs(points: Sequence[PathPoint], start: Array) -> list[Run]:
-    """Return the way through points of a tool that is at `start`, a pose in base_link.
+    """Return the path from `start`, a pose in base_link, through points.
 
-    [] if it is at all of them already. Raises ValueError that names the point: for a blend that
-    does not fit, a circle that is none.
+    [] if the tool is already at all of them. Raises ValueError with the point's index, for a
+    blend that does not fit or an invalid arc.
     """
     segments: list[PosePath] = []
     before = start
@@ -239,9 +242,9 @@ def path_runs(points: Sequence[PathPoint], start: Array) -> list[Run]:
 
 
 def _apart(points: Sequence[PathPoint], start: Array) -> list[tuple[int, PathPoint]]:
-    """Return points with their indices, the last of those at one place, for a line to there.
+    """Merge points at the same place and return them with the index of the last one.
 
-    It has the smallest of their blends. A point where the tool is at the start is left out.
+    A merged point has the smallest blend. Points at the start of a line path are dropped.
     """
     kept: list[tuple[int, PathPoint]] = []
     place = start
@@ -267,7 +270,7 @@ def _same_place(first: Array, second: Array) -> bool:
 
 
 def deviation(arm: Kinematics, way: Sequence[Run]) -> Callable[[Array], float]:
-    """Return a function of joints, shape (n,): how far the tool is from a path then, m."""
+    """Return a function from joints, shape (n,), to the tool's distance from the path, m."""
     places = []
     for run in way:
         length = sum(part.length for part in run.parts)
@@ -285,7 +288,7 @@ _BLEND = number(0.0, 100.0, 'm')
 
 
 def checked_factor(value: float) -> float:
-    """Return what speed scaling may be. Raises ValueError."""
+    """Return a valid speed scaling factor. Raises ValueError."""
     from epson_driver.driver.goal.reference import MIN_FACTOR
 
     moving = number(MIN_FACTOR, 1.0)
@@ -297,7 +300,7 @@ def checked_factor(value: float) -> float:
 
 
 def targets(field: str, values: npt.ArrayLike, limits: JointLimits) -> Trajectory:
-    """Return way points, shape (k, n), with times that do not count. Raises ValueError."""
+    """Return waypoints, shape (k, n), with placeholder times. Raises ValueError."""
     from epson_driver.driver.goal.goal import untimed
 
     positions = limits.settled(joint_rows(field, values, limits, rows=True))
@@ -307,7 +310,7 @@ def targets(field: str, values: npt.ArrayLike, limits: JointLimits) -> Trajector
 
 
 def joined(first: Trajectory, then: Trajectory) -> Trajectory:
-    """Return a trajectory and another one, which begins at rest where that ends."""
+    """Return two trajectories in sequence. The second starts at rest at the end of the first."""
     assert first.velocities is not None  # noqa: S101 - for the type checker
     assert then.velocities is not None  # noqa: S101 - for the type checker
     return Trajectory(
@@ -321,7 +324,7 @@ def joined(first: Trajectory, then: Trajectory) -> Trajectory:
 def divided(trajectory: Trajectory, start: Array) -> Trajectory:
     """Return a trajectory from `start`, shape (n,), with points LONGEST_SEGMENT_S apart at most.
 
-    The way is the same, as the driver interpolates it.
+    The path is the driver's interpolation of the given trajectory.
     """
     from epson_driver.driver.goal.reference import ReferenceTrajectory
 

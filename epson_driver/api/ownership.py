@@ -1,11 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Who owns a connection to an arm: one Robot of this process, which lets go however it ends.
+"""Ownership of a connection to an arm: one Robot of this process, which always releases it.
 
-* A Robot that connects to an arm to which another one of this process is connected takes it over:
-  that one is closed first. A notebook's cell that is run twice works.
-* What is still connected when the interpreter ends is closed, the arm stopped.
-* A child process that was forked has no part in the connections of its parent.
+* A Robot that connects to an arm takes it over from another Robot of this process, which is closed
+  first. This allows a notebook cell to run twice.
+* When the interpreter ends, open connections are closed and their arms stopped.
+* A forked child process does not share the connections of its parent.
 """
 
 import asyncio
@@ -20,13 +20,13 @@ from typing import Any, NoReturn, Protocol
 from epson_driver.api.errors import RobotError
 
 CLOSE_TIMEOUT_S = 10.0
-"""How long closing may take when the interpreter ends, s."""
+"""Timeout for closing when the interpreter ends, s."""
 
 _log = logging.getLogger(__name__)
 
 
 class Unique:
-    """Something that is neither copied nor pickled."""
+    """Base of objects that can be neither copied nor pickled."""
 
     def __reduce__(self) -> NoReturn:
         kind = type(self).__name__
@@ -34,18 +34,18 @@ class Unique:
 
 
 class Process:
-    """The process in which something was made."""
+    """The process in which an object was created."""
 
     def __init__(self) -> None:
         self._number = os.getpid()
 
     @property
     def forked(self) -> bool:
-        """True in a child that was forked since."""
+        """True in a child process that was forked after the object's creation."""
         return os.getpid() != self._number
 
     def check(self) -> None:
-        """Raise RobotError in a child that was forked since."""
+        """Raise RobotError in a child process that was forked after the object's creation."""
         if self.forked:
             raise RobotError(
                 'this Robot belongs to the process from which this one was forked: make one here'
@@ -53,13 +53,13 @@ class Process:
 
 
 class Owned(Protocol):
-    """What is connected to an arm."""
+    """Interface of a connection to an arm."""
 
     loop: asyncio.AbstractEventLoop
 
     @property
     def files(self) -> list[int]:
-        """The descriptors of its sockets and pipes."""
+        """File descriptors of its sockets and pipes."""
 
     async def close(self) -> None:
         """Stop the arm and disconnect."""
@@ -72,7 +72,7 @@ _lock = threading.Lock()
 
 
 async def take_over(address: Address, owner: Owned) -> None:
-    """Own a connection to this address, after closing the one that owned it before."""
+    """Become the owner of the connection to an address. A previous owner is closed first."""
     with _lock:
         before, _owners[address] = _owners.get(address), owner
     if before is None or before is owner or before.loop.is_closed():
@@ -86,7 +86,7 @@ async def take_over(address: Address, owner: Owned) -> None:
 
 
 def let_go(owner: Owned) -> None:
-    """Own no connection any more."""
+    """Release all connections of an owner."""
     with _lock:
         for address in [each for each, found in _owners.items() if found is owner]:
             del _owners[address]
@@ -97,7 +97,7 @@ def close_soon(
     process: Process,
     close: Callable[[], Coroutine[Any, Any, None]],
 ) -> None:
-    """Close in its event loop what the garbage collector found lost, in any thread."""
+    """Schedule `close` in the event loop, for a lost object. Callable in any thread."""
     if process.forked or loop.is_closed():
         return
 
@@ -123,7 +123,7 @@ def _close_all() -> None:
 
 
 def _forget() -> None:
-    """Leave the parent's sockets to the parent: with a copy of them here, none would close."""
+    """Drop the parent's sockets in a forked child. Its copies would keep them open."""
     global _lock  # a thread of the parent may hold it
     _lock = threading.Lock()
     owners, nowhere = list(_owners.values()), os.open(os.devnull, os.O_RDWR)

@@ -14,8 +14,8 @@ from epson_driver.taught_points import EpsonPoint, Posture, TaughtPoints
 class Points(Unique):
     """Taught points: a mapping from names, or P and a number, to EpsonPoints, ignoring case.
 
-    The arm goes there in the configuration nearest to where it is, not in the file's. `here`
-    returns where the tool is, and the arm's posture, or why that is not known.
+    The arm moves to a point in the configuration nearest to the current one, not in the file's.
+    `here` returns the tool's point, and the arm's posture or why it is unknown.
     """
 
     def __init__(
@@ -29,17 +29,17 @@ class Points(Unique):
 
     @checked_arguments
     def __getitem__(self, name: str) -> EpsonPoint:
-        """Return a point. Raises KeyError, and ArgumentError for a label without a place."""
+        """Return a point. Raises KeyError, and ArgumentError for a label without a position."""
         return self._taught.get(name)
 
     @checked_arguments
     def __setitem__(self, name: str, point: EpsonPoint) -> None:
-        """Set a point, also a new one. Raises ArgumentError."""
+        """Set or add a point. Raises ArgumentError."""
         self._taught.set(name, point)
 
     @checked_arguments
     def __delitem__(self, name: str) -> None:
-        """Forget a point. Raises KeyError."""
+        """Delete a point. Raises KeyError."""
         self._taught.remove(name)
 
     def __iter__(self) -> Iterator[str]:
@@ -47,16 +47,16 @@ class Points(Unique):
         return iter(self._taught)
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of points."""
         return len(self._taught)
 
     def __contains__(self, name: object) -> bool:
-        """Return whether there is such a point, with a place or without."""
+        """Return whether a point exists, with or without a position."""
         return name in self._taught
 
     @checked_arguments
     def teach(self, name: str) -> EpsonPoint:
-        """Take where the tool is now for a point, also a new one, and return it.
+        """Set or add a point at the current tool position, and return it.
 
         Raises ArgumentError, and as `Robot.joints`.
         """
@@ -66,9 +66,9 @@ class Points(Unique):
 
     @checked_arguments
     def load(self, path: str | PathLike[str]) -> int:
-        """Read a .pts or .yaml file in place of all points and return how many it has.
+        """Replace all points by those in a .pts or .yaml file, and return their number.
 
-        Raises OSError, and ArgumentError that names the file and what is wrong in it.
+        Raises OSError, and ArgumentError with the file and the error in it.
         """
         return self._taught.load(path)
 
@@ -76,7 +76,7 @@ class Points(Unique):
     def save(self, path: str | PathLike[str]) -> None:
         """Write all points to a .pts or .yaml file.
 
-        What was read from a .pts file and not changed is written as it was. Raises OSError, and
-        ArgumentError for a point that such a file cannot hold.
+        Unchanged lines of a .pts file are preserved. Raises OSError, and ArgumentError for a point
+        that the file format does not support.
         """
         self._taught.save(path)

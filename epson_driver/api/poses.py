@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The forms in which a user may give a pose, and the frames in which it counts.
+"""The forms in which a user may give a pose, and the frames in which it is interpreted.
 
-ValueErrors name the field, what was given and what is allowed.
+ValueErrors contain the field, the invalid value and the allowed values.
 """
 
 from dataclasses import dataclass
@@ -21,13 +21,14 @@ from epson_driver.tool_motion.tool_pose import (
 )
 
 BASE_LINK, BASE, TOOL = 'base_link', 'base', 'tool'
-"""The frames that are always there: REP-103's, EPSON's world, and the tool where it is."""
+"""The predefined frames: base_link of REP-103, EPSON's world, and the current tool frame."""
 
 ROUNDING = 1e-4
-"""A matrix that is so nearly a rotation is taken for the nearest one: texts have few digits."""
+"""Tolerance of a rotation matrix. It is replaced by the nearest rotation, because printed matrices
+have few digits."""
 
 MM_SUSPICION = 10.0
-"""A place that is farther away than this many times the arm's reach may be in mm."""
+"""Multiple of the arm's reach beyond which a position is suspected to be in mm."""
 
 
 Pose = npt.ArrayLike | EpsonPoint
@@ -36,11 +37,11 @@ Pose = npt.ArrayLike | EpsonPoint
 
 @dataclass(frozen=True, eq=False)
 class Waypoint:
-    """A pose on the way of `move_path`.
+    """A pose in the path of `move_path`.
 
-    via: a point, x y z in m, through which a circle leads there; without it, the way is straight.
-    blend: how far, m, from this point the tool may leave the way to it for the way to the next; 0:
-    it rests here. frame: the pose's and via's. None: as `move_path` says for all.
+    via: a point, x y z in m, that makes the segment to the pose an arc; None: a line. blend:
+    distance from the pose, m, within which the tool may cut the corner; 0: it stops there. frame:
+    of pose and via. None for frame or blend: the default of `move_path`.
     """
 
     pose: Pose
@@ -51,21 +52,21 @@ class Waypoint:
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A pose, shape (4, 4), m, in base_link or in the tool as the motion begins."""
+    """A pose, shape (4, 4), m, in base_link or in the tool frame at the start of the motion."""
 
     pose: Array
     in_tool: bool = False
 
     def seen_from(self, tool: Array) -> Array:
-        """Return the pose in base_link for a tool that is at this pose, shape (4, 4), there."""
+        """Return the pose in base_link for a tool at this pose, shape (4, 4)."""
         return np.asarray(tool @ self.pose) if self.in_tool else self.pose
 
 
 @dataclass(frozen=True, eq=False)
 class Tool:
-    """A tool: its pose in tool0, shape (4, 4), m, and how fast lines and arcs may move it.
+    """A tool: its pose in tool0, shape (4, 4), m, and its limits for lines and arcs.
 
-    max_speed: m/s, max_acceleration: m/s²; None: as fast as a motion asks for.
+    max_speed: m/s, max_acceleration: m/s²; None: no limit.
     """
 
     pose: Array
@@ -73,7 +74,7 @@ class Tool:
     max_acceleration: float | None = None
 
     def check(self, speed: float, acceleration: float) -> None:
-        """Raise ValueError if a motion asks for more than the tool allows."""
+        """Raise ValueError if a motion exceeds the tool's limits."""
         for name, value, most, unit in (
             ('speed', speed, self.max_speed, 'm/s'),
             ('acceleration', acceleration, self.max_acceleration, 'm/s²'),
@@ -103,7 +104,7 @@ class Frames:
 
     @property
     def poses(self) -> dict[str, Array]:
-        """All frames but the tool, as copies."""
+        """All frames except the tool, as copies."""
         return {name: pose.copy() for name, pose in self._poses.items()}
 
     def set(self, name: str, pose: Pose, parent: str | None) -> None:
@@ -116,22 +117,22 @@ class Frames:
         self._poses[name] = self._pose_of(_usual(parent, pose), 'parent', []) @ checked
 
     def target(self, field: str, pose: Pose, frame: str | None) -> Target:
-        """Return what a pose in a frame means. Raises ValueError.
+        """Return a pose in a frame as a Target. Raises ValueError.
 
-        frame: None for base_link, or for EPSON's world if it is an EPSON point.
+        frame: None for base_link, or for EPSON's world if the pose is an EPSON point.
         """
         return self._placed(checked_pose(field, pose), _usual(frame, pose), field)
 
     def point(self, field: str, xyz: npt.ArrayLike, frame: str | None, pose: Pose) -> Target:
-        """Return what a point, x y z in m, means in the frame that `target` takes for a pose.
+        """Return a point, x y z in m, as a Target, in the frame that `target` uses for a pose.
 
-        It is turned anyhow. Raises ValueError.
+        Its orientation has no meaning. Raises ValueError.
         """
         place = homogeneous(np.eye(3), checked_point(field, xyz))
         return self._placed(place, _usual(frame, pose), field)
 
     def pose_in(self, pose: Array, frame: str) -> Array:
-        """Return a pose in base_link as one in a frame. Raises ValueError."""
+        """Convert a pose from base_link to a frame. Raises ValueError."""
         return np.asarray(np.linalg.inv(self._pose_of(frame, 'frame', [])) @ pose)
 
     def _placed(self, pose: Array, frame: str, field: str) -> Target:
@@ -141,7 +142,7 @@ class Frames:
         return Target(placed, in_tool)
 
     def _pose_of(self, frame: str, where: str, more: list[str]) -> Array:
-        """Return a frame's pose. Raises ValueError that names all there are, and `more`."""
+        """Return a frame's pose. Raises ValueError with the names of all frames and `more`."""
         if not isinstance(frame, str) or frame not in self._poses:
             *names, last = [*self._poses, *more]
             raise ValueError(f'{where} = {frame!r}: must be {", ".join(names)} or {last}')
@@ -165,7 +166,7 @@ def checked_point(field: str, values: npt.ArrayLike) -> Array:
 
 
 def checked_pose(field: str, values: Pose) -> Array:
-    """Return a homogeneous matrix, shape (4, 4), whose place is in m. Raises ValueError."""
+    """Return a homogeneous matrix, shape (4, 4), with the position in m. Raises ValueError."""
     if isinstance(values, EpsonPoint):
         return values.pose
     array = finite_numbers(field, values)
@@ -188,7 +189,7 @@ def checked_pose(field: str, values: Pose) -> Array:
 
 
 def is_pose(values: Pose, joints: int) -> bool:
-    """Return whether values have the form of a pose, and not of so many joint positions."""
+    """Return whether values have the form of a pose, not of `joints` joint positions."""
     if isinstance(values, EpsonPoint):
         return True
     try:
@@ -205,7 +206,7 @@ _LIMITS = {
 
 
 def _usual(frame: str | None, pose: Pose) -> str:
-    """Return the frame of a pose: without a word, EPSON's world for what its pendant shows."""
+    """Return the frame of a pose; default: EPSON's world for an EPSON point, else base_link."""
     if frame is not None:
         return frame
     return BASE if isinstance(pose, EpsonPoint) else BASE_LINK

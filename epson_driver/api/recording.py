@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Measured joints over time: recorded, kept in a file, and made a plan that replays them."""
+"""Recorded joint samples: saved to a file, and converted to a trajectory for replay."""
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -21,28 +21,28 @@ if TYPE_CHECKING:  # the driver is loaded with the first Robot
     from epson_driver.driver.state.robot_state import JointSample
 
 LONGEST_S = 3600.0
-"""A recording ends by itself after so long, s: it is kept in memory."""
+"""Maximum duration, s. A recording is stored in memory, so it ends automatically."""
 
 MAX_GAP_S = 0.5
-"""Where nothing was measured for longer, s, nobody knows the way."""
+"""Longest gap between samples, s. The path in a longer gap is unknown."""
 
 NEAR = {'rad': 2e-3, 'm': 2e-4}
-"""How far the replayed points may be from the recorded way between them."""
+"""Maximum deviation of the replayed path from the recorded path."""
 
 REST = {'rad': 0.02, 'm': 0.002}
-"""Slower than this, per s, is standing still: measured joints tremble."""
+"""Speed per s below which a joint is at rest. Measured joints jitter."""
 
 SLOPE_SAMPLES = 3
-"""Velocities are the slope over so many samples on either side."""
+"""Number of samples on either side from which a velocity is computed as a slope."""
 
 RATE = number(0.1, 1000.0, 'per s')
 SPEED = number(0.01, 1.0)
 
 
 class Recording(Unique):
-    """A motion as it was measured, from `Robot.record` until `stop`, or from a file.
+    """A measured motion, from `Robot.record` until `stop`, or from a file.
 
-    Times are s from its begin. It ends when the robot is closed, and after an hour.
+    Times are s from its start. It ends when the robot is closed, and after an hour.
     """
 
     def __init__(self, joint_names: tuple[str, ...], period: float = 0.0) -> None:
@@ -53,7 +53,7 @@ class Recording(Unique):
         self._stop: Callable[[], None] = lambda: None
 
     def __len__(self) -> int:
-        """Return how many samples it has."""
+        """Return the number of samples."""
         return len(self._rows)
 
     def __repr__(self) -> str:
@@ -61,26 +61,26 @@ class Recording(Unique):
 
     @property
     def times(self) -> Array:
-        """When each was measured, shape (k,), s."""
+        """Time of each sample, shape (k,), s."""
         return np.array([time for time, _ in self._rows])
 
     @property
     def positions(self) -> Array:
-        """The joints, shape (k, n), rad (m)."""
+        """Joint positions of the samples, shape (k, n), rad (m)."""
         return np.array([row for _, row in self._rows]).reshape(-1, len(self.joint_names))
 
     @property
     def duration(self) -> float:
-        """How long it is, s."""
+        """Duration, s."""
         return self._rows[-1][0] if self._rows else 0.0
 
     def stop(self) -> None:
-        """Record no more."""
+        """Stop recording."""
         self._stop()
 
     @checked_arguments
     def save(self, path: str | PathLike[str]) -> None:
-        """Stop, and write it as a trajectory of ROS in YAML. Raises RobotError, OSError."""
+        """Stop, and write the recording as a ROS trajectory (YAML). Raises RobotError, OSError."""
         self.stop()
         self._check_any()
         recorded = Trajectory(self.joint_names, self.times, self.positions)
@@ -89,20 +89,20 @@ class Recording(Unique):
     @classmethod
     @checked_arguments
     def load(cls, path: str | PathLike[str]) -> 'Recording':
-        """Return what `save` has written, or another trajectory. Raises ArgumentError, OSError."""
+        """Read a saved recording or another trajectory. Raises ArgumentError, OSError."""
         read = read_trajectory(Path(path))
         found = cls(read.joint_names)
         found._rows = list(zip((read.times - read.times[0]).tolist(), read.positions, strict=True))
         return found
 
     def begin(self, add: Callable[[Callable[['JointSample'], None]], Callable[[], None]]) -> None:
-        """Record what `add` has it called with, until the function that it returns is called."""
+        """Start recording. `add` registers a callback and returns a function that removes it."""
         self._stop = add(self._take)
 
     def plan(self, limits: JointLimits, speed: float) -> Trajectory:
-        """Return it as a plan from rest to rest, at a share of its speed, without waiting first.
+        """Return the recording as a trajectory from rest to rest, at a fraction of the speed.
 
-        Raises ValueError that names what of it cannot be replayed.
+        The first rest is skipped. Raises ValueError with the part that cannot be replayed.
         """
         self._check_any()
         if self.joint_names != limits.names:
@@ -129,7 +129,7 @@ class Recording(Unique):
         anchors = {begin, len(times) - 1, *(ends + resting[ends + 1])[1:].tolist()}
         kept = _corners(times, positions / near, sorted(anchors))
         times, way, velocities = times[kept], positions[kept], velocities[kept]
-        for index in range(1, len(way)):  # the arm rests there, it does not creep
+        for index in range(1, len(way)):  # keep the arm at rest instead of letting it creep
             pair = slice(index - 1, index + 1)
             if not velocities[pair].any() and (np.abs(np.diff(way[pair], axis=0)) < near).all():
                 way[index] = way[index - 1]
@@ -152,7 +152,7 @@ class Recording(Unique):
 
 
 def _corners(times: Array, rows: Array, anchors: Sequence[int]) -> Array:
-    """Return the indices of points, with anchors, whose straight ways are no farther than 1."""
+    """Return indices, including `anchors`, of points whose polyline deviates by at most 1."""
     kept, open_parts = set(anchors), list(pairwise(anchors))
     while open_parts:
         first, last = open_parts.pop()
@@ -169,7 +169,7 @@ def _corners(times: Array, rows: Array, anchors: Sequence[int]) -> Array:
 
 
 def _slopes(times: Array, positions: Array) -> Array:
-    """Return the velocities at each sample, as the slope over its neighbours, shape (k, n)."""
+    """Return the velocities at each sample, as the slope over its neighbors, shape (k, n)."""
     found = np.zeros_like(positions)
     for index in range(len(times)):
         near = slice(max(index - SLOPE_SAMPLES, 0), index + SLOPE_SAMPLES + 1)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What most robots need not set."""
+"""Settings that most robots do not need."""
 
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -10,11 +10,11 @@ from epson_driver.driver.io.gripper_wiring import GripperWiring
 from epson_driver.setup.table import ROWS, is_a
 
 ARGUMENTS = {'host': 'robot_ip', 'model': 'robot_model'}
-"""Names of parameters for arguments of Robot that have others."""
+"""Parameter names of the Robot arguments that have a different name."""
 
 
 def setting(name: str, *usual: object) -> Any:
-    """Return a field for a row of the table. `usual`: another default than the row has."""
+    """Return a field for a row of the table. `usual`: a default that replaces the row's."""
     row = ROWS[name]
     default = usual[0] if usual else row.default
     return field(
@@ -24,14 +24,14 @@ def setting(name: str, *usual: object) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What most robots need not set. Names, units and defaults are those of the ROS parameters.
+    """Settings that most robots do not need. Names, units and defaults match the ROS parameters.
 
-    None: what the controller's profile says, or the robot model. goal_tolerance, start_tolerance:
-    rad (m), all joints; a goal tolerance of 0 is none. Times in s. require_planned_speed: refuse
-    motions that the controller is known to execute faster. servo_scale: the share of the joint
-    limits that streams may use; servo_timeout: so long after the last setpoint the arm brakes.
-    gripper: how it is wired, if there is one. trace_file: a new pcap file that `connect` begins
-    (docs/report.md), with its folder; %Y%m%d-%H%M%S in its name is filled in. See
+    None: the value of the controller's profile or of the robot model. goal_tolerance,
+    start_tolerance: rad (m), all joints; a goal tolerance of 0 disables the check. Times in s.
+    require_planned_speed: reject motions that the controller is known to execute faster.
+    servo_scale: fraction of the joint limits available to streams. servo_timeout: time after the
+    last setpoint at which the arm brakes. gripper: its wiring, or None. trace_file: path of a new
+    pcap file that `connect` creates (docs/report.md); %Y%m%d-%H%M%S in its name is expanded. See
     docs/ros_interface.md for each.
     """
 
@@ -72,10 +72,10 @@ _GRIPPER = is_a(GripperWiring, 'must be GripperWiring(...)')
 def given_values(
     settings: Settings, host: str, controller: str, model: str, **ports: int | None
 ) -> dict[str, Any]:
-    """Return what settings and the arguments of a Robot give, by the names of the parameters.
+    """Return the settings and the arguments of a Robot by parameter name.
 
-    A port of None is the profile's. Raises ValueError that names argument, value and what is
-    allowed.
+    A port of None is the profile's. Raises ValueError with the argument, its value and the
+    allowed values.
     """
     values: dict[str, Any] = {}
     there = {name: port for name, port in ports.items() if port is not None}

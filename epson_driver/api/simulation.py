@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated controller as a process of its own, for Robot.simulated(), and a hand at it."""
+"""A simulated controller in a separate process, and operator actions on it."""
 
 import asyncio
 import contextlib
@@ -16,16 +16,16 @@ from epson_driver.remote_ethernet.client import connected
 from epson_driver.remote_ethernet.hand import RefusedError, action, do
 
 START_TIMEOUT_S = 60.0
-"""How long it may take to listen, s: it loads numpy, and starts a planner."""
+"""Timeout until it listens, s. It loads numpy and starts a planner."""
 
 END_TIMEOUT_S = 5.0
-"""How long it may take to end before it is killed, s."""
+"""Timeout until it ends, s. After that it is killed."""
 
 MAX_CHARACTERS = 4096
-"""Of what it says last, so much is kept."""
+"""Characters of the controller's output kept for error messages."""
 
 ANSWER_TIMEOUT_S = 5.0
-"""How long it may take to do what is asked for, s."""
+"""Reply timeout for an operator action, s."""
 
 _WORDS = {'motion', 'state', 'io', 'remote'}
 
@@ -33,8 +33,8 @@ _WORDS = {'motion', 'state', 'io', 'remote'}
 class SimulatedController:
     """Runs `sim_controller` on free ports of this machine, with these arguments.
 
-    It has a session of its own: Ctrl-C is for the program that drives it. It ends with `close`,
-    and when this process ends, however that happens, as it watches its standard input.
+    It runs in a separate session, so Ctrl-C only reaches the program that uses it. It ends with
+    `close`, and always with this process, because it watches its standard input.
     """
 
     def __init__(self, arguments: Sequence[str]) -> None:
@@ -45,12 +45,12 @@ class SimulatedController:
 
     @property
     def files(self) -> list[int]:
-        """The descriptor of the pipe that keeps it alive, while there is one."""
+        """File descriptor of the pipe that keeps the process alive, if it runs."""
         stdin = None if self._process is None else self._process.stdin
         return [] if stdin is None else [stdin.get_extra_info('pipe').fileno()]
 
     async def start(self) -> dict[str, int]:
-        """Start it and return its ports when it listens. Raises RobotError with what it said."""
+        """Start it and return its ports once it listens. Raises RobotError with its last line."""
         words = [f'--{name}-port=0' for name in sorted(_WORDS)]
         process = self._process = await asyncio.create_subprocess_exec(
             *module_command('epson_driver.cli', 'sim_controller', '--until-stdin-ends'),
@@ -83,12 +83,12 @@ class SimulatedController:
         return {f'{name}_port': int(numbers[name]) for name in _WORDS}
 
     async def _listen(self, stream: asyncio.StreamReader) -> None:
-        """Take what it says, so that it never waits for a reader."""
+        """Read the process's output, so that it never blocks on a full pipe."""
         while block := await stream.read(2**16):
             self._said = (self._said + block.decode(errors='replace'))[-MAX_CHARACTERS:]
 
     async def close(self) -> None:
-        """End it."""
+        """End the process."""
         process, self._process = self._process, None
         if process is None:
             return
@@ -114,9 +114,9 @@ WORDS = Rule(str.split, "must be a text, such as 'cut for=0.5'")
 
 
 class Simulation(Unique):
-    """What a person does at a simulated controller. Of another one each is a RobotError.
+    """Operator actions on a simulated controller. RobotError for any other controller.
 
-    `port` returns its remote port, or raises RobotError.
+    `port` returns the controller's remote port, or raises RobotError.
     """
 
     def __init__(self, port: Callable[[], int]) -> None:
@@ -129,27 +129,27 @@ class Simulation(Unique):
 
     @checked_arguments
     async def door(self, is_open: bool = True) -> None:
-        """Open the safeguard door, or close it: what it has paused waits for `go_on` then."""
+        """Open or close the safeguard door. Tasks that it has paused wait for `go_on`."""
         await self._do(f'door {"open" if is_open else "close"}')
 
     async def go_on(self) -> None:
-        """Continue at the controller what is paused."""
+        """Continue the paused tasks, like Continue at the controller."""
         await self._do('continue')
 
     @checked_arguments
     async def input(self, index: int, value: int = 1, *, kind: str = 'DI') -> None:
-        """Set an input as if wired so: DI (0 or 1) or AI (mV)."""
+        """Set an input as if wired: DI (0 or 1) or AI (mV)."""
         number = VALUE.checked(int(value) if isinstance(value, bool) else value, 'value')
         point = f'{INPUT.checked(str(kind).upper(), "kind")} {INDEX.checked(index, "index")}'
         await self._do(f'io {point} {number}')
 
     @checked_arguments
     async def fault(self, text: str) -> None:
-        """Begin a fault, such as 'cut for=0.5', or end it: 'clear' (docs/controller.md)."""
+        """Start a fault, such as 'cut for=0.5', or end it with 'clear' (docs/controller.md)."""
         await self._do(' '.join(['fault', *WORDS.checked(text, 'text')]))
 
     async def _do(self, words: str) -> None:
-        """Do what `pendant` calls so. Raises RobotError with the controller's reason."""
+        """Run a `pendant` command. Raises RobotError with the controller's reason."""
         port = self._port()
         try:
             async with connected('127.0.0.1', port, ANSWER_TIMEOUT_S) as ask:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The state of arm and controller at one moment, in words as well."""
+"""State of arm and controller at one time, including a text for users."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from epson_driver.motion import Array
 
 @dataclass(frozen=True, slots=True)
 class ControllerError:
-    """An error of the controller: its number, what it means, and what helps ('' if not known)."""
+    """An error of the controller: number, meaning and remedy ('' if unknown)."""
 
     number: int
     text: str
@@ -18,11 +18,12 @@ class ControllerError:
 
 @dataclass(frozen=True, slots=True)
 class RobotStatus:
-    """What is known now, or None where the controller does not tell, or the link is down.
+    """Current state of arm and controller.
 
-    connected: both links are up. enabled: motions are taken. paused: the controller denies motion
-    for a while, or the speed scaling is 0. text: the state as a clause. remedy: what to do before
-    the arm can move, or ''.
+    A field is None if the controller does not report it, or the link is down. connected: both
+    links are up. enabled: motions are accepted. paused: the controller denies motion for a while,
+    or the speed scaling is 0. text: the state as a clause. remedy: the action needed before the
+    arm can move, or ''.
     """
 
     connected: bool
@@ -40,10 +41,10 @@ class RobotStatus:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sample:
-    """Joints as measured at one moment, and the state then.
+    """Joints measured at one time, and the robot's state at that time.
 
     positions, velocities: shape (n,), rad and rad/s (m, m/s). time: of the measurement, s since
-    1970, as `time.time()`.
+    1970, like `time.time()`.
     """
 
     positions: Array

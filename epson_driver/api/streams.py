@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Streams of setpoints: one more source of the driver's servo, under the same rules.
+"""Streams of setpoints: a source of the driver's servo, subject to the same rules.
 
-What cannot be followed is heard by the servo all the same: a program that goes on after a stop has
-not let go.
+An invalid setpoint is also reported to the servo. A program that keeps sending after a stop has
+not released its stream, even if its setpoints are invalid.
 """
 
 import asyncio
@@ -27,30 +27,31 @@ if TYPE_CHECKING:  # the driver is loaded with the first Robot
     from epson_driver.driver.servo.servo import Servo
 
 SOURCE = 'servo()'
-"""The source of all setpoints of a Robot: which method they come by does not matter."""
+"""Source name of all setpoints of a Robot, shared by its methods."""
 
 MAX_JUMP_RAD = 0.5
-"""A pose that a joint would have to go so far for, from one setpoint to the next, is refused."""
+"""Maximum joint step between two pose setpoints. A pose that needs more is rejected."""
 
 OFF_COURSE = 0.02
-"""As a share of what is asked for, the tool may move otherwise: more is a singularity."""
+"""Maximum deviation from the requested tool velocity, as a fraction of it. A larger one indicates
+a singularity."""
 
 
 class Streams(Arm):
-    """The streams that an arm follows. Robot has all of them."""
+    """Streams of setpoints for an arm. Robot inherits all of them."""
 
     @checked_arguments
     def servo(self, target: npt.ArrayLike, velocities: npt.ArrayLike | None = None) -> None:
-        """Follow joint positions, shape (n,), rad (m), that come 10 to 500 times a second.
+        """Follow joint positions, shape (n,), rad (m), sent 10 to 500 times a second.
 
-        velocities: with which these go on, shape (n,); None: estimated. The newest counts; the arm
-        follows inside a share of its limits (`Settings.servo_scale`), 0.1 rad away at most when
-        the stream begins, and rests at the last one when none follows. After a stop, or whatever
-        disabled the arm, a stream must be silent for a second before it begins anew
+        velocities: the velocities at these positions, shape (n,); None: estimated. Only the newest
+        setpoint is used. The arm follows within a fraction of its limits (`Settings.servo_scale`).
+        The first setpoint must be within 0.1 rad of the arm, and the arm stops at the last one.
+        After a stop or a disable, a stream must be silent for a second before it can restart
         (docs/servo.md).
 
-        Raises ArgumentError for what cannot be followed; RobotError, or MotionError, with why,
-        while it is not followed. The setpoint is lost then.
+        Raises ArgumentError for an invalid setpoint. Raises RobotError or MotionError with the
+        reason while the stream is not followed. The setpoint is then dropped.
         """
         limits = self.model.limits
         with self._heard() as servo:
@@ -62,7 +63,7 @@ class Streams(Arm):
 
     @checked_arguments
     def servo_velocity(self, velocities: npt.ArrayLike) -> None:
-        """Follow joint velocities, shape (n,), rad/s (m/s). The rest as `servo`."""
+        """Follow joint velocities, shape (n,), rad/s (m/s). Otherwise like `servo`."""
         with self._heard() as servo:
             given = joint_rows('velocities', velocities, self.model.limits, rows=False)
             _check_possible(given, self.model.limits)
@@ -70,10 +71,10 @@ class Streams(Arm):
 
     @checked_arguments
     def servo_pose(self, pose: Pose, *, frame: str | None = None) -> None:
-        """Follow a pose of the tool, in any form and frame that `move_line` takes.
+        """Follow a pose of the tool, in any form and frame that `move_line` accepts.
 
-        In the configuration nearest to where the arm is. Raises PathError for a pose that is out
-        of reach or asks for another configuration. The rest as `servo`.
+        The configuration nearest to the current one is used. Raises PathError for a pose that is
+        out of reach or needs another configuration. Otherwise like `servo`.
         """
         arm, limits = self._hand[1], self.model.limits
         with self._heard() as servo:
@@ -96,8 +97,9 @@ class Streams(Arm):
     def servo_speed(self, velocity: npt.ArrayLike, *, frame: str = BASE_LINK) -> None:
         """Follow a velocity of the tool: x y z, m/s, and about x y z, rad/s, shape (6,).
 
-        frame: 'base_link' or 'tool', the tool where it is, for its axes. Slower where a joint
-        would be too fast. Raises PathError where the tool cannot move so. The rest as `servo`.
+        frame: axes of the velocity, 'base_link' or 'tool' (the current tool frame). The motion is
+        slower where a joint would be too fast. Raises PathError where the tool cannot move in this
+        direction. Otherwise like `servo`.
         """
         arm = self._hand[1]
         with self._heard() as servo:
@@ -125,7 +127,7 @@ class Streams(Arm):
             self._take(servo, velocities=joints / max(share.max(), 1.0))
 
     async def servo_end(self) -> str:
-        """Wait until no stream is followed and the arm stands, and say so."""
+        """Wait until no stream is followed and the arm is at rest. Return a message."""
         servo = self._connection.running.servo
         while servo.occupation() is not None:
             await self._connection.next_joints()
@@ -134,7 +136,7 @@ class Streams(Arm):
 
     @contextmanager
     def _heard(self) -> Iterator['Servo']:
-        """Have the servo hear of a setpoint that is none, so that the stream is not let go of."""
+        """Report an invalid setpoint to the servo, so the stream does not count as released."""
         servo = self._connection.running.servo
         try:
             yield servo
@@ -145,7 +147,7 @@ class Streams(Arm):
     def _take(
         self, servo: 'Servo', positions: Array | None = None, velocities: Array | None = None
     ) -> None:
-        """Raise RobotError unless the setpoint is followed."""
+        """Pass a setpoint to the servo. Raises RobotError if it is not followed."""
         from epson_driver.driver.servo.setpoint import Setpoint
 
         driver = self._connection.running
@@ -158,7 +160,7 @@ class Streams(Arm):
         raise RobotError(f'the setpoint is not followed: {why}')
 
     def _commanded(self, servo: 'Servo') -> Array:
-        """Return where the joints are sent now, shape (n,), or are, without a stream."""
+        """Return the joints commanded by the stream, shape (n,), or else the measured ones."""
         commanded = servo.commanded
         return self._connection.sample().positions if commanded is None else commanded
 

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The classes of the asynchronous API without asyncio, derived from them member by member.
 
-Each decorator here takes a member of an asynchronous class and returns one of its synchronous
-class, which has the same arguments, types and docstring and runs in the event loop's thread.
+Each decorator takes a member of an asynchronous class and returns the corresponding member of the
+synchronous class. It has the same arguments, types and docstring, and runs in the event loop's
+thread.
 """
 
 import inspect
@@ -26,7 +27,7 @@ T = TypeVar('T')
 
 
 class Synchronous(Unique, Generic[A_co]):
-    """An asynchronous object, and the session in whose event loop its methods run."""
+    """An asynchronous object, and the session whose event loop runs its methods."""
 
     def __init__(self, awaited: A_co, session: Session) -> None:
         self._awaited = awaited
@@ -37,16 +38,16 @@ class Synchronous(Unique, Generic[A_co]):
 
 
 Via = Callable[[Synchronous[Any], Callable[[], Any]], Any]
-"""How something that is not awaited is asked for."""
+"""Strategy for calling a function that is not awaited."""
 
 
 def now(self: Synchronous[Any], ask: Callable[[], T]) -> T:
-    """Ask at once, in the event loop if there is one."""
+    """Call a function immediately, in the event loop while connected."""
     return self._session.call(ask)
 
 
 def measured(self: Synchronous[Any], ask: Callable[[], T]) -> T:
-    """Ask in the event loop, when what has come by now was read."""
+    """Call a function in the event loop once all pending messages have been read."""
     result: T = self._session.run(partial(self._awaited.measured, ask))
     return result
 
@@ -65,7 +66,7 @@ def waits(
 def moves(
     method: Callable[Concatenate[A_co, P], Coroutine[Any, Any, AwaitedMotion]],
 ) -> Callable[Concatenate[Synchronous[A_co], P], 'Motion']:
-    """Derive a method that begins a motion."""
+    """Derive a method that starts a motion."""
 
     def run(self: Synchronous[A_co], /, *args: P.args, **kwargs: P.kwargs) -> Motion:
         begin = partial(method, self._awaited, *args, **kwargs)
@@ -77,7 +78,7 @@ def moves(
 def calls(
     method: Callable[Concatenate[A_co, P], T], via: Via = now
 ) -> Callable[Concatenate[Synchronous[A_co], P], T]:
-    """Derive a method from one that is not awaited."""
+    """Derive a method from a method that is not awaited."""
 
     def run(self: Synchronous[A_co], /, *args: P.args, **kwargs: P.kwargs) -> T:
         result: T = via(self, partial(method, self._awaited, *args, **kwargs))
@@ -89,12 +90,12 @@ def calls(
 def hears(
     method: Callable[Concatenate[A_co, P], T],
 ) -> Callable[Concatenate[Synchronous[A_co], P], T]:
-    """Derive a method whose arguments are callbacks: they run in a thread of their own."""
+    """Derive a method whose arguments are callbacks. They run in a separate thread."""
 
     def run(self: Synchronous[A_co], /, *args: P.args, **kwargs: P.kwargs) -> T:
         add: Callable[..., T] = method
 
-        def wrap(each: object) -> object:  # what cannot be called is refused there
+        def wrap(each: object) -> object:  # the method rejects an argument that is not callable
             return self._session.callbacks.wrap(each) if callable(each) else each
 
         named = {name: wrap(each) for name, each in kwargs.items()}
@@ -111,12 +112,12 @@ class Reading(property, Generic[T]):
     @overload
     def __get__(self, instance: object, owner: type | None = None) -> T: ...
     def __get__(self, instance: Any, owner: type | None = None) -> Any:
-        """Return what it reads, or of the class, itself."""
+        """Return the property's value, or the property itself when accessed on the class."""
         return super().__get__(instance, owner)
 
 
 def reads(kind: type[A_co], read: Callable[[A_co], T], via: Via = now) -> Reading[T]:
-    """Derive a property from one of an asynchronous class: a lambda says which."""
+    """Derive a property from a property of an asynchronous class, selected by a lambda."""
     (name,) = read.__code__.co_names
 
     def get(self: Synchronous[A_co]) -> T:
@@ -129,7 +130,7 @@ def reads(kind: type[A_co], read: Callable[[A_co], T], via: Via = now) -> Readin
 def makes(
     make: Callable[P, A_co],
 ) -> Callable[[Callable[[S, A_co], T]], Callable[Concatenate[S, P], T]]:
-    """Have a function that takes an asynchronous object take the arguments that make one."""
+    """Decorate a function of an asynchronous object to take the object's own arguments."""
 
     def decorate(function: Callable[[S, A_co], T]) -> Callable[Concatenate[S, P], T]:
         def run(first: S, /, *args: P.args, **kwargs: P.kwargs) -> T:
@@ -147,7 +148,7 @@ def makes(
 def _described(
     run: Callable[P, T], method: Callable[..., object], returned: object = None
 ) -> Callable[P, T]:
-    """Return a function with the name, the arguments and the docstring of another one."""
+    """Return a function with the name, arguments and docstring of another function."""
     update_wrapper(run, method)
     if returned is not None:
         signature = inspect.signature(method).replace(return_annotation=returned)
@@ -165,10 +166,10 @@ class Motion(Synchronous[AwaitedMotion]):
     progress = reads(AwaitedMotion, lambda motion: motion.progress)
 
     def wait(self, timeout: float | None = None) -> str:
-        """Wait for its end and return a sentence. Raises MotionError unless it succeeded.
+        """Wait until the motion ends and return its text. Raises MotionError unless it succeeded.
 
-        Ctrl-C meanwhile stops the arm. Raises TimeoutError after `timeout` s; the motion goes on
-        then, until `cancel`.
+        Ctrl-C during the wait stops the arm. Raises TimeoutError after `timeout` s. The motion
+        then continues until `cancel`.
         """
         return self._session.run(partial(self._awaited.finish, timeout))
 
@@ -176,7 +177,7 @@ class Motion(Synchronous[AwaitedMotion]):
 
 
 class Io(Synchronous[AwaitedIo]):
-    """Reads and writes single points. A controller without I/O is a RobotError that says so."""
+    """Reads and writes single I/O points. Raises RobotError if the controller has no I/O."""
 
     read = waits(AwaitedIo.read)
     write = waits(AwaitedIo.write)
@@ -184,9 +185,9 @@ class Io(Synchronous[AwaitedIo]):
 
 
 class Gripper(Synchronous[AwaitedGripper]):
-    """Opens and closes the gripper that `Settings(gripper=GripperWiring(...))` describes.
+    """Opens and closes the gripper of `Settings(gripper=GripperWiring(...))`.
 
-    Without that, each method raises RobotError that says so. The arm need not be enabled for it.
+    Without this setting, each method raises RobotError. The arm need not be enabled.
     """
 
     open = waits(AwaitedGripper.open)
@@ -195,7 +196,7 @@ class Gripper(Synchronous[AwaitedGripper]):
 
 
 class Simulation(Synchronous[AwaitedSimulation]):
-    """What a person does at a simulated controller. Of another one each is a RobotError."""
+    """Operator actions on a simulated controller. RobotError for any other controller."""
 
     estop = waits(AwaitedSimulation.estop)
     door = waits(AwaitedSimulation.door)
@@ -207,7 +208,7 @@ class Simulation(Synchronous[AwaitedSimulation]):
 class Points(Synchronous[AwaitedPoints]):
     """Taught points: a mapping from names, or P and a number, to EpsonPoints, ignoring case.
 
-    The arm goes there in the configuration nearest to where it is, not in the file's.
+    The arm moves to a point in the configuration nearest to the current one, not in the file's.
     """
 
     __getitem__ = calls(AwaitedPoints.__getitem__)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The threads of a synchronous Robot: one with the event loop, one for the user's callbacks."""
+"""The threads of a synchronous Robot: the event loop's, and a thread for the user's callbacks."""
 
 import asyncio
 import contextlib
@@ -19,15 +19,15 @@ if TYPE_CHECKING:  # the driver is loaded with the first Robot
     from epson_driver.api.connection import Connection
 
 MAX_WAITING_CALLBACKS = 1000
-"""Callbacks that wait for their turn; more than that is a callback that does not return."""
+"""Maximum number of queued callbacks. More indicate a callback that does not return."""
 
 T = TypeVar('T')
 
 
 class LoopThread:
-    """An event loop in a thread of its own, for callers in other threads.
+    """An event loop in a separate thread, for callers in other threads.
 
-    It is a daemon, so that a program that forgets `close` can end.
+    It is a daemon thread, so that a program without `close` can still end.
     """
 
     def __init__(self, name: str) -> None:
@@ -43,20 +43,20 @@ class LoopThread:
         asyncio.set_event_loop(self._loop)
         try:
             self._loop.run_forever()
-        finally:  # who still waits for something has an answer
+        finally:  # complete all pending requests
             tasks = asyncio.all_tasks(self._loop)
             for task in tasks:
                 task.cancel()
             self._loop.run_until_complete(asyncio.gather(*tasks, return_exceptions=True))
-            with contextlib.suppress(RuntimeError):  # as the interpreter ends: it has, too
+            with contextlib.suppress(RuntimeError):  # at interpreter exit: already ended
                 self._loop.run_until_complete(self._loop.shutdown_default_executor())
             self._loop.close()
 
     def run(self, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
         """Run a coroutine in the loop and wait for it.
 
-        Ctrl-C cancels the coroutine and waits for its end, until a second Ctrl-C. Raises
-        RobotError if the thread was closed, what the coroutine raises otherwise.
+        Ctrl-C cancels the coroutine and waits until it ends, or until a second Ctrl-C. Raises
+        RobotError if the thread was closed, and otherwise the coroutine's exceptions.
         """
         self.process.check()
         if threading.current_thread() is self._thread:
@@ -88,7 +88,7 @@ class LoopThread:
             del task  # its error refers to this frame, and that to the robot, which may get lost
 
     def call(self, function: Callable[[], T]) -> T:
-        """Call a function in the loop and return what it returns."""
+        """Call a function in the loop and return its result."""
 
         async def work() -> T:
             return function()
@@ -96,7 +96,7 @@ class LoopThread:
         return self.run(work)
 
     def leave(self, close: Callable[[], Coroutine[Any, Any, None]]) -> None:
-        """Close what was lost, then end the loop and its thread and return at once."""
+        """Schedule `close` and then the end of the loop and its thread, without waiting."""
 
         async def leave() -> None:
             try:
@@ -116,9 +116,10 @@ class LoopThread:
 
 
 class CallbackThread:
-    """Calls the user's callbacks one after the other: they may take their time, and use the robot.
+    """Calls the user's callbacks one after the other. They may block, and may use the robot.
 
-    `failed` is called, in this thread, with what one raised. The thread starts with the first.
+    `failed` is called in this thread with the exception of a callback. The thread starts with the
+    first callback.
     """
 
     def __init__(self, name: str, failed: Callable[[Exception], None]) -> None:
@@ -129,9 +130,10 @@ class CallbackThread:
         self._thread: threading.Thread | None = None
 
     def wrap(self, callback: Callable[..., object]) -> Callable[..., None]:
-        """Return a function that has the callback called in this thread, and returns at once.
+        """Return a function that queues the callback for this thread and returns immediately.
 
-        It is for one thread, that of the event loop. Raises queue.Full if callbacks pile up.
+        Only the event loop's thread may call it. It raises queue.Full if too many callbacks are
+        queued.
         """
 
         def put(*args: object) -> None:
@@ -152,23 +154,24 @@ class CallbackThread:
                 self._failed(error)
 
     def close(self) -> None:
-        """End the thread, except from a callback, when the callbacks that wait have run."""
+        """Run the queued callbacks and end the thread. Does not wait if called from a callback."""
         self.leave()
         thread, self._thread = self._thread, None
         if thread is not None and thread is not threading.current_thread():
             thread.join()
 
     def leave(self) -> None:
-        """End the thread after the waiting callbacks, without waiting for it."""
+        """End the thread after the queued callbacks, without waiting for it."""
         if self._thread is not None:
             self._waiting.put(None)
 
 
 class Session:
-    """The event loop of a Robot while it is connected, and the thread of its callbacks.
+    """The event loop of a connected Robot, and its callback thread.
 
-    awaited: the asynchronous robot, with its connection. Nothing in these threads refers to the
-    session: once the Robot and all that it has made are lost, the arm is stopped and they end.
+    awaited: the asynchronous robot, with its connection. These threads have no reference to the
+    session. Once the Robot and its objects are garbage collected, the arm is stopped and the
+    threads end.
     """
 
     def __init__(self, awaited: object, connection: 'Connection') -> None:
@@ -180,7 +183,7 @@ class Session:
         self.callbacks = CallbackThread('robot callbacks', connection.callback_failed_elsewhere)
 
     def open(self, connect: Callable[[], Coroutine[Any, Any, object]]) -> None:
-        """Start the event loop and connect in it. Raises RobotError, also if it is open."""
+        """Start the event loop and connect in it. Raises RobotError, also if already open."""
         if self._thread is not None:
             self._thread.process.check()
             raise RobotError('the robot is connected already')
@@ -196,12 +199,12 @@ class Session:
             raise
 
     def close(self) -> None:
-        """Close the robot and end the threads. Nothing if there is no connection."""
+        """Close the robot and end the threads. Does nothing when not connected."""
         if self._thread is None or self._thread.process.forked:
             return
         with self._closing:
             self._close_thread()
-        self.callbacks.close()  # without the lock: one of them may be closing, too
+        self.callbacks.close()  # without the lock: a callback may also call close()
 
     def _close_thread(self) -> None:
         thread = self._thread
@@ -216,14 +219,14 @@ class Session:
             thread.close()
 
     def run(self, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
-        """Run a coroutine in the event loop and wait for it. Raises RobotError without one."""
+        """Run a coroutine in the event loop and wait. Raises RobotError when not connected."""
         thread = self._thread
         if thread is None:
             raise RobotError('there is no connection: call connect(), or use a with block')
         return thread.run(work)
 
     def call(self, function: Callable[[], T]) -> T:
-        """Return what a function returns in the event loop, or here if there is none."""
+        """Call a function in the event loop, or here when not connected, and return its result."""
         thread = self._thread
         return function() if thread is None else thread.call(function)
 

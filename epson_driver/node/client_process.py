@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The process of a ROS 2 node, or of several: it runs until a signal or a failure ends it."""
+"""The process of one or more ROS 2 nodes. It runs until a signal or a failure."""
 
 import asyncio
 import gc
@@ -33,29 +33,29 @@ class Client(Protocol):
     """A ClientNode, or another node that moves an arm."""
 
     async def run(self) -> None:
-        """Do it until cancelled."""
+        """Serve until cancelled."""
 
     async def shut_down(self) -> None:
         """Stop the arm, and send every goal's result."""
 
     def end(self) -> None:
-        """Have every request answered that still waits."""
+        """Answer every pending request."""
 
 
 Make = Callable[[Node], Client]
 
 
 def run(namespaces: Sequence[str], make: Make = ClientNode, name: str = DEFAULT_NAME) -> int:
-    """Run a node per namespace until a signal, then stop the arms, end their goals, and leave.
+    """Run a node per namespace until a signal, then stop the arms, end their goals, and exit.
 
-    `make` gives what they do, `name` is theirs. Returns 0, or 1 if a name or a parameter is not
-    valid (no arm is driven then), or if any part failed: a thread, a task or a callback. In that
-    case all arms are stopped before the process ends.
+    `make` creates the client of a node, `name` is the nodes' name. Returns 0, or 1 if a name or a
+    parameter is invalid (no arm is driven then), or if any part failed: a thread, a task or a
+    callback. In that case all arms are stopped before the process ends.
     """
     nodes: list[Node] = []
     try:
         with udp_by_default():
-            # The signals come to the event loop: results can still be published after Ctrl-C.
+            # The event loop handles the signals, so results can still be published after Ctrl-C.
             rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
             made = _make_nodes(namespaces, nodes, name)
     except (OSError, RuntimeError, ValueError) as error:  # from rcl; ValueError: not valid text
@@ -74,7 +74,7 @@ def run(namespaces: Sequence[str], make: Make = ClientNode, name: str = DEFAULT_
 
 
 class Failures:
-    """Failures of any part of the process, of which the first ends it, in the event loop."""
+    """Collects failures of any part of the process. The first one ends the process."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop = loop
@@ -82,14 +82,14 @@ class Failures:
         self.happened = asyncio.Event()
 
     def tell(self, what: str, error: BaseException) -> None:
-        """Log a failure, once, and have the process end."""
+        """Log a failure, once, and end the process."""
         self.happened.set()
         if not any(error is told for told in self._told):
             self._told.append(error)
             _log.critical('%s: all arms are stopped, and the driver ends', what, exc_info=error)
 
     def in_loop(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Handle errors that asyncio would only log, as the loop's exception handler."""
+        """Handle errors that asyncio would only log. This is the loop's exception handler."""
         error = context.get('exception')
         if error is None:
             _log.error('%s', context['message'])
@@ -104,13 +104,13 @@ class Failures:
             self.tell(what, error)
 
     def on_thread_end(self, arguments: Any) -> None:
-        """Report, as threading.excepthook, the exception that ended a thread."""
+        """Report the exception that ended a thread. This is the threading.excepthook."""
         name = '' if arguments.thread is None else arguments.thread.name
         self.in_thread(f'the thread {name} ended', arguments.exc_value)
 
 
 def _make_nodes(namespaces: Sequence[str], nodes: list[Node], name: str) -> bool:
-    """Make a node for each namespace and return whether all could be made, or log why not."""
+    """Create a node per namespace. Returns whether all were created; logs the reason if not."""
     logger = rclpy.logging.get_logger(name)
     for namespace in namespaces:
         try:
@@ -129,7 +129,7 @@ def _make_nodes(namespaces: Sequence[str], nodes: list[Node], name: str) -> bool
 
 
 def _run(nodes: Sequence[Node], make: Make) -> int:
-    """Serve ROS in one thread and drive the controllers in this one and return the exit code."""
+    """Serve ROS in one thread, drive the controllers in this one, and return the exit code."""
     raise_priority()
     signaled = asyncio.Event()
     with (
@@ -148,12 +148,12 @@ def _run(nodes: Sequence[Node], make: Make) -> int:
             try:
                 loop.run_until_complete(driving)
             except BaseException as error:  # noqa: BLE001 - it is reported
-                # asyncio lets the SystemExit of a callback or a task out at once
+                # asyncio re-raises the SystemExit of a callback or a task immediately
                 failures.tell('the event loop was left', error)
     ignore_interrupts()  # the arms are at rest, and the rest takes a moment
     for client in clients:
         client.end()
-    if not ros.leave():  # a thread that hangs cannot be ended; the arms are at rest
+    if not ros.leave():  # a blocked thread cannot be ended, but the arms are at rest
         _log.critical('the thread that serves ROS does not end')
         logging.shutdown()
         os._exit(1)
@@ -162,7 +162,7 @@ def _run(nodes: Sequence[Node], make: Make) -> int:
 
 
 def _make_clients(nodes: Sequence[Node], clients: list[Client], make: Make) -> bool:
-    """Make the client of each node and return whether all could be made, or log why not."""
+    """Create the client of each node. Returns whether all were created; logs the reason if not."""
     for node in nodes:
         try:
             clients.append(make(node))
@@ -190,7 +190,7 @@ async def _drive(
     ends = [asyncio.create_task(event.wait()) for event in (signaled, failures.happened)]
     await asyncio.wait([*running, *ends], return_when=asyncio.FIRST_COMPLETED)
     _tell_ends(running, failures)
-    # all at once; after a TimeoutError results may not have been published, but the arm stops
+    # in parallel; after a TimeoutError results may be unpublished, but the arm has stopped
     stopping = [client.shut_down() for client in clients]
     for outcome in await asyncio.gather(*stopping, return_exceptions=True):
         if isinstance(outcome, BaseException) and not isinstance(outcome, TimeoutError):
@@ -206,7 +206,7 @@ async def _drive(
 
 
 def _tell_ends(running: Sequence['asyncio.Task[None]'], failures: Failures) -> None:
-    """Report each client that has ended by itself, which none ever should."""
+    """Report each client that has ended without a request, which is always an error."""
     for task in running:
         if task.cancelled():
             failures.tell('a driver was cancelled', asyncio.CancelledError())

@@ -1,9 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`/diagnostics` (REP-107): one status for each link that is used and one for the arm.
+"""`/diagnostics` (REP-107): one status for each link in use and one for the arm.
 
-Everything is worked out here, from what the links and the robot state keep anyway:
-a message costs no more because somebody may look.
+All values are computed here from existing counters, so diagnostics add no cost per message.
 """
 
 import asyncio
@@ -30,17 +29,17 @@ LEVELS = {
     Cause.ESTOP: DiagnosticStatus.ERROR,
     Cause.ERROR: DiagnosticStatus.ERROR,
 }
-"""Of what keeps the arm from moving; of all else WARN."""
+"""Level per cause that keeps the arm from moving. Other causes: WARN."""
 
 PERIOD_S = 1.0
 LOOKS = 10
-"""In a period, at what keeps the arm from moving."""
+"""Checks per period for a new cause that keeps the arm from moving."""
 
 
 class Diagnostics:
-    """Builds the array, with rates since the build before.
+    """Builds the diagnostic array. Rates are computed since the previous build.
 
-    `publishers` returns how many publishers a topic has.
+    `publishers` returns the number of publishers of a topic.
     """
 
     def __init__(self, driver: Driver, node_name: str, publishers: Callable[[str], int]) -> None:
@@ -53,7 +52,7 @@ class Diagnostics:
     async def run(
         self, stamp: Callable[[], Time], publish: Callable[[DiagnosticArray], None]
     ) -> None:
-        """Publish once a second, and as soon as something else keeps the arm from moving."""
+        """Publish once a second, and when the cause that keeps the arm from moving changes."""
         while True:
             cause = self._cause()
             publish(self.build(stamp(), _now()))
@@ -86,11 +85,11 @@ class Diagnostics:
         )
 
     def _io(self, now: float) -> Iterator[DiagnosticStatus]:
-        """Yield the I/O if it is used. Without it the arm moves all the same: a warning."""
+        """Yield the status of the I/O if used. A failure is a warning: the arm can still move."""
         io = self._driver.io
         if not io.used:
             return
-        if io.link is None:  # a dialogue for each request: there is no link to tell of
+        if io.link is None:  # a connection for each request: no link status is available
             status = self._status('io', DiagnosticStatus.OK, 'answers', {}, io.place)
         else:
             status = self._link(io.link, now)
@@ -189,7 +188,7 @@ class Diagnostics:
                 yield 'error text confirmed', text.confirmed
 
     def _intervals(self, now: float) -> Iterator[tuple[str, object]]:
-        """Yield how many joint states came since the build before, and how regularly."""
+        """Yield rate, jitter and longest gap of the joint states since the previous build."""
         if self._built is None or now <= self._built:
             return
         arrivals = list(self._driver.robot.arrivals)
@@ -215,7 +214,7 @@ class Diagnostics:
 
 
 def _milliseconds(sorted_seconds: Sequence[float], share: float) -> str:
-    """Return the value below which `share` of the others lie, in ms."""
+    """Return the quantile for the fraction `share` of sorted values, in ms."""
     return f'{sorted_seconds[int(share * (len(sorted_seconds) - 1))] * 1e3:.2f}'
 
 

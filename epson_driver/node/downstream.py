@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Another driver's FollowJointTrajectory action and its joints, for a loop beside rclpy's.
+"""Another driver's FollowJointTrajectory action and its joints, for an event loop next to rclpy's.
 
-What rclpy is asked runs in its executor's thread: its action client notes a request after it was
-sent, so an answer that another thread takes sooner would be lost.
+All calls of rclpy run in its executor's thread. rclpy's action client registers a request only
+after sending it, so a reply processed in another thread could arrive too early and be lost.
 """
 
 import asyncio
@@ -26,13 +26,13 @@ from epson_driver.motion import Array, JointLimits
 from epson_driver.node.joint_reader import JointReader
 
 QUERY = 'query_state'
-"""The service by which joint_trajectory_controller, and what derives from it, is known."""
+"""Service that identifies joint_trajectory_controller and classes derived from it."""
 
 _log = logging.getLogger(__name__)
 
 
 class Downstream:
-    """The action client. Make it in the event loop. `action`: its name, relative or not."""
+    """An action client. Must be created in the event loop. `action`: its name, may be relative."""
 
     def __init__(self, node: Node, action: str, callback_group: CallbackGroup) -> None:
         self._node = node
@@ -44,12 +44,12 @@ class Downstream:
 
     @property
     def there(self) -> bool:
-        """Whether somebody serves the action."""
+        """Whether the action server is available."""
         return bool(self._client.server_is_ready())
 
     @property
     def keeps_stamps(self) -> bool:
-        """Whether it is a joint_trajectory_controller, whose trajectories begin at their stamp."""
+        """Whether it is a joint_trajectory_controller, which respects stamps of trajectories."""
         service = f'{self.name.rpartition("/")[0]}/{QUERY}'
         return service in dict(self._node.get_service_names_and_types())
 
@@ -59,10 +59,10 @@ class Downstream:
         on_feedback: Callable[[FollowJointTrajectory.Feedback], None],
         timeout: float,
     ) -> 'Sent':
-        """Send a goal and return it when it was taken. `on_feedback` is called by the executor.
+        """Send a goal and return it once accepted. `on_feedback` is called in the executor.
 
-        Raises GoalRejectedError if it was refused, or not answered within `timeout` s: one that is
-        taken later is canceled.
+        Raises GoalRejectedError if it is rejected, or unanswered after `timeout` s. A goal
+        accepted after the timeout is canceled.
         """
         if not self.there:
             raise GoalRejectedError(
@@ -92,7 +92,7 @@ class Downstream:
         return Sent(self, handle)
 
     async def asked(self, request: Callable[[], Any]) -> Any:
-        """Make a request in the executor's thread and return what its future brings."""
+        """Send a request in the executor's thread and return the result of its future."""
         done: asyncio.Future[Any] = self._loop.create_future()
 
         def give(future: Any) -> None:
@@ -101,14 +101,14 @@ class Downstream:
         def begin() -> None:
             try:
                 request().add_done_callback(give)
-            except Exception as error:  # noqa: BLE001 - it is raised where it was asked
+            except Exception as error:  # noqa: BLE001 - it is raised in the caller
                 self._loop.call_soon_threadsafe(_fail, done, error)
 
         self._node.executor.create_task(begin)
         return await done
 
     def _cancel_late(self, answer: 'asyncio.Task[Any]') -> None:
-        """Cancel a goal that was taken when nobody waited for that any more."""
+        """Cancel a goal that was accepted after the timeout."""
         if answer.cancelled():
             return
         if (error := answer.exception()) is not None:
@@ -119,7 +119,7 @@ class Downstream:
 
 
 class Sent:
-    """A goal that was taken. `result` is its end, for as long as the server lives."""
+    """An accepted goal. `result` is a task for its outcome, which needs a live server."""
 
     def __init__(self, downstream: Downstream, handle: Any) -> None:
         self._downstream = downstream
@@ -138,7 +138,7 @@ class Sent:
         return Outcome(ended, ErrorCode(code), text)
 
     async def cancel(self, timeout: float) -> bool:
-        """Cancel it and return whether it ended within `timeout` s."""
+        """Cancel the goal and return whether it ended within `timeout` s."""
         try:
             async with asyncio.timeout(timeout):
                 await self._downstream.asked(self._handle.cancel_goal_async)
@@ -149,9 +149,10 @@ class Sent:
 
 
 class ArmState:
-    """State of the joints: the controller's own, or of `joint_states` if it publishes none.
+    """State of the joints from `controller_state`, or from `joint_states` if it has no publisher.
 
-    `action`: the resolved name of the controller's action; its `controller_state` is beside it.
+    `action`: the resolved name of the controller's action. `controller_state` has the same
+    namespace.
     """
 
     def __init__(self, node: Node, action: str, callback_group: CallbackGroup) -> None:

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""An action whose goals a queue executes. Every request is accepted and ends once.
+"""An action whose goals are executed by a queue. Every request is accepted and ends once.
 
-What differs from action to action, how a request becomes a goal and what feedback and result look
-like, is given to it.
+The parts that differ between actions are parameters: the conversion of a request to a goal, the
+feedback and the result.
 """
 
 from collections.abc import Awaitable, Callable
@@ -25,10 +25,10 @@ CANCELED = Outcome(End.CANCELED, ErrorCode.SUCCESSFUL, 'canceled before it could
 
 
 class Queue(Protocol):
-    """A queue of goals, as far as an action needs it."""
+    """Interface of a queue of goals."""
 
     def cancel(self, handle: Any) -> None:
-        """End a goal that was submitted, in the loop."""
+        """End a submitted goal. Called in the loop."""
 
 
 OnEnd = Callable[[Outcome], None]
@@ -36,14 +36,14 @@ OnEnd = Callable[[Outcome], None]
 
 @dataclass(frozen=True, eq=False)
 class ActionType:
-    """The parts in which actions differ.
+    """The parts that differ between actions.
 
-    kind: its ROS type, name: such as `~/follow_joint_trajectory`. prepare: reads and checks a
-    request, in the executor, and returns what makes a goal for the queue, given who is told its
-    outcome; it may raise GoalRejectedError. The plan that it gets is ended when the goal is
-    canceled: whatever takes long is left then. submit: hands that goal and the plan to the queue,
-    in the loop. result: makes the action's result of an outcome. result_timeout: how long that is
-    kept for who asks late, s.
+    kind: the ROS type. name: for example `~/follow_joint_trajectory`. prepare: reads and checks a
+    request in the executor. It returns a function from the callback for the outcome to a goal for
+    the queue, and may raise GoalRejectedError. Its planning scope ends when the goal is canceled,
+    which interrupts long planning. submit: passes the goal and the scope to the queue, in the
+    loop. result: converts an outcome to the action's result. result_timeout: time for which a
+    result is stored for late requests, s.
     """
 
     kind: Any
@@ -56,7 +56,7 @@ class ActionType:
 
 @dataclass(eq=False)
 class _Request:
-    """A goal without a result. handle: None while it is being prepared."""
+    """A goal without a result. handle: None during preparation."""
 
     plan: PlanningScope
     handle: Any = None
@@ -71,7 +71,7 @@ class GoalAction:
         self._queue = queue
         self._bridge = bridge
         self._requests: dict[bytes, _Request] = {}
-        """The goals without a result."""
+        """Goals without a result, by id."""
         self.server = ActionServer(
             bridge.node,
             action.kind,
@@ -88,11 +88,11 @@ class GoalAction:
 
     @property
     def busy(self) -> bool:
-        """True while a goal has not got its result."""
+        """True while a goal has no result."""
         return bool(self._requests)
 
     async def _execute(self, ros_handle: ServerGoalHandle) -> Any:
-        """Hand a goal to the driver and wait for its outcome."""
+        """Pass a goal to the driver and wait for its outcome."""
         key = bytes(ros_handle.goal_id.uuid)
         self._requests[key] = request = _Request(PlanningScope())
         try:
@@ -154,6 +154,6 @@ def log_outcome(logger: RcutilsLogger, outcome: Outcome) -> None:
 
 
 def outcome_line(outcome: Outcome) -> str:
-    """Return how a goal ended as a line, which does not say twice that it was canceled."""
+    """Return a log line for the end of a goal, without repeating "canceled"."""
     end, text = outcome.end.value, outcome_text(outcome)
     return f'goal {text}' if text.startswith(end) else f'goal {end}: {text}'

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""From the request of a goal, as it comes from ROS, to a goal for the driver's queue."""
+"""Converts ROS goal requests to goals for the driver's queue."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -20,16 +20,17 @@ from epson_driver.node.trajectory_messages import (
 from epson_driver.setup.setup import Setup
 
 MAX_START_OFFSET_S = 1.0
-"""A stamp further ahead, or in the past, is rejected: the arm would move unexpectedly, s."""
+"""Maximum age and lead of a stamp, s. Other goals are rejected, because the arm would move
+unexpectedly."""
 
 UNSUPPORTED = ('multi_dof_trajectory', 'component_path_tolerance', 'component_goal_tolerance')
-"""Fields of joints with several degrees of freedom: they must be empty."""
+"""Fields for joints with several degrees of freedom. They must be empty."""
 
 EMPTY = FollowJointTrajectory.Goal()
 
 
 class GoalRequests:
-    """Reads requests, with the parameters that hold at that moment. The queue checks limits.
+    """Reads requests, using the current parameters. The queue checks the limits.
 
     `clock`: the node's. `loop_time`: the clock of the queue's loop, s.
     """
@@ -41,7 +42,7 @@ class GoalRequests:
         self._loop_time = loop_time
 
     def checked_goal(self, request: FollowJointTrajectory.Goal) -> Goal:
-        """Return the goal of a request, names and stamps checked. Raises GoalRejectedError."""
+        """Return the goal of a request with checked names and stamps. Raises GoalRejectedError."""
         check_unsupported(request)
         trajectory = trajectory_from_message(request.trajectory, self._limits.names)
         if self._setup.values['timing'] == 'time_optimal':
@@ -62,13 +63,13 @@ class GoalRequests:
         )
 
     def _tolerances(self, given: Sequence[JointTolerance], field: str, kind: str) -> Tolerances:
-        """Return a field's tolerances over the parameters `constraints.<joint>.<kind>`."""
+        """Return a field's tolerances; the default is `constraints.<joint>.<kind>`."""
         usual = self._setup.tolerances(kind).position
         return tolerances_from_messages(given, field, self._limits.names, usual)
 
 
 def check_unsupported(request: FollowJointTrajectory.Goal) -> None:
-    """Raise GoalRejectedError for a field that the driver cannot honour."""
+    """Raise GoalRejectedError for an unsupported field that is not empty."""
     for field in UNSUPPORTED:
         if getattr(request, field) != getattr(EMPTY, field):
             raise GoalRejectedError(

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Goals from ROS: the action `~/follow_joint_trajectory` and the two topics of trajectories.
 
-Each request becomes a checked goal (goal_requests.py), which is handed to the driver's goal queue;
-feedback and the outcome come back from there.
+Each request is converted to a checked goal (goal_requests.py) and passed to the driver's goal
+queue, which reports feedback and the outcome.
 """
 
 import asyncio
@@ -32,13 +32,13 @@ from epson_driver.node.remedies import error_text
 from epson_driver.node.trajectory_messages import duration_in_s
 
 MAX_GAP_S = 0.3
-"""Points of a stream follow one another within this time, s."""
+"""Maximum time between two points of a stream, s."""
 
 MIN_POINTS = 3
-"""How many in a row are a stream."""
+"""Number of consecutive points that make a stream."""
 
 MAX_WINDOW_S = 0.5
-"""A trajectory that takes no longer may be the window of a stream, s."""
+"""Maximum duration of a trajectory that counts as a window of a stream, s."""
 
 WARNING = (
     'single points or short windows come in a stream: here each is a goal of its own, which '
@@ -48,12 +48,12 @@ WARNING = (
 
 
 class PointStreams:
-    """Notices streams of single points and of windows that come where goals are expected.
+    """Detects streams of single points, and of windows, sent to a topic for goals.
 
-    Each is a goal like any other: it replaces the running one after the arm has come to rest. So a
-    stream of them makes the arm twitch and stop, and the points run away from it. One by itself
-    cannot be told from a goal, and when the next comes the arm is on its way; so they are not
-    followed, and whoever sends them is told so, once. Times are monotonic, s.
+    Each message is a normal goal, which replaces the running one after the arm has come to rest. A
+    stream of them makes the arm move in short jerks and fall behind. A single point is
+    indistinguishable from a goal, and the arm is already moving when the next one arrives.
+    Therefore a stream is not followed here, but its sender is warned once. Times are monotonic, s.
     """
 
     def __init__(self) -> None:
@@ -61,9 +61,9 @@ class PointStreams:
         self._count = 0
 
     def noticed(self, points: int, duration: float, now: float) -> str | None:
-        """Count a trajectory of `points` points that takes `duration` s.
+        """Record a trajectory of `points` points that takes `duration` s.
 
-        Return the sentence, once for each stream.
+        Returns the warning once for each stream, otherwise None.
         """
         short = points == 1 or duration <= MAX_WINDOW_S
         follows = short and now - self._last < MAX_GAP_S
@@ -74,15 +74,15 @@ class PointStreams:
 
 
 class Throttle:
-    """Lets `rate` samples a second through, or all if there are fewer. Times are monotonic, s."""
+    """Limits samples to `rate` per second. Times are monotonic, s."""
 
     def __init__(self) -> None:
         self._next = 0.0
 
     def passes(self, time: float, rate: float) -> bool:
-        """Return whether to pass on the sample of this time: the first one in each 1/`rate` s.
+        """Return whether to pass the sample at this time: the first one in each 1/`rate` s.
 
-        Periods follow each other whenever the samples come, so that the mean rate is right.
+        Periods are contiguous regardless of the sample times, so the mean rate is correct.
         """
         if time < self._next:
             return False
@@ -92,18 +92,18 @@ class Throttle:
 
 
 IDLE_PERIOD_S, MAX_PERIOD_S = 0.04, 0.5
-"""Longest period of ~/controller_state without a goal, and with one whose action_monitor_rate is
-lower, s: the panel and smooth_goals read the arm's joints from it."""
+"""Longest period of ~/controller_state, s: without a goal, and with a goal at a lower
+action_monitor_rate. The panel and smooth_goals read the arm's joints from it."""
 
 RESULT_TIMEOUT_S = 60
-"""How long a goal and its result are kept for whoever asks late, s: rclpy's own 15 minutes would
-keep all points of all goals of that time."""
+"""Time for which a goal and its result are stored for late requests, s. rclpy's default of 15
+minutes would store all points of all goals of that time."""
 
 TRAJECTORY_TOPICS = ('~/joint_trajectory', 'joint_path_command')
 
 
 class GoalServer:
-    """Serves goals over a driver. Make it in the driver's event loop."""
+    """Serves goals over a driver. Must be created in the driver's event loop."""
 
     def __init__(self, context: NodeContext, commands: ArmCommands) -> None:
         node = context.node
@@ -142,12 +142,12 @@ class GoalServer:
 
     @property
     def action_server(self) -> ActionServer:
-        """The server of the action in rclpy."""
+        """The rclpy action server."""
         return self._action.server
 
     @property
     def busy(self) -> bool:
-        """True while a goal of the action has not got its result."""
+        """True while a goal of the action has no result."""
         return self._action.busy
 
     # --- from ROS: these run in the executor's thread ---------------------------------------
@@ -159,7 +159,7 @@ class GoalServer:
         return partial(GoalHandle, goal, on_feedback=partial(self._on_feedback, ros_handle))
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
-        """Execute a trajectory without an action client, or stop the arm if it has no points."""
+        """Execute a trajectory from a topic, or stop the arm if it has no points."""
         try:
             self.take_trajectory(message)
         except GoalRejectedError as rejection:
@@ -170,7 +170,7 @@ class GoalServer:
             self._bridge.failed('taking a trajectory', error)
 
     def take_trajectory(self, message: JointTrajectory) -> None:
-        """Submit a trajectory of a topic. Raises GoalRejectedError, DriverEndedError."""
+        """Submit a trajectory from a topic. Raises GoalRejectedError, DriverEndedError."""
         if not message.points:
             self._bridge.to_loop(self._begin_stop)
             return
@@ -200,7 +200,7 @@ class GoalServer:
         return stamp
 
     def on_joints(self, sample: JointSample, stamp: Time) -> None:
-        """Publish `~/controller_state` without a plan, for its subscribers, while no goal does."""
+        """Publish `~/controller_state` without a plan, unless a goal publishes it."""
         period = IDLE_PERIOD_S if self._queue.execution is None else MAX_PERIOD_S
         late = sample.time - self._published >= period
         if late and self._controller_state.get_subscription_count():

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The action `~/gripper_cmd` for a gripper that two outputs open and close.
+"""The action `~/gripper_cmd` for a gripper that is opened and closed by two outputs.
 
-It is control_msgs' GripperCommand, which MoveIt's simple controller manager calls. Such a gripper
-has two positions: more than half of its stroke is open, anything else is closed.
+It has the type GripperCommand of control_msgs, which MoveIt's simple controller manager uses. Such
+a gripper has two positions: a position above half of its stroke opens it, others close it.
 """
 
 import asyncio
@@ -21,7 +21,7 @@ from epson_driver.node.loop_bridge import REQUEST_QOS, DriverEndedError, NodeCon
 
 
 def refusal(command: Command) -> str:
-    """Return why a command is refused, or ''."""
+    """Return why a command is rejected, or ''."""
     if not math.isfinite(command.position):
         return f'position = {command.position}: must be finite'
     if not command.max_effort <= 0.0:
@@ -33,7 +33,7 @@ def refusal(command: Command) -> str:
 
 
 class GripperServer:
-    """Serves the action for a wiring over a driver's I/O. Make it in the driver's event loop."""
+    """Serves the action over a driver's I/O. Must be created in the driver's event loop."""
 
     def __init__(self, context: NodeContext, wiring: GripperWiring) -> None:
         self._gripper = Gripper(context.driver.io, wiring)
@@ -63,7 +63,7 @@ class GripperServer:
         return GoalResponse.REJECT
 
     def _on_cancel(self, ros_handle: ServerGoalHandle) -> CancelResponse:
-        """End the wait for the gripper, which cannot be stopped."""
+        """End the wait for the gripper. The gripper itself cannot be stopped."""
         try:
             self._bridge.to_loop(self._give_up, bytes(ros_handle.goal_id.uuid))
         except DriverEndedError:
@@ -91,7 +91,7 @@ class GripperServer:
         return self._result(state, opened)
 
     def _result(self, state: GripperState | None, opened: bool) -> GripperCommand.Result:
-        """Return the result, whose position is not a number if no state is known."""
+        """Return the result. Its position is NaN if the state is unknown."""
         if state is None:
             return GripperCommand.Result(position=math.nan)
         reached = state.opened if opened else state.closed

@@ -18,7 +18,7 @@ from epson_driver.simple_message import IoAddress, IoSetting
 
 
 class IoInterface:
-    """Publishes the I/O states, and serves requests. Made in the driver's event loop."""
+    """Publishes the I/O states and serves requests. Must be created in the driver's loop."""
 
     def __init__(self, context: NodeContext) -> None:
         self._io = context.driver.io

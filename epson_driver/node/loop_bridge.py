@@ -1,11 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Between rclpy's thread and the driver's event loop: each request of ROS has its answer.
+"""Connects rclpy's thread with the driver's event loop, and answers every ROS request.
 
-rclpy's executor ends with the first exception of a callback, and asyncio only logs one; so every
-way in passes here. What fails in a way that nobody foresaw is answered with `success: false` and a
-sentence, its traceback is logged, and the arm is stopped and disabled: nobody knows any more
-whether what was asked for holds. The driver goes on serving.
+rclpy's executor ends with the first exception of a callback, and asyncio only logs one. Therefore
+every request passes through here. An unexpected exception is answered with `success: false` and
+the reason, and logged with its traceback. It also stops and disables the arm, because the state of
+the request is unknown. The driver continues to serve.
 """
 
 import asyncio
@@ -36,41 +36,41 @@ REQUEST_QOS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""Of services, and of those that an action is made of: so many requests wait for their turn. With
-rclpy's default of 10 an eleventh pushes out the first, which is never answered. It is the depth of
-rclpy's own parameter services. Not KEEP_ALL: that has no bound, and a client that does not take
-its answers could then block the thread that gives them, and ~/stop with it."""
+"""QoS of services, including the services of an action. The depth limits the number of pending
+requests. With rclpy's default of 10, an eleventh request replaces the first, which is never
+answered. 1000 is the depth of rclpy's own parameter services. KEEP_ALL has no bound: a client that
+does not read its replies could block the thread that sends them, and ~/stop with it."""
 
 TURNS = 4
-"""So many turns of the executor in a row in which nothing is handed over: nothing waits there."""
+"""Consecutive executor turns without a request after which no request is pending."""
 
 TAKEN_TIMEOUT_S = 0.5
-"""How long is waited for that, s: somebody may send all the time."""
+"""Timeout for these turns, s. A client may send requests continuously."""
 
 RESULTS_TIMEOUT_S = 0.3
-"""How long the end of the process waits for results to be sent, s."""
+"""Timeout for sending results when the process ends, s."""
 
 RESULTS_LINGER_S = 0.2
-"""How long it then stays for them to be received, s: shared memory goes with its process, and rmw
-has no acknowledgement for the responses of services, which results are."""
+"""Time to wait for their reception before exiting, s. Shared memory ends with its process, and rmw
+does not acknowledge service responses, which include results."""
 
 T = TypeVar('T')
 ServiceCallback = Callable[[Any, Any], Awaitable[Any]]
-"""Takes a request and an empty response, both of the service's type; returns the response."""
+"""Takes a request and an empty response of the service's type, and returns the response."""
 
 
 class DriverEndedError(RuntimeError):
-    """The driver has ended, or ends: nothing reaches it any more."""
+    """The driver has ended or is ending, and accepts no more requests."""
 
     def __init__(self) -> None:
         super().__init__('the driver has ended')
 
 
 class LoopBridge:
-    """Hands the requests of one node over. Make it in the driver's event loop.
+    """Passes the requests of one node to the loop. Must be created in the driver's event loop.
 
-    `context`: the node's in that loop. `fault` is called in the loop, with a sentence, when a
-    request failed unforeseen; `then` says what it does.
+    `context`: the node's context in that loop. `fault` is called in the loop with the reason when
+    a request fails unexpectedly. `then` describes its effect.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class LoopBridge:
         self._then = then
         self.node = node
         self.group = ReentrantCallbackGroup()
-        """Of all that the node serves."""
+        """Callback group of everything that the node serves."""
         self._context = context
         self._fault = fault
         self._loop = asyncio.get_running_loop()
@@ -112,7 +112,7 @@ class LoopBridge:
         )
 
     def failed(self, what: str, error: BaseException) -> str:
-        """Log an error, have the arm stopped, and return a sentence about it, in any thread."""
+        """Log an error, schedule `fault`, and return the error text. Callable in any thread."""
         why = f'{what} failed: {type(error).__name__}: {error}'
         trace = ''.join(traceback.format_exception(error))
         self.node.get_logger().error(f'{why}; {self._then}\n{trace}')
@@ -123,9 +123,9 @@ class LoopBridge:
         return f'{why}; {self._then}; the log has more'
 
     def to_loop(self, function: Callable[..., object], *arguments: object) -> None:
-        """Call a function in the loop's thread, soon, and in this node's context.
+        """Schedule a function in the loop's thread and in this node's context.
 
-        Raises DriverEndedError. An exception of the function goes to the loop's exception handler.
+        Raises DriverEndedError. The loop's exception handler receives exceptions of the function.
         """
         try:
             self._loop.call_soon_threadsafe(_call, function, arguments, context=self._context)
@@ -133,14 +133,14 @@ class LoopBridge:
             raise DriverEndedError from error
 
     def hand_over(self, request: Callable[..., object], *arguments: object) -> None:
-        """Call a function that may move the arm in the loop. `all_taken` waits for it."""
+        """Call a function that may move the arm in the loop. `all_taken` waits for such calls."""
         self._handed_over += 1
         self.to_loop(request, *arguments)
 
     async def in_loop(self, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
         """Run a coroutine in the driver's loop and wait for it in rclpy's executor.
 
-        Raises what it raises, and DriverEndedError.
+        Raises the exceptions of the coroutine, and DriverEndedError.
         """
         done = self.create_future()
 
@@ -160,7 +160,7 @@ class LoopBridge:
         return answer
 
     def create_future(self) -> Future:
-        """Return a future of rclpy for `wait_for` and `resolve`. Raises DriverEndedError."""
+        """Return an rclpy future for `wait_for` and `resolve`. Raises DriverEndedError."""
         future = Future()
         with self._lock:
             if self._ended:
@@ -169,7 +169,7 @@ class LoopBridge:
         return future
 
     def resolve(self, future: Future, value: object) -> None:
-        """Give a future its value, or an exception to raise, ignoring all but the first."""
+        """Set a future's value, or an exception to raise. Later calls are ignored."""
         with self._lock:
             if future not in self._futures:
                 return
@@ -185,10 +185,10 @@ class LoopBridge:
         return value
 
     async def all_taken(self) -> None:
-        """Wait, in the loop, until the executor has handed over what came to it before.
+        """Wait, in the loop, until the executor has passed on all requests received before.
 
-        It takes one request of each action in a turn, reads it in the next, and newer tasks come
-        before older ones.
+        The executor accepts one request of each action per turn and reads it in the next, and it
+        runs newer tasks before older ones.
         """
         executor, turns = self.node.executor, 0
         with contextlib.suppress(TimeoutError):
@@ -200,15 +200,15 @@ class LoopBridge:
                     turns = turns + 1 if before == self._handed_over else 0
 
     async def results_sent(self, is_busy: Callable[[], bool], *, busy: bool) -> None:
-        """Let the results of goals leave, in the loop, before ROS is shut down.
+        """Wait, in the loop, until the results of goals are sent, before ROS is shut down.
 
-        busy: whether there were goals when their end began; is_busy: whether one has no result.
-        Raises TimeoutError if that takes longer than RESULTS_TIMEOUT_S.
+        busy: whether goals existed when the shutdown started. is_busy: whether a goal has no
+        result. Raises TimeoutError after RESULTS_TIMEOUT_S.
         """
         executor = self.node.executor
         async with asyncio.timeout(RESULTS_TIMEOUT_S):
             waiting = busy
-            while waiting:  # and once more: the last result leaves right after its handle
+            while waiting:  # one extra turn: the last result is sent right after its handle
                 waiting = is_busy()
                 passed = asyncio.Event()
                 executor.create_task(self._loop.call_soon_threadsafe, passed.set)
@@ -217,7 +217,7 @@ class LoopBridge:
             await asyncio.sleep(RESULTS_LINGER_S)
 
     def end(self) -> None:
-        """Give every future that still waits DriverEndedError: the loop has ended."""
+        """Set DriverEndedError on all pending futures, because the loop has ended."""
         with self._lock:
             self._ended = True
             left = list(self._futures)
@@ -227,7 +227,7 @@ class LoopBridge:
 
 @dataclass(frozen=True)
 class NodeContext:
-    """A node's driver, what that was made with, and the way from rclpy's thread to its loop."""
+    """A node's driver, its setup, and the bridge from rclpy's thread to its loop."""
 
     driver: Driver
     setup: Setup
@@ -235,17 +235,17 @@ class NodeContext:
 
     @property
     def node(self) -> Node:
-        """The node of rclpy."""
+        """The rclpy node."""
         return self.bridge.node
 
     @property
     def values(self) -> dict[str, Any]:
-        """The node's parameters by name, which may change."""
+        """The node's parameters by name. They may change."""
         return self.setup.values
 
 
 def _call(function: Callable[..., object], arguments: tuple[object, ...]) -> None:
-    """Call a function, and report an error with the robot's name."""
+    """Call a function. Report an exception with the robot's name."""
     try:
         function(*arguments)
     except Exception as error:  # noqa: BLE001 - it is reported
@@ -253,10 +253,10 @@ def _call(function: Callable[..., object], arguments: tuple[object, ...]) -> Non
 
 
 def _answering(service: Service, logger: RcutilsLogger) -> Callable[..., Any]:
-    """Return the callback of one of rclpy's services, which answers also when it raises.
+    """Return a callback for an rclpy service that answers even if the original one raises.
 
-    set_parameters raises for a type that there is not: ValueError, and anybody may send one. No
-    part of the driver failed then: the arm goes on.
+    set_parameters raises ValueError for an invalid type, which any peer may send. The driver is
+    unaffected by it, so the arm keeps running.
     """
     serve = service.callback
 

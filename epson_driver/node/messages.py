@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The driver's values as ROS messages."""
+"""Converts the driver's values to ROS messages."""
 
 from collections.abc import Sequence
 
@@ -20,7 +20,7 @@ from epson_driver.simple_message import Mode, Status
 
 
 class JointStateWriter:
-    """Fills one JointState again and again: names are set once, numbers for each sample."""
+    """Reuses one JointState. Names are set once, numbers for each sample."""
 
     def __init__(self, joint_names: Sequence[str], frame_id: str = '') -> None:
         zeros = [0.0] * len(joint_names)
@@ -31,7 +31,7 @@ class JointStateWriter:
         self._velocities = np.frombuffer(message.velocity)
 
     def write(self, sample: JointSample, stamp: Time) -> JointState:
-        """Return the message, valid until the next call. Values are the measured ones."""
+        """Return the message, valid until the next call. Values are measured."""
         message = self._message
         message.header.stamp = stamp
         self._positions[:] = sample.positions
@@ -40,7 +40,7 @@ class JointStateWriter:
 
 
 class RobotStatusWriter:
-    """Fills one RobotStatus again and again, as most STATUS messages repeat the last one."""
+    """Reuses one RobotStatus, because most STATUS messages repeat the last one."""
 
     def __init__(self) -> None:
         self._status = Status()
@@ -69,7 +69,7 @@ def robot_status(status: Status, stamp: Time) -> RobotStatus:
 
 
 def result(outcome: Outcome) -> FollowJointTrajectory.Result:
-    """Return an outcome as an action result."""
+    """Convert an outcome to an action result."""
     text = outcome_text(outcome)
     return FollowJointTrajectory.Result(error_code=int(outcome.code), error_string=text)
 
@@ -77,7 +77,7 @@ def result(outcome: Outcome) -> FollowJointTrajectory.Result:
 def feedback(
     execution: GoalExecution, sample: JointSample, stamp: Time
 ) -> FollowJointTrajectory.Feedback:
-    """Return where the arm should be on the plan, where it was measured, and the difference."""
+    """Return the planned and the measured state of the arm, and their difference."""
     message = FollowJointTrajectory.Feedback()
     message.header.stamp = stamp
     message.joint_names = list(execution.goal.trajectory.joint_names)
@@ -88,7 +88,7 @@ def feedback(
 def controller_state(
     execution: GoalExecution, sample: JointSample, stamp: Time
 ) -> JointTrajectoryControllerState:
-    """Return the same as joint_trajectory_controller's state message."""
+    """Return the same values as joint_trajectory_controller's state message."""
     message = JointTrajectoryControllerState()
     message.header.stamp = stamp
     message.joint_names = list(execution.goal.trajectory.joint_names)
@@ -105,7 +105,7 @@ def controller_state(
 def idle_state(
     names: Sequence[str], sample: JointSample, stamp: Time
 ) -> JointTrajectoryControllerState:
-    """Return where the arm was measured, without a plan."""
+    """Return the measured state of the arm, without a plan."""
     message = JointTrajectoryControllerState(speed_scaling_factor=1.0)
     message.joint_names = list(names)
     message.header.stamp = stamp

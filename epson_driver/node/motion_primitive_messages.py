@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motion primitives, read from ROS messages. Errors name the motion, the field and the rule.
+"""Reads motion primitives from ROS messages. Errors contain the motion, the field and the rule.
 
-The two poses of a circle are its end and a place on it, in the order of ros2_control's
-motion_primitives_controllers; the orientation of the second does not count. Stamps of poses do not
-count either: the frame in which they are does not move.
+The two poses of an arc are its end and a point on it, in the order of ros2_control's
+motion_primitives_controllers. The orientation of the second is ignored. Stamps of poses are also
+ignored, because their frame does not move.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,7 +26,7 @@ MAX_PRIMITIVES = 256
 """The feedback's current_primitive_index is a uint8."""
 
 UNIT_TOLERANCE = 1e-3
-"""How far the length of a quaternion may be from 1."""
+"""Maximum deviation of a quaternion's length from 1."""
 
 POSES = {Kind.LINEAR_JOINT: 0, Kind.LINEAR_CARTESIAN: 1, Kind.CIRCULAR_CARTESIAN: 2}
 
@@ -35,7 +35,7 @@ ARGUMENTS: dict[str, Rule] = {
     'acceleration': number(1e-4, 100_000.0, 'rad/s² or m/s²'),
     'move_time': number(0.0, 3600.0, 's'),
 }
-"""Of joints (rad or m), or of the tool (m). move_time counts instead of the others, unless 0."""
+"""Units: joints rad or m, tool m. A nonzero move_time replaces the other arguments."""
 
 _CODES = (ErrorCode.SUCCESSFUL, ErrorCode.INVALID_GOAL, ErrorCode.OLD_HEADER_TIMESTAMP)
 
@@ -57,7 +57,7 @@ def primitives_from_message(
 
 
 def primitive_result(outcome: Outcome) -> ExecuteMotionPrimitiveSequence.Result:
-    """Return an outcome as an action result, which has fewer codes than FollowJointTrajectory."""
+    """Convert an outcome to an action result, which has fewer codes than FollowJointTrajectory."""
     code = outcome.code if outcome.code in _CODES else ErrorCode.INVALID_GOAL
     text = outcome_text(outcome)
     return ExecuteMotionPrimitiveSequence.Result(error_code=int(code), error_string=text)

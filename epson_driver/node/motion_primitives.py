@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The action `~/execute_motion_primitive_sequence`: joint moves, lines and arcs in a row.
+"""The action `~/execute_motion_primitive_sequence`: a sequence of joint moves, lines and arcs.
 
-The whole sequence is planned from where the arm stands, then executed as one goal of the driver's
-queue: it is checked, stopped and reported as a trajectory is.
+The whole sequence is planned from the current position and executed as one goal of the driver's
+queue. It is checked, stopped and reported like a trajectory.
 """
 
 import asyncio
@@ -53,11 +53,11 @@ RETIMED = (
 RESTS = 'must be 0: by Remote Ethernet alone the arm rests after each motion, at no set time'
 
 HALF_STEP_S = 1e-4
-"""The end of a motion is the first point from so long before its time on, s."""
+"""Time tolerance, s. The end of a motion is the first point later than its time minus this."""
 
 
 class ToolBusyError(RuntimeError):
-    """A sequence is planned or runs with the tool as it is."""
+    """The tool cannot change, because a sequence is planned or running with it."""
 
     def __init__(self) -> None:
         super().__init__(
@@ -67,7 +67,7 @@ class ToolBusyError(RuntimeError):
 
 
 class MotionPrimitives:
-    """Serves the action over a driver. Make it in the driver's event loop."""
+    """Serves the action over a driver. Must be created in the driver's event loop."""
 
     def __init__(self, context: NodeContext, goals: GoalServer) -> None:
         self._setup = context.setup
@@ -76,7 +76,7 @@ class MotionPrimitives:
         self._goals = goals
         self._bridge = context.bridge
         self.kinematics = Kinematics(self._setup.model)
-        """Of the tool that poses are about."""
+        """Kinematics with the tool to which poses refer."""
         self._tool = np.eye(4)
         action = ActionType(
             ExecuteMotionPrimitiveSequence,
@@ -90,22 +90,22 @@ class MotionPrimitives:
 
     @property
     def busy(self) -> bool:
-        """True while a goal of the action has not got its result."""
+        """True while a goal of the action has no result."""
         return self._action.busy
 
     # --- from ROS: in the executor's thread -------------------------------------------------
 
     def set_tool(self, pose: Array) -> None:
-        """Have the poses of sequences from now on be those of a tool: (4, 4), m, in tool0.
+        """Set the tool for the poses of later sequences: (4, 4), m, in tool0.
 
-        Raises ToolBusyError while a sequence is planned or runs: it keeps the tool that it has.
+        Raises ToolBusyError while a sequence is planned or running, because it keeps its tool.
         """
         if self.busy:
             raise ToolBusyError
         self.kinematics, self._tool = Kinematics(self._setup.model, pose), pose
 
     def set_payload(self, mass: float) -> bool:
-        """Send a payload, kg, with each motion, and return whether the controller takes one."""
+        """Send a payload, kg, with each motion. Returns whether the controller supports it."""
         if self._driver.moves is None:
             return False
         self._driver.moves.load = Load(mass) if mass else None
@@ -134,9 +134,9 @@ class MotionPrimitives:
     # --- in the loop's thread ---------------------------------------------------------------
 
     async def standing(self, plan: PlanningScope) -> Array:
-        """Return where the arm stands, and have a plan ended by whatever forbids its motion.
+        """Return the joint positions at rest. A later stop or disable ends the planning scope.
 
-        Raises GoalRejectedError unless the arm may begin to move now.
+        Raises GoalRejectedError unless a motion may start now.
         """
         self._queue.plans.begin(plan)
         self._queue.check(Purpose.ALONE, asyncio.get_running_loop().time())
@@ -146,9 +146,9 @@ class MotionPrimitives:
         return self._queue.ready_sample(now).positions
 
     async def _plan(self, primitives: list[Primitive], plan: PlanningScope) -> PlannedSequence:
-        """Plan from where the arm stands, in a thread. Raises GoalRejectedError.
+        """Plan from the current position, in a thread. Raises GoalRejectedError.
 
-        At once if the goal is canceled, or anything else ends it, meanwhile.
+        Canceling the goal, or any other end of the scope, interrupts the planning.
         """
         start = await self.standing(plan)
         try:
@@ -165,7 +165,7 @@ class MotionPrimitives:
             raise _invalid(str(error)) from error
 
     def submit(self, handle: GoalHandle, plan: PlanningScope) -> None:
-        """Execute what was planned, unless it was ended, or another goal came, meanwhile."""
+        """Execute the planned goal, unless its scope has ended or another goal is running."""
         if plan.why is not None:
             handle.on_end(_invalid(plan.why).outcome)
         else:
@@ -198,7 +198,7 @@ def sequence_statement(
 ) -> Statement:
     """Return a planned sequence as statements for one `$Execute`, with a rest after each.
 
-    tool: in the flange, shape (4, 4), m. Raises GoalRejectedError for what statements cannot do.
+    tool: in the flange, shape (4, 4), m. Raises GoalRejectedError if statements cannot express it.
     """
     texts, frame = [], tool_frame(tool)
     trajectory = planned.trajectory

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Other nodes with this node's name or services: two drivers would obey one request."""
+"""Detects other nodes with this node's name or services. Two drivers would obey one request."""
 
 import os
 from typing import Any
@@ -8,17 +8,17 @@ from typing import Any
 from rclpy.node import Node
 
 LOOK_PERIOD_S = 0.25
-"""rclpy has no events of the graph."""
+"""Polling period, s. rclpy has no events for graph changes."""
 
 DISCOVERY_S = 2.0
-"""Within it nodes find each other (measured on a busy machine: 1.2 s)."""
+"""Time within which nodes discover each other, s (measured on a busy machine: 1.2 s)."""
 
 FAST_DDS = bytes((1, 15))
-"""First bytes of its GUIDs, followed by host and process, 16 bits each."""
+"""First bytes of Fast DDS GUIDs, followed by host and process, 16 bits each."""
 
 
 class Namesakes:
-    """Finds them in the ROS graph. To be created after the services of the node."""
+    """Finds namesakes in the ROS graph. Must be created after the services of the node."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -28,7 +28,7 @@ class Namesakes:
         ]
 
     def __call__(self) -> str:
-        """Return their name and processes as a clause, or '' without any."""
+        """Return their name and processes as a clause, or '' if none exist."""
         node = self._node
         name = next((each for each in self._names if node.handle.get_count_services(each) > 1), '')
         own = (node.get_name(), node.get_namespace())
@@ -37,7 +37,7 @@ class Namesakes:
         return (name or node.get_fully_qualified_name()) + self._processes(name)
 
     def _processes(self, service: str) -> str:
-        """Return which processes the others are, as far as the GUIDs of Fast DDS show it."""
+        """Return the processes of the other nodes, as identified by Fast DDS GUIDs."""
         found: list[Any] = self._node.get_subscriptions_info_by_topic(
             f'rq{service}Request', no_mangle=True
         )

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The ROS 2 node: topics, services and the action on one side, the `Driver` on the other.
+"""The ROS 2 node: it connects topics, services and the action with the `Driver`.
 
-Two threads: rclpy's executor serves ROS in one; the driver's event loop runs in the other, and
-publishes from there. What crosses is handed over with `call_soon_threadsafe` one way, and an rclpy
-future the other way.
+It has two threads. One runs rclpy's executor, the other the driver's event loop, which also
+publishes. Requests enter the loop with `call_soon_threadsafe`. Replies return through an rclpy
+future.
 """
 
 import asyncio
@@ -46,9 +46,9 @@ from epson_driver.trace import TraceError
 
 
 class ClientNode:
-    """Connects an rclpy node with a driver. Make it in the driver's event loop.
+    """Connects an rclpy node with a driver. Must be created in the driver's event loop.
 
-    Raises ValueError or FileNotFoundError for parameters that cannot be used.
+    Raises ValueError or FileNotFoundError for invalid parameters.
     """
 
     def __init__(self, node: Node) -> None:
@@ -66,7 +66,7 @@ class ClientNode:
         self._tracing = self._context.run(parameters.Tracing, self.driver.trace, self._parameters)
         self._bridge = LoopBridge(node, self._context, self.driver.fault)
         self.commands = ArmCommands(self.driver, self._bridge.all_taken)
-        """What `~/stop`, `~/enable`, `~/disable` and `~/reset_error` do."""
+        """Implements `~/stop`, `~/enable`, `~/disable` and `~/reset_error`."""
         self._joint_state = messages.JointStateWriter(
             self.driver.configuration.limits.names, self._parameters['frame_id']
         )
@@ -105,9 +105,9 @@ class ClientNode:
         await self._loop.create_task(together, context=self._context)
 
     async def shut_down(self) -> None:
-        """Stop the arm, and let every goal's result leave before ROS is shut down.
+        """Stop the arm, and wait until all results are sent, before ROS is shut down.
 
-        Raises TimeoutError if that takes longer than RESULTS_TIMEOUT_S.
+        Raises TimeoutError after RESULTS_TIMEOUT_S.
         """
         busy = self._busy
         await self._loop.create_task(self.driver.shut_down(), context=self._context)
@@ -118,7 +118,7 @@ class ClientNode:
         return self.goal_server.busy or self._primitives.busy
 
     def end(self) -> None:
-        """Have every request answered that still waits: the loop has ended. In any thread."""
+        """Answer every pending request after the end of the loop. Callable in any thread."""
         self._bridge.end()
 
     # --- setting up -------------------------------------------------------------------------
@@ -146,7 +146,7 @@ class ClientNode:
     def _trigger(
         self, name: str, command: Callable[[], Coroutine[Any, Any, str]]
     ) -> Callable[[Trigger.Request, Trigger.Response], Awaitable[Trigger.Response]]:
-        """Return the callback of a Trigger service that gives the arm a command."""
+        """Return the callback of a Trigger service that runs a command."""
 
         async def serve(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             try:
@@ -170,9 +170,9 @@ class ClientNode:
         return SetParametersResult(successful=not why, reason=why)
 
     def _set_parameters(self, changes: list[Parameter]) -> str:
-        """Apply changes and return why they cannot be. Raises TraceError, DriverEndedError.
+        """Apply changes. Returns why they are invalid, or ''. Raises TraceError, DriverEndedError.
 
-        Ranges and read-only flags were checked by rclpy from the descriptors.
+        rclpy has already checked ranges and read-only flags from the descriptors.
         """
         values = {
             parameter.name: parameter.value
@@ -189,7 +189,7 @@ class ClientNode:
     # --- from the driver: these run in the loop's thread ------------------------------------
 
     def on_joints(self, sample: JointSample) -> None:
-        """Publish `joint_states`, stamped with the time at which they were measured."""
+        """Publish `joint_states`, stamped with the time of the measurement."""
         stamp = self._stamps.stamp(sample.measured)
         self._joint_states.publish(self._joint_state.write(sample, stamp))
         self.goal_server.on_joints(sample, stamp)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The node's parameters, declared from the table of settings, and the traces they ask for."""
+"""Declares the node's parameters from the table of settings, and runs the traces they request."""
 
 import asyncio
 import logging
@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 
 
 def descriptor(row: Row) -> ParameterDescriptor:
-    """Return what `ros2 param describe` shows of a row."""
+    """Return a row as shown by `ros2 param describe`."""
     shown_row = ParameterDescriptor(
         description=row.description,
         read_only=not row.now,
@@ -48,9 +48,9 @@ def descriptor(row: Row) -> ParameterDescriptor:
 def declare(node: Node) -> dict[str, Any]:
     """Declare all parameters on an rclpy node and return their values by name.
 
-    Where the controller's profile has a value, it is the default; so are the robot model's joint
-    names. Raises InputError that names the parameter, its value and what is allowed, such as the
-    profiles or the models there are; what rclpy checks, its ParameterException.
+    Values of the controller's profile, and the robot model's joint names, are the defaults. Raises
+    InputError with the parameter, its value and the allowed values, such as the available profiles
+    or models. Raises rclpy's ParameterException for values that rclpy checks.
     """
     values = declare_rows(node, [ROWS['controller']])
     given = profile_defaults(_loaded('controller', values, load_controller_profile))
@@ -68,11 +68,12 @@ def declare(node: Node) -> dict[str, Any]:
 
 
 def undeclared(node: Node) -> Iterator[str]:
-    """Yield a sentence for each parameter that was given to a node and that it does not have.
+    """Yield a warning for each given parameter that the node does not have.
 
-    rclpy has no public list of what was given. Its automatically_declare_parameters_from_overrides
-    would make one, but for an empty array it raises an error that names no parameter, before
-    `declare` can say what is wrong. Should the private one be gone some day, that is said.
+    rclpy has no public list of the given parameters.
+    automatically_declare_parameters_from_overrides would create one, but it fails for an empty
+    array before `declare` can report the error, and its own error does not name the parameter. If
+    rclpy's private list is missing, this is reported.
     """
     given = getattr(node, '_parameter_overrides', None)
     if given is None:
@@ -89,7 +90,7 @@ def undeclared(node: Node) -> Iterator[str]:
 def rejection(changes: Iterable[Parameter]) -> str:
     """Return why rclpy parameters cannot have these values, or '' if they can.
 
-    Ranges, types and read-only flags are rclpy's business: it has them from the descriptors.
+    rclpy checks ranges, types and read-only flags from the descriptors.
     """
     for change in changes:
         if change.name in ROWS and ROWS[change.name].choices:
@@ -101,7 +102,7 @@ def rejection(changes: Iterable[Parameter]) -> str:
 
 
 def declare_rows(node: Node, rows: Iterable[Row]) -> dict[str, Any]:
-    """Declare the parameters of some rows and return their values by name. Raises as `declare`."""
+    """Declare the parameters of rows and return their values by name. Raises as `declare`."""
     values = {}
     for row in rows:
         value = node.declare_parameter(row.name, row.default, descriptor(row)).value
@@ -122,14 +123,14 @@ def _loaded(name: str, values: dict[str, Any], load: Callable[[str], Loaded]) ->
 
 
 class Tracing:
-    """Begins and ends traces as the parameters say. Make it in the driver's event loop.
+    """Starts and ends traces according to the parameters. Must be created in the driver's loop.
 
-    Any peer in the ROS domain may set `trace_file` and `trace_size`; `trace_folder` only who
-    starts the driver.
+    Any peer in the ROS domain may set `trace_file` and `trace_size`. `trace_folder` can only be
+    set when the driver is started.
     """
 
     def __init__(self, trace: Trace, values: Mapping[str, Any]) -> None:
-        """Begin the trace that the parameters ask for, if it can begin."""
+        """Start the trace that the parameters request, and log an error if this fails."""
         self._trace = trace
         self._folder: str = values['trace_folder']
         self._loop = asyncio.get_running_loop()
@@ -139,9 +140,9 @@ class Tracing:
             _log.error('%s', error)
 
     def change(self, values: Mapping[str, Any]) -> None:
-        """Apply those of the parameters that are among the values. In any thread.
+        """Apply new values of the trace parameters. Callable in any thread.
 
-        Raises TraceError if the file cannot be made; then nothing changed.
+        Raises TraceError, with nothing changed, if the file cannot be created.
         """
         name = values.get('trace_file')
         file = open_trace(self._folder, name) if name else None

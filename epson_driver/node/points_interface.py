@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Taught points: `~/taught_points` lists, teaches, goes and forgets, and `/tf_static` has them.
+"""Taught points: the service `~/taught_points`, and their frames on `/tf_static`.
 
-They are kept in the file of the parameter `points_file`, as RC+ (.pts) or the Python API (.yaml)
-have them, or, without one, as long as the node lives.
+Points are stored in the file of the parameter `points_file`, in the format of RC+ (.pts) or of the
+Python API (.yaml). Without a file, they are lost when the node ends.
 """
 
 import asyncio
@@ -35,10 +35,10 @@ USUAL_SPEED, ACCELERATION = 0.2, 0.5
 
 
 class PointsInterface:
-    """Serves taught points over a driver. Make it in the driver's event loop.
+    """Serves taught points over a driver. Must be created in the driver's event loop.
 
-    `primitives`: have the tool. Raises InputError for a file that cannot be used; one that is not
-    there yet is made by the first point.
+    `primitives`: provides the tool. Raises InputError for an invalid file. A missing file is
+    created with the first point.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class PointsInterface:
         return f'point {request.name}: {outcome.text}'
 
     def _save(self) -> None:
-        """Keep the points and publish their frames. Raises OSError, InputError."""
+        """Save the points and publish their frames. Raises OSError, InputError."""
         self._publish()
         if self._file is not None:
             try:
@@ -147,7 +147,8 @@ class PointsInterface:
         return {name: to_base_link(point.pose) for name, point in self._points.places.items()}
 
     def _publish(self) -> None:
-        # a point of a file may have the name of another frame: it can be gone to
+        # A point of a file may have the name of another frame. It has no frame, but motions to it
+        # work.
         frames = {
             name: quaternion_pose(pose)
             for name, pose in self._poses().items()
@@ -161,7 +162,7 @@ class PointsInterface:
     # --- in the loop's thread ---------------------------------------------------------------
 
     async def _here(self) -> tuple[EpsonPoint, Posture | str]:
-        """Return where the tool is, and the arm's posture or why it is not known."""
+        """Return the tool's point, and the arm's posture or why it is unknown."""
         robot = self._driver.robot
         now = await wait_for_fresh_state(robot.stale, self._driver.changed, FRESH_POSE_TIMEOUT_S)
         if (why := robot.why_not_ready(now)) is not None:
@@ -170,7 +171,7 @@ class PointsInterface:
         return taught(self._primitives.kinematics, robot.sample.positions)
 
     async def _move(self, name: str, point: EpsonPoint, speed: float) -> Outcome:
-        """Go to a point, as a goal of the queue. Raises GoalRejectedError."""
+        """Move to a point, as a goal of the queue. Raises GoalRejectedError."""
         plan = PlanningScope()
         start = await self._primitives.standing(plan)
         arm, moves = self._primitives.kinematics, self._driver.moves

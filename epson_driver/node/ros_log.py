@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Python's logging through ROS's: each record under the name of the node that it is about.
+"""Forwards Python's logging to ROS, with each record under the name of its node.
 
-The driver below the node knows no ROS and logs with `logging`. Several of them may share a process
-and an event loop, so who speaks is in the context that their tasks and callbacks run in.
+The driver does not depend on ROS and uses `logging`. Several drivers may share a process and an
+event loop, so the context of their tasks and callbacks identifies the node.
 """
 
 import logging
@@ -17,14 +17,14 @@ _LOGGER: ContextVar[RcutilsLogger] = ContextVar('ros_logger')
 
 
 def context_of(logger: RcutilsLogger) -> Context:
-    """Return a context in which records go to this rclpy logger."""
+    """Return a context in which records are sent to this rclpy logger."""
     context = copy_context()
     context.run(_LOGGER.set, logger)
     return context
 
 
 class RosLogHandler(logging.Handler):
-    """Sends records to the logger of the context, and to `logger` where there is none."""
+    """Sends records to the logger of the context, or to `logger` if the context has none."""
 
     def __init__(self, logger: RcutilsLogger) -> None:
         super().__init__()
@@ -32,15 +32,15 @@ class RosLogHandler(logging.Handler):
         self._logger = logger
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write one record, or to stderr one that cannot be written, with the reason."""
+        """Write a record. If this fails, write the reason to stderr."""
         try:
             self._write(_LOGGER.get(self._logger), self.format(record), record)
-        except Exception:  # noqa: BLE001 - as every handler of `logging` does it
+        except Exception:  # noqa: BLE001 - like every handler of `logging`
             self.handleError(record)
 
     @staticmethod
     def _write(logger: RcutilsLogger, text: str, record: logging.LogRecord) -> None:
-        """Write one record. One line per severity: rclpy allows each line of code just one."""
+        """Write one record. rclpy allows one severity per line of code, so each has a line."""
         if record.levelno >= logging.ERROR:
             logger.error(text)
         elif record.levelno >= logging.WARNING:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The thread that runs rclpy's executor, whose end is always reported."""
+"""The thread that runs rclpy's executor. Its end is always reported."""
 
 import threading
 from collections.abc import Callable
@@ -9,24 +9,25 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 
 MAX_ERRORS = 100
-"""So many errors end the thread: an executor that only raises serves nobody."""
+"""Number of executor errors after which the thread ends."""
 
 LEAVE_TIMEOUT_S = 2.0
-"""How long the thread may take to give its last answers, s."""
+"""Timeout for sending the last replies, s."""
 
 LAST_ROUNDS = 3
-"""Of the executor's tasks before it ends: what a goal waits for comes in the first, that makes its
-answer a task of the second; and one to spare."""
+"""Executor rounds before the end: one for the future of a goal, a second for the task that sends
+its reply, and a spare one."""
 
 
 class RosThread:
-    """Spins an executor until `leave`. `on_error` is called in the thread with what it raised.
+    """Spins an executor until `leave`. `on_error` is called in the thread with each exception.
 
-    `context`: that of the nodes; None: rclpy's default.
+    `context`: the nodes' context; None: rclpy's default.
 
-    It goes on then, for as long as it can: what is asked while the arms stop is answered still.
+    After an error it continues if possible, to answer requests while the arms stop.
 
-    Not `spin_until_future_complete`: rclpy leaves a callback in the future at every turn.
+    It does not use `spin_until_future_complete`, because rclpy adds a callback to the future at
+    every turn.
     """
 
     def __init__(
@@ -38,11 +39,11 @@ class RosThread:
         self._thread = threading.Thread(target=self._run, name='rclpy executor', daemon=True)
 
     def start(self) -> None:
-        """Begin to serve."""
+        """Start to serve."""
         self._thread.start()
 
     def leave(self) -> bool:
-        """Give the answers that are there, and end. Returns whether it has ended in time."""
+        """Send the pending replies, and end. Returns whether the thread has ended in time."""
         if not self._thread.is_alive():
             self._left.set()
             return True

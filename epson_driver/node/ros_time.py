@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""ROS times of moments of the event loop's clock, also of past ones."""
+"""Converts times of the event loop's clock, including past ones, to ROS times."""
 
 from collections.abc import Callable
 
@@ -8,25 +8,25 @@ from builtin_interfaces.msg import Time as TimeMessage
 from rclpy.clock import Clock
 
 MAX_READING_NS = 100_000
-"""Both clocks were read at once if it took less than this, ns; else it was interrupted."""
+"""Maximum time for reading both clocks, ns. A longer reading was interrupted."""
 
 MIN_JUMP_NS = 1_000_000
-"""ROS's clock was set, or stopped, if it is off by more than this, ns; else it only drifts."""
+"""Difference beyond which ROS's clock was set or stopped, ns. A smaller one is drift."""
 
 DRIFT_FILTER_DIVISOR = 256
-"""Of a drift, one part in so many is followed at a time: reading clocks takes its time, too."""
+"""Divisor of the drift correction per reading. It filters the time that the reading takes."""
 
 MIN_SPACING_NS = 1_000
-"""Between two stamps, ns: tf ignores what has the same one again."""
+"""Minimum spacing of stamps, ns. tf ignores a repeated stamp."""
 
 NS_PER_S = 1_000_000_000
 
 MIN_STEP_BACK_NS = 100_000_000
-"""If ROS's clock is set back by more than this, ns, stamps go back as well."""
+"""Step back of ROS's clock beyond which stamps also step back, ns."""
 
 
 class RosTimeStamps:
-    """Makes stamps that increase, from times of `monotonic`, s. `clock`: an rclpy clock."""
+    """Creates increasing stamps from times of `monotonic`, s. `clock`: an rclpy clock."""
 
     def __init__(self, clock: Clock, monotonic: Callable[[], float]) -> None:
         self._clock = clock
@@ -36,7 +36,7 @@ class RosTimeStamps:
         self._message = TimeMessage()
 
     def stamp(self, moment: float) -> TimeMessage:
-        """Return the builtin_interfaces/Time of that moment, valid until the next call."""
+        """Return a time as builtin_interfaces/Time, valid until the next call."""
         before = self._monotonic()
         ros = self._clock.now().nanoseconds
         after = self._monotonic()

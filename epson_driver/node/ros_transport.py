@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""UDP instead of Fast DDS' shared memory, for all our ROS processes.
+"""Selects UDP instead of Fast DDS' shared memory, for all ROS processes of this package.
 
-Shared memory fails silently when /dev/shm is emptied, and between users: nodes still find each
-other, but no message arrives, not even a call of `~/stop`.
+Shared memory fails silently when /dev/shm is emptied, and between users. Nodes still discover each
+other, but no message arrives, including calls of `~/stop`.
 """
 
 import os
@@ -19,7 +19,7 @@ PROFILES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
 TRANSPORTS = 'FASTDDS_BUILTIN_TRANSPORTS'
 RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 _RANGES = ('', 'SUBNET', 'SYSTEM_DEFAULT', 'OFF')
-"""Those for which Fast DDS obeys TRANSPORTS. rcl takes any other value for LOCALHOST, for which
+"""Values for which Fast DDS obeys TRANSPORTS. rcl treats any other value as LOCALHOST, for which
 rmw_fastrtps adds shared memory to every profile."""
 
 _LOCALHOST = """<dds xmlns="http://www.eprosima.com"><profiles>
@@ -30,15 +30,16 @@ _LOCALHOST = """<dds xmlns="http://www.eprosima.com"><profiles>
 <metatrafficUnicastLocatorList><locator><udpv4/></locator></metatrafficUnicastLocatorList></builtin>
 <userTransports><transport_id>udp</transport_id></userTransports>
 <useBuiltinTransports>false</useBuiltinTransports></rtps></participant></profiles></dds>"""
-"""What rmw_fastrtps sets for LOCALHOST, without shared memory: no multicast, 32 participants."""
+"""Profile that rmw_fastrtps uses for LOCALHOST, without shared memory: no multicast, 32
+participants."""
 
 
 @contextmanager
 def udp_by_default() -> Iterator[None]:
-    """Use UDP for the context and the first node that are created in the block.
+    """Use UDP for the context and the first node created in the block.
 
-    Fast DDS profiles and transports that the user has set win. Other middlewares stay unchanged.
-    Raises OSError if the disk is full, ValueError for a peer without an address.
+    User-defined Fast DDS profiles and transports take precedence. Other middlewares are
+    unaffected. Raises OSError if the disk is full, ValueError for a peer without an address.
     """
     before = dict(os.environ)
     own = any(map(before.get, PROFILES)) or Path('DEFAULT_FASTRTPS_PROFILES.xml').exists()

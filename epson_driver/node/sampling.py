@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Subscriptions that no executor serves: what has come is taken when somebody looks.
+"""Polled subscriptions: messages are read on request, not by an executor.
 
-An executor builds its wait set anew for each of hundreds of messages a second.
+An executor would rebuild its wait set for each of hundreds of messages a second.
 """
 
 from typing import Any
@@ -13,7 +13,7 @@ from rclpy.qos import QoSProfile
 
 
 def sampled(node: Node, kind: Any, topic: str, qos: QoSProfile | int, *, raw: bool = False) -> Any:
-    """Return a subscription to take from."""
+    """Return a subscription for `take`."""
     return node.create_subscription(kind, topic, _never, qos, raw=raw)
 
 
@@ -25,7 +25,7 @@ def take(subscription: Any) -> Any:
 
 
 def take_all(subscription: Any, most: int) -> list[Any]:
-    """Return what waits, at most so many messages: the rest the next time."""
+    """Return the pending messages, at most `most`. The others remain pending."""
     messages: list[Any] = []
     while len(messages) < most and (message := take(subscription)) is not None:
         messages.append(message)
@@ -33,7 +33,7 @@ def take_all(subscription: Any, most: int) -> list[Any]:
 
 
 def level(line: Log) -> int:
-    """Return the level of a line of `/rosout`: in some distributions it is bytes."""
+    """Return the level of a line of `/rosout`, which is bytes in some distributions."""
     return line.level if isinstance(line.level, int) else int.from_bytes(line.level, 'little')
 
 

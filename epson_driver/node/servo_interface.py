@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The topics of streams of setpoints (docs/servo.md): each message is handed to the driver."""
+"""The topics of setpoint streams (docs/servo.md). Each message is passed to the driver."""
 
 import time
 from collections.abc import Callable
@@ -31,13 +31,14 @@ SETPOINT_QOS = QoSProfile(
     reliability=ReliabilityPolicy.BEST_EFFORT,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""Several, as two publishers may send at once; it suits publishers of either reliability."""
+"""QoS of setpoints. The depth allows two publishers at the same time. Best effort matches
+publishers of either reliability."""
 
 
 class ServoInterface:
-    """Subscribes to the topics of streams. Make it in the driver's event loop.
+    """Subscribes to the topics of streams. Must be created in the driver's event loop.
 
-    `stop` is called, in the executor's thread, with a trajectory without points.
+    `stop` is called in the executor's thread with a trajectory without points.
     """
 
     def __init__(self, context: NodeContext, stop: Callable[[JointTrajectory], None]) -> None:
@@ -61,7 +62,7 @@ class ServoInterface:
             )
 
     def publishers(self, topic: str) -> int:
-        """Return how many publishers a topic of streams has."""
+        """Return the number of publishers of a stream topic."""
         count: int = self._node.count_publishers(self._node.resolve_topic_name(topic))
         return count
 
@@ -84,7 +85,7 @@ class ServoInterface:
                 else:
                     self._bridge.to_loop(partial(self._servo.take, missed=missed), setpoint, came)
             except DriverEndedError:
-                return  # nobody is there to follow it
+                return  # no driver can follow it
             except Exception as error:  # noqa: BLE001 - it is logged, and stops the arm
                 self._bridge.failed(f'taking a setpoint on {topic}', error)
 

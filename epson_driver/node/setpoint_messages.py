@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Setpoints, read from the messages that ROS sends streams in (docs/servo.md)."""
+"""Reads setpoints from the ROS messages of streams (docs/servo.md)."""
 
 import itertools
 from collections.abc import Sequence
@@ -17,23 +17,23 @@ from epson_driver.motion import Array
 from epson_driver.node.trajectory_messages import duration_in_s
 
 MAX_AHEAD_S = 0.5
-"""A window that reaches further into the future is a trajectory, which is a goal's business, s."""
+"""Maximum end of a window, s from now. A longer one is a trajectory and must be sent as a goal."""
 
 MAX_AGE_S = 0.5
-"""One that ended longer ago is too old, or stamped by another clock, s."""
+"""Maximum age of a window's end, s. An older one is late, or stamped by another clock."""
 
 MAX_POINTS = 500
-"""Of those in a window that are still to come: one each millisecond, if it reaches that far."""
+"""Maximum number of future points in a window: one per millisecond of the longest one."""
 
 
 class SetpointError(ValueError):
-    """A message that is no setpoint, with the reason as its text."""
+    """A message is not a valid setpoint. The text is the reason."""
 
 
 def from_trajectory(
     message: JointTrajectory, names: Sequence[str], source: str, now: float
 ) -> Setpoint:
-    """Return a single point, or a window from the last point that has passed on.
+    """Return a single point, or a window that starts with the last past point.
 
     `now`: the time of ROS, s. Raises SetpointError.
     """
@@ -54,7 +54,7 @@ def from_trajectory(
 
 
 def from_joint_state(message: JointState, names: Sequence[str], source: str) -> Setpoint:
-    """Return positions, with their velocities if there are any, or velocities alone.
+    """Return positions, with velocities if available, or velocities alone.
 
     Raises SetpointError.
     """
@@ -76,7 +76,7 @@ def from_velocities(message: Float64MultiArray, names: Sequence[str], source: st
 
 
 def from_jog(message: JointJog, names: Sequence[str], source: str) -> Setpoint:
-    """Return the velocities of the joints that are named, 0 for the others.
+    """Return the velocities of the named joints, and 0 for the others.
 
     Raises SetpointError.
     """
@@ -94,10 +94,10 @@ def from_jog(message: JointJog, names: Sequence[str], source: str) -> Setpoint:
 
 
 def _window(message: JointTrajectory, names: Sequence[str], first: float) -> Window | None:
-    """Return the points that are to come, and the one before, or None if there are not two.
+    """Return the future points and the one before, or None if these are fewer than two.
 
-    `first`: when time_from_start began, s from now. Velocities that not all of them have do not
-    count. Raises SetpointError.
+    `first`: the time of time_from_start = 0, s from now. Velocities are ignored unless all points
+    have them. Raises SetpointError.
     """
     passed = 0
     times = [first + duration_in_s(point.time_from_start) for point in message.points]
@@ -134,7 +134,7 @@ def _setpoint(
 def _values(
     field: str, values: Sequence[float], given: Sequence[str], names: Sequence[str]
 ) -> Array | None:
-    """Return values in the order of `names`, or None if there are none."""
+    """Return values in the order of `names`, or None without values."""
     _check_names(given, names, complete=True)
     if not len(values):
         return None
@@ -145,7 +145,7 @@ def _values(
 
 
 def _check_names(given: Sequence[str], names: Sequence[str], *, complete: bool) -> None:
-    """Raise SetpointError for joints that are unknown, there twice, or missing."""
+    """Raise SetpointError for unknown, repeated or missing joints."""
     for name in given:
         if name not in names:
             raise SetpointError(f'unknown joint {name!r}')

@@ -1,21 +1,22 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The node in front of any driver: FollowJointTrajectory goals in, the same ones smooth out.
+"""A node in front of any driver: it smooths FollowJointTrajectory goals and forwards them.
 
 1. A goal starts at the position of the arm in the driver's own `controller_state`, or in
-   `joint_states` if the driver publishes none. Its smooth
-   motion is planned as a whole, and handed on as one trajectory.
-2. Feedback and result of the driver behind are passed on, and so are the tolerances; the time
-   that the smooth motion takes longer counts within goal_time_tolerance.
-3. A goal is left by cancel, by a newer goal, or at the end of this process. A newer goal begins
-   when the arm stands.
-4. A joint_trajectory_controller drops its trajectory for another one, and is at once where that
-   has it by its header.stamp. Its feedback says on which clock the first one runs. So the stop is
-   a second one in that time: the same motion up to a moment a little ahead, then the smoother's
-   stop. Whenever it is taken before that moment, what is commanded does not jump.
-5. Where no feedback shows that, or it is not known of a driver, the goal is canceled: how the arm
-   stops then is that driver's. Nothing but a stop has a stamp: a goal that is taken late begins
-   late.
+   `joint_states` if the driver publishes none. The smooth motion is planned as a whole and sent
+   to the driver behind as one trajectory.
+2. Feedback, result and tolerances are forwarded. The additional time of the smooth motion counts
+   within goal_time_tolerance.
+3. A goal is abandoned on cancel, on a newer goal, or at the end of this process. A newer goal
+   starts when the arm is at rest.
+4. A joint_trajectory_controller replaces its trajectory by a newer one, and continues immediately
+   at the point of the new trajectory given by its header.stamp. Feedback shows the start of the
+   first trajectory on the driver's clock. Therefore a stop is sent as a second trajectory with the
+   same start: it equals the first motion up to a moment slightly ahead, followed by the smoother's
+   stop. If it is accepted before that moment, the commanded position does not jump.
+5. If feedback does not show the start, or the driver is not known to replace trajectories like
+   this, the goal is canceled, and the driver behind decides how the arm stops. Only a stop has a
+   stamp. A goal that is accepted late starts late.
 """
 
 import asyncio
@@ -146,28 +147,28 @@ DEFAULT_NAME = 'smooth_goals'
 NS_PER_S = 1_000_000_000
 
 STANDS_WITHIN_S = 2.0
-"""How long is waited for an arm that should stand, s."""
+"""Timeout for the arm to come to rest, s."""
 
 WATCH_PERIOD_S = 0.1
 
 SEEN_WITHIN_S = 0.5
-"""A feedback that is older does not show that the arm follows, s."""
+"""Maximum age of feedback as evidence that the arm follows, s."""
 
 FEEDBACKS = 2
-"""So many show it: both must have the same beginning."""
+"""Number of feedback messages with the same start that count as evidence."""
 
 FEEDBACK_WITHIN_S = 0.25
-"""How long a stop waits for them, s, as they come 20 times a second."""
+"""Timeout of a stop for these messages, s. They arrive 20 times a second."""
 
 OFF_S, OFF = 1e-3, 1e-4
-"""What the arm is commanded may differ from its plan by so many s at full speed, and rad or m."""
+"""Maximum deviation of the commanded position from the plan: OFF_S s at full speed, plus OFF."""
 
 SHUT_DOWN_TIMEOUT_S = 6.0
 
 
 @dataclass(eq=False)
 class PassedGoal:
-    """A goal from ROS to the driver behind. `why`: how it ends if it is left, or None.
+    """A goal from ROS to the driver behind. `why`: its outcome if it is abandoned, else None.
 
     start: earliest start by the loop's clock, s, or 0 for immediately.
     """
@@ -183,7 +184,7 @@ class PassedGoal:
     why: Outcome | None = None
 
     def leave(self, why: Outcome) -> None:
-        """Have it left. The first reason counts."""
+        """Request that the goal is abandoned. Only the first reason is used."""
         self.why = self.why or why
         self.scope.end(why.text)
         self.left.set()
@@ -191,10 +192,10 @@ class PassedGoal:
 
 @dataclass(eq=False)
 class Driven:
-    """A goal's motion as it was sent. begin: when it was at its beginning, by the feedback, ns.
+    """A goal's motion as sent. begin: its start according to feedback, ns.
 
-    stamp: of the last feedback, ns by the clock of the driver behind, and `came` by the loop's,
-    s. follows: whether what was commanded then is what the motion has then.
+    stamp: of the last feedback, ns on the clock of the driver behind; `came`: its arrival, s on
+    the loop's clock. follows: whether the position commanded at that time matches the motion.
     """
 
     goal: PassedGoal
@@ -208,14 +209,14 @@ class Driven:
     known: asyncio.Event = field(default_factory=asyncio.Event)
 
     def __post_init__(self) -> None:
-        """Prepare what is commanded between the points, as joint_trajectory_controller has it."""
+        """Prepare interpolation between the points like joint_trajectory_controller."""
         sent = self.points
         self.spline = Interpolation(
             sent.times, sent.positions, sent.velocities, sent.accelerations
         )
 
     def see(self, stamp: int, passed: int, names: list[str], desired: Array) -> None:
-        """Take what was commanded, when, ns by the driver's clock and from the beginning on."""
+        """Process feedback. stamp: ns on the driver's clock. passed: ns since the start."""
         limits, begin = self.goal.limits, stamp - passed
         if {*names} != {*limits.names} or len(names) != len(desired):
             return
@@ -231,7 +232,7 @@ class Driven:
         self.motion.follow(time)
 
     def passed(self) -> float | None:
-        """Return how far the motion is, or a little less, s, or None if nothing shows it now."""
+        """Return the elapsed time of the motion, or slightly less, s; None if it is unknown."""
         age = asyncio.get_running_loop().time() - self.came
         if not self.follows or age > SEEN_WITHIN_S:
             return None
@@ -239,9 +240,9 @@ class Driven:
 
 
 class SmoothGoals:
-    """Connects an rclpy node with the driver behind. Make it in the event loop.
+    """Connects an rclpy node with the driver behind. Must be created in the event loop.
 
-    Raises ValueError or FileNotFoundError for parameters that cannot be used.
+    Raises ValueError or FileNotFoundError for invalid parameters.
     """
 
     def __init__(self, node: Node) -> None:
@@ -254,7 +255,7 @@ class SmoothGoals:
             self._logger.warning(sentence)
         self._described: Rows = {}
         self._contradicted: dict[str, str] = {}
-        """Why the limits of a joint are unknown, by its name: two robot descriptions differ."""
+        """Reason for unknown limits, by joint name: two robot descriptions differ."""
         self._filed = file_limits(values['limits_file']) if values['limits_file'] else {}
         self._assumed: set[str] = set()
         self._goals: list[PassedGoal] = []
@@ -282,13 +283,13 @@ class SmoothGoals:
     # --- the process ------------------------------------------------------------------------
 
     async def run(self) -> None:
-        """Wait until cancelled: all that is done is asked for by ROS."""
+        """Wait until cancelled. All work is triggered by ROS."""
         await asyncio.Event().wait()
 
     async def shut_down(self) -> None:
-        """Leave all goals with the arm at rest, and let their results go.
+        """Abandon all goals, bring the arm to rest, and send the results.
 
-        Raises TimeoutError if the results take long.
+        Raises TimeoutError if sending the results takes too long.
         """
         busy = self._action.busy
         self._leave_all('smooth_goals ends')
@@ -298,7 +299,7 @@ class SmoothGoals:
         await self._bridge.results_sent(lambda: self._action.busy, busy=busy)
 
     def end(self) -> None:
-        """Have every request answered that still waits. In any thread."""
+        """Answer every pending request. Callable in any thread."""
         self._bridge.end()
 
     # --- from ROS: these run in the executor's thread ---------------------------------------
@@ -366,7 +367,7 @@ class SmoothGoals:
     # --- in the loop's thread ---------------------------------------------------------------
 
     def cancel(self, goal: PassedGoal) -> None:
-        """Leave a goal because it was canceled."""
+        """Abandon a goal because it was canceled."""
         goal.leave(replace(CANCELED, text='canceled'))
 
     def _leave_all(self, why: str) -> None:
@@ -374,7 +375,7 @@ class SmoothGoals:
             goal.leave(_aborted(why))
 
     def _submit(self, goal: PassedGoal, scope: PlanningScope) -> None:
-        """Execute a goal when the arm stands, and leave those before it."""
+        """Abandon the earlier goals, and execute this one when the arm is at rest."""
         goal.scope = scope
         if scope.why is not None or self._ending is not None:
             goal.on_end(self._ending or CANCELED)
@@ -401,7 +402,7 @@ class SmoothGoals:
             goal.on_end(outcome)
 
     async def _outcome(self, goal: PassedGoal) -> Outcome:
-        """Plan and hand on a goal and return how it ended. Raises GoalRejectedError."""
+        """Plan and send a goal and return its outcome. Raises GoalRejectedError."""
         age = self._parameters['state_timeout']
         if (moves := await self._not_standing(goal)) is not None:
             raise _rejected(f'{moves}: a goal begins where the arm stands')
@@ -452,14 +453,14 @@ class SmoothGoals:
     async def _send(
         self, driven: Driven, points: Trajectory, request: FollowJointTrajectory.Goal
     ) -> Sent:
-        """Hand points on. Raises GoalRejectedError."""
+        """Send points to the driver behind. Raises GoalRejectedError."""
         request.trajectory.joint_names = list(points.joint_names)
         request.trajectory.points = trajectory_message(points).points
         patience = self._parameters['reply_timeout']
         return await self._behind.send(request, partial(self._on_feedback, driven), patience)
 
     async def _watched(self, driven: Driven, sent: Sent, goal_time: float) -> Outcome:
-        """Wait for the end of what was sent, or stop the arm, and return the outcome."""
+        """Wait for the end of the sent goal, or stop the arm, and return the outcome."""
         goal = driven.goal
         left = self._loop.create_task(goal.left.wait())
         lost = self._loop.create_task(self._lost(driven, goal_time))
@@ -478,7 +479,7 @@ class SmoothGoals:
                 task.cancel()
 
     async def _lost(self, driven: Driven, goal_time: float) -> str:
-        """Return, when it is so, why the driver behind cannot be relied on any more."""
+        """Return why the driver behind has become unreliable, once it has."""
         values = self._parameters
         patience = driven.points.duration + goal_time + values['reply_timeout']
         latest = self._loop.time() + patience
@@ -493,7 +494,7 @@ class SmoothGoals:
         return f'{self._behind.name} is not served any more'
 
     async def _stopped(self, driven: Driven, sent: Sent) -> str:
-        """Stop the arm, and return a clause that says how, and what was seen of it."""
+        """Stop the arm and return a clause about the stop and its observed result."""
         how = await self._braked(driven, sent)
         if how is None:
             how = f'{self._behind.name} stopped it'
@@ -505,17 +506,17 @@ class SmoothGoals:
         return f'{how}; {await self._not_standing(driven.goal) or "the arm stands"}'
 
     async def _braked(self, driven: Driven, sent: Sent) -> str | None:
-        """Brake inside the limits and return how, or None if it cannot be, or was not taken."""
+        """Brake within the limits and return the result, or None if impossible or not accepted."""
         if not self._brakes:
             return None
-        with suppress(TimeoutError):  # it may have only just begun
+        with suppress(TimeoutError):  # the motion may have just started
             await asyncio.wait_for(driven.known.wait(), FEEDBACK_WITHIN_S)
         if (passed := driven.passed()) is None:
             return None
         values, began = self._parameters, self._loop.time()
         at = ceil((passed + values['lead']) / MAX_STEP_S) * MAX_STEP_S
         patience = values['reply_timeout'] + 2.0 * values['lead']
-        if at >= driven.points.duration:  # it comes to rest by itself, as soon
+        if at >= driven.points.duration:  # its planned end is as early
             done, _ = await asyncio.wait({sent.result}, timeout=patience)
             return 'it had come to its end' if done else None
         try:
@@ -543,7 +544,7 @@ class SmoothGoals:
         return 'it braked' if ended.end is End.SUCCEEDED else f'while it braked, {ended.text}'
 
     async def _not_standing(self, goal: PassedGoal) -> str | None:
-        """Wait until the arm stands and return None, or what was seen instead."""
+        """Wait until the arm is at rest and return None, or else the observed motion."""
         values, latest = self._parameters, self._loop.time() + STANDS_WITHIN_S
         names = goal.limits.names
         while True:
@@ -576,7 +577,7 @@ def _rejected(text: str) -> GoalRejectedError:
 
 
 def _goal_time(goal: PassedGoal, duration: float) -> float:
-    """Return what is left of goal_time_tolerance after a motion of `duration` s."""
+    """Return goal_time_tolerance minus the additional time of a motion of `duration` s."""
     given = duration_in_s(goal.request.goal_time_tolerance)
     late = max(duration - goal.trajectory.duration, 0.0)
     if 0.0 < given <= late:
@@ -589,7 +590,7 @@ def _goal_time(goal: PassedGoal, duration: float) -> float:
 
 
 def _request(given: FollowJointTrajectory.Goal, goal_time: float) -> FollowJointTrajectory.Goal:
-    """Return a goal with the tolerances of another one, and no trajectory yet."""
+    """Return a goal with the tolerances of `given`, and an empty trajectory."""
     copied = {
         name: getattr(given, name)
         for name in given.get_fields_and_field_types()

@@ -17,7 +17,7 @@ PERIOD_S = 0.05
 
 
 class SpeedScalingInterface:
-    """Publishes the factor when it changes, and serves requests. Made in the driver's loop."""
+    """Publishes the factor on changes, serves requests. Must be created in the driver's loop."""
 
     def __init__(self, context: NodeContext) -> None:
         self._goals = context.driver.goal_queue

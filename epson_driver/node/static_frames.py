@@ -14,18 +14,18 @@ from epson_driver.node.loop_bridge import NodeContext
 from epson_driver.robots import RobotModel
 
 BASE, FLANGE = 'base_link', 'tool0'
-"""Links of every model: where `frame_id` ends, and what tools hang on."""
+"""Links of every model: the end of `frame_id`, and the parent of tools."""
 
 STATIC_QOS = QoSProfile(
     depth=1,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-"""That of tf2_ros' StaticTransformBroadcaster."""
+"""QoS of tf2_ros' StaticTransformBroadcaster."""
 
 
 class StaticFrames:
-    """Publishes all frames in one message, as who comes later gets the last one only.
+    """Publishes all frames in one message, because a late subscriber only receives the last one.
 
     prefix: of the links' names. A frame has one owner, and a name without the prefix.
     """
@@ -38,7 +38,7 @@ class StaticFrames:
         self._transforms: dict[str, dict[str, TransformStamped]] = {'tool': {}}
 
     def taken(self, name: str, owner: str) -> bool:
-        """Return whether somebody else has a frame of that name, or may have."""
+        """Return whether another owner has, or may get, a frame of that name."""
         others = (names for each, names in self._transforms.items() if each != owner)
         return (name == self._tool and owner != 'tool') or any(name in names for names in others)
 
@@ -56,18 +56,18 @@ class StaticFrames:
 
 
 def links(model: RobotModel) -> set[str]:
-    """Return the frames of an arm without their prefix, and the one that it stands in."""
+    """Return the frame names of an arm without prefix, including its parent frame."""
     numbered = (f'link_{index}' for index, _ in enumerate(model.joint_names, 1))
     return {'world', BASE, 'base_link_inertia', 'base', *numbered, 'flange', FLANGE}
 
 
 def link_prefix(frame_id: str) -> str:
-    """Return the prefix of the links' names, by the frame of the joint states."""
+    """Return the prefix of the links' names, from the frame of the joint states."""
     return frame_id.removesuffix(BASE) if frame_id.endswith(BASE) else ''
 
 
 def set_values(message: Any, values: Array, fields: tuple[str, str]) -> None:
-    """Set place and turn of a message, by their names, to x y z and a quaternion x y z w."""
+    """Set position and orientation, given by field names, to x y z and a quaternion x y z w."""
     left = iter(values.tolist())
     for field, names in zip(fields, ('xyz', 'xyzw'), strict=True):
         for name in names:

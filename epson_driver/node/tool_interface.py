@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The tool (TCP) of motion primitives: `~/set_tool`, and its frame on `/tf_static`.
 
-The tool is where the request or the parameters `tool.…` say, in tool0. The payload is
-checked, and told to a controller that takes statements; to others it goes not.
+The request or the parameters `tool.…` define the pose of the tool in tool0. The payload is
+checked, and sent only to controllers that execute statements.
 """
 
 from dataclasses import dataclass
@@ -45,7 +45,7 @@ def named_tool(
 ) -> NamedTool:
     """Return a checked tool. fields: the names of pose and name in an error text.
 
-    Raises ValueError that names the field, its value and the limit.
+    Raises ValueError with the field, its value and the limit.
     """
     pose_field, name_field = fields
     FRAME_NAME.checked(name, name_field)
@@ -65,7 +65,7 @@ def named_tool(
 
 
 class ToolInterface:
-    """Sets the tool of motion primitives. Raises InputError for parameters that cannot be used."""
+    """Sets the tool of motion primitives. Raises InputError for invalid parameters."""
 
     def __init__(
         self, context: NodeContext, primitives: MotionPrimitives, frames: StaticFrames
@@ -88,7 +88,7 @@ class ToolInterface:
             self._apply(tool)
         context.bridge.create_service(SetTool, '~/set_tool', self._serve)
 
-    # in the executor's thread, and without an await: no sequence can begin in between
+    # in the executor's thread and without an await: no sequence can start in between
     async def _serve(
         self, request: SetTool.Request, response: SetTool.Response
     ) -> SetTool.Response:
