@@ -1,12 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated EPSON controller. asyncio, no ROS.
+"""The simulated EPSON controller, with asyncio and without ROS.
 
-`assembly.new_controller` makes one. It has no sockets, and time is passed in: it is stepped by
-time and fed with bytes. `network.servers.ControllerServers` gives it ports and the real time.
+`assembly.new_controller` creates one. It has no sockets and no real time: the caller supplies the
+elapsed time and the received bytes. `network.servers.ControllerServers` adds ports and real time.
 
-From the lowest layer up: `clock`, `condition` (state tables, tasks, errors), `ports` (what a
-session is); `arm`, `io`, `faults`, `state` (the state port), `programs` (the motion port);
-`remote` (the remote port); `core`, which connects condition, arm and program;
-`client_connections`; `assembly`. Import from the modules: what the pendant needs of them is light.
+The layers from the lowest: `clock`, `condition` (state tables, tasks, errors), `ports` (the
+session interface), then `arm`, `io`, `faults`, `state` (the state port) and `programs` (the motion
+port), then `remote` (the remote port), then `core`, which connects condition, arm and program,
+then `client_connections` and `assembly`. Import from the modules, so that the pendant only loads
+light ones.
 """

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The top of the simulated controller: puts it together from its parts, as its profile says."""
+"""The top level of the simulated controller, which assembles it according to its profile."""
 
 from typing import Literal, NamedTuple
 
@@ -32,11 +32,11 @@ from epson_driver.spel import ErrorNumber, SpelError, Surroundings, Terminal, bu
 from epson_driver.spel import Program as CompiledProgram
 
 DEFAULT_SPEED = 0.05
-"""Speed and Accel of a SPEL+ program until it sets them, a fraction of the limits."""
+"""Initial Speed and Accel of a SPEL+ program, a fraction of the limits."""
 
 
 class SpelSource(NamedTuple):
-    """A SPEL+ program, its ports, and its terminal, or None to log what it prints.
+    """A SPEL+ program, its ports, and its terminal (None: log the output).
 
     `starts`: a function that runs instead of main and BgMain.
     """
@@ -60,12 +60,12 @@ def new_controller(
 ) -> Controller:
     """Return a controller that has just booted.
 
-    `start` is where the arm stands at first, shape (n,), rad: zeros by default, or the nearest
-    within the limits. With a `planner` the arm moves smoothly, without one point to point.
-    With `spel` a SPEL+ program runs instead of the built-in one; the arm goes point to point then.
-    `dialect` and `state_period`, s, are the profile's by default; `seed` is what the faults draw
-    from. Raises ValueError for a start outside the limits, and for a robot with more joints than a
-    message carries.
+    `start` is the initial arm position, shape (n,), rad. The default is zeros, or the nearest
+    position within the limits. With a `planner` the arm moves smoothly, otherwise point to point.
+    With `spel` a SPEL+ program runs instead of the built-in one, and the arm moves point to point.
+    `dialect` and `state_period`, s, default to the profile's. `seed` is the seed of the faults.
+    Raises ValueError for a start outside the limits, and for a robot with more joints than fit in
+    a message.
     """
     limits = model.limits
     if len(limits.names) > MAX_JOINTS:
@@ -97,13 +97,13 @@ def new_controller(
 
 
 def program_network(profile: ControllerProfile) -> ProgramNetwork:
-    """Return the ports of a SPEL+ program: those of the profile have their usual names."""
+    """Return the ports of a SPEL+ program. The profile's ports have their usual names."""
     ports = profile.ports
     return ProgramNetwork({ports.motion: 'motion', ports.state: 'state', ports.io: 'io'})
 
 
 def _run_spel(controller: Controller, source: SpelSource, start: Array) -> None:
-    """Give a controller a program in SPEL+, and the arm and the clients that it has."""
+    """Set up a controller with a SPEL+ program, its arm and its clients."""
     controller.spel = SpelSettings(DEFAULT_SPEED, DEFAULT_SPEED)
     controller.tables = STARTED_BY_A_PERSON
     controller.clients = ClientConnections(controller, source.network)
@@ -136,7 +136,7 @@ def _statements(controller: Controller, start: Array) -> PointToPoint:
 
 
 def _command_window(controller: Controller) -> SpelProgram:
-    """Return a program of no functions, to which the built-in one lends the arm."""
+    """Return a program without functions, which borrows the arm of the built-in program."""
     executor = _statements(controller, controller.arm.commanded)
 
     def claim() -> None:
@@ -150,7 +150,7 @@ def _command_window(controller: Controller) -> SpelProgram:
 
 
 def _new_arm(controller: Controller, start: Array, planner: Planner | None) -> SimulatedArm:
-    """Return an arm that is smooth if there is a planner, and goes point to point otherwise."""
+    """Return an arm with smooth motion if there is a planner, otherwise point to point."""
     caps = low_power_caps(controller.model.reach)
     executor = _new_executor(controller, start, planner, caps)
     return SimulatedArm(executor, controller.servo, caps)

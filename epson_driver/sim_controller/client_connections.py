@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which clients are connected to which port.
+"""The clients connected to each port.
 
 A client connection is one client of one port: a transport, which may be faulty, and a session.
 """
@@ -22,13 +22,13 @@ from epson_driver.simple_message import FrameError
 _log = logging.getLogger(__name__)
 
 MAX_REMOTE_CLIENTS = 16
-"""How many remote clients are served at once. One more takes the place of another."""
+"""Maximum number of remote clients. A further one replaces another."""
 
 GRACE_S = 0.1
-"""A remote client that came so recently, s, does not make room yet: it must get heard first."""
+"""Time after its arrival, s, in which a remote client is not evicted, so that it can send."""
 
 MAX_NEWCOMERS = MAX_REMOTE_CLIENTS // 2
-"""How many clients of a full remote port may be in their grace time at once."""
+"""Maximum number of clients of a full remote port that may be in their grace time."""
 
 
 class ClientConnection(Session):
@@ -54,9 +54,9 @@ class ClientConnection(Session):
     def claim(self) -> tuple[bool, bool, bool, float]:
         """Return the eviction priority of a remote client, lowest first.
 
-        A client that has just come has the highest, then one of this machine, then one that was
-        obeyed, as after its login, then the one that was heard last. No command is ever under way:
-        each is answered when it has come.
+        A new client has the highest, followed by a client of this machine, then a client with an
+        accepted command such as a login, then the client with the most recent command. No command
+        is ever pending, because each is answered on arrival.
         """
         session = self.session
         if not isinstance(session, RemoteSession):
@@ -65,7 +65,7 @@ class ClientConnection(Session):
         return new, self.local, session.obeyed, session.heard
 
     def receive(self, data: bytes) -> None:
-        """Take bytes from the client. Raises FrameError as the session does."""
+        """Process bytes from the client. Raises FrameError like the session."""
         data = self._transport.receive(data)
         if not data or not self._open:
             return
@@ -76,26 +76,26 @@ class ClientConnection(Session):
             raise
 
     def hang_up(self) -> None:
-        """Close the connection at once, dropping what is still read from it."""
+        """Close the connection immediately, dropping unprocessed input."""
         self._abort()
         self.closed()
 
     def dismiss(self) -> None:
-        """Forget the client at once, and close the connection once everything is sent."""
+        """Remove the client immediately, and close the connection once all bytes are sent."""
         self._close()
         self.closed()
 
     def closed(self) -> None:
-        """The client is gone."""
+        """End the session after the client has disconnected."""
         if self._open:
             self._open = False
             self._clients.gone(self)
-            self.session.closed()  # a client that has only shut its own side gets its answers
+            self.session.closed()  # a client that has only shut its side down gets its answers
             self._transport.close()
 
 
 class ClientConnections:
-    """All client connections of one controller, and its ports that are not served."""
+    """All client connections of one controller, and its unserved ports."""
 
     def __init__(self, controller: Controller, spel: ProgramPorts | None = None) -> None:
         self._controller = controller
@@ -104,11 +104,11 @@ class ClientConnections:
         self._boot: Timer | None = None
 
     def connect(self, port: str, client: Client) -> ClientConnection:
-        """Begin to serve a client of `port`: motion, state, io or remote.
+        """Start to serve a client of `port`: motion, state, io or remote.
 
-        When its connection ends, whoever ended it, the line's `closed` must be called. Raises
-        ConnectionRefusedError, which says why, if nobody serves the port now. A remote client too
-        many takes the place of another one, so that whoever wants to press the E-stop gets in.
+        The connection's `closed` must be called when it ends for any reason. Raises
+        ConnectionRefusedError with the reason if the port accepts no client now. A remote client
+        above the maximum replaces another one, so that an E-stop command always gets through.
         """
         reason = self._rejection(port)
         if reason is None and port == 'remote':
@@ -120,7 +120,7 @@ class ClientConnections:
         return connection
 
     def session(self, port: str, send: Send, client: Client) -> Session:
-        """Return a session with a client that has just come."""
+        """Return a session with a new client."""
         if self._spel is not None and port != 'remote':
             return self._spel.session(port, send, client.close)
         return _open(self._controller, port, send, client)
@@ -137,7 +137,7 @@ class ClientConnections:
             connection.hang_up()
 
     def dismiss(self, port: str) -> None:
-        """Close the connections of all clients of the port once everything is sent."""
+        """Close the connections of all clients of the port once all bytes are sent."""
         for connection in [held for held in self._connections if held.port == port]:
             connection.dismiss()
 
@@ -146,14 +146,14 @@ class ClientConnections:
         return any(connection.port == port for connection in self._connections)
 
     def make_room(self, port: str) -> None:
-        """Close the connection of the port's oldest client, unless the arm has points left."""
+        """Close the connection of the port's oldest client, unless the arm has points."""
         held = [connection for connection in self._connections if connection.port == port]
         if held and not self._controller.moving:
             _log.warning('the oldest %s client makes room for another one', port)
             held[0].hang_up()
 
     def dismiss_remote(self, why: str) -> None:
-        """Close the connection of the remote client with the least claim to it, if any."""
+        """Close the connection of the remote client with the lowest priority, if any."""
         connection = min(self._remote, key=lambda connection: connection.claim, default=None)
         if connection is not None:
             known = 'was obeyed' if connection.claim[2] else 'was not obeyed yet'
@@ -165,7 +165,7 @@ class ClientConnections:
         return [connection for connection in self._connections if connection.port == 'remote']
 
     def check_login(self) -> None:
-        """Raise ConnectionRefusedError if a client is logged in where one alone is served."""
+        """Raise ConnectionRefusedError if a client of an exclusive port is logged in."""
         sessions = [connection.session for connection in self._remote]
         one = self._controller.profile.remote.clients == 1
         if one and any(isinstance(each, RemoteSession) and each.logged_in for each in sessions):
@@ -196,7 +196,7 @@ class ClientConnections:
         return None
 
     def _make_room(self, client: Client) -> str | None:
-        """Make room for one more remote client, or return why there is none."""
+        """Make room for one more remote client, or return why it is refused."""
         held = self._remote
         if len(held) < MAX_REMOTE_CLIENTS:
             return None

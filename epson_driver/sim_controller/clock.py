@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The controller's time, which passes when it is advanced, and its timers."""
+"""The controller's time, which the caller advances, and its timers."""
 
 import heapq
 from collections.abc import Callable
@@ -9,13 +9,13 @@ from itertools import count
 Action = Callable[[], None]
 
 MIN_TIMERS_TO_SWEEP = 64
-"""With fewer timers than this, those that were cancelled are not looked for."""
+"""Number of timers below which cancelled ones are not removed."""
 
 
 class Timer:
-    """Something that will happen, once or every `period` s, until it is cancelled.
+    """A scheduled action, once or every `period` s, until it is cancelled.
 
-    Made by `Clock.after` and `Clock.every`.
+    Created by `Clock.after` and `Clock.every`.
     """
 
     __slots__ = ('action', 'catch_up', 'due', 'period')
@@ -29,7 +29,7 @@ class Timer:
         self.catch_up = catch_up
 
     def cancel(self) -> None:
-        """Let it not happen. Twice, or afterwards, is no error."""
+        """Cancel the action. Calling it twice or after the action is allowed."""
         self.action = None
 
 
@@ -38,10 +38,10 @@ def _nothing(_seconds: float) -> None:
 
 
 class Clock:
-    """Time in s since the start, and timers in the order in which they are due.
+    """Time in s since the start, and timers in the order of their due times.
 
-    Timers that are due at the same moment act in the order in which they were set: the same calls
-    give the same order.
+    Timers with the same due time act in the order of their creation, so the same calls always give
+    the same order.
     """
 
     def __init__(self) -> None:
@@ -52,43 +52,43 @@ class Clock:
 
     @property
     def timers(self) -> int:
-        """How many timers are kept, some cancelled ones included."""
+        """Number of timers stored, including some cancelled ones."""
         return len(self._timers)
 
     @property
     def next_due(self) -> float | None:
-        """When the next timer acts, s, or None if there is none."""
+        """Time of the next timer, s, or None."""
         while self._timers and self._timers[0][2].action is None:
             heapq.heappop(self._timers)
         return self._timers[0][0] if self._timers else None
 
     def after(self, delay: float, action: Action) -> Timer:
-        """Have `action` called `delay` ≥ 0 s from now."""
+        """Schedule a call of `action` in `delay` ≥ 0 s."""
         return self._set(Timer(self.now + delay, action))
 
     def every(self, period: float, action: Action, first: float = 0.0, catch_up: int = 0) -> Timer:
-        """Have `action` called every `period` > 0 s, for the first time `first` s from now.
+        """Schedule a call of `action` every `period` > 0 s, first in `first` s.
 
-        Of what a step is too long for, the newest call is made, and up to `catch_up` ≥ 0 before
-        it; older ones are left out.
+        After a step longer than the period, up to `catch_up` ≥ 0 missed calls are made before the
+        newest one. Older calls are skipped.
         """
         return self._set(Timer(self.now + first, action, period, catch_up))
 
     def advance(self, until: float, passes: Callable[[float], None] = _nothing) -> None:
-        """Let the time be `until`, and let the timers that are due by then act.
+        """Advance the time to `until`, and run the timers due by then.
 
-        The time goes from one timer to the next: before each of them acts, and once at the end,
-        `passes` is called with the time since the last call, s. The core lets that time pass for
-        the arm, so an action finds the arm where it is at `now`, the moment it is due, however
-        late this is called. An action may set further timers; they act in the same call if they
-        are due by `until`.
+        The time proceeds from one timer to the next. Before each timer, and once at the end,
+        `passes` is called with the time since its last call, s. The core advances the arm by that
+        time, so an action sees the arm's position at `now`, the time it is due, however late this
+        call is. An action may set further timers, which act in the same call if they are due by
+        `until`.
         """
         while (due := self.next_due) is not None and due <= until:
             timer = self._timers[0][2]
             if timer.period is not None and self._skip(timer, timer.period, until):
                 continue
             self._pass(due, passes)
-            if self.next_due == due:  # not cancelled by that
+            if self.next_due == due:  # not cancelled by `passes`
                 self._act(heapq.heappop(self._timers)[2])
         self._pass(until, passes)
 
@@ -98,7 +98,7 @@ class Clock:
         passes(elapsed)
 
     def _skip(self, timer: Timer, period: float, until: float) -> bool:
-        """Skip the missed calls of a periodic timer, and return whether there were any."""
+        """Skip the missed calls of a periodic timer. Return whether any were skipped."""
         too_many = int((until - timer.due) / period) - timer.catch_up
         if too_many <= 0:
             return False
@@ -124,7 +124,7 @@ class Clock:
         return timer
 
     def _drop_cancelled(self) -> None:
-        """Forget cancelled timers, so that memory is bounded by those that will act."""
+        """Remove cancelled timers, so that memory is bounded by the active ones."""
         self._timers = [entry for entry in self._timers if entry[2].action is not None]
         heapq.heapify(self._timers)
         self._most = max(MIN_TIMERS_TO_SWEEP, 2 * len(self._timers))

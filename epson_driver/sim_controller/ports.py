@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Programs, and sessions of the ports without sockets: bytes in, bytes out.
 
-Every port of the controller, those of a SPEL+ program too, is a way to open sessions;
-`network/port_server.py` gives them sockets, a test calls them directly.
+Every port of the controller, including a SPEL+ program's ports, opens sessions.
+`network/port_server.py` connects them to sockets, and tests call them directly.
 """
 
 import logging
@@ -29,43 +29,44 @@ from epson_driver.simple_message import (
 from epson_driver.spel import SpelError
 
 Send = Callable[[bytes], None]
-"""Takes the bytes of one message or line."""
+"""Sends the bytes of one message or line."""
 
 
 class Session(Protocol):
     """One client of one port."""
 
     def receive(self, data: bytes) -> None:
-        """Take bytes from the client, in any segmentation.
+        """Process bytes from the client, in any segmentation.
 
-        Raises FrameError when the position in the stream is lost: the connection must be closed.
+        Raises FrameError when frame synchronization is lost, after which the connection must be
+        closed.
         """
 
     def closed(self) -> None:
-        """The client is gone: send nothing any more. Twice is no error."""
+        """Stop sending after the client has disconnected. Calling it twice is allowed."""
 
 
 class Client(Protocol):
-    """Where a client's bytes go, how its connection ends, and whether it is of this machine."""
+    """Destination of a client's bytes, with its connection and whether it is local."""
 
     @property
     def local(self) -> bool:
-        """Whether the client runs on the machine that the controller runs on."""
+        """Whether the client runs on the controller's machine."""
 
     def send(self, data: bytes) -> None:
         """Send bytes, or drop them if the connection is closed."""
 
     def close(self) -> None:
-        """Close once everything is sent."""
+        """Close once all bytes are sent."""
 
     def abort(self) -> None:
-        """Close at once and drop what is not sent."""
+        """Close immediately and drop unsent bytes."""
 
 
 class ClientSession(Session, Protocol):
     """A port that a SPEL+ program has opened as a client.
 
-    `wanted`: it has not closed it; `tcp_port`: of the peer that it names.
+    `wanted`: the program has not closed it. `tcp_port`: port of its peer.
     """
 
     name: str
@@ -76,14 +77,14 @@ class ClientSession(Session, Protocol):
         """The TCP port of the peer."""
 
     def begin(self, send: Send, close: Callable[[], None]) -> None:
-        """Be connected."""
+        """Start the session with a connected peer."""
 
 
 class ProgramPorts(Protocol):
     """The open ports of a program, and its sessions with their clients."""
 
     listen: Callable[[int], None]
-    """Called when the program opens a TCP port that has no name here. May raise OSError."""
+    """Called when the program opens a TCP port without a name here. May raise OSError."""
 
     connect: Callable[[ClientSession], None] | None
     """Called with a port that the program opens as a client."""
@@ -96,98 +97,98 @@ class ProgramPorts(Protocol):
 
 
 Answer = Callable[[str | SpelError], None]
-"""Takes what a command has printed, '' for nothing, or the error that ended it."""
+"""Gets the output of a command ('' for none), or the error that ended it."""
 
 
 class Program(Protocol):
-    """Has the points of one client executed, one after the other, and answers them."""
+    """Executes the points of one client, one after the other, and answers them."""
 
     @property
     def ready(self) -> bool:
-        """Whether it takes points as far as it is up to the program itself."""
+        """Whether the program itself is ready to accept points."""
 
     @property
     def runs(self) -> bool:
-        """Whether its tasks keep the controller from being Ready: those that are not SPEL+ do not.
+        """Whether its tasks keep the controller from being Ready, which only SPEL+ tasks do.
 
-        Tasks in the background do not count.
+        Background tasks do not count.
         """
 
     def receive(self, frame: Frame) -> None:
-        """Obey, queue or refuse one frame."""
+        """Execute, queue or refuse one frame."""
 
     def step(self, dt: float) -> None:
-        """Let `dt` ≥ 0 s pass for the executor, which the program feeds.
+        """Advance the executor by `dt` ≥ 0 s and supply its points.
 
-        Where a point is done within `dt`, the program answers it and gives the next one, which has
-        the rest of the time: from point to point without a pause, however long the steps are.
+        If a point is done within `dt`, the program answers it and supplies the next one, which
+        gets the remaining time. So the arm moves from point to point without a pause for any step
+        size.
         """
 
     def abort(self) -> None:
-        """Brake, and answer all points that are not answered yet with FAILURE."""
+        """Brake, and answer all unanswered points with FAILURE."""
 
     def restart(self) -> None:
-        """Abort, and forget the trajectory."""
+        """Abort and discard the trajectory."""
 
     def detach(self) -> None:
-        """Forget the client, which is gone, but not its acknowledged points."""
+        """Discard the disconnected client, but keep its acknowledged points."""
 
     def pause(self) -> None:
-        """Give the arm no more points and answer none, until `resume`. Twice is no error.
+        """Give the arm no more points and answer none, until `resume`. Twice is allowed.
 
-        What is wrong is refused all the same, and a STOP obeyed. The arm itself is held by who
-        pauses.
+        Invalid points are still refused, and STOP still works. The caller pauses the arm itself.
         """
 
     def resume(self) -> None:
-        """Go on after `pause`."""
+        """Resume after `pause`."""
 
     def boot(self) -> None:
-        """Begin anew, as the controller was switched off and on again."""
+        """Restart after a power cycle of the controller."""
 
     def tasks(self) -> Iterable[TaskRow] | None:
-        """Return its tasks as people see them, or None if they are those of condition/tasks.py."""
+        """Return its tasks for display, or None if condition/tasks.py lists them."""
 
 
 class Window(Program, Protocol):
-    """A SPEL+ program, which executes one command at a time, too."""
+    """A SPEL+ program that can also execute commands, one at a time."""
 
     @property
     def executes(self) -> bool:
-        """Whether a command is under way."""
+        """Whether a command is executing."""
 
     def execute(self, text: str, answer: Answer) -> None:
-        """Begin a command, and call `answer` when it is over, perhaps at once.
+        """Start a command, and call `answer` when it is over, possibly immediately.
 
-        Raises ProgramError for what cannot be executed, RuntimeError if there is one under way.
+        Raises ProgramError for an invalid command, RuntimeError if one is executing.
         """
 
     def abort_command(self, why: str) -> None:
-        """Brake, and end the command that is under way, if there is one."""
+        """Brake and end the current command, if any."""
 
 
 VERSION = (0, 2, 0)
-"""Of the controller's program, in GET_VERSION replies: major, minor, patch."""
+"""Version of the controller's program in GET_VERSION replies: major, minor, patch."""
 
 WITHOUT_WATCHDOG = (0, 1, 0)
-"""Of one that lets a motion client hang."""
+"""Version of a program without watchdog for a stalled motion client."""
 
 Answers = Mapping[int, Callable[[], Message]]
-"""What a port answers to requests besides PING, or instead of VERSION: message type to body."""
+"""Message type → reply body, for requests besides PING, or instead of VERSION."""
 
 UNANSWERED = (CommType.TOPIC, CommType.SERVICE_REPLY)
-"""Kinds of messages that want no answer."""
+"""Message types that are not answered."""
 
 _log = logging.getLogger(__name__)
 
 
 def failure(msg_type: int) -> Packet:
-    """Return the FAILURE reply that is only a header."""
+    """Return a FAILURE reply, which has only a header."""
     return reply(Opaque(msg_type), ReplyCode.FAILURE)
 
 
 def answer(packet: Packet, own: Answers) -> Packet | None:
-    """Return the reply to a request, or None for topics and replies, which want none."""
+    """Return the reply to a request, or None for topics and replies, which are not answered."""
     if packet.comm_type is not CommType.SERVICE_REQUEST:
         return None
     if isinstance(packet.message, Ping):
@@ -200,9 +201,9 @@ def answer(packet: Packet, own: Answers) -> Packet | None:
 
 
 def answer_frame(frame: Frame, own: Answers) -> Packet | None:
-    """Return the reply to a frame that may break the header's or the body's rules.
+    """Return the reply to a frame that may have an invalid header or body.
 
-    None for topics and replies: two peers that answer those would do so for ever.
+    Return None for topics and replies. Two peers that answer them would do so forever.
     """
     try:
         return answer(decode(frame), own)

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """`epson_driver spel run`: a SPEL+ program on the simulated controller, in the terminal.
 
-Print goes to stdout, Input reads stdin. It ends when all tasks are over, or an error has ended
-one. What people do at the controller (`pendant io`, E-stop, door) comes over the remote port.
-`epson_driver spel test`: each function named Test… runs on a controller of its own, as fast as
-this machine can. It passes when it ends without an error that nothing handles:
-`If x <> 3 Then Error 8001`.
+Print writes to stdout, and Input reads stdin. The command ends when all tasks are over, or an
+error has ended one. Operator actions (`pendant io`, E-stop, door) use the remote port.
+`epson_driver spel test`: each function named Test… runs on a separate controller, as fast as this
+machine allows. It passes if it ends without an unhandled error, for example: `If x <> 3 Then Error
+8001`.
 """
 
 import asyncio
@@ -35,26 +35,26 @@ from epson_driver.spel import (
 from epson_driver.spel.code import FunctionCode
 
 LOOK_S = 0.02
-"""How often it is looked at whether the program is over, s of the controller's time."""
+"""Polling period for the end of the program, s of the controller's time."""
 
 ALL_BITS, ALL_FLAGS = 4096, 1024
-"""Inputs, outputs; memory bits: no file of a project tells which boards a controller has."""
+"""Number of inputs and of outputs, and of memory bits. Project files do not specify I/O boards."""
 
 LONGEST_S = 600.0
-"""How long a fast run and a test may take, s of the controller's time."""
+"""Time limit of a fast run and of a test, s of the controller's time."""
 
 FAILED, NOT_OVER = 1, 3
-"""Exit codes: a task has ended with an error; the time was over before the program."""
+"""Exit codes: a task ended with an error, or the time limit was reached."""
 
 
 class Console(Unattended):
-    """The terminal that the command was started in."""
+    """The terminal of the command."""
 
     def __init__(self) -> None:
         self._typed: deque[str] = deque()
 
     def typed(self, line: str) -> None:
-        """Keep a line that a person has typed."""
+        """Store a line that a user has typed."""
         self._typed.append(line)
 
     def write(self, _caller: Caller, text: str) -> None:
@@ -68,7 +68,7 @@ class Console(Unattended):
 
 
 class WaitingConsole(Console):
-    """The same where time stands still while a person types."""
+    """The same terminal, except that the time stops while it waits for input."""
 
     def read_line(self) -> str | None:
         """Wait for a line, or None at the end of the input."""
@@ -76,7 +76,7 @@ class WaitingConsole(Console):
 
 
 class Bench:
-    """Makes simulated controllers that run a program, with all boards of inputs and outputs."""
+    """Creates simulated controllers that run a program, with all I/O boards."""
 
     def __init__(self, robot: str, controller_profile: str) -> None:
         self._model = load_robot_model(robot)
@@ -106,7 +106,7 @@ def run(
 ) -> int:
     """Run a program to its end or for a time, and return the exit code.
 
-    `fast`: as fast as this machine can, without ports. Raises OSError.
+    `fast`: without ports, as fast as this machine allows. Raises OSError.
     """
     console = WaitingConsole() if fast else Console()
     controller, network = bench.controller(program, console, around)
@@ -116,14 +116,14 @@ def run(
 
 
 def _run_fast(controller: Controller, seconds: float) -> int:
-    """Let the controller's time pass as fast as this machine can."""
+    """Advance the controller as fast as this machine allows."""
     while (code := _exit_code(controller)) is None and controller.clock.now < seconds:
         _pass_time(controller, seconds)
     return _ended(controller, code)
 
 
 def _pass_time(controller: Controller, until: float) -> bool:
-    """Let the time pass to what happens next, or `until`, s, and return whether anything does."""
+    """Advance to the next event, or `until`, s. Return whether an event is pending."""
     due = controller.clock.next_due
     if controller.in_motion:
         due = controller.clock.now + CYCLE_PERIOD_S
@@ -159,7 +159,7 @@ async def _run(
 
 
 def _read_stdin(console: Console, servers: ControllerServers) -> None:
-    """Read typed lines in a thread, as a terminal allows no other way."""
+    """Read typed lines in a thread, because a terminal offers no other method."""
     loop = asyncio.get_running_loop()
 
     def typed(line: str) -> None:
@@ -177,9 +177,9 @@ def _read_stdin(console: Console, servers: ControllerServers) -> None:
 
 
 def _exit_code(controller: Controller) -> int | None:
-    """Return the exit code of a program that is over, or None while it is not.
+    """Return the exit code of a program that is over, or None while it runs.
 
-    Tasks that an E-stop has ended can be started again.
+    Tasks that an E-stop has ended can be restarted.
     """
     condition = controller.condition
     if condition.fault is not Fault.NONE:
@@ -200,7 +200,7 @@ def _ended(controller: Controller, code: int | None) -> int:
 
 @dataclass(frozen=True, slots=True)
 class TestResult:
-    """What became of a test: `error` is empty if it passed. `seconds` of the controller."""
+    """The result of a test. `error` is empty if it passed. `seconds` of the controller."""
 
     __test__ = False
 
@@ -216,7 +216,7 @@ class TestResult:
 def run_tests(
     program: Program, bench: Bench, names: Callable[[str], bool], around: Surroundings
 ) -> Iterator[TestResult]:
-    """Run the tests whose names are wanted, in the order of the files, and yield each result."""
+    """Run the tests with selected names, in the order of the files, and yield each result."""
     for code in program.functions:
         if code.name.lower().startswith('test') and names(code.name):
             yield run_function(program, code, bench, around.fresh())
@@ -229,7 +229,7 @@ def run_function(
     around: Surroundings,
     longest: float = LONGEST_S,
 ) -> TestResult:
-    """Run a function in place of main until it is over, for `longest` s at most."""
+    """Run a function instead of main until it is over, for at most `longest` s."""
     if code.parameters:
         return TestResult(code.name, code.at, 'a test cannot have parameters', '', 0.0)
     terminal = KeptText()

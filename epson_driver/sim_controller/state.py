@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the state port says of a controller, and why its condition forbids motion."""
+"""The messages of the state port, and the reasons why the condition permits no motion."""
 
 from epson_driver.motion import Array
 from epson_driver.profiles.profile import StateProfile
@@ -44,26 +44,26 @@ NO_MOTION: dict[EStop | Fault | Tasks | Mode | Motors, Rejection] = {
     Motors.OFF: Rejection(ErrorNumber.MOTORS_OFF, 'the motors are off: switch the motors on'),
     Motors.BRAKING: Rejection(ErrorNumber.MOTORS_OFF, 'the motors are going off'),
 }
-"""Why a point is refused, the first that applies; points that come in a pause wait."""
+"""Reasons for refusing a point, in order of precedence. Points wait during a pause."""
 
 _MODES = {Mode.AUTO: StatusMode.AUTO, Mode.MANUAL: StatusMode.MANUAL}
 
 
 def motion_rejection(condition: Condition) -> Rejection | None:
-    """Return why the condition forbids motion, or None."""
+    """Return why the condition permits no motion, or None."""
     states = {getattr(condition, region) for region in REGIONS}
     return next((rejection for state, rejection in NO_MOTION.items() if state in states), None)
 
 
 def joint_position(position: Array) -> JointPosition:
-    """Return the message that the joints are at `position`, shape (n,), rad."""
+    """Return the message for joints at `position`, shape (n,), rad."""
     return JointPosition(0, joint_data(position.tolist()))
 
 
 def joint_feedback(position: Array, velocity: Array, now: float | None) -> JointFeedback:
     """Return the JOINT_FEEDBACK of positions and velocities.
 
-    position, velocity: shape (n,), rad, rad/s; now: the controller's time, s; None: not told.
+    position, velocity: shape (n,), rad, rad/s. now: the controller's time, s (None: omitted).
     """
     fields = ValidFields.POSITION | ValidFields.VELOCITY
     return JointFeedback(
@@ -85,8 +85,8 @@ def status(
 ) -> Status:
     """Return the status of a controller that shows `error`.
 
-    accepts_points: whether it would take a point in its condition. What the profile does not tell
-    is UNKNOWN.
+    accepts_points: whether the controller accepts points in its condition. Fields that the profile
+    omits are UNKNOWN.
     """
     none = error == ErrorNumber.NONE
     possible = condition.tasks is Tasks.RUNNING and none and accepts_points

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The state port: the state sent by the clock, in every condition, and requests answered."""
+"""The state port: periodic state messages in every condition, and replies to requests."""
 
 from collections.abc import Callable, Iterator
 from itertools import cycle
@@ -16,21 +16,21 @@ from epson_driver.simple_message import (
 )
 
 MAX_CATCH_UP_SLOTS = 200
-"""So many slots are made up for at once when the process was not scheduled, 1 s at 200 Hz.
+"""Maximum slots to catch up on after a scheduling delay, 1 s at 200 Hz.
 
-A controller measures in each of its cycles; what its simulation sends late is still the state of
-the slot's own time. A process that stood still for longer leaves out what is older: a client
-needs none of it, and sending it keeps the process from other things, 0.1 ms for each slot.
+A controller measures in each of its cycles. Late messages of the simulation therefore contain the
+state at the time of their slot. After a longer delay, older slots are dropped, because clients do
+not need them and each costs 0.1 ms of the process.
 """
 
 _Slot = tuple[Callable[[], Message], ...]
-"""What is sent in one slot of time."""
+"""The messages of one time slot."""
 
 
 class StateSession:
     """Sends one client the joints every `state_period` s, and a STATUS after some.
 
-    What it sends is the state at that very time, also when the process gets there late.
+    Each message has the state at the time of its slot, even if it is sent late.
     """
 
     def __init__(self, controller: Controller, send: Send) -> None:
@@ -57,7 +57,7 @@ class StateSession:
         self._open = True
 
     def receive(self, data: bytes) -> None:
-        """Answer requests for the messages that are also sent by the clock. Raises FrameError."""
+        """Answer requests for the messages that are also sent periodically. Raises FrameError."""
         self._framer.receive_data(data)
         while self._open and (frame := self._framer.next_frame()) is not None:
             reply = answer_frame(frame, self._answers)
@@ -65,7 +65,7 @@ class StateSession:
                 self._send(encode(reply, self._dialect))
 
     def closed(self) -> None:
-        """Send nothing any more."""
+        """Stop sending."""
         self._open = False
         self._timer.cancel()
 

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""EPSON's robot language SPEL+: files to a program, a program to tasks that can be advanced.
+"""EPSON's robot language SPEL+: compiles files to a program, and runs its tasks.
 
-It knows nothing of a controller: what a program does to the world goes through `Host`.
-docs/spel.md says what of the language is understood.
+The interpreter is independent of the controller. A program accesses it through `Host`.
+docs/spel.md lists the supported parts of the language.
 """
 
 from epson_driver.spel.code import Program

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Statements that the interpreter executes itself: waiting, tasks, locks, bits, terminal."""
+"""Statements that the interpreter itself executes: waiting, tasks, locks, bits, terminal."""
 
 import math
 from collections.abc import Callable
@@ -58,7 +58,7 @@ def wait(task: Task, time: float) -> None:
 
 
 def wait_condition(task: Task, test: Test, time: float | None) -> None:
-    """Wait condition[, s]: TW says whether the time ran out, TMOut makes that an error."""
+    """Wait condition[, s]: TW returns whether the time ran out. With TMOut this is an error."""
     limit = task.default_timeout if time is None else seconds(task, time)
 
     def after(timed_out: bool) -> None:
@@ -82,7 +82,7 @@ def wait_signal(task: Task, number: int, time: float | None = None) -> None:
 
 
 def signal(task: Task, number: int) -> None:
-    """Signal n: let those that wait go on."""
+    """Signal n: resume the tasks that wait for it."""
     number, signals = nearest(number), task.world.signals
     signals[number] = signals.get(number, 0) + 1
 
@@ -183,7 +183,7 @@ def pause_all(task: Task) -> None:
 
 
 def resume_paused(world: World) -> None:
-    """Go on after a pause, beginning timed waits again."""
+    """Resume after a pause, restarting timed waits."""
     for each in world.tasks.values():
         if each.paused:
             each.paused = False
@@ -193,7 +193,7 @@ def resume_paused(world: World) -> None:
 
 
 def continue_all(task: Task) -> None:
-    """Cont: the host lets the tasks go on as soon as it may."""
+    """Cont: the host resumes the tasks as soon as it can."""
     task.world.host.paused(False)
 
 
@@ -220,8 +220,8 @@ def set_trap(
 ) -> None:
     """Trap n, condition … or Trap event Xqt f, disarmed without a target.
 
-    GoTo and Call end the statement that the task is in. With Call it stands until the function is
-    over, with Xqt it goes on.
+    GoTo and Call end the current statement of the task. With Call the task waits for the end of
+    the function, with Xqt it continues.
     """
     task.may('trap')
     world = task.world
@@ -237,7 +237,7 @@ def set_trap(
 
 
 def store_condition(task: Task, name: str, test: Test) -> None:
-    """Till, Find, Sense with a condition: for the motions that only name them."""
+    """Till, Find, Sense with a condition: for later motions that name them without one."""
     task.may(name)
     task.world.conditions[name] = test
 
@@ -330,7 +330,7 @@ def message_box(
 
 
 def print_terminal(task: Task, text: str) -> None:
-    """Print to the terminal, or keep what a command prints."""
+    """Print to the terminal, or collect the output of a command."""
     if task.outputs:
         task.outputs[-1].append(text)
     else:
@@ -338,7 +338,7 @@ def print_terminal(task: Task, text: str) -> None:
 
 
 def fill(name: str, line: str, targets: tuple[Reference, ...], whole: bool) -> None:
-    """Store a line that was read: as it is, or its values by their commas or spaces."""
+    """Store a line that was read: unchanged, or its values separated by commas or spaces."""
     if whole:
         parts = [line]
     elif len(targets) == 1 and TYPES[targets[0][2]].kind == STRING:
@@ -392,7 +392,7 @@ def format_into(_task: Task, value: Value, form: str, into: Reference) -> None:
 
 
 def set_point(task: Task, number: int, point: Point) -> None:
-    """P(n) = …: as P0, P1, … hold it."""
+    """P(n) = …: converted as stored in P0, P1, …."""
     world = task.world
     world.points[within('P', number, 0, LAST_POINT)] = world.host.stored_point(point)
 
@@ -455,4 +455,4 @@ STATEMENTS: dict[str, Callable[..., None]] = {
     'where': lambda task: print_terminal(task, f'{task.world.host.value("where", ())}\n'),
     'joint': lambda task: print_terminal(task, f'{task.world.host.value("joint", ())}\n'),
 }
-"""By name in lower case; ports.py has those of the network, and Print and Input."""
+"""Name in lower case → function. ports.py has the network statements, Print and Input."""

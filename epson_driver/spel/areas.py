@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Box and Plane: areas that tell whether the tool is in them (p169-174, p349, p437, p626)."""
+"""Box and Plane: areas that detect the tool in them (p169-174, p349, p437, p626)."""
 
 from collections.abc import Callable
 from functools import partial
@@ -19,7 +19,7 @@ _KINDS = ('box', 'plane')
 
 
 def _key(kind: str, number: float, robot: float | None = None) -> tuple[str, int]:
-    """Return where an area is kept. Raises SpelError where there is no such number or robot."""
+    """Return the key of an area. Raises SpelError for an invalid number or robot."""
     if robot not in (None, 1):
         raise bad(kind.capitalize(), f'robot {robot:g}: there is only robot 1')
     return kind, nearest(number)
@@ -62,7 +62,7 @@ def _defined(kind: str, task: Task, number: int, robot: int | None = None) -> in
 
 
 def _inside(kind: str, task: Task, number: int, robot: int | None = None) -> int:
-    """Return InsideBox and InsidePlane: -1 where the tool is in the area."""
+    """Return InsideBox and InsidePlane: -1 if the tool is in the area."""
     area = task.world.areas.get(_key(kind, number, robot))
     if area is None:
         return 0

@@ -21,7 +21,7 @@ def timer(task: Task, number: int) -> float:
 
 
 def now(task: Task) -> datetime:
-    """Return what the controller's clock shows."""
+    """Return the time of the controller's clock."""
     return task.world.started + timedelta(seconds=task.world.time)
 
 
@@ -79,7 +79,7 @@ def _error(task: Task, which: int | str | None) -> TaskError | None:
 
 
 def _of_error(read: Callable[[TaskError], Any], blank: int | str) -> Callable[..., Any]:
-    """Return a function of a task's last error, `blank` where there is none."""
+    """Return a function of a task's last error, or `blank` without an error."""
 
     def ask(task: Task, which: int | str | None = None) -> Any:
         error = _error(task, which)
@@ -94,7 +94,7 @@ def _net_owner(task: Task, number: int) -> int:
 
 def _bits(memory: Memory, width: int) -> Callable[[Task, int], int]:
     def read(task: Task, index: int) -> int:
-        task.since_wait = 0  # a loop that looks at the world is not an endless one
+        task.since_wait = 0  # a loop that reads inputs is not endless
         return task.world.host.read_bits(memory, index, width)
 
     return read
@@ -172,4 +172,4 @@ TASK_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'memin': _bits(Memory.MEMORY, 8),
     'meminw': _bits(Memory.MEMORY, 16),
 }
-"""By name in lower case: those of functions.py that are worked out by 'task'."""
+"""Name in lower case → function, for the rows of functions.py with 'task'."""

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A program that can be run: functions as lists of instructions, and what they share."""
+"""A compiled program: functions as lists of instructions, and their shared data."""
 
 from dataclasses import dataclass, field
 
@@ -10,15 +10,15 @@ from epson_driver.spel.syntax import Declare, File, Parameter
 from epson_driver.spel.values import Value
 
 WAITING = -1
-"""What an instruction returns that has handed over to the task: a call, a wait, an end."""
+"""Return value of an instruction after which the task continues: a call, a wait or an end."""
 
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """A variable: where it lives, its type, its bounds if it is an array.
+    """A variable: its storage, its type, and its bounds if it is an array.
 
-    `place` 'v' is a slot of the function's frame, 'g' one of the program's. `by_reference`: the
-    slot holds (list, index) of the caller's variable, or the caller's array.
+    `place` 'v' is a slot of the function's frame, 'g' a slot of the program. `by_reference`: the
+    slot contains (list, index) of the caller's variable, or the caller's array.
     """
 
     name: str
@@ -36,8 +36,8 @@ class Variable:
 class FunctionCode:
     """A function. `source` has one Python function per instruction, named o<index>_<pc>.
 
-    `following` says for each which one comes behind it. Instructions in `passed_over` are only
-    jumps at the end of a branch: whatever leads to one leads to where it goes.
+    `following` contains the next instruction of each. Instructions in `passed_over` are only jumps
+    at the end of a branch, so a jump to one of them continues at its target.
     """
 
     name: str
@@ -58,7 +58,7 @@ class FunctionCode:
 
 @dataclass
 class Program:
-    """All functions of a project, its shared variables, and the text they came to, by portions."""
+    """All functions of a project, its shared variables, and the generated Python in portions."""
 
     functions: list[FunctionCode]
     by_name: dict[str, FunctionCode]

@@ -1,12 +1,12 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The statements there are, as one table: argument form, who may not run them, versions.
+"""All statements as one table: argument form, task types that cannot run them, versions.
 
-A form is a list of argument kinds with commas: `n` a number, `#` one behind #, `s` a string, `x`
-a number or a string, `p` a point, `q` the number of one (P1, its label), `v` a variable, `a` a
-whole array, `w(A|B)` one of these words; `?` after a kind: it may be left out, `*` any number of
-them; - is none. A form that begins with @ is read by a method of that name in the parser. Task
-types and versions are those of words.py.
+A form is a list of argument kinds separated by commas: `n` a number, `#` a number after #, `s` a
+string, `x` a number or a string, `p` a point, `q` the number of a point (P1, its label), `v` a
+variable, `a` a whole array, `w(A|B)` one of these words. `?` after a kind marks an optional
+argument, `*` any number of arguments, and - no argument. A form that starts with @ is read by the
+parser's method with that name. Task types and versions come from words.py.
 """
 
 import re
@@ -18,7 +18,7 @@ from epson_driver.spel.words import WORDS, is_a
 
 
 class TaskType(IntEnum):
-    """What a task survives, numbered as TaskInfo(n, 2) does."""
+    """Task types, which differ in the events that end them, with the numbers of TaskInfo(n, 2)."""
 
     NORMAL = 0
     NO_PAUSE = 1
@@ -34,13 +34,13 @@ TASK_TYPE_WORDS = {
 }
 
 CONTROLLERS = {'rc620': 6, 'rc700a': 7, 'rc90': 7, 't': 7, 'vt': 7, 'rc800': 8}
-"""Kinds of controllers, and the version of RC+ that belongs to each."""
+"""Controller types and their versions of RC+."""
 
 VERSIONS = tuple(sorted({*CONTROLLERS.values()}))
 
 ANYWHERE: frozenset[TaskType] = frozenset()
 NOT_AFTER_ESTOP = frozenset({TaskType.NO_EMG_ABORT, TaskType.BACKGROUND})
-"""Refused in NoEmgAbort and background tasks: what moves, or sets up, a robot."""
+"""Task types that refuse statements which move or set up a robot."""
 
 _FORBIDDEN = {
     'Xqt': frozenset({TaskType.NO_EMG_ABORT, TaskType.TRAP}),
@@ -51,9 +51,9 @@ _FORBIDDEN = {
 
 @dataclass(frozen=True, slots=True)
 class CommandRule:
-    """One statement: how it is written, its arguments, who may not run it, since which version.
+    """One statement: its name, its arguments, the task types that cannot run it, and its version.
 
-    `robot` ones are handed to the host as they are: `Host.command(name, arguments)`.
+    Statements with `robot` are passed to the host: `Host.command(name, arguments)`.
     """
 
     name: str
@@ -64,7 +64,7 @@ class CommandRule:
 
     @property
     def needs_arguments(self) -> bool:
-        """Whether it can only display something when it stands alone."""
+        """Whether the statement without arguments can only display a value."""
         first = self.form.split(',')[0]
         return bool(first) and first[0] != '@' and first[-1] not in '?*'
 
@@ -100,14 +100,14 @@ q,q?: PDel
 q?,q?: PList
 q?,n?: Hand Elbow Wrist J1Flag J2Flag J4Flag J6Flag J1Angle J4Angle
 """
-"""Those that the interpreter executes; @: the parser's method has the statement's name."""
+"""Statements of the interpreter. For @ the parser's method has the statement's name."""
 
 WITHOUT_EFFECT = (
     'ATCLR', 'AutoLJM', 'AvoidSingularity', 'CollisionDetect', 'CP_Offset', 'FineDist', 'Hordr',
     'LimitTorque', 'LimZMargin', 'OLAccel', 'PerformMode', 'PTCLR', 'QPDecelR', 'QPDecelS',
     'SingularityAngle', 'SingularityDist', 'SingularitySpeed', 'SoftCP', 'VSD',
 )  # fmt: skip
-"""Settings of the robot that no host does anything with."""
+"""Settings of the robot that have no effect in any host."""
 
 _ROBOT_FORMS = f"""
 @: AbortMotion
@@ -127,17 +127,17 @@ w(High|Low),w(Forced)?: Power
 w(Error)?: Reset
 n*: {' '.join(WITHOUT_EFFECT)}
 """
-"""Those that are handed to the host."""
+"""Statements that are passed to the host."""
 
 MOVING = frozenset({'home', 'jtran', 'ptran'})
-"""Those of them that move the arm, to no point."""
+"""Statements of the host that move the arm without a target point."""
 
 SHOWN = {
     **dict.fromkeys(('speed', 'speeds'), (1, 2, 3)),
     **dict.fromkeys(('accel', 'accels'), (1, 2, 3, 4, 5, 6)),
     **dict.fromkeys(('arm', 'cp', 'limz', 'motor', 'power', 'robot', 'speedfactor', 'tool'), ()),
 }
-"""Statements that display a value without an argument: which ones of the function's."""
+"""Statements that display values without an argument: arguments of the displayed function."""
 
 
 def _rules() -> Iterator[CommandRule]:
@@ -163,14 +163,14 @@ TYPES = {
         'ubyte', 'ushort', 'uint32', 'int64', 'uint64',
     )
 }  # fmt: skip
-"""Words that begin a declaration, and the first version that has the type."""
+"""Words that start a declaration, and the first version that has the type."""
 
 KEYWORDS = frozenset(name for name in WORDS if is_a('keyword', name)) - TYPES.keys()
-"""Words that cannot begin a statement of their own."""
+"""Words that cannot be used as the first word of a statement."""
 
 
 def forbidden(rule: CommandRule, words: tuple[str, ...], task: TaskType) -> bool:
-    """Return whether a type of task may not run a statement."""
+    """Return whether a type of task cannot run a statement."""
     if rule.name == 'Reset':
         return task in NOT_AFTER_ESTOP and 'error' not in words
     return task in rule.forbidden

@@ -1,10 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Functions to flat lists of instructions: GoTo and EResume may go anywhere in a function.
+"""Compiles functions to flat lists of instructions, so GoTo and EResume can jump anywhere.
 
 An instruction is a Python function of the frame `v` (v[0] is the task, then parameters, the
-function's value, locals) that returns the number of the next one, or WAITING when the task goes
-on by itself: after a call, a wait, an end. What goes on by itself goes on behind the instruction.
+function's value, locals). It returns the number of the next instruction, or WAITING when the task
+itself decides when to continue: after a call, a wait or an end. Such a task resumes at the
+following instruction.
 """
 
 import re
@@ -65,7 +66,7 @@ MOTION_VALUES: dict[str, dict[str, tuple[str, ...]]] = {
     'jump3cp': {'ppp': ()},
     'jumptlz': {'pn': ('tlz',)},
 }  # fmt: skip
-"""Points (p) and numbers (n) of a motion, and what the numbers are. Others take a point."""
+"""Points (p) and numbers (n) of a motion, and the names of the numbers. Others take a point."""
 
 _MARK = re.compile('\x01([0-9]+)\x01')
 _WAITING = f'return {WAITING}'
@@ -149,7 +150,7 @@ class Compiler:
     # Instructions
 
     def _mark(self) -> int:
-        """Return a new mark: a place that is not known yet."""
+        """Return a new mark: a jump target that is not yet known."""
         self._marks.append(-1)
         return len(self._marks) - 1
 
@@ -168,7 +169,7 @@ class Compiler:
         return self._to(mark) if self._labels else '0'
 
     def _begin(self) -> None:
-        """Begin a statement: EResume goes back to here."""
+        """Start a statement. EResume returns to it."""
         self._start = len(self._code.source)
 
     def _emit(self, body: str) -> None:
@@ -181,19 +182,19 @@ class Compiler:
         code.starts.append(self._start)
 
     def _fall_through(self, body: str) -> None:
-        """Add an instruction after which the next one comes."""
+        """Add an instruction that continues at the next one."""
         self._marks.append(len(self._code.source) + 1)
         self._emit(f'{body}\nreturn {self._to(len(self._marks) - 1)}')
 
     def _suspend(self, body: str) -> None:
-        """Add an instruction after which the task goes on by itself."""
+        """Add an instruction after which the task itself decides when to continue."""
         self._emit(f'{body}\n{_WAITING}')
 
     def _jump(self, mark: int) -> None:
         self._emit(f'return {self._to(mark)}')
 
     def _leave_block(self, body: Block, end: int) -> None:
-        """Go behind the whole If or Select, unless the body's last statement goes elsewhere."""
+        """Jump to the end of the If or Select, unless the body's last statement jumps."""
         if body and isinstance(body[-1], Exit | Return | EResume):
             return
         self._begin()
@@ -201,7 +202,7 @@ class Compiler:
         self._jump(end)
 
     def _through(self, pc: int) -> int:
-        """Return where an instruction leads that is only a jump."""
+        """Return the target of an instruction that is only a jump."""
         while pc in self._jumps:  # they all lead forward
             pc = self._marks[self._jumps[pc]]
         return pc
@@ -221,7 +222,7 @@ class Compiler:
         return slot
 
     def _evaluation(self, text: str, reply: str = 'None') -> int:
-        """Add the instructions of Eval, and return the slot where its value will be."""
+        """Add the instructions of Eval, and return the slot of its value."""
         slot = self._slot()
         self._suspend(f'v[0].evaluate({text}, {slot})')
         self._fall_through(f'v[0].reply(v[{slot}], {reply})')
@@ -653,7 +654,7 @@ class Compiler:
         )
 
     def _motion_values(self, motion: Motion) -> tuple[str, str]:
-        """Return the code of a motion's points, its end as the last, and of its numbers."""
+        """Return the code of a motion's points, with its end last, and of its numbers."""
         made, name = self._expressions, motion.name.lower()
         if name == 'pulse':
             values = ''.join(f'{made.number(each).text}, ' for each in motion.points)
@@ -676,7 +677,7 @@ class Compiler:
         return ''.join(f'{point}, ' for point in points), numbers
 
     def _beside(self, motion: Motion) -> str:
-        """Add the instructions of !…! for the motion to pass over, and return where they begin."""
+        """Add the instructions of !…!, which the motion skips, and return their start."""
         start, at = self._start, self._at
         inside, behind = self._mark(), self._mark()
         self._jump(behind)
@@ -704,7 +705,7 @@ class Compiler:
         self._suspend(f'v[0].stub({statement.name!r}, ({"".join(f"{each}, " for each in given)}))')
 
     def _stub_argument(self, argument: Argument) -> str:
-        """Return a variable by reference, as the answer may be put into it, or a value."""
+        """Return a variable by reference, because the answer may be stored in it, or a value."""
         made, value = self._expressions, argument.value
         variable = self._scope.variable(value.name) if isinstance(value, Name | Apply) else None
         if variable is None:

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Conditions that Wait, Till, Sense, Find and Trap take: events and whole global variables.
+"""Conditions of Wait, Till, Sense, Find and Trap: events and whole global variables.
 
-The controller looks at them while the task stands, so only what it can see by itself may be on
-the left; the right side is worked out once, when the statement begins (SPEL+ p881, p859).
+The controller evaluates them while the task waits. The left side must therefore be available
+without the task. The right side is evaluated once, when the statement starts (SPEL+ p881, p859).
 """
 
 from epson_driver.spel.errors import SyntaxProblem
@@ -54,7 +54,7 @@ def _test(expression: Expression, made: Expressions, before: list[str]) -> str:
 
 
 def _once(expression: Expression, made: Expressions, before: list[str]) -> str:
-    """Work a whole number out once and return the name that keeps it."""
+    """Add the single evaluation of a whole number and return the name of its value."""
     name = made.temporary()
     before.append(f'{name} = {made.whole(expression)}')
     return name

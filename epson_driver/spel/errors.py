@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is wrong with a program: problems found before it starts, errors while it runs."""
+"""Problems found in a program before it starts, and errors while it runs."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -10,11 +10,11 @@ from epson_driver.error_texts import load_error_texts
 from epson_driver.inputs import InputError, printable
 
 LISTED = 20
-"""So many problems are spelled out in one exception; the rest is counted."""
+"""Maximum number of problems listed in one exception."""
 
 
 class Position(NamedTuple):
-    """Where something stands: file, line and column, both counted from 1."""
+    """A position in the source: file, line and column, both counted from 1."""
 
     file: str
     line: int
@@ -26,7 +26,7 @@ class Position(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """One thing that is wrong with a program: where, the rule's name, a sentence."""
+    """One problem of a program: its position, the rule's name, a sentence."""
 
     position: Position
     rule: str
@@ -49,7 +49,7 @@ class ProgramError(InputError):
 
 
 class SyntaxProblem(Exception):  # noqa: N818 - it is caught line by line, and becomes a Problem
-    """What the parser and the compiler raise about one statement."""
+    """A syntax error in one statement, raised by the parser and the compiler."""
 
     def __init__(self, position: Position, text: str, rule: str = 'syntax') -> None:
         super().__init__(f'{position}: {text}')
@@ -59,8 +59,8 @@ class SyntaxProblem(Exception):  # noqa: N818 - it is caught line by line, and b
 class ErrorNumber(IntEnum):
     """Error numbers that the language itself raises.
 
-    Those from 9990 are this interpreter's own: no document at hand gives the controller's. A
-    program must not depend on them.
+    Numbers from 9990 are specific to this interpreter, because the available documents do not list
+    the controller's. A program must not depend on them.
     """
 
     LOOP_LEFT = 2020
@@ -120,7 +120,7 @@ USER_ERRORS = range(8000, 9000)
 
 
 def meaning(number: int) -> str:
-    """Return what an error number means, without the texts of a project."""
+    """Return the meaning of an error number, without the texts of a project."""
     if number in USER_ERRORS:
         return "an error of the program's own: handle it (OnErr), or add it to UserErrors.dat"
     found = load_error_texts('epson').get(number)
@@ -128,7 +128,7 @@ def meaning(number: int) -> str:
 
 
 class SpelError(Exception):
-    """An error while a program runs: its number, and what it is about."""
+    """An error while a program runs: its number, and its details."""
 
     def __init__(self, number: int, text: str = '') -> None:
         self.number = int(number)
@@ -137,13 +137,13 @@ class SpelError(Exception):
 
 
 def bad(name: str, text: str) -> SpelError:
-    """Return the error that an argument of a statement or function is out of range."""
+    """Return the error for an argument of a statement or function that is out of range."""
     return SpelError(ErrorNumber.ARGUMENT, f'{name}: {text}')
 
 
 @dataclass(frozen=True, slots=True)
 class TaskError:
-    """An error as RC+ shows it: number, text, file and line, function and task."""
+    """An error as displayed by RC+: number, text, file and line, function and task."""
 
     number: int
     text: str
@@ -157,7 +157,7 @@ class TaskError:
 
     @property
     def told(self) -> str:
-        """Return text, file, line and function, for where the number stands already."""
+        """Return text, file, line and function, for messages that already contain the number."""
         return f'{printable(self.text)}, at {self._line} in {self.function} (task {self.task})'
 
     @property

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A complete RC+ project: programs, and every file that RC+ expects beside them.
+"""A complete RC+ project: programs, with every file that RC+ expects.
 
-The layout is that of projects that RC+ 7.0.5 and 6.0.0 have written; 52 public ones were compared.
-Newer versions are expected to convert them, as they have to with EPSON's own samples, which are as
-old. RC+ itself has not opened one of these yet.
+The layout follows projects written by RC+ 7.0.5 and 6.0.0, of which 52 public ones were compared.
+Newer versions are expected to convert them, because EPSON's own samples are equally old. RC+
+itself has not opened an exported project yet.
 """
 
 import uuid
@@ -15,7 +15,7 @@ from epson_driver.inputs.rc_files import CRLF, Block, parsed, quoted, sealed
 from epson_driver.spel.project_data import INCLUDE, PROGRAM
 
 RC_VERSIONS = {6: '6.0.0', 7: '7.0.5', 8: '7.0.5'}
-"""The version that a project is written for, by that of the controller."""
+"""Controller's version → version of RC+ for which a project is written."""
 
 _SINCE_7 = {
     'sRCRevision', 'bGlobalsDeclaredEachFile', 'bSimulatorButton', 'bAllowReset', 'bPalletsTab',
@@ -44,7 +44,7 @@ _MONITOR_OFF = (('CustomView3Tab', _OFF), ('AllowChangeOutputs', _OFF))
 def exported(
     name: str, files: Mapping[str, str], version: int, when: datetime
 ) -> dict[str, bytes]:
-    """Return a project's files by name: `files` with what RC+ needs beside them, as it has them.
+    """Return a project's files by name: `files` and the other files that RC+ needs.
 
     `files` must be ASCII, `when` a time with its zone. The same arguments give the same bytes.
     """
@@ -128,12 +128,12 @@ def _project(name: str, files: list[str], rc: str, guid: str, when: datetime) ->
 
 
 def _vision_id(guid: uuid.UUID) -> str:
-    """Return the identity of a project's vision file, which is not the project's own."""
+    """Return the GUID of a project's vision file, which differs from the project's GUID."""
     return str(uuid.uuid5(guid, 'vis'))
 
 
 def _of_version(rc: str, name: str, text: str, when: datetime) -> str:
-    """Return the text of a data file as its version of RC+ writes it."""
+    """Return the text of a data file in the format of its version of RC+."""
     block = parsed(name, text)
     if block.text('sRCVersion') == rc:
         return text
@@ -142,7 +142,7 @@ def _of_version(rc: str, name: str, text: str, when: datetime) -> str:
 
 
 def _known(rc: str, block: Block) -> Block:
-    """Return a block without what its version of RC+ does not know yet."""
+    """Return a block without the items that its version of RC+ does not know."""
     if rc[0] != '6':
         return block
     items = (_known(rc, each) if isinstance(each, Block) else each for each in block.items)
@@ -155,7 +155,7 @@ def _block(name: str, **values: str) -> Block:
 
 
 def _operator_window(rc: str) -> Block:
-    """Return what the operator's window shows: RC+'s own defaults."""
+    """Return the settings of the operator's window: RC+'s defaults."""
     window = _block(
         'OperatorWindow', sTitle='"Operator Window"', nWinState='0', sFontName='"Courier New"',
         rFontSize='10', bFontBold=_OFF,

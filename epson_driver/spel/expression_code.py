@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Expressions to Python: their text, the kind of their value, and the checks of their types.
+"""Compiles expressions to Python: text, kind of the value, and type checks.
 
-Functions of the program are called before the statement whose expression they stand in, as
-instructions of their own: they may wait. Both sides of And and Or are always worked out.
+Functions of the program may wait. They are therefore called by separate instructions before the
+statement that contains the expression. Both sides of And and Or are always evaluated.
 """
 
 import re
@@ -54,21 +54,21 @@ _WORDS = {
     POINT: 'a point',
 }
 _DEEPEST_PYTHON = 90
-"""Brackets within each other that Python's own compiler is trusted with."""
+"""Maximum nesting of brackets that Python's own compiler must handle."""
 
 
 class Code(NamedTuple):
-    """Python text and the kind of its value. `truth`: the same as a Python condition."""
+    """Python text and the kind of its value. `truth`: the equivalent Python condition."""
 
     text: str
     kind: str
     truth: str = ''
     checked: bool = False
-    """Its value is known to fit (a whole number -1 or 0, or a Double from a variable)."""
+    """Whether its value is known to fit (a whole number -1 or 0, or a Double from a variable)."""
 
 
 def check_count(rule: FunctionRule, arguments: Sequence[Argument], at: Position) -> None:
-    """Raise SyntaxProblem where a function does not take so many arguments."""
+    """Raise SyntaxProblem unless the number of arguments is valid for a function."""
     least, most = counts(rule.arguments)
     if not least <= len(arguments) <= most:
         number = str(least) if least == most else f'{least} to {most}'
@@ -77,10 +77,10 @@ def check_count(rule: FunctionRule, arguments: Sequence[Argument], at: Position)
 
 
 class Expressions:
-    """Makes Python of the expressions of one function.
+    """Compiles the expressions of one function to Python.
 
-    `call` adds the instruction that calls a function of the program, `evaluate` those of Eval;
-    both return the slot where the value will be.
+    `call` adds the instruction that calls a function of the program, `evaluate` adds the
+    instructions of Eval. Both return the slot of the value.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class Expressions:
         self.scope = scope
         self._evaluate = evaluate
         self.notes: list[Problem] = []
-        """What is allowed, but better not done."""
+        """Warnings about code that is allowed but not recommended."""
         self._call = call
         self._temporaries = 0
 
@@ -108,11 +108,11 @@ class Expressions:
         return self._expect(expression, NUMBERS, 'a number')
 
     def whole(self, expression: Expression) -> str:
-        """Return the code of a whole number, made of a real as on assignment."""
+        """Return the code of a whole number, converted from a real as on assignment."""
         return _rounded(self.number(expression))
 
     def ranged(self, name: str, key: str, place: int, given: Expression, code: str) -> str:
-        """Return the code of a number that must be in its range, if it is not known to be."""
+        """Return the code of a number, with a range check unless its value is known."""
         ends = limits(key, place)
         if ends is None or code.startswith("'"):  # a task's function
             return code
@@ -132,7 +132,10 @@ class Expressions:
         return self._expect(expression, (*NUMBERS, STRING), 'a number or a string').text
 
     def point(self, expression: Expression) -> str:
-        """Return the code of a point, by its label before an I/O label of that name."""
+        """Return the code of a point.
+
+        Its label takes precedence over an I/O label of that name.
+        """
         labelled = self._labelled(expression)
         if labelled is not None:
             return f't_p(v[0], {labelled})'
@@ -156,12 +159,12 @@ class Expressions:
         return code
 
     def truth(self, expression: Expression) -> str:
-        """Return the code of a condition, as Python tests it."""
+        """Return the code of a condition, as a Python condition."""
         code = self.number(expression)
         return code.truth or code.text
 
     def as_type(self, expression: Expression, type_name: str) -> str:
-        """Return the code of a value as a variable of a type takes it."""
+        """Return the code of a value, converted to the type of a variable."""
         wanted = TYPES[type_name]
         fixed = constant(expression, self.scope.constants)
         code = self.value(expression)
@@ -178,7 +181,7 @@ class Expressions:
         return self._converted(code, type_name)
 
     def _note(self, expression: Expression, code: Code, type_name: str) -> None:
-        """Note a value that may not arrive as it is."""
+        """Add a warning for a value that may change in the conversion."""
         wanted = TYPES[type_name]
         if wanted.kind != INT or type_name == 'boolean':
             return
@@ -279,7 +282,7 @@ class Expressions:
         return f'({variable.place}, {variable.slot})', variable.type
 
     def taker(self, expression: Expression) -> tuple[str, str]:
-        """Return the code of what a statement stores a value in, and its type."""
+        """Return the code of a statement's target variable, and its type."""
         if not isinstance(expression, Name | Apply):
             raise SyntaxProblem(expression.at, 'must be a variable', 'type')
         reference, type_name = self.reference(expression)
@@ -453,7 +456,7 @@ class Expressions:
         return self._built_in(rule, arguments, at)
 
     def note_stub(self, name: str, at: Position) -> None:
-        """Note that something of SPEL+ is not simulated."""
+        """Add a note that a word of SPEL+ is not simulated."""
         text = f'{name} is not simulated: running it needs an answer (--stub)'
         self.notes.append(Problem(at, 'not-simulated', text, warning=True))
 
@@ -464,7 +467,7 @@ class Expressions:
         return Code(f'v[0].ask({name!r}, ({given}), {kind!r})', kind)
 
     def stub_argument(self, argument: Argument) -> str:
-        """Return a value, or for an unknown name that of a sequence or window."""
+        """Return a value, or the name of a sequence or window for an unknown name."""
         value = argument.value
         if argument.whole_array:
             return self.array(argument)[0]
@@ -519,7 +522,7 @@ class Expressions:
                 raise SyntaxProblem(value.at, 'must be a string variable', 'type')
             return Code(taker, STRING)
         if wanted == 'o' and isinstance(value, Name) and value.name.lower() == 'all':
-            return Code('1', INT)  # there is one robot
+            return Code('1', INT)  # only one robot exists
         if wanted == 't' and isinstance(value, Name):
             key = value.name.lower()
             if key in self.scope.functions and self.scope.variable(key) is None:

@@ -23,10 +23,10 @@ from epson_driver.spel.syntax import (
 from epson_driver.spel.values import POINT
 
 DEEPEST = 40
-"""Brackets, signs and Nots within each other."""
+"""Maximum nesting of brackets, signs and Nots."""
 
 MOST_OPERATORS = 100
-"""In one statement."""
+"""Maximum operators in one statement."""
 
 _LEVELS: tuple[tuple[str, ...], ...] = (
     ('xor',),
@@ -63,7 +63,7 @@ def _is_flag(token: Token) -> bool:
 
 
 class Reader:
-    """The tokens of one statement, read from the left. `labels`: of points, in lower case."""
+    """Reads the tokens of one statement from the left. `labels`: of points, in lower case."""
 
     def __init__(
         self, found: list[Token], at: Position, labels: Container[str] = frozenset()
@@ -77,7 +77,7 @@ class Reader:
 
     @property
     def here(self) -> Token:
-        """Return the next token, or END behind the last one."""
+        """Return the next token, or END after the last one."""
         if self._next < len(self._tokens):
             return self._tokens[self._next]
         at = self._start
@@ -87,12 +87,12 @@ class Reader:
         return Token(END, '', at)
 
     def look(self, ahead: int) -> Token:
-        """Return the token `ahead` places behind the next one."""
+        """Return the token `ahead` places after the next one."""
         index = self._next + ahead
         return self._tokens[index] if index < len(self._tokens) else Token(END, '', self._start)
 
     def past_brackets(self, ahead: int = 0) -> int:
-        """Return how far away the token is behind the brackets that open at a token ahead."""
+        """Return the distance to the token after the brackets that open `ahead` tokens later."""
         depth = 0
         while (token := self.look(ahead)).kind != END:
             depth += (token.text == '(') - (token.text == ')')
@@ -108,17 +108,17 @@ class Reader:
         return token
 
     def wrong(self, expected: str) -> SyntaxProblem:
-        """Return the problem that something else was expected."""
+        """Return the problem that another token was expected."""
         token = self.here
         found = token.text[:40] or token.kind
         return SyntaxProblem(token.position, f'expected {expected}, found {found}')
 
     def at_end(self) -> bool:
-        """Return whether nothing is left."""
+        """Return whether all tokens have been read."""
         return self.here.kind == END
 
     def end(self) -> None:
-        """Refuse what is left."""
+        """Raise SyntaxProblem unless all tokens have been read."""
         if not self.at_end():
             raise self.wrong('the end of the statement')
 
@@ -128,7 +128,7 @@ class Reader:
         return token.kind in (NAME, SYMBOL) and token.lower in texts
 
     def takes(self, *texts: str) -> bool:
-        """Take the next token if it is one of these names or signs."""
+        """Read the next token if it is one of these names or signs. Return whether it is."""
         if self.sees(*texts):
             self._next += 1
             return True
@@ -163,7 +163,7 @@ class Reader:
         return tuple(read)
 
     def optional(self, *ends: str) -> Expression | None:
-        """Read an expression unless the statement, or one of these signs, comes first."""
+        """Read an expression, or return None before the statement's end or one of these signs."""
         return None if self.at_end() or self.sees(*ends) else self.expression()
 
     def _binary(self, level: int) -> Expression:
@@ -197,7 +197,7 @@ class Reader:
             raise SyntaxProblem(self.here.position, 'the expression is too deep: divide it')
 
     def _point(self) -> Expression:
-        """Read an operand, and what can only follow a point: :Z(0), +TLZ(10), /L, @1 (p592)."""
+        """Read an operand with any point modifiers: :Z(0), +TLZ(10), /L, @1 (p592)."""
         left = self._operand()
         while True:
             token, after = self.here, self.look(1)
@@ -288,7 +288,7 @@ class Reader:
         return tuple(read)
 
     def argument(self) -> Argument:
-        """Read one argument: ByRef and a() too."""
+        """Read one argument, including ByRef and a()."""
         by_reference = self.takes('byref')
         if not by_reference:
             self.takes('byval', '#')
@@ -301,7 +301,7 @@ class Reader:
         return Argument(self.expression(), by_reference)
 
     def target(self) -> Target:
-        """Read what a value can be stored in."""
+        """Read a variable or array element as the target of an assignment."""
         token = self.name('a variable')
         if self.sees('('):
             return Apply(token.text, self.arguments(), token.position)

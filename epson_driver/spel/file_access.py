@@ -20,7 +20,10 @@ _END_OF_FILE = 26
 
 @dataclass(frozen=True, slots=True)
 class _Mode:
-    """What a way of opening allows, and whether the file `must` be there or begin `empty`."""
+    """A mode of opening a file.
+
+    `must`: the file must exist. `empty`: it is truncated. Otherwise it is created if missing.
+    """
 
     reads: bool
     writes: bool
@@ -38,7 +41,7 @@ _MODES = {
 
 
 def is_file(number: float) -> bool:
-    """Return whether a number after # is that of a file."""
+    """Return whether a number after # is a file number."""
     return FIRST_FILE <= number <= LAST_FILE
 
 
@@ -83,7 +86,7 @@ def flush(task: Task, number: float) -> None:
 
 
 def seek(task: Task, number: float, at: float) -> None:
-    """Seek #n, pointer: bytes from the beginning."""
+    """Seek #n, pointer: bytes from the start of the file."""
     file = opened(task, 'Seek', nearest(number))
     if not 0 <= at <= len(file.data):
         raise bad('Seek', f'{nearest(at)} is not in 0..{len(file.data)}')

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The files that a program reads and writes: those of its folder, and what it has written.
+"""The files of a program: the files of its folder, and the files it has written.
 
-What a program writes stays in memory, unless the files are `kept`: then it goes into the folder,
-and nowhere else. A path of another disk or folder is one in memory. Point files that were there
-before are changed in memory only: those of a simulated robot never replace taught ones.
+Written files stay in memory. With `keep` they are written to the folder, and nowhere else. A path
+of another disk or folder stays in memory. Existing point files are changed in memory only, so that
+points of a simulated robot never replace taught ones.
 """
 
 from collections.abc import Iterator
@@ -16,10 +16,10 @@ from epson_driver.inputs import printable, read_file, write_file
 from epson_driver.spel.errors import ErrorNumber, SpelError
 
 MOST_BYTES = 20_000_000
-"""Of all that a program writes."""
+"""Maximum bytes that a program may write in total."""
 
 _PROJECT = ('.prg', '.inc', '.sprj', 'iolabels.dat', 'usererrors.dat', 'macros.dat')
-"""Ends of the files of the project that no program may write to, in lower case."""
+"""Name endings of project files that no program may write to, in lower case."""
 
 
 def _bad(text: str) -> SpelError:
@@ -28,7 +28,7 @@ def _bad(text: str) -> SpelError:
 
 @contextmanager
 def _said(name: str) -> Iterator[None]:
-    """Raise SpelError for what the system refuses."""
+    """Convert errors of the system to SpelError."""
     try:
         yield
     except (OSError, ValueError) as error:
@@ -36,7 +36,7 @@ def _said(name: str) -> Iterator[None]:
 
 
 class Files:
-    """The files of a program, in the `folder` of the project if to `keep`."""
+    """The files of a program, stored in the project's `folder` if `keep` is set."""
 
     most_bytes = MOST_BYTES
 
@@ -48,14 +48,14 @@ class Files:
         self._written: dict[str, bytes | None] = {}
         self._folders: set[str] = set()
         self.current = ''
-        """What ChDir has chosen, below the folder."""
+        """Current folder of ChDir, below the folder."""
 
     def fresh(self) -> 'Files':
-        """Return the files as they were before anything was written, only in memory."""
+        """Return the original files without anything written, in memory only."""
         return Files(self._folder)
 
     def path(self, name: str) -> str:
-        """Return a path as the files are kept by: in lower case, with /."""
+        """Return the key of a path: in lower case, with /."""
         return '/'.join(self._parts(name)).lower()
 
     def _parts(self, name: str) -> list[str]:
@@ -71,7 +71,7 @@ class Files:
         return parts
 
     def read(self, name: str) -> bytes | None:
-        """Return what a file holds, None if there is none."""
+        """Return the content of a file, or None if it does not exist."""
         key = self.path(name)
         if key in self._written:
             return self._written[key]
@@ -103,7 +103,7 @@ class Files:
         self._written[key] = None
 
     def make_folder(self, name: str) -> None:
-        """Make a folder. Raises SpelError."""
+        """Create a folder. Raises SpelError."""
         if self.has_folder(name):
             raise _bad(f'there is a folder {name} already')
         key = self.path(name)
@@ -130,7 +130,7 @@ class Files:
         self.make_folder(target)
 
     def has_folder(self, name: str) -> bool:
-        """Return whether there is a folder."""
+        """Return whether a folder exists."""
         key = self.path(name)
         if not key or key in self._folders:
             return True
@@ -138,7 +138,10 @@ class Files:
         return there is not None and there.is_dir()
 
     def changed(self, name: str, now: datetime) -> datetime:
-        """Return when a file was written, now for the program's own. Raises SpelError."""
+        """Return the modification time of a file, `now` for the program's own.
+
+        Raises SpelError.
+        """
         if self.read(name) is None:
             raise _bad(f'there is no file {name}')
         there = self._there(self.path(name))
@@ -147,7 +150,7 @@ class Files:
         return datetime.fromtimestamp(there.stat().st_mtime)
 
     def _there(self, key: str) -> Path | None:
-        """Return what is in the folder under a path, whatever its case."""
+        """Return the path of a file or folder in the folder, ignoring case, or None."""
         if self._folder is None or not self._folder.is_dir():
             return None
         place = self._folder
@@ -159,7 +162,7 @@ class Files:
         return place
 
     def _target(self, name: str, key: str) -> Path:
-        """Return where a path is to be written: in the folder only. Raises SpelError."""
+        """Return the path to write to, which must be in the folder. Raises SpelError."""
         text = name.replace('\\', '/')
         if key.endswith(_PROJECT):
             raise _bad(f'{name}: the files of the project are only read')

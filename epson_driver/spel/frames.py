@@ -16,13 +16,13 @@ WORLD = Point('xy', (0.0,) * 6)
 _TURNED = {'rx': 'w', 'ry': 'v', 'rz': 'u'}
 _BASE_U = 'baseu'
 PLACES = 9
-"""Decimals, mm or degrees, that a product of turns is rounded to."""
+"""Decimals, mm or degrees, to which a product of rotations is rounded."""
 MOST_PLACES = 32_767
-"""Of a pallet."""
+"""Maximum number of places of a pallet."""
 
 
 class Area(NamedTuple):
-    """A box from its lower to its upper corner, mm, without an axis from 0 to 0.
+    """A box from its lower to its upper corner, mm. An axis from 0 to 0 is unlimited.
 
     `frame` is the number of a local, or a place.
     """
@@ -64,7 +64,7 @@ def added(left: Point, right: Point, sign: float = 1.0) -> Point:
 
 
 def combined(frame: Point, point: Point) -> Point:
-    """Return a place that is given in a frame, with the flags of the frame's point."""
+    """Return a place given in a frame, with the flags of the frame's point."""
     turn = _matrix(frame)
     moved = [
         frame.values[row] + sum(turn[row][k] * point.values[k] for k in range(3))
@@ -74,7 +74,7 @@ def combined(frame: Point, point: Point) -> Point:
 
 
 def within(frame: Point, point: Point) -> Point:
-    """Return a place as a frame sees it, with the flags of the point."""
+    """Return a place relative to a frame, with the flags of the point."""
     back = tuple(zip(*_matrix(frame), strict=True))
     away = [point.values[k] - frame.values[k] for k in range(3)]
     moved = [sum(back[row][k] * away[k] for k in range(3)) for row in range(3)]
@@ -106,7 +106,7 @@ def in_world(point: Point, locals_: Mapping[int, Point]) -> Point:
 
 
 def turned_step(step: Point, locals_: Mapping[int, Point]) -> Point:
-    """Return a step along the axes of its local as one along those of Local 0 (p163)."""
+    """Return a step along the axes of its local, converted to Local 0 (p163)."""
     number = local_of(step)
     flags = tuple(flag for flag in step.flags if not flag.isdigit())
     if not number or step.kind != 'xy':
@@ -124,9 +124,9 @@ def _frame(number: int, locals_: Mapping[int, Point]) -> Point:
 
 
 def frame_of(name: str, points: Sequence[Point], axis: str = 'x') -> Point:
-    """Return the frame of an origin and a point on X and Y each, the one on `axis` exact.
+    """Return the frame of an origin and a point on X and Y each, with an exact `axis`.
 
-    One point alone is the frame. Raises SpelError, about the statement of that name.
+    A single point is the frame itself. Raises SpelError, about the statement of that name.
     """
     if any(each.kind != 'xy' for each in points) or len(points) not in (1, 3):
         raise bad(name, 'takes a place, or an origin and points on X and Y')
@@ -150,11 +150,11 @@ def frame_of(name: str, points: Sequence[Point], axis: str = 'x') -> Point:
 def frame_between(
     pairs: Sequence[tuple[Point, Point]], share: float, base_u: bool = False
 ) -> Point:
-    """Return the frame in which two points of a local are two of the base (p514).
+    """Return the frame that maps two points of a local to two points of the base (p514).
 
-    Where they are not as far apart, what is exact is a share of the way between them. `base_u`:
-    the U of its points is moved by as much as the base's two from the local's two (p515), which
-    is the frame's U and a seventh value.
+    If their distances differ, the frame is exact at the fraction `share` between them. `base_u`:
+    the U of its points changes by the difference between the base's two and the local's two U
+    values (p515). The frame's U and a seventh value store this difference.
     """
     (here, there), (here2, there2) = pairs
     turn = _heading(there, there2) - _heading(here, here2)
@@ -189,7 +189,7 @@ def _unit(vector: Sequence[float]) -> tuple[float, ...]:
 
 
 def _tool_turn(frame: Point) -> _Turn:
-    """Return the turn of what points in a frame, which BaseU parts from that of its axes."""
+    """Return the rotation of points in a frame, which BaseU separates from the axes' rotation."""
     if _BASE_U not in frame.flags:
         return _matrix(frame)
     u, v, w, *more = frame.values[3:]
@@ -197,7 +197,7 @@ def _tool_turn(frame: Point) -> _Turn:
 
 
 def _matrix(point: Point) -> _Turn:
-    """Return the turn of U about Z, V about Y, W about X."""
+    """Return the rotation matrix of U about Z, V about Y, W about X."""
     u, v, w = (math.radians(each) for each in point.values[3:6])
     cu, su, cv, sv, cw, sw = (f(each) for each in (u, v, w) for f in (math.cos, math.sin))
     return (
@@ -227,9 +227,9 @@ def _values(place: Sequence[float], turn: Sequence[Sequence[float]]) -> tuple[fl
 
 @dataclass(frozen=True, slots=True)
 class Pallet:
-    """One pallet. `corners`: the first one, the end of its row, that of its column, the opposite.
+    """One pallet. `corners`: the first, the end of its row, the end of its column, the opposite.
 
-    With `outside`, columns and rows beyond those there are can be asked for.
+    With `outside`, columns and rows beyond the pallet are allowed.
     """
 
     corners: tuple[Point, ...]
@@ -240,8 +240,8 @@ class Pallet:
     def place(self, number: int, position: int, row: int | None) -> Point:
         """Return a place by its position, from 1 along the first row, or by column and row.
 
-        The orientation is that of the first corner. `number` is the pallet's, for the error.
-        Raises SpelError.
+        The orientation is the orientation of the first corner. `number` is the pallet number, for
+        the error. Raises SpelError.
         """
         if row is None:
             column, row = (position - 1) % self.columns + 1, (position - 1) // self.columns + 1

@@ -1,12 +1,12 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The functions there are, as one table: who works them out, arguments, result, names.
+"""All functions as one table: evaluation, arguments, result, names.
 
-Arguments: `n` a number, `i` a whole number, `s` a string, `x` either, `p` a point,
-`q` the number of one (P1, its label), `a` an array, `v` a variable, `o` a robot's number or All,
-`t` a task (its number or a function's name); `?` may be left out. Results: `i`, `n` (a Double),
+Arguments: `n` a number, `i` a whole number, `s` a string, `x` either, `p` a point, `q` the number
+of a point (P1, its label), `a` an array, `v` a variable, `o` a robot's number or All, `t` a task
+(its number or a function's name). `?` marks an optional argument. Results: `i`, `n` (a Double),
 `f` (a Real), `s`, `p`, and `=` for the kind of the first argument. A condition of Wait, Till or
-Trap may ask for those with a star.
+Trap may use the functions with a star.
 """
 
 from collections.abc import Iterator
@@ -19,9 +19,9 @@ from epson_driver.spel.words import FIRST, WORDS
 class FunctionRule:
     """One function.
 
-    `by` 'value' is worked out from its arguments alone (library.py), 'task' by the interpreter
-    (builtins.py), 'host' by `Host.value(name, arguments)`; 'call' takes the task's time, as a
-    function of the program does.
+    `by` 'value' is evaluated from its arguments alone (library.py), 'task' by the interpreter
+    (builtins.py), 'host' by `Host.value(name, arguments)`. 'call' takes time of the task, like a
+    function of the program.
     """
 
     name: str
@@ -33,7 +33,7 @@ class FunctionRule:
     @property
     def since(self) -> int:
         """The first version that has it."""
-        word = WORDS.get(self.name.lower())  # there is none for P( )
+        word = WORDS.get(self.name.lower())  # P( ) has no word
         return word.since[0] if word is not None else FIRST[0]
 
 
@@ -128,7 +128,7 @@ STUB_RESULTS = {
     }.items()
     for name in names.split()
 }
-"""What functions return that only a test can answer: most of them a whole number."""
+"""Results of functions that only a test can answer, usually a whole number."""
 
 AXES = ('x', 'y', 'z', 'u', 'v', 'w', 'r', 's', 't', 'st')
 TURNS = ('rx', 'ry', 'rz')
@@ -141,22 +141,22 @@ POSTURES = {
     'j4flag': ('j4f0', 'j4f1'),
     'j6flag': tuple(f'j6f{turn}' for turn in range(128)),
 }
-"""Functions and statements of a point's posture, with its flags: the first one is the usual."""
+"""Functions and statements of a point's posture, with its flags, the default first."""
 
 ANGLES = {'j1angle': 'j1a', 'j4angle': 'j4a'}
-"""Those of a joint that a place leaves open: what their flags begin with, before the degrees."""
+"""Functions of joint angles that a place does not determine: prefix of their flags."""
 
 POINT_FLAGS = frozenset(flag for flags in POSTURES.values() for flag in flags)
 
 
 def subject(flag: str) -> str:
-    """Return what a flag of a point is about, of which a point has only one."""
+    """Return the property that a flag of a point sets. A point has only one flag for each."""
     if flag.isdigit():
         return 'local'
     return next((name for name, flags in POSTURES.items() if flag in flags), flag[:3])
 
 
 def counts(arguments: str) -> tuple[int, int]:
-    """Return how many arguments a function takes at least and at most."""
+    """Return the minimum and maximum number of arguments of a function."""
     kinds = arguments.split(',') if arguments else []
     return sum(not kind.endswith('?') for kind in kinds), len(kinds)

@@ -1,13 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a program needs of the world it runs in: robot, inputs and outputs, ports, terminal.
+"""The interface between a program and its environment: robot, I/O, ports, terminal.
 
-The interpreter asks; the host answers at once and never blocks. What takes time is a Completion,
-or an answer that changes later: a task that waits for one is looked at again whenever the machine
-is advanced, so a host that has news calls `machine.advance(now)`.
+The interpreter calls the host, which answers immediately and never blocks. An operation that takes
+time returns a Completion, or a result that changes later. A task that waits for it is checked
+whenever the machine advances, so the host calls `machine.advance(now)` after each event.
 
-A host raises SpelError for what a controller would answer with an error; the task that asked gets
-it at that statement.
+A host raises SpelError where a controller would report an error. The calling task gets it at the
+current statement.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +20,7 @@ from epson_driver.spel.values import Array, Point, Value
 
 
 class Memory(Enum):
-    """What bits can be read from and written to."""
+    """The kinds of bits that can be read and written."""
 
     INPUT = 'input'
     OUTPUT = 'output'
@@ -28,24 +28,27 @@ class Memory(Enum):
 
 
 class Completion(Protocol):
-    """Something that takes time: a motion, motors being switched."""
+    """An operation that takes time: a motion, or switching of motors."""
 
     @property
     def share(self) -> float:
-        """Return how much of it is done, 0 to 1, or less where !…! has to wait."""
+        """Return the completed fraction, 0 to 1, or less if !…! must wait."""
 
     @property
     def done(self) -> bool:
-        """Return whether the statement is over: for CP, when the deceleration begins."""
+        """Return whether the statement is over.
+
+        With CP it is over when the deceleration starts.
+        """
 
     @property
     def error(self) -> SpelError | None:
-        """Return how it failed, if it did, once it is done."""
+        """Return the error of a completed operation, or None."""
 
 
 @dataclass(frozen=True, slots=True)
 class NetSettings:
-    """SetNet, with the terminator of lines, and the timeout of sending and receiving, s."""
+    """Settings of SetNet, with line terminator and send and receive timeout, s."""
 
     host: str
     tcp_port: int
@@ -57,13 +60,15 @@ class NetSettings:
 class MotionRequest:
     """A statement that moves the arm.
 
-    `name` in lower case ('go', 'move', …); `points` its targets in order; `cp` whether it may
-    blend into the next one. `till`: the arm decelerates once it returns true, the statement is
-    over without an error; the host asks at each scan, and ends the motion with the SpelError that
-    the question may raise. `find`: where the arm is once it holds is kept; `sense`: a Jump ends
-    above its target if it holds there. `words` are other modifiers ('rot'), `numbers` the values
-    of 'c', 'limz' (mm), 'ljm' and 'performmode', of the arch 'depart' and 'approach' (mm), of an
-    arc 'angle' (degrees), 'radius' (mm), 'path' and 'direction' (p104), of JumpTLZ 'tlz' (mm).
+    name: in lower case ('go', 'move', …). points: its targets in order. cp: whether it may blend
+    into the next one.
+    till: the arm decelerates once it returns True, and the statement ends without an error. The
+    host evaluates it at each scan, and ends the motion with any SpelError that it raises.
+    find: the position of the arm is stored when it first returns True. sense: a Jump ends above
+    its target if it returns True there.
+    words: other modifiers ('rot'). numbers: the values of 'c', 'limz' (mm), 'ljm' and
+    'performmode', of the arch 'depart' and 'approach' (mm), of an arc 'angle' (degrees), 'radius'
+    (mm), 'path' and 'direction' (p104), of JumpTLZ 'tlz' (mm).
     """
 
     name: str
@@ -78,7 +83,7 @@ class MotionRequest:
 
 @dataclass(frozen=True, slots=True)
 class Caller:
-    """Which task asks: its number, its function, and where it is."""
+    """The calling task: its number, its function, and its position."""
 
     task: int
     function: str
@@ -93,17 +98,17 @@ class Terminal(Protocol):
         """Show a text whose lines end with a line feed."""
 
     def read_line(self) -> str | None:
-        """Return a line that a person has typed, or None while there is none."""
+        """Return a line that a user has typed, or None if none is available."""
 
     def message_box(self, caller: Caller, text: str, buttons: int, title: str) -> int | None:
-        """Return the number of the button that was pressed, or None as long as there is none.
+        """Return the number of the pressed button, or None while none has been pressed.
 
-        It is asked again until there is one.
+        It is called repeatedly until a button is pressed.
         """
 
 
 class Network(Protocol):
-    """Ports 201 to 216 as SPEL+ sees them. Who may use a port, the interpreter knows."""
+    """Ports 201 to 216 of SPEL+. The interpreter checks which task may use a port."""
 
     def open_net(self, port: int, settings: NetSettings, server: bool) -> None:
         """Listen, or connect. Does not wait for the peer. Raises SpelError."""
@@ -112,19 +117,19 @@ class Network(Protocol):
         """Close a port if it is open."""
 
     def orphan_net(self, port: int) -> None:
-        """Be told that the task which opened a port has ended: nobody answers a new peer."""
+        """Stop serving new peers, because the task that opened the port has ended."""
 
     def connected(self, port: int) -> bool:
         """Return whether an open port has a peer."""
 
     def received(self, port: int) -> bytes:
-        """Return what has come and is not yet taken, even from a peer that is gone."""
+        """Return the unread received bytes, even after the peer has disconnected."""
 
     def take(self, port: int, count: int) -> bytes:
-        """Take the first bytes of what has come."""
+        """Remove and return the first received bytes."""
 
     def send(self, port: int, data: bytes) -> None:
-        """Send. Raises SpelError 2902 when the peer is gone."""
+        """Send. Raises SpelError 2902 if the peer has disconnected."""
 
 
 class Bits(Protocol):
@@ -138,12 +143,12 @@ class Bits(Protocol):
 
 
 class Robot(Protocol):
-    """The arm, its motors and its settings, and what the controller says of itself."""
+    """The arm, its motors and its settings, and the controller's state."""
 
     def value(self, name: str, arguments: Sequence[int | float | Point]) -> float | Point | str:
-        """Return a function by its name in lower case ('agl', 'realpls', 'ctrlinfo', 'cx', …).
+        """Return the value of a function ('agl', 'realpls', 'ctrlinfo', 'cx', …, in lower case).
 
-        Truth is -1 or 1, as the function has it. Raises SpelError.
+        True is -1 or 1, depending on the function. Raises SpelError.
         """
 
     def command(
@@ -151,25 +156,25 @@ class Robot(Protocol):
     ) -> Completion | None:
         """Execute a statement by its name in lower case ('motor', 'power', 'speed', 'reset', …).
 
-        'quit all' is one too: Speed, Accel and others are as after a start, the power is low. So
-        is 'startmain', before main is started: it may be refused.
-        `words` are those that stood in it, in lower case ('on', 'high'). None: done at once.
+        This includes 'quit all', which resets Speed, Accel and others to their initial values and
+        sets low power, and 'startmain', which precedes the start of main and may be refused.
+        `words` are the statement's keywords in lower case ('on', 'high'). None: it is complete.
         Raises SpelError.
         """
 
     def move(self, request: MotionRequest) -> Completion:
-        """Begin a motion. Raises SpelError (4031: motors off, 4001: out of range, …)."""
+        """Start a motion. Raises SpelError (4031: motors off, 4001: out of range, …)."""
 
     def stored_point(self, point: Point) -> Point:
-        """Return a point as P0, P1, … would hold it: angles become a place in space."""
+        """Return a point as stored in P0, P1, …: angles become a place in space."""
 
 
 class Host(Bits, Robot, Protocol):
-    """All of it, and what happens to tasks."""
+    """The complete host, with notifications of tasks."""
 
     @property
     def terminal(self) -> Terminal:
-        """Return what Print, Input and MsgBox use."""
+        """Return the terminal of Print, Input and MsgBox."""
 
     @property
     def network(self) -> Network:
@@ -180,14 +185,14 @@ class Host(Bits, Robot, Protocol):
     ) -> int | float:
         """Call a function of a DLL. Raises SpelError 2473.
 
-        Arrays may be written to; what is handed over ByRef is an array of one element.
+        Arrays may be written to. A ByRef argument is passed as an array of one element.
         """
 
     def task_failed(self, error: TaskError) -> None:
-        """Be told that a task ended by an error that it did not handle."""
+        """Record that a task ended with an unhandled error."""
 
     def paused(self, on: bool) -> None:
-        """Be told that a program asked for Pause, or for Cont (False).
+        """Record that a program requested Pause, or Cont (False).
 
-        After Cont the host has the tasks go on (`Machine.resume`) as soon as it allows that.
+        After Cont the host resumes the tasks (`Machine.resume`) as soon as it can.
         """

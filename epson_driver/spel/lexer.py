@@ -16,7 +16,7 @@ SYMBOL: Final = 'symbol'
 END: Final = 'end of the line'
 
 LONGEST_LINE = 5_000
-"""Characters of a line that is read at all; RC+ takes 512."""
+"""Maximum characters of a line. RC+ accepts 512."""
 
 _LONGEST_NUMBER = 400
 
@@ -37,7 +37,7 @@ _TOKEN = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Token:
-    """One word, number, string or sign. `lower` is what names are compared by."""
+    """One word, number, string or sign. `lower` is used to compare names."""
 
     kind: str
     text: str
@@ -46,7 +46,7 @@ class Token:
 
     @property
     def lower(self) -> str:
-        """Return the text in lower case: SPEL+ does not tell them apart."""
+        """Return the text in lower case, because SPEL+ ignores the case."""
         return self.text.lower()
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Functions whose value follows from their arguments alone, and how numbers become text."""
+"""Functions of their arguments alone, and conversion of numbers to text."""
 
 import math
 import re
@@ -21,14 +21,14 @@ REAL_DIGITS, DOUBLE_DIGITS = 7, 15
 
 
 def text_of(value: object, kind: str) -> str:
-    """Return a value as Print shows it: Real with 7 digits, Double with 15."""
+    """Return a value as displayed by Print: Real with 7 digits, Double with 15."""
     if isinstance(value, float):
         return number_text(value, REAL_DIGITS if kind == SINGLE else DOUBLE_DIGITS)
     return value.printed if isinstance(value, Point) and value.kind == 'xy' else str(value)
 
 
 def number_text(value: float, digits: int = DOUBLE_DIGITS) -> str:
-    """Return a number, a large or a small one as 1.000000E+014 (p795)."""
+    """Return the text of a number, large or small ones like 1.000000E+014 (p795)."""
     text = f'{value:.{digits}g}'
     if abs(value) < 1e14 and 'e' not in text:
         return text
@@ -37,7 +37,7 @@ def number_text(value: float, digits: int = DOUBLE_DIGITS) -> str:
 
 
 def _string(value: float, digits: int = DOUBLE_DIGITS) -> str:
-    """Return Str$, of a whole number that no Long holds as a Real (p795)."""
+    """Return Str$. A whole number that exceeds Long is converted like a Real (p795)."""
     if isinstance(value, int) and abs(value) < 1 << 31:
         return str(value)
     return number_text(float(value), REAL_DIGITS if isinstance(value, int) else digits)
@@ -55,7 +55,7 @@ def power(base: float, exponent: float) -> float:
 
 
 def remainder(left: int, right: int) -> int:
-    """Return Mod: with the sign of the left operand, as C has it."""
+    """Return Mod: with the sign of the left operand, like in C."""
     if right == 0:
         raise ZeroDivisionError
     rest = abs(left) % abs(right)
@@ -106,7 +106,7 @@ def _find(text: str, part: str) -> int:
 
 
 def value_of(text: str) -> float:
-    """Return the number that a text begins with, 0 without one. Raises SpelError."""
+    """Return the number at the start of a text, 0 without one. Raises SpelError."""
     found = _NUMBER.match(text)
     if found is None:
         return 0.0
@@ -130,7 +130,7 @@ _DATES = ('%Y/%m/%d %H:%M:%S', '%Y/%m/%d', '%H:%M:%S')
 
 
 def format_string(value: float | str, pattern: str) -> str:
-    """Return FmtStr$ of a number, or of a date and time as Date$ and Time$ have them (p340)."""
+    """Return FmtStr$ of a number, or of a date and time as in Date$ and Time$ (p340)."""
     return _date(value, pattern) if isinstance(value, str) else _format(value, pattern)
 
 
@@ -158,9 +158,9 @@ def _date(text: str, pattern: str) -> str:
 
 
 def _format(value: float, pattern: str) -> str:
-    """Return a number: 0 a digit, # one if there is any, a point, commas.
+    """Return a number formatted with 0 (digit), # (optional digit), a point and commas.
 
-    Commas at the end of the whole part divide by 1000, others set thousands apart.
+    Commas at the end of the whole part divide by 1000, other commas are thousands separators.
     """
     found = re.fullmatch(r'([0#,]*?)(,*)(?:\.([0#]*))?', pattern)
     if found is None:
@@ -263,4 +263,4 @@ VALUE_FUNCTIONS: dict[str, Callable[..., Any]] = {
     'agltopls': _point('angles'),
     'pulse': _point('pulses'),
 }
-"""By name in lower case: those of functions.py that are worked out by 'value'."""
+"""Name in lower case → function, for the rows of functions.py with 'value'."""

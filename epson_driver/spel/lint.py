@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`spel check`: what is wrong with a program, and what will be trouble on a controller.
+"""`spel check`: errors in a program, and likely problems on a controller.
 
-Errors are what a controller of that version refuses or fails at; warnings are what the language
-leaves open, or what usually goes wrong. Each rule has a name and a row in docs/spel.md.
+Errors are refused by a controller of that version, or fail on it. Warnings are cases that the
+language does not define, or that usually fail. Each rule has a name and a row in docs/spel.md.
 """
 
 import re
@@ -70,7 +70,7 @@ LONGEST_NAME = 32
 LONGEST_FUNCTION_NAME = 64
 MOST_WAIT_VARIABLES = 64
 _LAST = {'<': -1, '<=': 0, '>': 1, '>=': 0}
-"""What a comparison leaves as the last, or first, index: its limit and this."""
+"""Offset from a comparison's limit to the last, or first, index that it allows."""
 
 DEEPEST_FOR = 10
 
@@ -113,7 +113,7 @@ RULES = {
     'two-owners': 'two tasks that move the robot, set a timer, or switch an output',
     'hex': 'a number above &H7FFFFFFF: its sign is not documented',
 }
-"""The rules by name, with what each finds."""
+"""Rule name → what the rule finds."""
 
 _WAITING_COMMANDS = frozenset(
     {'waitsig', 'waitnet', 'synclock', 'msgbox', 'waitpos', 'home', 'jtran', 'ptran', 'taskwait'}
@@ -121,7 +121,7 @@ _WAITING_COMMANDS = frozenset(
 
 
 def check(files: Mapping[str, str], version: int = 8) -> list[Problem]:
-    """Return all that is wrong with a project's files on controllers of a version, in order."""
+    """Return all problems of a project's files on controllers of a version, in order."""
     problems: list[Problem] = []
     program = build_with(files, problems, problems)
     lint = _Lint(program, version, files)
@@ -129,7 +129,7 @@ def check(files: Mapping[str, str], version: int = 8) -> list[Problem]:
         if name.lower().endswith((PROGRAM, INCLUDE)):
             problems.extend(_long_lines(name, text))
         elif name.lower().endswith(PROJECT):
-            with suppress(RcFileError):  # build_with tells of it
+            with suppress(RcFileError):  # build_with reports it
                 problems.extend(_missing(name, text, files))
         elif fault := min((header_fault(each) for each in encoded(text)), key=len):
             problems.append(Problem(Position(name, 1), 'project-file', fault, warning=True))
@@ -151,7 +151,7 @@ def _asks_for_error(handler: Block) -> bool:
 
 
 def _switched_off(problem: Problem, files: Mapping[str, list[str]]) -> bool:
-    """Return whether the line has a comment `' check off: rule, …` for what is no error."""
+    """Return whether the line has a comment `' check off: rule, …` for this warning."""
     lines = files.get(problem.position.file, [''])
     if not problem.warning or not 0 < problem.position.line <= len(lines):
         return False
@@ -175,7 +175,7 @@ def _long_lines(name: str, text: str) -> Iterator[Problem]:
 
 
 def _task_names(body: Any) -> Iterator[Any]:
-    """Yield what names a task, as `main` in TaskState(main) and Quit main: nothing is called."""
+    """Yield nodes that name a task without a call, as in TaskState(main) and Quit main."""
     for node in walk(body):
         if isinstance(node, TaskCommand):
             yield from walk(node.task)
@@ -186,13 +186,16 @@ def _task_names(body: Any) -> Iterator[Any]:
 
 
 def _instead(function: str) -> bool:
-    """Return whether a person starts a function, as main7, instead of main: never beside it."""
+    """Return whether a user starts a function, such as main7, in place of main.
+
+    Such functions never run together with main.
+    """
     return function.startswith('main') and function[4:].isdigit()
 
 
 @dataclass(frozen=True)
 class _Root:
-    """A function that begins a task, and where that is written."""
+    """A function that starts a task, and the position of its start."""
 
     function: str
     type: TaskType
@@ -235,7 +238,7 @@ class _Lint:
         }
 
     def _nodes(self, *kinds: type) -> Iterator[Any]:
-        """Yield what of some kinds there is in the functions."""
+        """Yield the nodes of some types in the functions."""
         for function in self.functions.values():
             yield from (node for node in walk(function.body) if isinstance(node, kinds))
 
@@ -248,7 +251,7 @@ class _Lint:
             for node in walk([*file.declarations, *(each.body for each in file.functions)])
         ]
 
-    # Who calls whom
+    # The call graph
 
     def _called(self, function: Function) -> set[str]:
         """Return the functions that a function calls, in lower case."""
@@ -262,7 +265,7 @@ class _Lint:
         return found
 
     def _reached(self, root: str) -> set[str]:
-        """Return a function with all that it calls."""
+        """Return a function and all functions that it calls."""
         seen: set[str] = set()
         todo = [root]
         while todo:
@@ -273,7 +276,7 @@ class _Lint:
         return seen
 
     def _roots(self) -> list[_Root]:
-        """Return what begins tasks, with the type of each."""
+        """Return the functions that start tasks, with the type of each task."""
         roots: dict[tuple[str, TaskType], _Root] = {}
         todo: list[_Root] = []
         for name, function in self.functions.items():
@@ -393,7 +396,7 @@ class _Lint:
                 yield port, node.at
 
     def _waits(self, name: str, seen: frozenset[str] = frozenset()) -> bool:
-        """Return whether a function waits anywhere, or calls what does."""
+        """Return whether a function, or any function that it calls, waits."""
         if name in seen or name not in self.functions:
             return False
         return self._block_waits(self.functions[name].body, seen | {name})
@@ -420,7 +423,7 @@ class _Lint:
                 yield Problem(node.at, 'endless-loop', text, warning=True)
 
     def _asks(self, condition: Expression) -> bool:
-        """Return whether a condition depends on the world, or on another task."""
+        """Return whether a condition depends on inputs or on another task."""
         for node in walk(condition):
             if isinstance(node, Name | Apply):
                 rule = FUNCTIONS.get(node.name.lower())
@@ -525,7 +528,7 @@ class _Lint:
             yield Problem(node.at, 'true-compare', text, warning=True)
 
     def _guard(self, node: Binary) -> Iterator[Problem]:
-        """Find `i <= 3 And a(i) = 1` where 3 is the bound of a: a(4) is looked at all the same."""
+        """Find `i <= 3 And a(i) = 1` where 3 is the bound of a: a(4) is evaluated nevertheless."""
         guarded: dict[str, set[int]] = {}
         for each in walk(node.left):
             if isinstance(each, Binary) and each.operator in _LAST and isinstance(each.left, Name):

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Rules of the linter about what is written as a number: ranges, divisors, indices, cases."""
+"""Rules of the linter about literal numbers: ranges, divisors, indices, cases."""
 
 from collections.abc import Iterator
 
@@ -41,7 +41,7 @@ SIMULATED = {
     'robotinfo': (0,),
     'stat': (0, 1),
 }
-"""For which first arguments there is a simulation, where not for all."""
+"""First arguments with a simulation, for functions where some have none."""
 
 
 def _number(expression: Expression | None) -> int | float | None:
@@ -61,7 +61,7 @@ def _outside(name: str, place: int, given: Expression | None, key: str = '') -> 
 
 
 def literals(program: Program, functions: list[Function]) -> Iterator[Problem]:
-    """Yield numbers that are out of range, divisors that are 0, indices beyond an array."""
+    """Yield numbers out of range, divisors of 0, and indices beyond an array."""
     resized = _resized(program)
     for function in functions:
         bounds = _bounds(program, function, resized)
@@ -113,7 +113,7 @@ def _device(port: Expression | None) -> Iterator[Problem]:
 
 
 def _bounds(program: Program, function: Function, resized: set[str]) -> dict[str, tuple[int, ...]]:
-    """Return the upper bounds of the arrays that a function sees, but of those that change."""
+    """Return the upper bounds of a function's arrays, except arrays that are resized."""
     found: dict[str, tuple[int, ...]] = {}
     seen = [
         declaration
@@ -135,7 +135,7 @@ def _bounds(program: Program, function: Function, resized: set[str]) -> dict[str
 
 
 def _resized(program: Program) -> set[str]:
-    """Return the arrays that Redim and ParseStr change."""
+    """Return the arrays that Redim and ParseStr resize."""
     found = set()
     for node in walk([file.functions for file in program.files]):
         if isinstance(node, Redim):

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Rules of the linter about what is never used, never reached, or used by two tasks."""
+"""Rules of the linter about unused code, unreachable code, and use by two tasks."""
 
 import re
 from collections import Counter
@@ -34,11 +34,11 @@ from epson_driver.spel.words import CONSTANTS
 
 _MOVED = 'the robot is moved by'
 _WINDOWS = frozenset({'gshow', 'gshowdialog', 'gset', 'gget'})
-"""Where there are windows, their events call functions that no program names."""
+"""Window statements. The events of windows call functions that no program names."""
 
 
 def leaves(statement: Statement) -> bool:
-    """Return whether what follows a statement is not reached from it."""
+    """Return whether the following statement cannot be reached from this one."""
     if isinstance(statement, Exit | EResume | Return):
         return True
     if isinstance(statement, Do):
@@ -65,7 +65,7 @@ def _leaves_loop(node: object) -> bool:
 
 
 def unreachable(functions: Mapping[str, Function]) -> Iterator[Problem]:
-    """Yield the first statement behind one that goes elsewhere."""
+    """Yield the first statement after each statement that always jumps elsewhere."""
     for function in functions.values():
         yield from _dead(function.body)
 
@@ -83,9 +83,9 @@ def _dead(block: tuple[Statement, ...]) -> Iterator[Problem]:
 
 
 def unused(program: Program, files: Mapping[str, str], roots: set[str]) -> Iterator[Problem]:
-    """Yield functions and variables whose name stands once. `roots` begin tasks.
+    """Yield functions and variables whose name occurs once. `roots` start tasks.
 
-    What only stands behind an #ifdef that does not hold, or in a comment, is taken for used.
+    An occurrence in a comment or in an inactive #ifdef counts as a use.
     """
     times = Counter(name for text in files.values() for name in _names(text))
     functions = [each for file in program.files for each in file.functions]
@@ -125,7 +125,7 @@ def _once(declarations: list[Declaration], times: Counter[str]) -> Iterator[Prob
 def shared(tasks: Mapping[str, set[str]], functions: Mapping[str, Function]) -> Iterator[Problem]:
     """Yield a second task that moves the robot, sets a timer, or switches an output.
 
-    `tasks`: of each function that begins a task, what it calls.
+    `tasks`: function that starts a task → the functions that it calls.
     """
     owners: dict[str, dict[str, Position]] = {}
     for root, called in tasks.items():

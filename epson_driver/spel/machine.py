@@ -1,9 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A controller's tasks: who runs when, on a clock that is given from outside.
+"""The scheduler of a controller's tasks, on a clock that the host advances.
 
-There is one processor. A task runs for a turn (1 ms of the controller's time), then the next one
-that can; each statement takes its time. Nothing depends on the computer: two runs are the same.
+One processor is simulated. A task runs for a turn (1 ms of the controller's time), followed by the
+next task that can run. Each statement takes its time. The result does not depend on the computer,
+so two runs are identical.
 """
 
 from collections.abc import Callable, Iterator
@@ -54,14 +55,14 @@ from epson_driver.spel.values import (
 )
 
 STARTED = datetime(2000, 1, 1)
-"""What the controller's clock shows when nothing else is said."""
+"""Default start time of the controller's clock."""
 
 _SOURCE = '<spel>'
 
 
 @lru_cache(maxsize=16)
 def _code_of(source: str) -> CodeType:
-    """Compile what compiler.py wrote: of a program that many machines run, once."""
+    """Compile the output of compiler.py, once for all machines that run the program."""
     return compile(source, _SOURCE, 'exec')
 
 
@@ -72,7 +73,7 @@ _ARITHMETIC: dict[type[Exception], ErrorNumber] = {
     IndexError: ErrorNumber.INDEX,
     ValueError: ErrorNumber.ARGUMENT,
 }
-"""What Python raises in arithmetic, and what the program gets."""
+"""Exceptions of Python's arithmetic, and the resulting errors of the program."""
 
 _EVENT_TRAPS = {
     'emergency': TaskType.NO_EMG_ABORT,
@@ -92,7 +93,7 @@ def all_statements() -> dict[str, Callable[..., None]]:
 
 
 class TaskView(NamedTuple):
-    """A task as a person sees it."""
+    """A task for display."""
 
     number: int
     function: str
@@ -103,14 +104,14 @@ class TaskView(NamedTuple):
 
 
 KEPT_COMMANDS = 64
-"""Of the command window: who asks by $Execute asks the same again and again."""
+"""Number of compiled commands stored, because clients of $Execute repeat the same commands."""
 
 
 class Machine:
     """Runs a program on a host.
 
-    Time begins at 0 and only goes on in `advance`. The host calls `advance` at `next_time()`, and
-    at once when something happens that a task may wait for.
+    The time starts at 0 and passes only in `advance`. The host calls `advance` at `next_time()`,
+    and immediately after an event for which a task may wait.
     """
 
     def __init__(
@@ -127,12 +128,12 @@ class Machine:
         self._last = 0
         self._next_scan = 0.0
         self.statements = 0
-        """So many statements were executed: a For counts twice for each time it goes round."""
+        """Number of executed statements. A For counts twice per iteration."""
         self._command = lru_cache(KEPT_COMMANDS)(self._compiled)
         self._link(rounding)
 
     def _link(self, rounding: str) -> None:
-        """Make the program's text instructions that know this machine."""
+        """Link the program's text to instructions of this machine."""
         whole = ROUNDINGS[rounding]
 
         def over(type_name: str, value: int) -> Value:
@@ -185,7 +186,7 @@ class Machine:
         ]
         return Linked(code, found, bytearray(len(found)))
 
-    # What people and the controller do
+    # Actions of users and the controller
 
     def start(
         self,
@@ -194,20 +195,20 @@ class Machine:
         kind: TaskType = TaskType.NORMAL,
         clear: bool = True,
     ) -> None:
-        """Start a function without parameters as a task. `clear`: global variables too.
+        """Start a function without parameters as a task. `clear` also clears global variables.
 
-        Raises SpelError if there is none of that name, or the task is running.
+        Raises SpelError if the function does not exist, or the task is running.
         """
         self.world.add(number, self.world.function(name), (), kind)
         if clear:
             self.clear_variables()
 
     def start_background(self, name: str = 'BgMain') -> None:
-        """Start the function that runs as long as the controller does."""
+        """Start the background function, which runs until the controller is switched off."""
         self.start(name, FIRST_BACKGROUND, TaskType.BACKGROUND, clear=False)
 
     def execute(self, text: str) -> list[str]:
-        """Start what the command window executes, as task 0, and return what it prints, later.
+        """Start a command of the command window as task 0. Return the list of its later output.
 
         Raises ProgramError, SpelError.
         """
@@ -222,13 +223,13 @@ class Machine:
         return self._linked(code)
 
     def clear_variables(self) -> None:
-        """Set all shared variables to nothing but those that are preserved."""
+        """Reset all shared variables except preserved ones."""
         for slot, variable in enumerate(self.world.program.variables):
             if not variable.preserved:
                 self.world.g[slot] = blank(variable)
 
     def preserved(self) -> dict[str, list[Value]]:
-        """Return the variables that outlive a power-off, by name."""
+        """Return the preserved variables by name."""
         found: dict[str, list[Value]] = {}
         for slot, variable in enumerate(self.world.program.variables):
             if variable.preserved:
@@ -239,7 +240,7 @@ class Machine:
         return found
 
     def restore(self, values: dict[str, list[Value]]) -> None:
-        """Set what `preserved` returned, except variables that have changed since."""
+        """Set the values of `preserved`, except variables that have changed since."""
         for slot, variable in enumerate(self.world.program.variables):
             given = values.get(variable.name)
             held = self.world.g[slot]
@@ -256,7 +257,7 @@ class Machine:
         self._end(TaskType.NORMAL, TaskType.NO_PAUSE, TaskType.TRAP)
 
     def stop(self) -> None:
-        """End all tasks but those in the background."""
+        """End all tasks except background tasks."""
         self._end(TaskType.NORMAL, TaskType.NO_PAUSE, TaskType.NO_EMG_ABORT, TaskType.TRAP)
 
     def _end(self, *kinds: TaskType) -> None:
@@ -265,20 +266,20 @@ class Machine:
                 self.world.end(task)
 
     def pause(self) -> None:
-        """Hold the tasks that a pause or an open door holds."""
+        """Pause the tasks that a pause or an open door pauses."""
         for task in self.world.tasks.values():
             task.paused = task.type is TaskType.NORMAL
 
     def resume(self) -> None:
-        """Let them go on."""
+        """Resume the paused tasks."""
         resume_paused(self.world)
 
     def clear_errors(self) -> None:
-        """Forget which tasks ended by an error, as Reset does."""
+        """Clear the list of tasks that ended with an error, like Reset does."""
         self.world.aborted.clear()
 
     def event(self, name: str, *numbers: int) -> bool:
-        """Start what Trap has for 'emergency', 'error', 'sgopen', … and return if there is any."""
+        """Start the Trap for 'emergency', 'error', 'sgopen', …. Return whether one is set."""
         linked = self.world.event_traps.get(name)
         if linked is None:
             return False
@@ -291,12 +292,12 @@ class Machine:
         return True
 
     def last_event(self, name: str) -> bool:
-        """Start what Trap has for 'abort' or 'finish', and forget all Traps of events (p855)."""
+        """Start the Trap for 'abort' or 'finish', and remove all event Traps (p855)."""
         begun = self.event(name)
         self.world.event_traps.clear()
         return begun
 
-    # What can be seen
+    # Queries
 
     @property
     def time(self) -> float:
@@ -305,16 +306,16 @@ class Machine:
 
     @property
     def running(self) -> Task | None:
-        """Return the task that runs, or ran last, or None if it is over."""
+        """Return the running task, or the last one, or None if it is over."""
         return self.world.tasks.get(self._last)
 
     @property
     def running_number(self) -> int:
-        """Return the number of the task that runs, or ran last."""
+        """Return the number of the running task, or of the last one."""
         return self._last
 
     def tasks(self) -> Iterator[TaskView]:
-        """Yield the tasks that there are, by number, and those that an error ended."""
+        """Yield the existing tasks and those ended by an error, by number."""
         aborted = self.world.aborted
         for number in sorted({*self.world.tasks, *aborted}):
             if number >= FIRST_HELPER:
@@ -330,7 +331,7 @@ class Machine:
                 yield TaskView(number, task.function, task.type, task.state, at.file, at.line)
 
     def lines(self) -> dict[str, dict[int, bool]]:
-        """Return the lines with instructions by file, and whether all of each have been run."""
+        """Return the lines with instructions by file, and whether each has run completely."""
         found: dict[str, dict[int, bool]] = {}
         for linked in self.world.linked:
             for pc, at in enumerate(linked.code.lines):
@@ -343,29 +344,30 @@ class Machine:
     # Time
 
     def next_time(self) -> float | None:
-        """Return when something happens by itself, or None while all wait for the host."""
+        """Return the time of the next event, or None while all tasks wait for the host."""
         if self._ready() is not None:
             return self.world.time
         return self._next_due()
 
     def idle(self, to: float) -> None:
-        """Let time pass up to `to`, s, or to what is due before, in which the host had no news.
+        """Advance the time without running tasks, to `to`, s, or to the next event before it.
 
-        A host calls it before `advance` with news of this moment: who waited for them then goes
-        on at this time, not at that of the last call.
+        A host calls it before `advance` when it has an event of this moment. A task that waited
+        for the event then resumes at this time instead of the time of the previous call.
         """
         if self._ready() is None:
             due = self._next_due()
             self.world.time = max(self.world.time, to if due is None else min(to, due))
 
     def advance(self, to: float) -> None:
-        """Let the tasks run until a time, s. What they begin before it may end behind it.
+        """Run the tasks until a time, s. A statement started before it may end after it.
 
-        News of the host is seen even then: who waited for it runs at `next_time()`.
+        Events of the host are processed in any case. A task that waited for one runs at
+        `next_time()`.
         """
         world = self.world
         while True:
-            self._wake()  # also for what the last task has done to others
+            self._wake()  # also for effects of the last task on others
             if world.time > to:
                 return
             task = self._ready()
@@ -382,7 +384,7 @@ class Machine:
             world.time = max(world.time, due)
 
     def _ready(self) -> Task | None:
-        """Return the next task that can run, in the order of their numbers after the last one."""
+        """Return the next task that can run, in the order of task numbers after the last one."""
         tasks = self.world.tasks
         ready = [number for number, task in tasks.items() if _can_run(task)]
         if not ready:
@@ -406,11 +408,11 @@ class Machine:
         return min(times, default=None)
 
     def _wake(self) -> None:
-        """Let those go on whose time is over or whose test holds."""
+        """Resume the tasks whose time is over or whose test is met."""
         time = self.world.time
         for due, action in [each for each in self.world.later if each[0] <= time]:
             self.world.later.remove((due, action))
-            with suppress(SpelError):  # it may be refused by now, and no task asks
+            with suppress(SpelError):  # it may be refused by now, without a task to report it to
                 action()
         for number in sorted(self.world.tasks):
             task = self.world.tasks.get(number)
@@ -436,7 +438,7 @@ class Machine:
             self._count()
 
     def _spring(self) -> None:
-        """Start what the Traps whose condition holds have, each of them once."""
+        """Start the actions of all Traps whose condition is met, once each."""
         for number, trap in list(self.world.traps.items()):
             if trap.task.frame is None:
                 del self.world.traps[number]
@@ -461,20 +463,20 @@ class Machine:
                     trap.task.held_by = started
 
     def _count(self) -> None:
-        """Count the inputs of CTReset that have gone on since the last scan."""
+        """Count the inputs of CTReset that have switched on since the last scan."""
         for bit, counter in self.world.counters.items():
             now = self.world.host.read_bits(Memory.INPUT, bit, 1)
             counter.count = (counter.count + (now > counter.last)) & 0xFFFF
             counter.last = now
 
     def _settle(self, task: Task) -> None:
-        """Count the time of a wait from its statement's end, not from the turn's beginning."""
+        """Count the time of a wait from its statement's end, not from the start of the turn."""
         waiting = task.waiting
         if waiting is not None and waiting.until is not None and waiting.duration is not None:
             waiting.until = self.world.time + waiting.duration
 
     def _run(self, task: Task) -> int:
-        """Run a task for a turn, or until it waits or ends and return how many instructions."""
+        """Run a task for a turn, or until it waits or ends. Return the number of instructions."""
         limit, used = self._turn, 0
         frame = task.frame
         while frame is not None and used < limit and task.waiting is None:
@@ -521,7 +523,7 @@ class Machine:
 
 
 def _of_program(error: Exception) -> bool:
-    """Return whether an error was raised by a program's instruction, or a function of values."""
+    """Return whether an instruction of a program, or a function of values, raised an error."""
     trace = error.__traceback__
     assert trace is not None  # noqa: S101 - it was raised
     while trace.tb_next is not None:

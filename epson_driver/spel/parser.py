@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Lines of tokens to functions and declarations: recursive descent, one method per form.
+"""Parses lines of tokens to functions and declarations by recursive descent.
 
-A statement that cannot be read becomes a problem, and reading goes on with the next line, so that
-one run shows them all.
+Each form has one method. A statement that cannot be read becomes a problem, and parsing continues
+with the next line, so that one run reports all problems.
 """
 
 from collections.abc import Container, Iterable, Iterator
@@ -54,7 +54,7 @@ from epson_driver.spel.syntax import (
 from epson_driver.spel.words import CONSTANTS, is_a
 
 DEEPEST_BLOCK = 30
-"""Blocks within each other. SPEL+ allows 10 For."""
+"""Maximum nesting of blocks. SPEL+ allows 10 For."""
 
 _ENDS = {
     'else': 'If',
@@ -81,7 +81,7 @@ def function_names(lines: Iterable[Line]) -> set[str]:
 
 
 def statements_of(line: Line) -> Iterator[list[Token]]:
-    """Yield the statements of a line, those of `!…!` together."""
+    """Yield the statements of a line. `!…!` stays together."""
     part: list[Token] = []
     parallel = False
     for token in line.tokens:
@@ -117,7 +117,7 @@ class Parser(Statements):
         self._function: str | None = None
 
     def file(self) -> File:
-        """Return what the file holds, with problems in the list."""
+        """Return the parsed file, and add its problems to the list."""
         while (found := self._take()) is not None:
             try:
                 self._outside(found)
@@ -128,7 +128,7 @@ class Parser(Statements):
         return self._file
 
     def _skip_function(self) -> None:
-        """Pass over the rest of a function that cannot be read."""
+        """Skip the rest of a function that cannot be read."""
         while (found := self._peek()) is not None and found[0].lower != 'function':
             self._take()
             if found[0].lower == 'fend':
@@ -224,7 +224,7 @@ class Parser(Statements):
         return tuple(read)
 
     def _closing(self, kind: str, at: Position, *words: str) -> Reader:
-        """Take the statement that ends a block."""
+        """Read the statement that ends a block."""
         found = self._peek()
         if found is None or found[0].lower not in words:
             text = f'{kind} of line {at.line} has no {_CLOSING[kind]}'
@@ -418,7 +418,7 @@ class Parser(Statements):
 
 
 def _split_at_else(parts: list[list[Token]]) -> list[list[list[Token]]]:
-    """Divide the statements of a one-line If at its own Else, not at that of an If within."""
+    """Split the statements of a one-line If at its own Else, not at the Else of a nested If."""
     result: list[list[list[Token]]] = [[[]]]
     inner = 0
     for number, part in enumerate(parts):
@@ -437,7 +437,7 @@ def _split_at_else(parts: list[list[Token]]) -> list[list[list[Token]]]:
 
 
 def _assignment(reader: Reader, word: str) -> Assign | None:
-    """Return `a = …` or `a(…) = …`, or None where it is something else."""
+    """Return `a = …` or `a(…) = …`, or None for another statement."""
     after = reader.look(1)
     if word in COMMANDS and COMMANDS[word].form.startswith('@') and after.text != '=':
         return None
@@ -487,7 +487,7 @@ def _test(reader: Reader) -> Test | None:
 
 
 def _displayed(first: Token) -> Print:
-    """Return what a statement shows that stands alone: the values of its function."""
+    """Return the Print of a statement without arguments, which displays its function's values."""
     whole = Name(first.text, first.position)
     parts = (
         Apply(first.text, (Argument(Number(each, first.position)),), first.position)
@@ -525,7 +525,7 @@ def _type(reader: Reader) -> str:
 def declaration(reader: Reader, scope: str) -> Declaration:
     """Read `[Global [Preserve]] [Static] type name[(bounds)], …`.
 
-    Static marks the variables of a library (RC+ 8): they are kept as all shared ones are.
+    Static marks the variables of a library (RC+ 8). They are stored like all shared variables.
     """
     at = reader.here.position
     if scope == 'local' and reader.sees('global', 'static'):
@@ -558,7 +558,7 @@ def declaration(reader: Reader, scope: str) -> Declaration:
 
 
 def _parameters(reader: Reader) -> tuple[Parameter, ...]:
-    """Read what stands in the brackets of a Function, the opening one already taken."""
+    """Read the parameters of a Function, after the opening bracket."""
     if reader.takes(')'):
         return ()
     read = []
@@ -583,7 +583,7 @@ def _parameters(reader: Reader) -> tuple[Parameter, ...]:
 
 
 def _parameter_type(reader: Reader) -> str:
-    """Read As and a type. RC+ builds `AsInteger` too, as a fielded project has it."""
+    """Read As and a type. RC+ also accepts `AsInteger`, which a fielded project contains."""
     word = reader.here.lower
     if word.startswith('as') and word[2:] in TYPES:
         reader.step()

@@ -56,7 +56,7 @@ def _written_labels(task: Task) -> dict[int, str]:
 
 
 def list_points(task: Task, first: int | None = None, last: int | None = None) -> None:
-    """PList [first[, last]]: as they could be typed (p632)."""
+    """PList [first[, last]]: in the form of statements (p632)."""
     if last is None:
         last = LAST_POINT if first is None else first
     for number in range(first or 0, last + 1):
@@ -101,7 +101,7 @@ def _posture(name: str) -> Callable[..., None]:
     show = _posture_of(name)
 
     def run(task: Task, number: int | None = None, value: float | None = None) -> None:
-        if number is None or value is None:  # it is displayed
+        if number is None or value is None:  # display only
             found = None if number is None else point(task, number)
             print_terminal(task, f'{show(task, found)}\n')
             return

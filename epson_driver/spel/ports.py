@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Statements of the network ports, and Print and Input, which use them or the terminal.
 
-A port belongs to the task that opened it, as long as that lives (SPEL+ p194).
+A port belongs to the task that opened it until the task ends (SPEL+ p194).
 """
 
 from collections.abc import Callable
@@ -25,7 +25,7 @@ from epson_driver.spel.values import LONGEST_STRING, TYPES, Array, Point, Value,
 
 ONE_TASK = ': one task opens, uses and closes a port'
 _DISPLAYS = (0, 20, 21, 24)
-"""Devices that show what is printed to them, as the run window does."""
+"""Devices that display printed text, like the run window."""
 _MOST_BYTES = 1_023
 _LONGEST_LINE = 1_024
 _TERMINATORS = {'cr': '\r', 'lf': '\n', 'crlf': '\r\n'}
@@ -82,7 +82,7 @@ def open_net(task: Task, number: float, words: tuple[str, ...] = ()) -> None:
 
 
 def close_net(task: Task, number: float | None) -> None:
-    """CloseNet #n|All: those that belong to no other task."""
+    """CloseNet #n|All: ports that belong to no other task."""
     numbers = list(task.world.ports) if number is None else [nearest(number)]
     for each in numbers:
         port = port_of(task, 'CloseNet', each)
@@ -97,7 +97,7 @@ def close_net(task: Task, number: float | None) -> None:
 
 
 def wait_net(task: Task, number: float, time: float | None = None) -> None:
-    """WaitNet #n[, s]: until there is a peer or the time ran out, as TW says."""
+    """WaitNet #n[, s]: until a peer is connected or the time ran out, which TW returns."""
     index = nearest(number)
     _opened(task, 'WaitNet', index)
     network = task.world.host.network
@@ -106,8 +106,8 @@ def wait_net(task: Task, number: float, time: float | None = None) -> None:
 
 
 def check_net(task: Task, number: int) -> int:
-    """Return ChkNet: bytes that have come, -1 no peer, -2 another task's, -3 not open."""
-    task.since_wait = 0  # it looks at the world
+    """Return ChkNet: number of received bytes, -1 no peer, -2 another task's, -3 not open."""
+    task.since_wait = 0  # it reads inputs
     port = port_of(task, 'ChkNet', number)
     if port.owner == 0:
         return -3
@@ -125,7 +125,7 @@ def _receive(
     use: Callable[[bytes], None],
     wanted: int = 1,
 ) -> None:
-    """Wait until `ready` says how many bytes to take, then use them."""
+    """Wait until `ready` returns the number of bytes to read, then call `use` with them."""
     if is_file(number):
         use(file_access.read(task, name, number, wanted))
         return
@@ -223,7 +223,7 @@ def _encoded(text: str) -> bytes:
 
 
 def _line_end(data: bytes, terminator: bytes) -> int:
-    """Return how many bytes the first line has, its end included, or 0 without one."""
+    """Return the number of bytes of the first line including its end, or 0 without one."""
     at = data.find(terminator)
     if at >= 0:
         return at + len(terminator)
@@ -267,7 +267,7 @@ def input_from(
 
 
 def lines_waiting(task: Task, number: int) -> int:
-    """Return Lof: how many whole lines have come."""
+    """Return Lof: the number of complete lines received."""
     port = port_of(task, 'Lof', number)
     if port.owner == 0:
         return 0

@@ -1,8 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""#define, #undef, #ifdef, #ifndef, #else, #endif and #include: lines of text to lines of tokens.
+"""#define, #undef, #ifdef, #ifndef, #else, #endif and #include: text lines to token lines.
 
-A definition holds from its line to the end of the file that is being built, included files too.
+A definition is valid from its line to the end of the file being built, including its included
+files.
 """
 
 import re
@@ -16,11 +17,11 @@ from epson_driver.spel.lexer import NAME, SYMBOL, Token, tokens
 DEEPEST_INCLUDE = 16
 MOST_PARAMETERS = 8
 MOST_TOKENS = 20_000
-"""Of one line while its definitions are put in."""
+"""Maximum tokens of one line during macro expansion."""
 DEEPEST_DEFINITION = 50
-"""So many definitions may stand in each other's texts."""
+"""Maximum macro nesting depth."""
 MOST_LINES = 200_000
-"""Of one file with all that it includes."""
+"""Maximum lines of one file including its included files."""
 
 _DIRECTIVE = re.compile(r'\s*#\s*([A-Za-z]+)')
 _DIRECTIVES = ('define', 'undef', 'ifdef', 'ifndef', 'else', 'endif', 'include')
@@ -28,7 +29,7 @@ _DIRECTIVES = ('define', 'undef', 'ifdef', 'ifndef', 'else', 'endif', 'include')
 
 @dataclass(frozen=True)
 class Definition:
-    """What a name stands for: tokens, with parameters if it has any."""
+    """The replacement of a name: tokens, with parameters if it has any."""
 
     parameters: tuple[str, ...] | None
     body: tuple[Token, ...]
@@ -36,7 +37,7 @@ class Definition:
 
 @dataclass(frozen=True)
 class Line:
-    """A line that belongs to the program: where it begins, and its tokens."""
+    """A line of the program: its position and its tokens."""
 
     position: Position
     tokens: tuple[Token, ...]
@@ -44,7 +45,7 @@ class Line:
 
 @dataclass
 class _Condition:
-    """An #ifdef: whether its lines count, and where it stands."""
+    """An #ifdef: whether its lines are active, and its position."""
 
     position: Position
     active: bool
@@ -53,7 +54,7 @@ class _Condition:
 
 
 class Preprocessor:
-    """Reads one file with all that it includes."""
+    """Reads one file with all files that it includes."""
 
     def __init__(self, files: Mapping[str, str], problems: list[Problem]) -> None:
         self._files = {name.lower(): (name, text) for name, text in files.items()}
@@ -63,7 +64,7 @@ class Preprocessor:
         self._steps = 0
 
     def lines(self, name: str) -> Iterator[Line]:
-        """Yield the lines of a file that hold a program, with problems to the list."""
+        """Yield the program lines of a file, and add problems to the list."""
         yield from self._lines(name.lower(), 0)
 
     def _lines(self, key: str, depth: int) -> Iterator[Line]:
@@ -197,7 +198,7 @@ class Preprocessor:
 def _arguments(
     found: list[Token], at: int, name: Token, count: int
 ) -> tuple[list[list[Token]], int]:
-    """Return the arguments of a definition with parameters, and where the line goes on."""
+    """Return the arguments of a definition with parameters, and the index after them."""
     problem = SyntaxProblem(name.position, f'{name.text} needs {count} arguments in ( )')
     if at >= len(found) or found[at].text != '(':
         raise problem

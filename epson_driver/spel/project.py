@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Files to a program: read, parse, compile. All that is wrong with it is said at once."""
+"""Builds a program from files: read, parse, compile. All problems are reported together."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -29,33 +29,33 @@ from epson_driver.spel.values import TYPES, size
 from epson_driver.spel.words import FIRST, WORDS, reserved
 
 MOST_ELEMENTS = 2_000_000
-"""Of all shared arrays together."""
+"""Maximum elements of all shared arrays together."""
 
 MOST_TEXT = 50_000
-"""Characters of Python that are compiled at once: each takes some 150 bytes meanwhile."""
+"""Maximum characters of Python per compilation, which needs about 150 bytes for each."""
 
 OFF = "'"
-"""In front of a #define line: it is a comment."""
+"""Prefix of a #define line that makes it a comment."""
 
 COMMAND = '$Execute'
-"""The name of what the command window executes."""
+"""File name of commands from the command window."""
 
 _EXECUTED = f'Function {COMMAND}', 'Fend'
 _EVALUATED = (
     f'Function {COMMAND} As Long; OnErr GoTo failed',
     f'Exit Function; failed :; {COMMAND} = Err; Fend',
 )
-"""What stands around what $Execute and what Eval executes."""
+"""Text around the statements of $Execute and of Eval."""
 
 _MAIN = re.compile(r'(?im)^[ \t]*function[ \t]+main\b(?:[ \t]*\([ \t]*\))?')
 _DEFINE = re.compile(r"\s*'?#define\s+([A-Za-z]\w*)(?:\s+(.*))?$")
 
 
 def with_defines(files: Mapping[str, str], values: Mapping[str, str]) -> dict[str, str]:
-    """Return the files with other values in their #define lines, or for '' without them.
+    """Return the files with other values in their #define lines, or without them for ''.
 
-    A line that is turned off by a ' in front is turned on. Raises InputError for a name that no
-    file has such a line for, and a value that is more than one line.
+    A line disabled by a leading ' is enabled. Raises InputError for a name without such a line in
+    any file, and for a value of more than one line.
     """
     left = dict(values)
     changed = {}
@@ -78,9 +78,9 @@ def with_defines(files: Mapping[str, str], values: Mapping[str, str]) -> dict[st
 
 
 def with_setup(files: Mapping[str, str], statements: str) -> dict[str, str]:
-    """Return the files with statements in the line of Function main, behind its name.
+    """Return the files with statements added in the line of Function main, after its name.
 
-    Raises InputError for statements of more than one line, or where there is no main.
+    Raises InputError for statements of more than one line, or without a Function main.
     """
     if not statements.isprintable():
         raise InputError(f'{shown(statements)}: must be one line of statements, divided by ;')
@@ -98,7 +98,7 @@ def with_setup(files: Mapping[str, str], statements: str) -> dict[str, str]:
 def _parse(
     files: Mapping[str, str], problems: list[Problem], notes: list[Problem], data: ProjectData
 ) -> list[File]:
-    """Return the .prg files as they are written, with what cannot be read in the list."""
+    """Return the parsed .prg files. Problems are added to the list."""
     lines: dict[str, list[Line]] = {}
     for name in files:
         if name.lower().endswith('.prg'):
@@ -111,7 +111,10 @@ def _parse(
 
 
 def _joined_types(files: Iterable[list[Line]]) -> Iterator[Problem]:
-    """Yield each `AsInteger` of a Function line: RC+ builds it, the manual does not have it."""
+    """Yield each `AsInteger` of a Function line.
+
+    RC+ accepts it, but the manual does not list it.
+    """
     for line in (each for found in files for each in found):
         if line.tokens and line.tokens[0].lower == 'function':
             for token in line.tokens[2:]:
@@ -121,7 +124,7 @@ def _joined_types(files: Iterable[list[Line]]) -> Iterator[Problem]:
 
 
 def build(files: Mapping[str, str]) -> Program:
-    """Return the program of a project's files. Raises ProgramError with all that is wrong."""
+    """Return the program of a project's files. Raises ProgramError with all problems."""
     problems: list[Problem] = []
     program = build_with(files, problems)
     if problems:
@@ -132,7 +135,7 @@ def build(files: Mapping[str, str]) -> Program:
 def build_with(
     files: Mapping[str, str], problems: list[Problem], notes: list[Problem] | None = None
 ) -> Program:
-    """Return the program as far as it can be made, with what is wrong in the lists."""
+    """Return the program as far as it can be built, and add problems to the lists."""
     notes = [] if notes is None else notes
     data = project_data(files, problems)
     parsed = _parse(files, problems, notes, data)
@@ -190,10 +193,10 @@ def build_with(
 
 
 def command(program: Program, text: str, evaluated: bool = False) -> FunctionCode:
-    """Return the code of statements as the command window takes them. Raises ProgramError.
+    """Return the code of statements for the command window. Raises ProgramError.
 
-    They may use what is Global in the program. A string that has no end ends with them. What is
-    `evaluated` returns the number of its error.
+    They may use the Global variables of the program. An unterminated string ends with the text.
+    With `evaluated` the code returns its error number.
     """
     at = Position(COMMAND, 1)
     problems: list[Problem] = []

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a project holds besides programs: points, labels of points, I/O and errors.
+"""The data of a project besides programs: points, labels of points, I/O and errors.
 
-A project is a mapping from file name to text, as `read_project` returns it.
+A project is a mapping from file name to text, as returned by `read_project`.
 """
 
 from collections.abc import Iterator, Mapping
@@ -17,7 +17,7 @@ from epson_driver.spel.errors import Position, Problem, bad
 from epson_driver.spel.values import Point
 
 LARGEST_FILE = 5_000_000
-"""Bytes."""
+"""Maximum size of a file, bytes."""
 
 LAST_POINT = 999
 PROGRAM, INCLUDE, POINTS, PROJECT = '.prg', '.inc', '.pts', '.sprj'
@@ -31,7 +31,7 @@ _J_ANGLES = ('J1', 'J4')
 
 @dataclass(frozen=True, slots=True)
 class PointFile:
-    """The points of a .pts file by number, their labels in lower case, and these as written."""
+    """The points of a .pts file by number, their labels in lower case, and their spelling."""
 
     points: dict[int, Point]
     labels: dict[str, int]
@@ -40,35 +40,37 @@ class PointFile:
 
 @dataclass
 class ProjectData:
-    """What programs can name: errors and I/O, points.
+    """Names that programs can use: errors, I/O and points.
 
-    `points` are those of the first point file, the robot's default; `point_labels` of all.
+    `points` come from the first point file, the robot's default. `point_labels` come from all
+    files.
     """
 
     labels: dict[str, int] = field(default_factory=dict)
     texts: dict[int, str] = field(default_factory=dict)
     """Error numbers with their messages."""
     point_files: dict[str, PointFile] = field(default_factory=dict)
-    """By name in lower case."""
+    """File name in lower case → points."""
     point_labels: dict[str, int] = field(default_factory=dict)
     spelling: dict[str, str] = field(default_factory=dict)
-    """Labels of points in lower case, and as they are written."""
+    """Labels of points in lower case → original spelling."""
     io_labels: dict[tuple[int, int, int], str] = field(default_factory=dict)
-    """By kind (input 0, output 1, memory 2), width and number, as they are written."""
+    """Kind (input 0, output 1, memory 2), width and number → label in original spelling."""
     unlabelled: set[str] = field(default_factory=set)
-    """Labels of I/O whose numbers no file tells, in lower case."""
+    """Labels of I/O whose numbers are in no file, in lower case."""
 
     @property
     def points(self) -> dict[int, Point]:
-        """What is in memory at the start."""
+        """The points in memory at the start."""
         return next((dict(each.points) for each in self.point_files.values()), {})
 
 
 def read_project(path: Path) -> dict[str, str]:
-    """Return the texts of a project by file name: a folder, or one .prg with what is beside it.
+    """Return the texts of a project by file name: a folder, or one .prg with its neighbours.
 
-    Of a .sprj, or a folder with one, that and what it lists, if all programs are there: point
-    files of robot 1 with its default one first. Raises InputError for what cannot be read.
+    A .sprj, or a folder with one, returns the .sprj and its listed files if all programs exist.
+    Point files are those of robot 1, with its default first. Raises InputError for files that
+    cannot be read.
     """
     folder = path if path.is_dir() else path.parent
     there = {
@@ -81,7 +83,7 @@ def read_project(path: Path) -> dict[str, str]:
     names: list[str] = []
     if whole and projects:
         text = decoded(read_file(projects[0], LARGEST_FILE))
-        with suppress(RcFileError):  # project_data tells of it
+        with suppress(RcFileError):  # project_data reports it
             names = [*listed_files(parsed(projects[0].name, text)), projects[0].name]
     programs = [name.lower() for name in names if name.lower().endswith(PROGRAM)]
     if not programs or not there.keys() >= set(programs):
@@ -98,7 +100,7 @@ def read_project(path: Path) -> dict[str, str]:
 
 
 def listed_files(project: Block) -> Iterator[str]:
-    """Yield the files of a project, point files with the default one of robot 1 first.
+    """Yield the files of a project, with the default point file of robot 1 first.
 
     Raises RcFileError.
     """
@@ -115,9 +117,9 @@ def listed_files(project: Block) -> Iterator[str]:
 
 
 def decoded(content: bytes, page: str = '') -> str:
-    """Return a text: UTF-8, or one of the code pages of RC+'s languages, by what it contains.
+    """Return a decoded text: UTF-8, or a code page of RC+'s languages detected from its content.
 
-    `page` goes before these if the text can be in it.
+    `page` takes precedence over the detected ones if it can decode the text.
     """
     for name in ('utf-8-sig', page or _code_page(content)):
         with suppress(UnicodeDecodeError):
@@ -126,9 +128,9 @@ def decoded(content: bytes, page: str = '') -> str:
 
 
 def _decoded_together(contents: Mapping[str, bytes]) -> dict[str, str]:
-    """Return the texts of a project: one PC has written them, so that labels fit programs.
+    """Return the texts of a project, decoded together, because one PC wrote labels and programs.
 
-    The .sprj is apart: its fonts may be named in the code page of another one.
+    The .sprj is decoded separately, because its fonts may be named in another code page.
     """
     apart = [name for name in contents if name.lower().endswith(PROJECT)]
     page = _code_page(b'\n'.join(each for name, each in contents.items() if name not in apart))
@@ -143,7 +145,7 @@ def _with_line_feeds(text: str) -> str:
 
 
 def encoded(text: str) -> Iterator[bytes]:
-    """Yield what a text may have been in its file: `decoded` has found one of these."""
+    """Yield the possible original bytes of a text that `decoded` has returned."""
     for name in ('utf-8', *_LEADS, 'latin-1'):
         with suppress(UnicodeEncodeError):
             yield text.encode(name)
@@ -158,11 +160,11 @@ _LEADS = {
 """Lead bytes of the common characters: kana and the first level of kanji, hanzi, hangul."""
 
 _COMMON_SHARE = 0.6
-"""Of two-byte characters that must be common ones; German text has none of them in pairs."""
+"""Minimum fraction of common characters among two-byte ones. German text has no such pairs."""
 
 
 def _code_page(content: bytes) -> str:
-    """Return the encoding that gives the largest share of common characters, else latin-1."""
+    """Return the encoding with the largest fraction of common characters, or latin-1."""
     best, chosen = _COMMON_SHARE, 'latin-1'
     for name, leads in _LEADS.items():
         try:
@@ -178,7 +180,7 @@ def _code_page(content: bytes) -> str:
 
 
 def project_data(files: Mapping[str, str], problems: list[Problem]) -> ProjectData:
-    """Return points and labels of a project's files, with what is wrong in the list."""
+    """Return points and labels of a project's files, and add problems to the list."""
     data = ProjectData()
     for name, text in files.items():
         lower = name.lower()
@@ -208,7 +210,7 @@ def project_data(files: Mapping[str, str], problems: list[Problem]) -> ProjectDa
 
 
 def _points(block: Block) -> PointFile:
-    """Raises RcFileError for a number that is none, or out of range."""
+    """Return the points. Raises RcFileError for an invalid number or one out of range."""
     points: dict[int, Point] = {}
     labels: dict[str, int] = {}
     spelling: dict[str, str] = {}

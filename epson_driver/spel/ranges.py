@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the numbers of statements and functions can be: the linter and the machine ask the same."""
+"""Ranges of the numbers in statements and functions, for both the linter and the machine."""
 
 from math import inf
 
@@ -12,9 +12,9 @@ FILES = (30, 63)
 _TASKS = (1, 267)
 _CHARACTERS = (0, LONGEST_STRING)
 _LONGEST = 1e7
-"""The longest time that can be waited for, s."""
+"""Maximum waiting time, s."""
 _MOST = 32767
-"""Where the manual has no end: Accel above 100 depends on the robot (p68), bits on the boards."""
+"""Limit where the manual has none: Accel above 100 depends on the robot (p68), bits on the I/O."""
 
 RANGES: dict[str, tuple[tuple[float, float] | None, ...]] = {
     name: ranges
@@ -79,26 +79,26 @@ RANGES: dict[str, tuple[tuple[float, float] | None, ...]] = {
     )
     for name in names.split()
 }
-"""What the arguments of statements and functions can be, by name in lower case.
+"""Ranges of arguments of statements and functions, by name in lower case.
 
-With a bracket behind it, it is the function alone.
+A name followed by a bracket is the function only.
 """
 
 
 def key_of(name: str) -> str:
-    """Return where the ranges of a function are, if it is not a statement of that name."""
+    """Return the key of a function's ranges, distinct from a statement of the same name."""
     called = f'{name.lower()}('
     return called if called in RANGES else name.lower()
 
 
 def limits(key: str, place: int) -> tuple[float, float] | None:
-    """Return the least and the highest value of an argument, counted from 0, if it has any."""
+    """Return the minimum and maximum of an argument, counted from 0, or None."""
     ranges = RANGES.get(key, ())
     return ranges[place] if place < len(ranges) else None
 
 
 def outside(key: str, place: int, value: float) -> str:
-    """Return what is wrong with a number, or nothing."""
+    """Return the error text of a number, or '' if it is valid."""
     low, high = limits(key, place) or (-inf, inf)
     if low <= value <= high:
         return ''

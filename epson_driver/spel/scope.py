@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a name means at a place of a program, and the limits of what can be declared."""
+"""The meaning of names at a position of a program, and limits of declarations."""
 
 from collections.abc import Mapping
 
@@ -27,11 +27,11 @@ LIMITS = {
     'global': (100_000, 10_000),
     'preserve': (4_000, 400),
 }
-"""Elements of an array by scope; of strings. SPEL+ Language Reference, page 952."""
+"""Maximum elements of an array by scope, and of a string array (Language Reference, p952)."""
 
 
 def constant(expression: Expression, constants: Mapping[str, int | str]) -> int | float | None:
-    """Return the number that an expression of constants is, None if it is none."""
+    """Return the number of an expression of constants, or None if it is not one."""
     if isinstance(expression, Number):
         return expression.value
     if isinstance(expression, Name):
@@ -56,11 +56,11 @@ def constant(expression: Expression, constants: Mapping[str, int | str]) -> int 
 
 
 ONE_WHEN_ON = frozenset({'sw', 'memsw', 'oport', 'btst', 'btst64', 'motor', 'power', 'cp'})
-"""Functions that are 1, not True, when what they ask for holds."""
+"""Functions that return 1 instead of True."""
 
 
 def against_true(expression: Binary, scope: 'Scope') -> Binary:
-    """Return `Sw(1) = True` as `Sw(1) <> 0`: fielded programs wait for it and go on."""
+    """Return `Sw(1) = True` as `Sw(1) <> 0`, because fielded programs rely on it in a Wait."""
     for one, other in ((expression.left, expression.right), (expression.right, expression.left)):
         if (
             expression.operator in ('=', '<>')
@@ -76,7 +76,7 @@ def against_true(expression: Binary, scope: 'Scope') -> Binary:
 
 
 class Scope:
-    """The variables of a project, a file and a function, and the functions there are."""
+    """The variables of a project, a file and a function, and the existing functions."""
 
     def __init__(
         self,
@@ -107,12 +107,12 @@ class Scope:
         return self.data.point_labels.get(name.lower())
 
     def variable(self, name: str) -> Variable | None:
-        """Return what a name stands for as a variable."""
+        """Return the variable of a name, or None."""
         key = name.lower()
         return self._local.get(key) or self._module.get(key) or self._shared.get(key)
 
     def add_local(self, variable: Variable) -> None:
-        """Add a local variable. Raises SyntaxProblem if there is one of that name."""
+        """Add a local variable. Raises SyntaxProblem if its name is in use."""
         key = variable.name.lower()
         if key in self._local:
             text = f'{variable.name} is declared twice in the function'

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The statements of one line: for each form of commands.py how it is read."""
+"""Reads the statements of one line, by the forms of commands.py."""
 
 import re
 from collections.abc import Container, Iterator
@@ -59,14 +59,14 @@ _MODIFIERS = (*_CONDITIONS, *_NUMBERED, *_PLAIN, 'cp', '!')
 
 
 class Statements:
-    """Reads what follows the word that a statement begins with."""
+    """Reads the rest of a statement after its first word."""
 
     def __init__(self, functions: set[str], points: Container[str] = frozenset()) -> None:
         self._functions = functions
         self._points = points
 
     def read_form(self, reader: Reader, first: Token, form: str) -> Command:
-        """Read arguments by a form of the table."""
+        """Read arguments according to a form of the table."""
         arguments: list[Expression | None] = []
         words: list[str] = []
         kinds = form.split(',') if form else []
@@ -74,7 +74,7 @@ class Statements:
         final = last[1].lower().split('|') if last is not None else []
         for number, kind in enumerate(kinds):
             optional = kind.endswith(('?', '*'))
-            early = optional and reader.sees(*final)  # `On 1, Forced`: the others are left out
+            early = optional and reader.sees(*final)  # `On 1, Forced`: the others are omitted
             if number and not (early or reader.takes(',') or optional):
                 raise reader.wrong('a comma and one more value')
             if optional and reader.sees(*final) and kind is not kinds[-1]:
@@ -192,7 +192,7 @@ class Statements:
         return TaskCommand(first.text, reader.expression(), '', first.position)
 
     def read_wait(self, reader: Reader, first: Token) -> Wait:
-        """Read Wait s, or Wait condition[, s]. Which of them, the compiler knows."""
+        """Read Wait s, or Wait condition[, s]. The compiler distinguishes them."""
         condition = reader.expression()
         time = reader.expression() if reader.takes(',') else None
         return Wait(condition, time, first.position)
@@ -229,7 +229,7 @@ class Statements:
     # Terminal and network
 
     def _port(self, reader: Reader) -> Expression | None:
-        """Read #n with its comma, or nothing where there is none."""
+        """Read #n with its comma, or return None without one."""
         if not reader.takes('#'):
             return None
         port = reader.expression()
@@ -346,7 +346,7 @@ class Statements:
                 words.append('pair')
             else:
                 given.append(reader.expression())
-        if len(given) > 4 and not words:  # the place by its numbers
+        if len(given) > 4 and not words:  # the place as numbers
             values = tuple(Argument(each) for each in given[1:])
             given[1:] = [Apply('XY', values, first.position)]
         return Command(first.text, tuple(given), first.position, tuple(words))
@@ -410,7 +410,7 @@ class Statements:
         return self._modified(reader, first, points)
 
     def read_pass(self, reader: Reader, first: Token) -> list[Statement]:
-        """Read Pass P1, P(2:5), On 2, P6: what is switched divides it into several (p604)."""
+        """Read Pass P1, P(2:5), On 2, P6. Switching statements divide it into motions (p604)."""
         points: list[Expression] = []
         read: list[Statement] = []
         while not (points or read) or reader.takes(','):
@@ -431,7 +431,7 @@ class Statements:
         return [each for each in found if not isinstance(each, Motion) or each.points]
 
     def _modified(self, reader: Reader, first: Token, points: list[Expression]) -> Motion:
-        """Read what follows the points of a motion."""
+        """Read the rest of a motion after its points."""
         cp = False
         conditions: dict[str, Expression | bool] = dict.fromkeys(_CONDITIONS, False)
         words: list[str] = []
@@ -471,12 +471,12 @@ class Statements:
         )
 
     def _is_arch(self, token: Token) -> bool:
-        """Return whether a word is C0 to C9, and no point's label."""
+        """Return whether a word is C0 to C9, and not a point's label."""
         word = token.lower
         return len(word) == 2 and word[0] == 'c' and word[1].isdigit() and word not in self._points
 
     def parallel(self, reader: Reader) -> tuple[Statement, ...]:
-        """Read what stands between two !."""
+        """Read the statements between two !."""
         read: list[Statement] = []
         part: list[Token] = []
         while True:
@@ -491,7 +491,7 @@ class Statements:
                 part.append(token)
 
     def _beside(self, part: list[Token]) -> list[Statement]:
-        """Read a statement of !…!: D50, or one that does not move the arm."""
+        """Read a statement of !…!: D50, or a statement that does not move the arm."""
         first = part[0]
         digits = first.lower[1:]
         if first.lower[:1] == 'd' and (not digits or digits.isdigit()):
@@ -510,7 +510,7 @@ class Statements:
         raise NotImplementedError
 
     def read_stub(self, reader: Reader, first: Token) -> Stub:
-        """Read a statement that the interpreter knows by its name only."""
+        """Read a statement of which the interpreter knows only the name."""
         arguments: list[Argument] = []
         indices: list[Argument] = []
         while not reader.at_end():
@@ -544,7 +544,7 @@ def _local_of(word: Expression) -> Expression:
 
 
 def _is_pair(reader: Reader) -> bool:
-    """Return whether (P1:P11) comes next, and not an expression in brackets."""
+    """Return whether (P1:P11) follows, rather than an expression in brackets."""
     if not reader.sees('('):
         return False
     depth, ahead = 1, 1

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a program finds besides its host: answers to what is not simulated, ports, files."""
+"""The environment of a program besides its host: stub answers, ports, files."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,13 +13,13 @@ from epson_driver.spel.host import NetSettings
 from epson_driver.spel.words import WORDS
 
 Answer = int | float | str | None | list[int | float | str]
-"""Values for the variables of a statement, the value of a function, or nothing at all."""
+"""Values for the variables of a statement, the value of a function, or nothing."""
 
 
 class Stubs:
-    """Answers by word, or by word and first argument (`VGet find.Geom01.RobotXYU`).
+    """Stub answers by word, or by word and first argument (`VGet find.Geom01.RobotXYU`).
 
-    Those of one word are given in turn; the last one stays.
+    The answers of a word are used in turn, and the last one repeats.
     """
 
     def __init__(self, answers: Mapping[str, Sequence[Answer]]) -> None:
@@ -27,7 +27,7 @@ class Stubs:
         self._given: dict[str, int] = {}
 
     def answer(self, name: str, arguments: Sequence[object]) -> Answer:
-        """Return the next answer. Raises SpelError if there is none."""
+        """Return the next answer. Raises SpelError if none exists."""
         keys = [name.lower()]
         if arguments:
             keys.insert(0, f'{keys[0]} {arguments[0]}'.lower())
@@ -42,23 +42,26 @@ class Stubs:
 
 @dataclass
 class Surroundings:
-    """`ports`: what RC+'s system configuration says of 201 to 216, until SetNet does."""
+    """Answers, port settings and files.
+
+    `ports`: settings of ports 201 to 216 in RC+'s system configuration, valid until SetNet.
+    """
 
     answers: Mapping[str, Sequence[Answer]] = field(default_factory=dict)
     ports: Mapping[int, NetSettings] = field(default_factory=dict)
     files: Files = field(default_factory=Files)
 
     def fresh(self) -> 'Surroundings':
-        """Return the same with files that nothing has been written to."""
+        """Return a copy with unmodified files."""
         return replace(self, files=self.files.fresh())
 
     def new_stubs(self) -> Stubs:
-        """Return the answers from the first one on."""
+        """Return the answers, starting with the first."""
         return Stubs(self.answers)
 
 
 def read_answers(path: Path) -> dict[str, list[Answer]]:
-    """Return the answers of a file of --stub: `word: answer`, or a list of them, in turn.
+    """Return the answers of a file of --stub: `word: answer`, or a list of answers.
 
     Raises InputError.
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a program consists of: expressions, statements, functions. Plain data."""
+"""The syntax of a program: expressions, statements, functions. Plain data."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, is_dataclass
@@ -14,7 +14,7 @@ from epson_driver.spel.errors import Position
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A number as it is written."""
+    """A number as written."""
 
     value: int | float
     at: Position
@@ -246,7 +246,7 @@ class Call:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A statement of the table: arguments by its form (None where left out), words that stood."""
+    """A statement of the table: arguments by its form (None if omitted), and its keywords."""
 
     name: str
     arguments: tuple[Expression | None, ...]
@@ -258,7 +258,7 @@ class Command:
 class Motion:
     """A statement that moves the arm. `till` True is the stored condition.
 
-    `numbers`: the values of C, LimZ, LJM and PerformMode; `parallel`: what stands in !…!.
+    `numbers`: the values of C, LimZ, LJM and PerformMode. `parallel`: the statements in !…!.
     """
 
     name: str
@@ -275,7 +275,7 @@ class Motion:
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """`D50` in !…!: what follows comes when half of the way is done."""
+    """`D50` in !…!: the following statements start after half of the motion."""
 
     percent: Expression
     at: Position
@@ -285,7 +285,7 @@ class Share:
 class Stub:
     """A statement that only a test can answer: vision, conveyors, windows.
 
-    indices: which of several results, `VGet find.Blob01.RobotXYU(i)`.
+    indices: selects one of several results, `VGet find.Blob01.RobotXYU(i)`.
     """
 
     name: str
@@ -305,7 +305,7 @@ class Store:
 
 @dataclass(frozen=True, slots=True)
 class Print:
-    """Print to the terminal or to a port, with `line` False for a comma at the end."""
+    """Print to the terminal or to a port. `line` is False for a comma at the end."""
 
     port: Expression | None
     items: tuple[Expression, ...]
@@ -325,7 +325,7 @@ class Input:
 
 @dataclass(frozen=True, slots=True)
 class Transfer:
-    """Read, ReadBin, Write, WriteBin: a variable, or an array and how many elements."""
+    """Read, ReadBin, Write, WriteBin: a variable, or an array and the number of elements."""
 
     name: str
     port: Expression
@@ -474,7 +474,7 @@ def inner_blocks(statement: Statement) -> list[Block]:
 
 
 def walk(node: Any) -> Iterator[Any]:
-    """Yield a node of the syntax with all that is in it."""
+    """Yield a node of the syntax and all its descendants."""
     todo = [node]
     while todo:
         each = todo.pop()

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Tasks: their calls, what they wait for, their errors, and what they share."""
+"""Tasks: their calls, waits and errors, and their shared state."""
 
 import random
 from collections.abc import Callable, Mapping, Sequence
@@ -31,16 +31,16 @@ from epson_driver.spel.values import (
 )
 
 DEEPEST_CALL = 100
-"""Calls within each other in one task."""
+"""Maximum depth of calls in one task."""
 
 LAST_NORMAL, FIRST_BACKGROUND, LAST_BACKGROUND, FIRST_TRAP = 32, 65, 80, 257
 FIRST_HELPER = 1000
-"""The task of !…! beside a motion has this number and that of the task that moves the arm."""
+"""Offset of the task number of !…! from the number of the task that moves the arm."""
 COMMAND_TASK = 0
-"""What the command window executes is a task that no program can name."""
+"""Task number of the command window, which no program can use."""
 
 EVALUATED_AS = 1_000
-"""So many statements count for an Eval, which has a command compiled."""
+"""Number of statements that an Eval counts as, because it compiles a command."""
 
 Instruction = Callable[[list[object]], int]
 Test = Callable[[], object]
@@ -48,11 +48,11 @@ Reference = tuple[list[Value], int, str]
 """A variable: the list it is in, its index, its type."""
 
 GATE = 7
-"""The arch that is none (p111)."""
+"""The number of the arch without rounded corners (p111)."""
 
 
 class TaskState(IntEnum):
-    """What TaskState(n) returns."""
+    """Values of TaskState(n)."""
 
     NOT_RUNNING = 0
     RUNNING = 1
@@ -64,12 +64,12 @@ class TaskState(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """How long things take on the controller, all in seconds.
+    """Times on the controller, in s.
 
-    `statement` one simple statement; `granularity` what Wait rounds up to; `scan` how often
-    conditions are looked at; `turn` how long a task runs before the next one may; `endless` how
-    many statements without any wait raise error 2556; `extra` more for some statements, by name
-    in lower case ('print', 'writebin', 'go', …).
+    statement: one simple statement. granularity: to which Wait rounds up. scan: period of
+    condition checks. turn: maximum time of a task before the next one runs. endless: number of
+    statements without a wait that raises error 2556. extra: additional time of some statements, by
+    name in lower case ('print', 'writebin', 'go', …).
     """
 
     statement: float = 10e-6
@@ -89,7 +89,7 @@ class Timing:
 
 @dataclass(slots=True)
 class Linked:
-    """A function with its instructions ready to run, and which of them have been."""
+    """A function with its executable instructions, and a record of those that have run."""
 
     code: FunctionCode
     instructions: list[Instruction]
@@ -97,7 +97,7 @@ class Linked:
 
 
 class Frame:
-    """One call of a function: its variables, where it is, what an error does."""
+    """One call of a function: its variables, its position, and its error handling."""
 
     __slots__ = ('error_pc', 'gosubs', 'handler', 'handling', 'into', 'linked', 'pc', 'v')
 
@@ -117,9 +117,9 @@ class Frame:
 
 @dataclass(slots=True)
 class Waiting:
-    """What a task waits for: a time, and perhaps a test that is made whenever there is news.
+    """The condition of a waiting task: a time, and optionally a test after each event.
 
-    `scanned`: the test is made on the controller's scans only. `after` is called with whether
+    `scanned`: the test is evaluated on the controller's scans only. `after` is called with whether
     the time ran out.
     """
 
@@ -141,7 +141,7 @@ class Port:
 
 @dataclass(slots=True)
 class OpenFile:
-    """A file that is open: its name, what it holds, where it is read or written next."""
+    """An open file: its name, its content, and its read or write position."""
 
     name: str
     data: bytearray
@@ -152,7 +152,7 @@ class OpenFile:
 
 @dataclass(slots=True)
 class Counter:
-    """How often an input has gone on (p257), and how it was seen last."""
+    """Number of times an input has switched on (p257), and its last state."""
 
     count: int
     last: int
@@ -160,7 +160,7 @@ class Counter:
 
 @dataclass(slots=True)
 class Trap:
-    """An armed Trap 1 to 4: a function, or of GoTo an instruction of the call that armed it."""
+    """An armed Trap 1 to 4. Its target is a function, or for GoTo an instruction of a call."""
 
     task: 'Task'
     test: Test
@@ -170,7 +170,7 @@ class Trap:
 
 
 class World:
-    """What the tasks of a program share: variables, time, ports, locks, the host."""
+    """The shared state of a program's tasks: variables, time, ports, locks, the host."""
 
     def __init__(
         self,
@@ -186,7 +186,7 @@ class World:
         self.started = started
         self.time = 0.0
         self.linked: list[Linked] = []
-        self.command: Callable[[str], Linked]  # makes a function of what Eval executes
+        self.command: Callable[[str], Linked]  # compiles the text of Eval to a function
         self.g: list[object] = [blank(variable) for variable in program.variables]
         self.tasks: dict[int, Task] = {}
         self.mover: Task | None = None
@@ -213,7 +213,7 @@ class World:
         self.traps: dict[int, Trap] = {}
         self.event_traps: dict[str, Linked] = {}
         self.later: list[tuple[float, Callable[[], None]]] = []
-        """What is to be done at a time, whatever the tasks do."""
+        """Actions scheduled for a time, independent of tasks."""
         self.random = random.Random(0)  # noqa: S311 - for Rnd, the same in every run
 
     def function(self, name: str) -> Linked:
@@ -224,7 +224,7 @@ class World:
         return self.linked[code.index]
 
     def free_number(self, background: bool) -> int:
-        """Return the lowest task number that is free. Raises SpelError."""
+        """Return the lowest free task number. Raises SpelError."""
         first, last = (FIRST_BACKGROUND, LAST_BACKGROUND) if background else (1, LAST_NORMAL)
         for number in range(first, last + 1):
             if number not in self.tasks:
@@ -248,7 +248,7 @@ class World:
         return task
 
     def add_helper(self, task: 'Task', begin: int, motion: Completion) -> 'Task':
-        """Start what executes !…!: it sees the variables of the function that moves the arm."""
+        """Start the task of !…!, which shares the variables of the function that moves the arm."""
         helper = Task(self, FIRST_HELPER + task.number, task.type)
         moving = task.current
         helper.push(moving.linked, moving.v[1 : 1 + len(moving.linked.code.parameters)], 0)
@@ -259,7 +259,7 @@ class World:
         return helper
 
     def end(self, task: 'Task') -> None:
-        """End a task: its locks are free again, its ports open but nobody's."""
+        """End a task. Its locks become free. Its ports stay open without an owner."""
         helper = self.tasks.get(FIRST_HELPER + task.number)
         if helper is not None:
             self.end(helper)
@@ -282,11 +282,11 @@ class World:
         return self.tasks.get(which)
 
     def load(self, points: Mapping[int, Point]) -> None:
-        """Take the points of a file into memory, as the robot holds them."""
+        """Load the points of a file into memory, as the robot stores them."""
         self.points |= {number: self.host.stored_point(each) for number, each in points.items()}
 
     def placed(self, arguments: Sequence[Any], steps: bool = False) -> tuple[Any, ...]:
-        """Return values with their points, or steps from where the arm is, in Local 0.
+        """Return values with their points in Local 0, or steps from the current position.
 
         Raises SpelError.
         """
@@ -296,26 +296,26 @@ class World:
         )
 
     def error_text(self, number: int) -> str:
-        """Return what an error number means."""
+        """Return the meaning of an error number."""
         return self.program.data.texts.get(number) or meaning(number)
 
 
 def printed(output: list[str]) -> str:
-    """Return what a command has printed, without its last line end."""
+    """Return the output of a command, without its last line end."""
     return ''.join(output).removesuffix('\n').replace('\n', '\r\n')
 
 
 def blank(variable: Variable) -> object:
-    """Return what a variable holds at first."""
+    """Return the initial value of a variable."""
     if variable.bounds:
         return Array(variable.type, variable.bounds)
     return TYPES[variable.type].blank
 
 
 class Task:
-    """A task: the calls it is in, and what it waits for.
+    """A task: its calls, and its wait.
 
-    Its methods are what the compiled instructions call.
+    The compiled instructions call its methods.
     """
 
     def __init__(self, world: World, number: int, kind: TaskType) -> None:
@@ -334,9 +334,9 @@ class Task:
         self.error: TaskError | None = None
         self.since_wait = 0
         self.motion: Completion | None = None
-        """What !…! stands beside, whose task this is."""
+        """The motion that owns this parallel (`!…!`) task."""
         self.outputs: list[list[str]] = []
-        """What is printed within commands, each in another, and not shown."""
+        """Output of nested commands, collected instead of displayed."""
 
     # Calls
 
@@ -354,7 +354,10 @@ class Task:
     call = push
 
     def leave(self) -> None:
-        """Leave a function: its value goes to the caller, the task ends with its last one."""
+        """Leave a function and pass its value to the caller.
+
+        The task ends with its last function.
+        """
         left = self.frames.pop()
         if not self.frames:
             self.world.end(self)
@@ -370,21 +373,21 @@ class Task:
         return self.frame
 
     def gosub(self, back: int) -> None:
-        """Remember where Return goes. Raises SpelError."""
+        """Store the return position of a GoSub. Raises SpelError."""
         if len(self.current.gosubs) >= DEEPEST_CALL:
             raise SpelError(ErrorNumber.CALL_DEPTH, 'GoSub within GoSub without end')
         self.current.gosubs.append(back)
 
     def gosub_return(self) -> int:
-        """Return where a GoSub came from. Raises SpelError."""
+        """Return the position after the last GoSub. Raises SpelError."""
         if not self.current.gosubs:
             raise SpelError(ErrorNumber.RETURN_WITHOUT_GOSUB)
         return self.current.gosubs.pop()
 
     def evaluate(self, text: str, slot: int) -> None:
-        """Execute what Eval is given: the number of its error comes into a variable.
+        """Execute the text of Eval, and store its error number in a variable.
 
-        It takes a turn, and counts as many statements. Raises SpelError.
+        It takes a turn, and counts as that many statements. Raises SpelError.
         """
         self.world.time += self.world.timing.turn
         self.since_wait += EVALUATED_AS
@@ -395,7 +398,7 @@ class Task:
         self.outputs.append([])
 
     def reply(self, error: int, into: Reference | None) -> None:
-        """Store what the command of Eval has printed, or its error (p316)."""
+        """Store the output of Eval's command, or its error (p316)."""
         text = printed(self.outputs.pop())
         if into is not None:
             container, index, type_name = into
@@ -406,7 +409,7 @@ class Task:
     # Errors
 
     def on_error(self, handler: int) -> None:
-        """Set where an error goes, or nowhere with -1."""
+        """Set the error handler, or none with -1."""
         self.current.handler = handler
 
     def resumed(self) -> None:
@@ -416,7 +419,7 @@ class Task:
         self.current.handling = False
 
     def resume(self, following: bool) -> int:
-        """Return where EResume goes on: at the failed statement, or behind it."""
+        """Return where EResume continues: at the failed statement, or after it."""
         self.resumed()
         frame = self.current
         starts = frame.linked.code.starts
@@ -428,8 +431,8 @@ class Task:
         return pc
 
     def fail(self, error: SpelError) -> None:
-        """Take an error to the handler of the function or of one of its callers, or end."""
-        if self.frame is None:  # it has ended itself in the statement that failed
+        """Pass an error to the handler of the function or of a caller, or end the task."""
+        if self.frame is None:  # the failed statement has ended the task
             return
         frame = self.frame
         self.waiting = None
@@ -463,7 +466,7 @@ class Task:
         after: Callable[[bool], None] | None = None,
         scanned: bool = False,
     ) -> None:
-        """Wait until a test holds or a time is over, or not at all if it holds already."""
+        """Wait until a test is met or a time is over, or not at all if the test is already met."""
         self.since_wait = 0
         if test is not None and test():
             if after is not None:
@@ -486,7 +489,7 @@ class Task:
         then: Callable[[bool], None] | None = None,
         scanned: bool = False,
     ) -> None:
-        """Wait for a test: TW says whether the time ran out, before `then` is called."""
+        """Wait for a test, and set TW to whether the time ran out before `then` is called."""
         self.timed_out = False
 
         def after(timed_out: bool) -> None:
@@ -509,14 +512,14 @@ class Task:
                 self.world.host.command('abortmotion', (), ())
 
     def go_to(self, frame: Frame, target: int) -> None:
-        """Go on at an instruction of a call that the task is in, whatever it does."""
+        """Continue at an instruction of a call of this task, whatever the task is doing."""
         self.discontinue()
         while self.frames[-1] is not frame:
             self.frames.pop()
         self.frame, frame.pc = frame, target
 
     def wake(self, timed_out: bool) -> None:
-        """Go on behind the statement that waited, or to the error that it ends with."""
+        """Resume after the waiting statement, or with the error that ended it."""
         waiting, self.waiting = self.waiting, None
         frame = self.current
         try:
@@ -528,7 +531,7 @@ class Task:
             frame.pc = frame.linked.code.following[frame.pc]
 
     def wait_for(self, completion: Completion | None) -> None:
-        """Wait for something that the host does."""
+        """Wait for an operation of the host."""
         if completion is None:
             return
         begun = completion
@@ -539,17 +542,17 @@ class Task:
 
         self.wait(None, lambda: begun.done, after)
 
-    # What instructions ask of the host
+    # Requests of instructions to the host
 
     @property
     def caller(self) -> Caller:
-        """Return which task this is, and where."""
+        """Return the task and its position."""
         frame = self.current
         place = frame.linked.code.lines[frame.pc]
         return Caller(self.number, self.function, place.file, place.line)
 
     def may(self, name: str, words: tuple[str, ...] = ()) -> None:
-        """Refuse a statement that this type of task cannot execute. Raises SpelError."""
+        """Raise SpelError for a statement that this type of task cannot execute."""
         rule = COMMANDS[name]
         if forbidden(rule, words, self.type):
             kind = self.type.name.lower().replace('_', ' ')
@@ -557,12 +560,12 @@ class Task:
         self.owe(name)
 
     def owe(self, name: str) -> None:
-        """Let a statement take the time it takes on the controller."""
+        """Add the time that a statement takes on the controller."""
         self.world.time += self.world.timing.extra.get(name, 0.0)
 
     def value(self, name: str, arguments: tuple[int | float | Point, ...]) -> object:
-        """Return a function of the host, with places in Local 0 but for CX to CW."""
-        self.since_wait = 0  # it looks at the world
+        """Return a function of the host, with places in Local 0 except for CX to CW."""
+        self.since_wait = 0  # it reads inputs
         if name[0] != 'c':
             arguments = self.world.placed(arguments)
         result = self.world.host.value(name, arguments)
@@ -576,7 +579,7 @@ class Task:
         return number
 
     def flagged(self, point: Point, flag: str) -> Point:
-        """Return a point with a posture (/L), in a local (/1), or translated into one (@1)."""
+        """Return a point with a posture (/L), in a local (/1), or converted to one (@1)."""
         if flag[0] == '@':
             return in_local(point, int(flag[1:]), self.world.locals)
         return point.flagged(flag)
@@ -597,7 +600,7 @@ class Task:
         self.wait_for(completion)
 
     def stored(self, name: str) -> Callable[[], bool]:
-        """Return the condition of the last Till, Find or Sense: at first Sw(0) = On (p829)."""
+        """Return the condition of the last Till, Find or Sense, initially Sw(0) = On (p829)."""
         test = self.world.conditions.get(name)
         if test is None:
             host = self.world.host
@@ -613,7 +616,7 @@ class Task:
         beside: int | None,
         **modifiers: Any,
     ) -> None:
-        """Begin a motion and wait for its end, with the instructions of !…! at `beside`.
+        """Start a motion and wait for its end, with the instructions of !…! at `beside`.
 
         `modifiers`: cp, till, find and sense of MotionRequest.
         """
@@ -643,16 +646,16 @@ class Task:
         self.wait(None, lambda: completion.done and helper.frame is None, after)
 
     def wait_share(self, percent: float) -> None:
-        """Wait until so much of the motion is done that !…! stands beside."""
+        """Wait until the motion of !…! has completed a percentage of its path."""
         motion = self.motion
         assert motion is not None  # noqa: S101 - the compiler puts it into !…! only
         share = min(max(percent / 100.0, 0.0), 1.0)
         self.wait(None, lambda: motion.done or motion.share >= share, scanned=True)
 
-    # What only a test can answer
+    # Statements and functions that only a test can answer
 
     def stub(self, name: str, arguments: tuple[Any, ...]) -> None:
-        """Take the answer to a statement into its variables, in their order. Raises SpelError."""
+        """Store the answer to a statement in its variables, in their order. Raises SpelError."""
         self.since_wait = 0
         references = [each for each in arguments if isinstance(each, tuple)]
         answer = self.world.stubs.answer(name, self._shown(arguments))
@@ -698,7 +701,7 @@ class Task:
         return store(result, declared.result)
 
     def xqt(self, number: int, linked: Linked, arguments: list[object], kind: int) -> None:
-        """Start a task: a background task starts background tasks only. Raises SpelError."""
+        """Start a task. A background task starts only background tasks. Raises SpelError."""
         self.may('xqt')
         background = self.type is TaskType.BACKGROUND
         if number == 0:
@@ -713,12 +716,12 @@ class Task:
 
     @property
     def held(self) -> bool:
-        """Return whether it stands until somebody lets it go on."""
+        """Return whether the task is halted, paused or interrupted by a Trap."""
         return self.halted or self.paused or self.held_by is not None
 
     @property
     def state(self) -> TaskState:
-        """Return what TaskState shows."""
+        """Return the value of TaskState."""
         if self.halted or self.paused:
             return TaskState.HALTED
         return TaskState.RUNNING if self.waiting is None else TaskState.WAITING

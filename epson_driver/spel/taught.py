@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Labels of points and I/O that programs name without the files of RC+ that define them.
+"""Labels of points and I/O that are used without the RC+ files that define them.
 
-A program is often shared alone, its .pts file and IOLabels.dat left behind: what can only be the
-label of a point, or of I/O, is then taken for one, and a warning says so.
+Programs are often shared alone, without their .pts file and IOLabels.dat. A name that can only be
+the label of a point or of I/O is then treated as one, with a warning.
 """
 
 from collections.abc import Iterable, Mapping
@@ -19,7 +19,7 @@ from epson_driver.spel.words import reserved
 _MOTIONS = frozenset(name for name, rule in COMMANDS.items() if rule.form == '@motion')
 _PLACES = frozenset({'here', 'xy', 'ja', 'pulse', 'agltopls', 'curpos', 'realpos', 'pallet'})
 _OF_POINTS = frozenset({'pallet', 'local'})
-"""Statements that take points, and numbers."""
+"""Statements with points and numbers as arguments."""
 _SIDES = frozenset({'x', 'y', 'l', 'r', 'baseu', 'outside'})
 _SWITCHED = frozenset({'on', 'off', 'out', 'outw', 'opbcd'})
 _READ = frozenset({'sw', 'in', 'inw', 'oport', 'out', 'outw'})
@@ -34,7 +34,7 @@ def add_missing(
 ) -> None:
     """Add the labels that a project without .sprj, .pts or IOLabels.dat leaves undefined.
 
-    Points get the numbers 999, 998, … and no place; I/O labels go to `data.unlabelled`.
+    Points get the numbers 999, 998, … and no place. I/O labels are added to `data.unlabelled`.
     """
     there = {name.lower() for name in files}
     if any(name.endswith(PROJECT) for name in there):
@@ -58,7 +58,7 @@ def _note(notes: list[Problem], token: Token, kind: str, why: str) -> None:
 
 
 def _declared(lines: Iterable[Line]) -> set[str]:
-    """Return every name that a type stands in front of, or behind, in the same line."""
+    """Return the names in all lines that contain a type."""
     found: set[str] = set()
     for line in lines:
         if any(token.lower in TYPES for token in line.tokens):

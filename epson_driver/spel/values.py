@@ -22,7 +22,7 @@ LONGEST_STRING = 255
 
 
 class Type(NamedTuple):
-    """A declared type: what kind its values are, and the range of whole ones."""
+    """A declared type: the kind of its values, and the range of whole ones."""
 
     kind: str
     least: int = 0
@@ -59,7 +59,7 @@ Value = int | float | str
 
 
 def type_word(name: str) -> str:
-    """Return a type as it is written."""
+    """Return the spelling of a type."""
     return _WORDS.get(name, name.capitalize())
 
 
@@ -74,7 +74,7 @@ class Array:
         self.d: list[Value] = [TYPES[type_name].blank] * size(bounds)
 
     def at(self, *indices: int) -> int:
-        """Return where an element of several dimensions is. Raises SpelError."""
+        """Return the index of an element of several dimensions in `d`. Raises SpelError."""
         place = 0
         for index, bound in zip(indices, self.bounds, strict=True):
             if not 0 <= index <= bound:
@@ -83,7 +83,7 @@ class Array:
         return place
 
     def resize(self, bounds: tuple[int, ...], keep: bool) -> None:
-        """Change the bounds, keeping the elements within both if `keep`."""
+        """Change the bounds. With `keep`, elements within the old and the new bounds remain."""
         old = Array.__new__(Array)
         old.bounds, old.d = self.bounds, self.d
         self.bounds = bounds
@@ -104,7 +104,7 @@ class Array:
 
 
 def size(bounds: Sequence[int]) -> int:
-    """Return how many elements there are up to these bounds."""
+    """Return the number of elements for these upper bounds."""
     return math.prod(bound + 1 for bound in bounds)
 
 
@@ -129,7 +129,7 @@ class Point:
 
     @property
     def printed(self) -> str:
-        """Return what Print shows of a place in space (p166): 12 characters a coordinate."""
+        """Return the output of Print for a place in space (p166): 12 characters a coordinate."""
         shown = (
             f' {axis}:{value:9.3f}' for axis, value in zip('XYZUVW', self.values, strict=True)
         )
@@ -139,7 +139,7 @@ class Point:
 
 
 def single(value: float) -> float:
-    """Return a value as binary32 holds it. Raises SpelError."""
+    """Return a value rounded to binary32. Raises SpelError."""
     try:
         rounded: float = struct.unpack('<f', struct.pack('<f', value))[0]
     except (OverflowError, struct.error):
@@ -148,24 +148,24 @@ def single(value: float) -> float:
 
 
 def finite(value: float) -> float:
-    """Return a Double, or refuse infinity. Raises SpelError."""
+    """Return a Double. Raises SpelError for an infinite value."""
     if value - value != 0.0:
         raise overflow('Double', value)
     return float(value)
 
 
 def overflow(type_name: str, value: object) -> SpelError:
-    """Return the error that a value does not fit a type."""
+    """Return the error for a value that does not fit a type."""
     return SpelError(ErrorNumber.OVERFLOW, f'{shown(value)} does not fit {type_word(type_name)}')
 
 
 def too_long(text: str) -> SpelError:
-    """Return the error that a string is too long."""
+    """Return the error for a string that is too long."""
     return SpelError(ErrorNumber.STRING_LENGTH, f'a string of {len(text)} characters')
 
 
 def shown(value: object) -> str:
-    """Return a value for a sentence."""
+    """Return the text of a value for a message."""
     if isinstance(value, int):
         return str(value) if abs(value) < 10**30 else 'a number of more than 30 digits'
     return f'{value:g}' if isinstance(value, float) else repr(value)[:40]
@@ -186,11 +186,11 @@ def towards_zero(value: float) -> int:
 
 
 ROUNDINGS: dict[str, Callable[[float], int]] = {'nearest': nearest, 'truncate': towards_zero}
-"""How a Real becomes an Integer on assignment: no document says it, so it can be chosen."""
+"""Conversions of a Real to an Integer on assignment, selectable because none is documented."""
 
 
 def store(value: Value, type_name: str, rounding: Callable[[float], int] = nearest) -> Value:
-    """Return a value as a variable of a type holds it. Raises SpelError."""
+    """Return a value converted to the type of a variable. Raises SpelError."""
     kind = TYPES[type_name]
     if kind.kind == STRING:
         text = str(value)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The words of SPEL+, from the one table config/spel/words.yaml: parser, linter, docs read it."""
+"""The words of SPEL+, from config/spel/words.yaml. Parser, linter and docs use this table."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,10 +14,10 @@ FIRST = (6, 0, 0)
 
 @dataclass(frozen=True, slots=True)
 class Word:
-    """One word: what it can be, and where it can stand.
+    """One word: its uses, and where it is allowed.
 
-    `window`: the command window, and so $Execute, takes it. `background`: NoEmgAbort and
-    background tasks can execute it. `since`: the first version that has it.
+    `window`: allowed in the command window, and so in $Execute. `background`: allowed in
+    NoEmgAbort and background tasks. `since`: the first version that has it.
     """
 
     name: str
@@ -27,7 +27,7 @@ class Word:
 
     @property
     def window(self) -> bool:
-        """Whether the command window takes it, functions only within a statement."""
+        """Whether the command window accepts it (functions only within a statement)."""
         return 'window' in self.uses or self.uses == {'function'}
 
 
@@ -67,12 +67,12 @@ EVERY_VERSION = (99, 0, 0)
 
 
 def reserved(name: str, version: tuple[int, ...] = EVERY_VERSION) -> bool:
-    """Return whether nothing of a program can have a name, as SPEL+ has it since a version."""
+    """Return whether a name is reserved by SPEL+, up to a version."""
     word = WORDS.get(name.lower())
     return name.lower() in CONSTANTS or (word is not None and word.since <= version)
 
 
 def is_a(use: str, name: str) -> bool:
-    """Return whether SPEL+ has a 'statement', 'function' or 'keyword' of a name."""
+    """Return whether a name is a 'statement', 'function' or 'keyword' of SPEL+."""
     word = WORDS.get(name.lower())
     return word is not None and use in word.uses

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The error numbers that the controller shows in STATUS, and which one it shows now."""
+"""The error numbers that the controller shows in STATUS, and the current error."""
 
 import logging
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ _log = logging.getLogger(__name__)
 class ErrorNumber(IntEnum):
     """SPEL+ error numbers, among them 8000, the thesis' first user error.
 
-    8001 is ours, for what only the simulation can have; 8004 too, as controller_program has it.
+    8001 is specific to this simulation. 8004 is the number that controller_program uses.
     """
 
     NONE = 0
@@ -33,7 +33,7 @@ class ErrorNumber(IntEnum):
 
 
 ERRORS = load_error_texts('epson')
-"""Error numbers with their texts; also those that only a real controller shows."""
+"""Error numbers with their texts, including errors that only a real controller shows."""
 
 TEXTS: dict[int, str] = {number: text.meaning for number, text in ERRORS.items()}
 """What each error number means."""
@@ -41,7 +41,7 @@ TEXTS: dict[int, str] = {number: text.meaning for number, text in ERRORS.items()
 
 @dataclass(frozen=True, slots=True)
 class Rejection:
-    """Why a message is not obeyed: the error number, and a sentence for people."""
+    """Why a message is refused: the error number, and a sentence for the log."""
 
     number: int
     sentence: str
@@ -52,12 +52,12 @@ class Rejection:
 
 
 def corrupt(sentence: str) -> Rejection:
-    """Return the rejection of a message that is wrong in itself."""
+    """Return the rejection of a malformed message."""
     return Rejection(ErrorNumber.CORRUPT_MESSAGE, sentence)
 
 
 class ErrorRegister:
-    """The error that the controller shows, until something clears it."""
+    """The error that the controller shows, until it is cleared."""
 
     def __init__(self) -> None:
         self.number: int = ErrorNumber.NONE

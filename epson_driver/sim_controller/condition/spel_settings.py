@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Settings of SPEL+ statements, and their values.
 
-Speed, SpeedFactor and Accel act on point-to-point motion; SpeedS, AccelS, SpeedR, AccelR and
-SpeedFactor on the straight lines of a SPEL+ program. The others are kept and can be printed: there
-is no motion here that they would act on.
+Speed, SpeedFactor and Accel affect point-to-point motion. SpeedS, AccelS, SpeedR, AccelR and
+SpeedFactor affect the straight lines of a SPEL+ program. The others are stored and can be printed,
+but the simulation has no motion that uses them.
 """
 
 from epson_driver.sim_controller.condition.states import Event
@@ -20,26 +20,26 @@ SETTINGS: dict[str, tuple[float, ...]] = {
     'Weight': (1,),
     'Inertia': (),
 }
-"""The manual's values until something sets them; Speed and Accel are the driver program's own."""
+"""The manual's initial values. Those of Speed and Accel come from the driver program."""
 
 DEFAULTS_AFTER = (Event.MOTORS_ON, Event.RESET, Event.STOP, Event.BOOT)
-"""After these events SPEL+ forgets what was set."""
+"""Events after which SPEL+ resets the settings."""
 
 
 class SpelSettings:
     """The settings of one controller, and its home position.
 
-    `speed` and `accel` are those of the driver program, fractions (0, 1] of the robot's limits.
+    `speed` and `accel` of the driver program are fractions (0, 1] of the robot's limits.
     """
 
     def __init__(self, speed: float, accel: float) -> None:
         self._program = {'Speed': (speed * 100,), 'Accel': (accel * 100,) * 2}
         self._set: dict[str, tuple[float, ...]] = {}
         self.home: tuple[int, ...] | None = None
-        """Where HomeSet has put the home position, encoder pulses, one per joint."""
+        """Home position set by HomeSet, encoder pulses, one per joint."""
 
     def values(self, name: str) -> tuple[float, ...]:
-        """Return the numbers of a statement, or none if it was not used and has no default."""
+        """Return the numbers of a statement, or none if it has neither a setting nor a default."""
         return self._set.get(name) or self._program.get(name) or SETTINGS[name]
 
     def change(self, name: str, numbers: tuple[float, ...]) -> None:
@@ -47,7 +47,7 @@ class SpelSettings:
         self._set[name] = numbers
 
     def forget(self) -> None:
-        """Forget all numbers but the home position."""
+        """Reset all numbers except the home position."""
         self._set.clear()
 
     @property

@@ -2,26 +2,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """The controller's condition as tables: motors, E-stop, door, tasks, errors, mode, power.
 
-Each region of the condition is a table of its own; `after` gives an event to all of them at once,
-or to none. The rules (SPEL+ language reference; thesis chapter 3):
+Each region of the condition has a separate table. `after` applies an event to all regions
+together, or to none. The rules (SPEL+ language reference; thesis chapter 3):
 
-* It boots with the motors off, at low power. Nothing but motors on, or continue after a door that
-  interrupted a motion, switches the motors on; both are done by a person or through the remote
+* The controller boots with the motors off, at low power. Only motors on, or continue after a door
+  that interrupted a motion, switches the motors on. Both come from a person or through the remote
   port.
-* Motors off, the motion client lost, or the key switch to MANUAL, while the motors are on: the arm
-  brakes along its path, and at standstill the motors go off.
-* The E-stop works in every condition. It takes the power from the motors and aborts the Normal
-  tasks. Back from it in three steps, in this order: release the button, reset, motors on.
-* The safeguard door interrupts: the arm brakes, the motors go off, the Normal tasks pause. Back
-  from it: close the door, continue; the arm goes slowly to where it was interrupted, then on.
-* Pause brakes the arm on its path and pauses the Normal tasks; continue goes on.
-* Stop ends the Normal tasks and what they were doing; start runs them again.
-* An error takes the power from the motors and aborts the Normal tasks until a reset; a critical
-  one until the controller is booted again.
+* Motors off, a lost motion client, or the key switch to MANUAL, while the motors are on: the arm
+  brakes along its path, and the motors switch off at standstill.
+* The E-stop works in every condition. It cuts the motor power and aborts the Normal tasks.
+  Recovery takes three steps in this order: release the button, reset, motors on.
+* The safeguard door interrupts: the arm brakes, the motors switch off, the Normal tasks pause. To
+  recover, close the door and continue. The arm returns slowly to where it was interrupted, then
+  resumes.
+* Pause brakes the arm on its path and pauses the Normal tasks. Continue resumes them.
+* Stop ends the Normal tasks and their motion. Start runs them again.
+* An error cuts the motor power and aborts the Normal tasks until a reset, a critical error until
+  the controller is rebooted.
 * Power is low after boot, motors on, reset and stop, while the motors are off and while the door
-  is open. The motion program raises it for its trajectories where its profile says so, unless a
-  person has chosen low power.
-* Asking for what is already so is no error.
+  is open. The motion program raises it for its trajectories if its profile says so, unless a
+  person has selected low power.
+* A request for the current state is not an error.
 """
 
 from collections.abc import Mapping
@@ -31,7 +32,7 @@ from typing import Any
 
 
 class Motors(Enum):
-    """The servo power. The value is its name in sentences."""
+    """The servo power. The values are used in sentences."""
 
     OFF = 'off'
     ON = 'on'
@@ -68,7 +69,7 @@ class Tasks(Enum):
 
 
 class Fault(Enum):
-    """Errors of the controller itself. A refused point is none of these."""
+    """Errors of the controller itself, unlike a refused point."""
 
     NONE = 'none'
     ERROR = 'error'
@@ -83,7 +84,7 @@ class Mode(Enum):
 
 
 class Power(Enum):
-    """The motors' power level: how fast the arm may move."""
+    """The motors' power level, which limits the speed of the arm."""
 
     LOW = 'low'
     HIGH = 'high'
@@ -91,7 +92,7 @@ class Power(Enum):
 
 
 class Event(Enum):
-    """What happens to the controller, valued by its name in sentences."""
+    """The events of the controller. The values are used in sentences."""
 
     MOTORS_ON = 'motors on'
     MOTORS_OFF = 'motors off'
@@ -138,7 +139,7 @@ class Condition:
 
     @property
     def estopped(self) -> bool:
-        """Whether the E-stop is pressed, or not reset yet."""
+        """Whether the E-stop is pressed, or has not been reset yet."""
         return self.estop is not EStop.CLEAR
 
     @property
@@ -148,7 +149,7 @@ class Condition:
 
 
 class RejectedError(Exception):
-    """An event that the condition does not allow. The text says why and what to do."""
+    """An event that the condition does not allow. The text gives the reason and the remedy."""
 
 
 _E = Event
@@ -204,7 +205,7 @@ DOOR: dict[tuple[Door, Event], Door] = {
 }
 
 ENDED = (Tasks.STOPPED, Tasks.ABORTED)
-"""The Normal tasks do not run: what would end them changes nothing."""
+"""States in which the Normal tasks do not run, so events that end them have no effect."""
 
 TASKS: dict[tuple[Tasks, Event], Tasks] = {
     (Tasks.RUNNING, _E.PAUSE): Tasks.PAUSED,
@@ -286,14 +287,14 @@ STARTED_BY_A_PERSON: Tables = {
     **REGIONS,
     'tasks': {**TASKS, (Tasks.ABORTED, _E.RESET): Tasks.STOPPED},
 }
-"""The same for a SPEL+ program: a reset does not start it, as it does not on a controller."""
+"""The tables for a SPEL+ program: a reset does not start it, like on a real controller."""
 
 NOTHING_LOADED: Tables = {
     **REGIONS,
     'motors': {**MOTORS, (Motors.ON, _E.DOOR_OPEN): Motors.BRAKING},
     'tasks': {},
 }
-"""The same without a program: no task is paused by the door, and none goes on."""
+"""The tables without a program: the door pauses no task, and none resumes."""
 
 REJECTIONS: dict[tuple[Event, Enum], str] = {
     (_E.MOTORS_ON, EStop.PRESSED): (
@@ -335,14 +336,14 @@ REJECTIONS: dict[tuple[Event, Enum], str] = {
     (_E.POWER_HIGH, Mode.MANUAL): 'the key switch is at MANUAL: power stays low',
     (_E.PROGRAM_POWER_HIGH, Mode.MANUAL): 'the key switch is at MANUAL: power stays low',
 }
-"""Which event is refused in which state of any region, and what a person is told.
+"""Refused events by state of any region, with the message for the user.
 
 The first row that applies counts.
 """
 
 
 def after(condition: Condition, event: Event, tables: Tables = REGIONS) -> Condition:
-    """Return the condition that `event` leads to. Raises RejectedError if it is not allowed."""
+    """Return the condition after `event`. Raises RejectedError if the event is not allowed."""
     states = {getattr(condition, region) for region in REGIONS}
     for (refused, state), sentence in REJECTIONS.items():
         if refused is event and state in states:

@@ -14,7 +14,7 @@ from epson_driver.sim_controller.condition.states import Condition, Tasks
 
 
 class TaskType(Enum):
-    """SPEL+ task types, valued as in TaskInfo(task, 2)."""
+    """SPEL+ task types. The values are those of TaskInfo(task, 2)."""
 
     NORMAL = 0
     NO_PAUSE = 1
@@ -22,7 +22,7 @@ class TaskType(Enum):
 
 
 class TaskState(Enum):
-    """SPEL+ TaskState, valued by its number."""
+    """SPEL+ TaskState, with its numbers as values."""
 
     NOT_RUNNING = 0
     RUNNING = 1
@@ -91,7 +91,7 @@ TASK_WORDS = {
 
 
 class TaskRow(NamedTuple):
-    """A task as people see it: its number, and in words its name, type and state."""
+    """A task for display: its number, and its name, type and state in words."""
 
     number: int
     name: str

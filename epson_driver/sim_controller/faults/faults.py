@@ -170,10 +170,10 @@ class Faults:
             self._begin(active)
 
     def clear(self, name: str | None = None) -> int:
-        """End the faults of a name, or all, send what they held, and return how many they were.
+        """End the faults of a name, or all, and send delayed messages. Return their number.
 
-        A reboot goes on. Raises FaultError for a name that is no fault, that is not active, or
-        that cannot be cleared.
+        A reboot continues. Raises FaultError for an unknown or inactive fault, or if it cannot be
+        cleared.
         """
         if name is not None and name not in FAULTS:
             raise FaultError(f'{name!r} is no fault: must be one of {", ".join(FAULTS)}')

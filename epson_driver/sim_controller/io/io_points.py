@@ -1,11 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The controller's inputs, outputs and memory bits, as its programs and its remote port see them.
+"""The controller's inputs, outputs and memory bits, used by its programs and its remote port.
 
-A point is addressed by type and index. Digital points and flags are 0 or 1, analogue ones are in
-mV. Groups are the same digital points, many at a time: group k is byte port k of SPEL+ (`In`,
-`Out`), bits 8k to 8k+7, bit 8k lowest; group WORD_GROUPS + k is word port k (`InW`, `OutW`), bits
-16k to 16k+15. What is above the last point reads as 0, and cannot be set.
+A point is addressed by type and index. Digital points and flags are 0 or 1, analogue points are in
+mV. Groups combine the same digital points: group k is byte port k of SPEL+ (`In`, `Out`), bits 8k
+to 8k+7, bit 8k lowest. Group WORD_GROUPS + k is word port k (`InW`, `OutW`), bits 16k to 16k+15.
+Bits above the last point read as 0 and cannot be set.
 """
 
 import logging
@@ -18,7 +18,7 @@ from epson_driver.simple_message import IoFeature, IoRange, IoResult, IoType
 BYTE_BITS = 8
 WORD_BITS = 16
 WORD_GROUPS = 1000
-"""Index of the group that is word port 0; below it are byte ports."""
+"""Index of the group of word port 0. Byte ports are below it."""
 
 Listener = Callable[[], None]
 """Called after any point has changed."""
@@ -60,7 +60,7 @@ _PORTS = (IoType.DIGITAL_INPUT, IoType.DIGITAL_OUTPUT, IoType.FLAG)
 
 
 class IoPoints:
-    """The values of all points. Outputs begin with their safe values, all else with 0."""
+    """The values of all points. Outputs start with their safe values, all others with 0."""
 
     def __init__(self, profile: IoProfile) -> None:
         self.profile = profile
@@ -85,7 +85,10 @@ class IoPoints:
         return self._values[known][index]
 
     def write(self, io_type: int, index: int, value: int) -> None:
-        """Set an output, a group of outputs or a flag, or raise IoError and change nothing."""
+        """Set an output, a group of outputs or a flag.
+
+        Raises IoError without changing anything.
+        """
         kind, known = self._checked(io_type, index)
         if not kind.writable:
             raise IoError(
@@ -95,7 +98,7 @@ class IoPoints:
         self._set(kind, known, index, value)
 
     def set_input(self, io_type: int, index: int, value: int) -> None:
-        """Set an input or a group of inputs, as its wiring does. Raises IoError."""
+        """Set an input or a group of inputs, like its wiring does. Raises IoError."""
         kind, known = self._checked(io_type, index)
         if kind.bits not in _INPUTS and known not in _INPUTS:
             raise IoError(
@@ -104,7 +107,7 @@ class IoPoints:
         self._set(kind, known, index, value)
 
     def reset_point(self, io_type: int, index: int) -> None:
-        """Give an output or a group of outputs its safe value, a flag 0. Raises IoError."""
+        """Set an output or a group of outputs to its safe value, a flag to 0. Raises IoError."""
         kind, known = self._checked(io_type, index)
         if not kind.writable:
             raise IoError(
@@ -118,7 +121,7 @@ class IoPoints:
     # Many digital points or flags as one number.
 
     def read_port(self, io_type: IoType, port: int, width: int) -> int:
-        """Return the bits `width * port` and on of DI, DO or FLAG, the first one lowest.
+        """Return the bits of a port of DI, DO or FLAG from bit `width * port`, lowest first.
 
         Raises IoError for a port without points.
         """
@@ -127,20 +130,20 @@ class IoPoints:
         return sum(values[bit] << shift for shift, bit in enumerate(bits))
 
     def write_port(self, io_type: IoType, port: int, width: int, value: int) -> None:
-        """Set the bits of a port of DO or FLAG, or raise IoError and change nothing."""
+        """Set the bits of a port of DO or FLAG. Raises IoError without changing anything."""
         if not _KINDS[io_type].writable:
             text = f'{_KINDS[io_type].short} port {port}: an input cannot be written'
             raise IoError(IoResult.TYPE_FEATURE_UNSUPPORTED, text)
         self._set_port(io_type, port, width, value)
 
     def set_input_port(self, port: int, width: int, value: int) -> None:
-        """Set the bits of a port of DI, as their wiring does. Raises IoError."""
+        """Set the bits of a port of DI, like their wiring does. Raises IoError."""
         self._set_port(IoType.DIGITAL_INPUT, port, width, value)
 
     # Ranges of points.
 
     def ranges(self) -> tuple[IoRange, ...]:
-        """Return the points that there are."""
+        """Return the ranges of existing points."""
         found = []
         for io_type, kind in _KINDS.items():
             features = IoFeature.STREAMING
@@ -152,7 +155,7 @@ class IoPoints:
         return tuple(found)
 
     def check_range(self, io_type: int, start: int, count: int) -> None:
-        """Raise IoError unless all of a range is there, and it is not empty."""
+        """Raise IoError unless a range is not empty and all its points exist."""
         kind, _ = self._checked(io_type, start)
         last = start + count - 1
         if not any(
@@ -168,7 +171,7 @@ class IoPoints:
             return tuple(self._values[known][start : start + count])
         return tuple(self.read(known, index) for index in range(start, start + count))
 
-    # What happens to all.
+    # Events that affect all points.
 
     def listen(self, listener: Listener) -> Callable[[], None]:
         """Call `listener` after changes, until the returned function is called."""
@@ -181,22 +184,22 @@ class IoPoints:
         return stop
 
     def reset(self) -> None:
-        """Give outputs their safe values, but for those that the profile keeps on reset."""
+        """Set outputs to their safe values, except those that the profile keeps on reset."""
         self._make_safe(self.profile.outputs - self.profile.keep_on_reset)
 
     def boot(self) -> None:
-        """Give every output its safe value, and every flag 0."""
+        """Set every output to its safe value, and every flag to 0."""
         flags = ((IoType.FLAG, index) for index in range(self.profile.flags))
         self._make_safe([*self.profile.outputs, *flags])
 
     def client_wrote(self, client: object) -> None:
-        """Take note that outputs are in the hands of this client, until it is gone."""
+        """Record that this client controls outputs until it disconnects."""
         self._writers.add(client)
 
     def client_gone(self, client: object) -> None:
-        """Take note that a client is gone.
+        """Record that a client has disconnected.
 
-        With the last one that wrote outputs, they take their safe values, but for those that the
+        After the last client that wrote outputs, they get their safe values, except those that the
         profile keeps on link loss.
         """
         if client not in self._writers:
@@ -241,7 +244,7 @@ class IoPoints:
         return f'this controller has {name} {ranges}' if ranges else f'it has no {name}'
 
     def _bits(self, io_type: IoType, port: int, width: int) -> range:
-        """Return the points of a port. Raises IoError if there are none."""
+        """Return the points of a port. Raises IoError for a port without points."""
         count = len(self._values[io_type])
         if io_type not in _PORTS or not 0 <= port * width < count:
             text = f'{_KINDS[io_type].short} port {port} of {width} bits: there are {count} points'

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """One client of the I/O port: its requests are answered item by item, its ranges published.
 
-Every item of a request has a result of its own, and one that is wrong keeps none of the others
-from being done. docs/io.md says what each message does.
+Every item of a request has a separate result, and an invalid item does not affect the others.
+docs/io.md describes the messages.
 """
 
 import logging
@@ -52,13 +52,13 @@ from epson_driver.simple_message.io_messages import ALL
 
 _OUTPUTS = (IoType.DIGITAL_OUTPUT, IoType.ANALOG_OUTPUT, IoType.GROUP_OUTPUT)
 _RESETTABLE = (IoType.DIGITAL_OUTPUT, IoType.ANALOG_OUTPUT, IoType.FLAG)
-"""Types that ALL stands for; a group is the same points again."""
+"""Types that ALL includes. Groups are excluded, because they contain the same points."""
 
 _log = logging.getLogger(__name__)
 
 
 class IoSession:
-    """Serves one client. `available` returns None, or why the I/O server does not run now."""
+    """Serves one client. `available` returns None, or why the I/O server is not running now."""
 
     def __init__(
         self,
@@ -88,7 +88,7 @@ class IoSession:
         }
 
     def receive(self, data: bytes) -> None:
-        """Take bytes from the client. Raises FrameError when the position in them is lost."""
+        """Process bytes from the client. Raises FrameError when frame synchronization is lost."""
         self._framer.receive_data(data)
         while self._open and (frame := self._framer.next_frame()) is not None:
             packet = self._reply(frame)
@@ -106,7 +106,7 @@ class IoSession:
         try:
             packet = decode(frame)
         except (HeaderError, BodyError):
-            return answer_frame(frame, {})  # which says so, and answers FAILURE
+            return answer_frame(frame, {})  # logs the error and answers FAILURE
         own = self._answers.get(type(packet.message))
         if own is None or packet.comm_type is not CommType.SERVICE_REQUEST:
             return answer(packet, {})
@@ -150,7 +150,7 @@ class IoSession:
         return IoWriteReply(message.message_id, timestamp(self._clock), items)
 
     def _reset(self, message: IoReset) -> IoResetReply:
-        done = {  # each only once: an item can stand for thousands of points
+        done = {  # each only once, because an item can contain thousands of points
             item: self._outcome(item.io_type, item.index, self._reset_points, item)
             for item in dict.fromkeys(message.items)
         }
@@ -165,7 +165,7 @@ class IoSession:
         types = _RESETTABLE if item.io_type == ALL else (item.io_type,)
         ranges = [held for held in self._points.ranges() if held.io_type in types]
         if not ranges:
-            self._points.reset_point(item.io_type, 0)  # which says that there are none
+            self._points.reset_point(item.io_type, 0)  # raises the error for a type without points
         for held in ranges:
             for index in range(held.start, held.start + held.count):
                 self._points.reset_point(held.io_type, index)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The ranges that one I/O client subscribed to, and when they are published."""
+"""The ranges that one I/O client subscribed to, and their publication."""
 
 import math
 from collections.abc import Callable
@@ -10,11 +10,11 @@ from epson_driver.sim_controller.io.io_points import IoError, IoPoints
 from epson_driver.simple_message import IoAddress, IoPublish, IoResult, IoSpan, IoValues
 
 MAX_CATCH_UP_PUBLICATIONS = 3
-"""So many are made up for at once, besides the newest, when the process was not scheduled."""
+"""Maximum missed publications to catch up on after a scheduling delay, besides the newest."""
 
 MAX_RANGES = 64
 MAX_VALUES = 4096
-"""What one client can subscribe to: ranges, and values in all of them."""
+"""Limits of one client's subscriptions: ranges, and the total number of values."""
 
 TIMESTAMP_MASK = 2**31 - 1
 
@@ -27,8 +27,9 @@ def timestamp(clock: Clock) -> int:
 class IoStream:
     """Calls `publish` every `publish_period`, and soon after a change.
 
-    A change goes out when the clock is next advanced, together with all others of that moment,
-    but no sooner than `publish_interval` after the last time. While `paused()` nothing goes out.
+    A change is published when the clock next advances, together with all other changes of that
+    moment, but at the earliest `publish_interval` after the previous publication. Publication
+    stops while `paused()`.
     """
 
     def __init__(
@@ -50,7 +51,7 @@ class IoStream:
         self._stop_listening = points.listen(self._changed)
 
     def subscribe(self, span: IoSpan) -> None:
-        """Add a range, or replace the one that begins at the same place. Raises IoError."""
+        """Add a range, or replace the range with the same start. Raises IoError."""
         self._points.check_range(span.io_type, span.start, span.count)
         key = (span.io_type, span.start)
         ranges = {**self._ranges, key: span.count}
@@ -68,7 +69,7 @@ class IoStream:
             self._wait()
 
     def unsubscribe(self, address: IoAddress) -> None:
-        """Drop the range that begins there. Raises IoError if there is none."""
+        """Drop the range with this start. Raises IoError without one."""
         key = (address.io_type, address.index)
         if key not in self._ranges:
             self._points.check_range(*key, 1)
@@ -79,7 +80,7 @@ class IoStream:
             self._cancel()
 
     def close(self) -> None:
-        """Publish nothing any more."""
+        """Stop publishing."""
         self._stop_listening()
         self._ranges = {}
         self._cancel()

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One client of Motoman's I/O port: bits and groups by address, as MotoROS answers them.
+"""One client of Motoman's I/O port: bits and groups by address, answered like MotoROS.
 
-MotoROS serves it in every condition of the controller, and leaves outputs as they are when a
-client goes. What is none of its messages is answered with IOCTRL_REPLY. docs/io.md has the table.
+MotoROS serves the port in every condition of the controller, and leaves outputs unchanged when a
+client disconnects. IOCTRL_REPLY answers any other message. docs/io.md has the table.
 """
 
 import logging
@@ -39,7 +39,7 @@ from epson_driver.simple_message import (
 from epson_driver.simple_message.motoman import GENERAL_INPUTS, GENERAL_OUTPUTS, Invalid, Result
 
 _BIT_DIGITS = 10
-"""The last digit of a bit's address is its place in the group."""
+"""The last digit of a bit's address is its index in the group."""
 
 _OUT_OF_RANGE = 'it is none of the general inputs and outputs that there are'
 
@@ -47,7 +47,7 @@ _log = logging.getLogger(__name__)
 
 
 class _AddressError(Exception):
-    """There is no such address, or it cannot be written, as its text says."""
+    """The address does not exist or cannot be written. The text gives the reason."""
 
 
 class MotomanIoSession:
@@ -67,7 +67,7 @@ class MotomanIoSession:
         }
 
     def receive(self, data: bytes) -> None:
-        """Take bytes from the client. Raises FrameError when the position in them is lost."""
+        """Process bytes from the client. Raises FrameError when frame synchronization is lost."""
         self._framer.receive_data(data)
         while self._open and (frame := self._framer.next_frame()) is not None:
             message = self._answer(frame)
@@ -77,7 +77,7 @@ class MotomanIoSession:
             self._send(encode(reply(message, code), self._dialect))
 
     def closed(self) -> None:
-        """Forget the client and leave the outputs as they are."""
+        """Remove the client and leave the outputs unchanged."""
         self._open = False
 
     def _answer(self, frame: Frame) -> Message:

@@ -44,7 +44,7 @@ class Pacer:
     async def run(self) -> None:
         """Step the controller when its next timer is due, and every cycle while the arm moves.
 
-        Returns never. Raises the error that ends it.
+        Never returns. Raises the error that ends it.
         """
         self._failed = asyncio.get_running_loop().create_future()
         self._context = copy_context()

@@ -139,7 +139,7 @@ class ControllerServers:
         return sum(server.clients for server in self._servers if server.name == port)
 
     async def run(self) -> None:
-        """Run the controller in real time. Returns never."""
+        """Run the controller in real time. Never returns."""
         if self._planner is None:
             await self.pacer.run()
         else:

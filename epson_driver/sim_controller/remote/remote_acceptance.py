@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""When the controller accepts a remote command, and why it does not.
+"""The conditions for remote commands, and the reasons for refusing them.
 
-The conditions are those of the RC+ user's guide, Remote Ethernet, "input acceptance condition".
+The conditions follow the RC+ user's guide, Remote Ethernet, "input acceptance condition".
 """
 
 import math
@@ -16,7 +16,7 @@ from epson_driver.sim_controller.remote.status_words import FLAGS, Predicate
 
 
 class CommandError(Exception):
-    """A command that is answered with an error number, with the reason as its text."""
+    """A command that is answered with an error number. The text gives the reason."""
 
     def __init__(self, number: RemoteErrorNumber, sentence: str) -> None:
         super().__init__(sentence)
@@ -24,7 +24,7 @@ class CommandError(Exception):
 
 
 class Requirement(NamedTuple):
-    """A condition for a command, with a sentence for when it does not hold."""
+    """A condition for a command, with a sentence for when it is not met."""
 
     text: str
     holds: Predicate
@@ -88,7 +88,7 @@ TASKS_RUN = Requirement('tasks run', _tasks_run, _no_tasks)
 def check(
     controller: Controller, requirements: Iterable[Requirement], event: Event | None
 ) -> None:
-    """Raise RejectedError if the controller does not accept a command that does `event` now."""
+    """Raise RejectedError unless the controller accepts a command with `event` now."""
     for requirement in requirements:
         if not requirement.holds(controller):
             raise RejectedError(requirement.sentence(controller))
@@ -97,11 +97,11 @@ def check(
 
 
 _MAX_CHARACTERS = 20
-"""A number with more characters is rejected; none here needs so many."""
+"""Maximum length of a number. No valid parameter is longer."""
 
 
 def expect(parameters: Sequence[str], least: int, most: int | None = None) -> None:
-    """Raise CommandError (format) if there are fewer or more parameters."""
+    """Raise CommandError (format) for fewer or more parameters."""
     most = least if most is None else most
     if not least <= len(parameters) <= most:
         count = str(least) if least == most else f'{least} to {most}'
@@ -110,7 +110,7 @@ def expect(parameters: Sequence[str], least: int, most: int | None = None) -> No
 
 
 def wrong(name: str, value: object, rule: str) -> CommandError:
-    """Return the error for a parameter that does not fit."""
+    """Return the error for an invalid parameter."""
     return CommandError(RemoteErrorNumber.PARAMETER, f'{name} {value}: {rule}')
 
 
@@ -152,7 +152,7 @@ def switch(name: str, text: str) -> bool:
 
 
 def robot(parameters: Sequence[str], all_robots: bool = True) -> None:
-    """Check that the one robot is named 1, or where allowed 0, all, or not at all."""
+    """Check that the robot is 1 or, if `all_robots`, 0 for all or omitted."""
     expect(parameters, 0 if all_robots else 1, 1)
     if parameters and parameters[0] not in (('', '0', '1') if all_robots else ('1',)):
         raise wrong('robot', parameters[0], 'there is only robot 1')

@@ -1,11 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""EPSON's Remote Ethernet commands: one line in, one line out, by one table.
+"""EPSON's Remote Ethernet commands: one line in, one line out, from one table.
 
-`$Cmd,parameters` is answered with `#Cmd,value` (0 where there is no value) or `!Cmd,error`, with
-the name as the client spells it. `$Execute` is answered when what it executes is over.
-Names, acceptance and answers are those of the RC+ user's guides, Remote Ethernet, and of EPSON's
-own client for Node-RED; `$Sim,…` (sim_commands.py) exists in the simulation only.
+`$Cmd,parameters` is answered with `#Cmd,value` (0 for commands without a value) or `!Cmd,error`,
+with the client's spelling of the name. `$Execute` is answered when its statement has ended. Names,
+acceptance and answers follow the RC+ user's guides, Remote Ethernet, and EPSON's client for
+Node-RED. `$Sim,…` (sim_commands.py) exists in the simulation only.
 """
 
 import logging
@@ -42,27 +42,27 @@ _log = logging.getLogger(__name__)
 
 _MAX_ADDRESS = 65_535
 MOST_CHARACTERS = 4060
-"""Of what $Execute is given, and of what it answers (RC+ 7.0 user's guide)."""
+"""Maximum length of the input of $Execute, and of its answer (RC+ 7.0 user's guide)."""
 
 _SIMULATED = 'simulated'
-"""The answer where a real controller has a serial number or a version."""
+"""The answer for a serial number or version of a real controller."""
 
 
 @dataclass(slots=True)
 class Dialogue:
-    """The state of one client's session. `why` explains the last command that was rejected.
+    """The state of one client's session. `why` explains the last rejected command.
 
-    `send` takes the answer of a command that takes time, without terminator.
+    `send` gets the answer of a command that takes time, without terminator.
     """
 
     controller: Controller
     send: Callable[[str], None]
     enter: Callable[[], None] = lambda: None
-    """Called at a login. Raises ConnectionRefusedError where another client is served alone."""
+    """Called at a login. Raises ConnectionRefusedError if another client is served exclusively."""
     logged_in: bool = False
     why: str = ''
     spelt: str = ''
-    """The name of the last command as the client spells it."""
+    """The client's spelling of the last command name."""
 
 
 Run = Callable[[Dialogue, list[str]], str | None]
@@ -72,9 +72,9 @@ Run = Callable[[Dialogue, list[str]], str | None]
 class Command:
     """A remote command, whose `run` returns its value or None.
 
-    With an `event`, that is what it does, after `run` has checked the parameters. With `whole`
-    everything after the first comma is one parameter. `beside`: it is accepted while a statement
-    is executed.
+    `event` is applied after `run` has checked the parameters. With `whole`, all text after the
+    first comma is one parameter. `beside`: the command is accepted during the execution of a
+    statement.
     """
 
     usage: str
@@ -87,13 +87,13 @@ class Command:
 
 
 class _LaterError(Exception):
-    """The answer comes later."""
+    """The answer follows later."""
 
 
 def answer(dialogue: Dialogue, line: str) -> str | None:
-    """Obey one line and return the answer, both without their terminator.
+    """Execute one line and return the answer, both without their terminator.
 
-    None: it takes time, `dialogue.send` gets the answer.
+    None: the command takes time, and `dialogue.send` gets the answer.
     """
     spelt, comma, rest = line.removeprefix('$').partition(',')
     dialogue.spelt = spelt = spelt.strip()
@@ -216,7 +216,7 @@ def _get_status(dialogue: Dialogue, parameters: list[str]) -> str:
 
 
 def _execute(dialogue: Dialogue, parameters: list[str]) -> str | None:
-    """Execute the text between the first and the last quote, which may contain others."""
+    """Execute the text between the first and the last quote. It may contain quotes."""
     given = parameters[0] if parameters else ''
     if len(given) < 2 or not given.startswith('"') or not given.rstrip().endswith('"'):
         raise CommandError(RemoteErrorNumber.FORMAT, 'statements stand in double quotes')
@@ -227,7 +227,7 @@ def _execute(dialogue: Dialogue, parameters: list[str]) -> str | None:
 
 
 def _begin(dialogue: Dialogue, text: str) -> str | None:
-    """Begin statements, and return what they printed if they are over at once."""
+    """Start statements. Return their output if they end immediately."""
     over: list[str | SpelError] = []
     late, spelt = False, dialogue.spelt
 
@@ -344,7 +344,7 @@ _SOUND = (
     requirements.NO_ERROR,
     requirements.READY,
 )
-"""Requirements of commands; the first that does not hold is told."""
+"""Requirements of commands. The first one that is not met is reported."""
 
 
 _SPACES = {
@@ -353,11 +353,11 @@ _SPACES = {
 }
 _SIZES = {'': (1, 'bit'), 'Byte': (BYTE_BITS, 'port'), 'Word': (WORD_BITS, 'word')}
 _SET_WHEN_READY = ('SetIO', 'SetIOByte')
-"""The others that set something need AUTO as well."""
+"""The other commands that set something need AUTO as well."""
 
 
 def _io_commands() -> dict[str, Command]:
-    """Return GetIO, SetIOByte, GetMemIOWord and so on."""
+    """Return GetIO, SetIOByte, GetMemIOWord and the other I/O commands."""
     rows = {}
     for space, (readable, source, writable, target) in _SPACES.items():
         for size, (width, address) in _SIZES.items():

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The remote port: one client's lines to Remote Ethernet commands, the answers back.
 
-A line ends with CR LF, LF or CR. Who does not log in, or says nothing for too long afterwards, is
-hung up on, as a real controller does.
+A line ends with CR LF, LF or CR. A client that does not log in, or sends nothing for too long
+afterwards, is disconnected, like on a real controller.
 """
 
 import logging
@@ -16,10 +16,10 @@ from epson_driver.sim_controller.ports import Send
 from epson_driver.sim_controller.remote.remote_commands import MOST_CHARACTERS, Dialogue, answer
 
 MAX_LINE_CHARACTERS = MOST_CHARACTERS + len('$Execute,""')
-"""Characters of a line without its end; one more, and the client is hung up on."""
+"""Maximum characters of a line without its end. A longer line disconnects the client."""
 
 LOGIN_TIMEOUT_S = 300.0
-"""How long a client may be connected without logging in, s."""
+"""Time allowed for a client to log in, s."""
 
 _ROUNDING_S = 1e-6  # s
 _CR, _LF = b'\r'[0], b'\n'[0]
@@ -28,7 +28,7 @@ _log = logging.getLogger(__name__)
 
 
 class RemoteSession:
-    """Serves one remote client, with a login of its own. There may be several."""
+    """Serves one remote client, with a separate login. There may be several."""
 
     def __init__(
         self,
@@ -51,17 +51,17 @@ class RemoteSession:
 
     @property
     def logged_in(self) -> bool:
-        """Whether the client has logged in, and not out again."""
+        """Whether the client is logged in."""
         return self._dialogue.logged_in
 
     @property
     def obeyed(self) -> bool:
-        """Whether a command of the client was obeyed: a login, or one for the simulation."""
+        """Whether a command was accepted: a login, or a command for the simulation."""
         return self._obeyed
 
     @property
     def heard(self) -> float:
-        """When the last command came, or else the client, on the controller's clock, s."""
+        """Time of the last command, or else of the connection, on the controller's clock, s."""
         return self._heard
 
     def receive(self, data: bytes) -> None:
@@ -80,7 +80,7 @@ class RemoteSession:
                 self._end(f'a line of more than {MAX_LINE_CHARACTERS} characters')
 
     def closed(self) -> None:
-        """The client is gone: send nothing any more."""
+        """Stop sending after the client has disconnected."""
         self._open = False
         self._line.clear()
         if self._timer is not None:
@@ -102,20 +102,20 @@ class RemoteSession:
             self._reply(reply)
 
     def _reply(self, reply: str) -> None:
-        if self._open:  # a command may end the connection, or take longer than that lasts
+        if self._open:  # a command may end the connection, or outlast it
             shown = (sign if sign.isprintable() or sign in '\r\n' else '?' for sign in reply)
             self._send(''.join(shown).encode() + b'\r\n')
             self._watch()
 
     @property
     def _patience(self) -> float:
-        """How long the client may be silent, s, or 0 for ever."""
+        """Timeout for a silent client, s, or 0 for none."""
         return self._timeout if self._dialogue.logged_in else LOGIN_TIMEOUT_S
 
     def _watch(self) -> None:
-        """Set the timer that hangs up on a client that says nothing for too long.
+        """Set the timer that disconnects a client after a long silence.
 
-        A timer that is there and not too late stays: there are few, whatever the client says.
+        An existing timer that is early enough is kept, so the number of timers stays small.
         """
         due = self._heard + self._patience
         if not self._patience or (self._timer is not None and self._timer.due <= due):

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`$Sim,…`: buttons, door, pushes and faults, and data that only a simulation has.
+"""`$Sim,…`: buttons, door, pushes, faults and data that exist only in a simulation.
 
-An answer with several parts has `;` between them, and within a part `=` after its name.
+`;` separates the parts of an answer, and `=` separates name and value of a part.
 """
 
 from collections.abc import Callable
@@ -33,7 +33,7 @@ IO_KINDS = {
     'AO': IoType.ANALOG_OUTPUT,
     'flag': IoType.FLAG,
 }
-"""How points are called. Analogue ones are in mV; flags are memory I/O."""
+"""Names of the I/O types. Analogue points are in mV. Flags are memory I/O."""
 
 _INPUTS = (IoType.DIGITAL_INPUT, IoType.ANALOG_INPUT)
 _ANALOG = (IoType.ANALOG_INPUT, IoType.ANALOG_OUTPUT)
@@ -44,7 +44,7 @@ _MAX_PUSH = 360.0  # degrees, or mm
 
 
 class SimCommand(NamedTuple):
-    """A command after `$Sim`: its form, and the function that takes its parameters."""
+    """A command after `$Sim`: its form, and the function that gets its parameters."""
 
     usage: str
     text: str
@@ -52,7 +52,7 @@ class SimCommand(NamedTuple):
 
 
 def simulate(controller: Controller, parameters: list[str]) -> str | None:
-    """Obey `$Sim,parameters` and return its value, None where it has none.
+    """Execute `$Sim,parameters` and return its value, or None without one.
 
     Raises CommandError or RejectedError.
     """
@@ -117,7 +117,7 @@ def _io(controller: Controller, parameters: list[str]) -> str | None:
 
 
 def _points(controller: Controller, name: str) -> str:
-    """Return how many points there are, and which are on or their analogue values."""
+    """Return the number of points, and the points that are on or their analogue values."""
     io_type = IO_KINDS[name]
     values: list[int] = []
     for found in controller.io.ranges():
@@ -218,4 +218,4 @@ SIM_COMMANDS: dict[str, SimCommand] = {
         _timing,
     ),
 }
-"""Name → what it does. `$Sim,why` and `$Sim,print` are of the client: remote_commands.py."""
+"""Name → command. remote_commands.py has `$Sim,why` and `$Sim,print`, which concern the client."""

@@ -5,10 +5,11 @@
 Each word is a table from bit to predicate. (SPEL+ language reference; RC+ user's guide, Remote
 Ethernet; the eleven flags of the RC700 generation.)
 
-Two things are different from a real controller. The tasks of the built-in programs run all the
-time here, and would keep a real one from ever being ready; so what runs is the arm: Running means
-that it moves or has somewhere to go, Ready that it does not. With a SPEL+ program it is as on a
-real one: Ready when no task runs but those in the background. And there are no warnings.
+Two things differ from a real controller. First, the tasks of the built-in programs run permanently
+here and would prevent a real controller from being ready. The flags therefore refer to the arm:
+Running means that the arm moves or has a target, Ready that it does not. With a SPEL+ program they
+are like on a real controller: Ready when no task except background tasks runs. Second, the
+simulation has no warnings.
 """
 
 from collections.abc import Callable, Mapping
@@ -19,15 +20,15 @@ from epson_driver.sim_controller.condition.tasks import PROGRAM, TaskState
 from epson_driver.sim_controller.core import Controller
 
 CONTROL_DEVICE = 26
-"""Who has control, as CtrlInfo(5) numbers them: Remote Ethernet."""
+"""The control device of CtrlInfo(5): Remote Ethernet."""
 
 Predicate = Callable[[Controller], bool]
 
 
 def running(controller: Controller) -> bool:
-    """Return whether the arm moves, has points, or goes back to where it was interrupted.
+    """Return whether the arm moves, has points, or returns to where it was interrupted.
 
-    With a SPEL+ program: whether its tasks run, besides those in the background.
+    With a SPEL+ program: whether any task except background tasks runs.
     """
     condition = controller.condition
     moves = controller.moving or condition.tasks is Tasks.RECOVERING
@@ -42,7 +43,7 @@ def ready(controller: Controller) -> bool:
 def error(controller: Controller) -> bool:
     """Return whether the controller is in error, or shows an error number.
 
-    A person who stopped the tasks can start them again: that they do not run is no error.
+    Tasks stopped by a person can be started again, so stopped tasks are not an error.
     """
     number = controller.error_number
     if controller.condition.tasks is Tasks.STOPPED and number == ErrorNumber.TASK_ABORTED:
@@ -157,8 +158,11 @@ ROBOT_INFO_0: dict[int, Predicate] = {
     0x400: _held,
     0x4000: never,
 }
-"""RobotInfo(0): 0x100 the robot halts, 0x200 it moves or is paused in a motion, 0x400 it was
-stopped by pause or door, 0x4000 by Till."""
+"""RobotInfo(0).
+
+0x100: the robot halts. 0x200: it moves or is paused in a motion. 0x400: it was stopped by pause or
+door. 0x4000: it was stopped by Till.
+"""
 
 STAT_0: dict[int, Predicate] = {
     **{1 << (number - 1): _task_runs(number) for number in range(1, 17)},
@@ -171,10 +175,10 @@ STAT_0: dict[int, Predicate] = {
     0x400000: _not(door_open),
     0x800000: never,
 }
-"""Stat(0): tasks 1 to 16, then what the controller does. 0x800000 is the enable switch."""
+"""Stat(0): tasks 1 to 16, then the controller's state. 0x800000 is the enable switch."""
 
 STAT_1: dict[int, Predicate] = {0x10: motors_on}
-"""Stat(1): what the robot does. The bits for positions it is at are not there."""
+"""Stat(1): the robot's state. The bits for reached positions are not simulated."""
 
 
 def word(table: Mapping[int, Predicate], controller: Controller) -> int:

@@ -29,20 +29,20 @@ _log = logging.getLogger(__name__)
 
 _MM = 1000.0
 SHORTEST_PATH = 1e-6
-"""m; a path that is shorter is none: only the orientation changes."""
+"""Length below which a path has no translation, only a change of orientation, m."""
 
 JERK_PER_ACCELERATION = 10.0
 """1/s: a ramp of 0.1 s."""
 
 LOW_POWER_MM_S, LOW_POWER_MM_S2 = 50.0, 200.0
-"""What SpeedS and AccelS are at low power at most: their defaults."""
+"""Maximum SpeedS and AccelS at low power: their defaults."""
 
 TURN_DEGREES_S, TURN_DEGREES_S2 = 50.0, 500.0
-"""SpeedR and AccelR until they are set: a guess."""
+"""Initial SpeedR and AccelR, assumed."""
 
 
 class JointLeg:
-    """Straight in joint space from one place, shape (n,), rad, to another, or nowhere."""
+    """Straight line in joint space from one position, shape (n,), rad, to another or the same."""
 
     length = 0.0
 
@@ -53,11 +53,11 @@ class JointLeg:
 
     @property
     def point(self) -> Point:
-        """How the arm is told to go there, and rest."""
+        """The end as a point for the arm, at rest."""
         return rest_at(self.end)
 
     def asked(self, low_power: bool, share: float) -> tuple[JointLimits, CurveSpeed]:
-        """Return what Speed and Accel leave of the limits, and what is as fast as these allow."""
+        """Return the limits under Speed and Accel, and their maximum along the path."""
         way = np.abs(self.end - self.begin)
         most = _shared(self._model.limits, *self._shares(way, low_power, share))
         with np.errstate(divide='ignore'):
@@ -67,7 +67,7 @@ class JointLeg:
         return most, CurveSpeed(float(v), float(a), float(j))
 
     def from_rest(self, start: Array, low_power: bool) -> LineMotion:
-        """Return the motion from where the arm is."""
+        """Return the motion from the current position."""
         speed, accel = self._shares(self.end - start, low_power, 1.0)
         return go(self._model.limits, start, self.end, speed, accel)
 
@@ -80,9 +80,9 @@ class JointLeg:
 
 
 class StraightLeg:
-    """A line or an arc of the tool to a point, from where the arm was, or is after a pause.
+    """A line or an arc of the tool to a point, from the previous position or from that of a pause.
 
-    `turning`: SpeedR and AccelR are what counts.
+    `turning`: SpeedR and AccelR apply.
     """
 
     def __init__(
@@ -103,11 +103,11 @@ class StraightLeg:
 
     @property
     def point(self) -> Point:
-        """How the arm is told to go there, and rest."""
+        """The end as a point for the arm, at rest."""
         return replace(rest_at(self.end), path=self.from_rest)
 
     def asked(self, low_power: bool, share: float) -> tuple[JointLimits, CurveSpeed]:
-        """Return the limits, and what SpeedS and AccelS, or SpeedR and AccelR, ask for."""
+        """Return the joint limits, and the tool limits of SpeedS/AccelS or SpeedR/AccelR."""
         return _limits(self._robot, low_power), self._speed(self._robot, self._path, low_power)
 
     def motion(self, start: Array, low_power: bool) -> CurveMotion:
@@ -120,7 +120,7 @@ class StraightLeg:
         return go_along(_limits(self._robot, low_power), curve, speed)
 
     def from_rest(self, start: Array, low_power: bool) -> LineMotion | CurveMotion:
-        """Return the motion, slow and in joint space where no line is possible."""
+        """Return the motion. It is slow and in joint space if no line is possible."""
         try:
             return self.motion(start, low_power)
         except (SpelError, ValueError) as error:
@@ -135,16 +135,17 @@ def over(
     legs: Sequence[JointLeg | StraightLeg],
     heights: tuple[float, float],
 ) -> Sequence[Point]:
-    """Return the way up, across and down, with a rest between, or round the corners of an arch.
+    """Return the points up, across and down, with stops between them or as one rounded arch.
 
-    heights: how far up and how far down, m. There is an arch if both are more than its own (p477).
+    heights: of the moves up and down, m. The corners are rounded if both exceed the heights of the
+    arch (p477).
     """
     arch = [request.numbers.get(each, math.inf) / _MM for each in ('depart', 'approach')]
     gate = [leg.point for leg in legs]
     there = np.allclose(legs[1].begin, legs[1].end, rtol=0.0, atol=SHORTEST_PATH)
     if not (arch[0] < heights[0] and arch[1] < heights[1]) or there:
         return gate
-    taken = legs[:2] if request.sense else legs  # it is looked at above the target
+    taken = legs[:2] if request.sense else legs  # Sense is evaluated above the target
     path = Arch(
         robot.controller.model.limits, taken, arch[0] / heights[0], 1.0 - arch[1] / heights[1]
     )
@@ -157,7 +158,7 @@ def over(
 
 
 def rest_at(joints: Array) -> Point:
-    """Return joints, shape (n,), rad, as a point that the arm is told to go to."""
+    """Return joint angles, shape (n,), rad, as a point for the arm, with a stop."""
     return Point(0, joints, 0.0, 0.0)
 
 

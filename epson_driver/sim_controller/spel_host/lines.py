@@ -1,11 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Joints along a line or an arc of the tool, past singularities as AvoidSingularity is at first.
+"""Joint angles along a line or an arc of the tool, including singularities, as AvoidSingularity.
 
-The N series keeps to the way, and turns its joints as far as that takes (SING_VSD, p158). Other
-six-axis arms pass a singularity of the wrist or the hand by another way (SING_THRU, p158): the
-manual does not say by which. Here the tool's place stays on its line, and its orientation leaves
-it, while joint 5, or the wrist's distance from joint 1's axis, goes straight through 0.
+The N series stays on the path and turns its joints as far as necessary (SING_VSD, p158). Other
+six-axis arms pass a singularity of the wrist or the hand on a different path (SING_THRU, p158),
+which the manual does not specify. Here the tool position stays on its line, and the orientation
+deviates while joint 5, or the wrist's distance from joint 1's axis, passes straight through 0.
 """
 
 import math
@@ -19,33 +19,33 @@ from epson_driver.tool_motion.pose_path import PosePath
 
 STEP_M = 0.02
 STEP_RAD = 0.1
-"""How densely a line is looked at, at first; between, a spline is near it by some micrometres."""
+"""Initial sample spacing along a line. The spline between samples deviates by some micrometres."""
 
 MIN_LOOKS, MAX_LOOKS = 10, 500
 FINER = 4
-"""Where a joint jumps from one look to the next, all are so much denser."""
+"""Factor of the sample density after a joint jumps between two samples."""
 
 MAX_JOINT_STEP = 0.3
-"""A joint that changes by more from one look to the next, rad or m, jumps."""
+"""Largest change of a joint between two samples, rad or m. A larger change is a jump."""
 
 NEAR_WRIST_RAD = math.radians(10.0)
-"""Joint 5 this near to 0 is near a singularity: SingularityAngle until it is set (p158)."""
+"""Joint 5 this close to 0 is near a singularity: initial SingularityAngle (p158)."""
 
 NEAR_HAND_M = 0.03
-"""The wrist this near to joint 1's axis: SingularityDist until it is set (p158)."""
+"""Distance of the wrist from joint 1's axis near a singularity: initial SingularityDist (p158)."""
 
 MOST_TURN_RAD = 2.0 * NEAR_WRIST_RAD
-"""The tool is turned by no more beside its way."""
+"""Maximum deviation of the tool's orientation from its path."""
 
 ON_LINE_M, TRIES = 1e-9, 10
 JOINT_5 = 4
 
 
 def joints_along(kinematics: Kinematics, path: PosePath, start: Array, through: bool) -> Array:
-    """Return joints at even shares of a way, from those that are at its begin: shape (k, n).
+    """Return joint angles at even fractions of a path, from those at its start: shape (k, n).
 
-    through: whether a singularity is passed by another way. Raises ValueError that says why
-    there are none, and KinematicsError.
+    through: whether a singularity is passed on a different path. Raises ValueError with the reason
+    if no solution exists, and KinematicsError.
     """
     longest = max(path.length / STEP_M, path.angle / STEP_RAD)
     looks = min(max(math.ceil(longest), MIN_LOOKS), MAX_LOOKS)
@@ -67,7 +67,7 @@ class _Looks:
         self._kinematics = kinematics
         self._poses = [path.pose(share) for share in np.linspace(0.0, 1.0, looks + 1).tolist()]
         self._rows = [start]
-        self._behind = 0  # so far singularities are passed
+        self._behind = 0  # number of samples whose singularities are passed
 
     def joints(self, through: bool) -> Array:
         while (place := len(self._rows)) < len(self._poses):
@@ -83,7 +83,7 @@ class _Looks:
         return np.array(self._rows)
 
     def _passed(self) -> bool:
-        """Return whether the arm can go through the last singularity, and make it do so."""
+        """Try to go through the last singularity. Return whether it succeeded."""
         begin = len(self._rows) - 1
         while begin > self._behind and not self._near(self._rows[begin]):
             begin -= 1
@@ -117,7 +117,7 @@ class _Looks:
         return bool(np.any(np.abs(self._sides(joints)) < (NEAR_HAND_M, NEAR_WRIST_RAD)))
 
     def _between(self, begin: int, end: int, entry: Array, leave: Array) -> Iterator[Array]:
-        """Yield joints with the tool's place on its line, nearly evenly between two."""
+        """Yield joint angles with the tool position on its line, nearly evenly between two."""
         limits = self._kinematics.model.limits
         for index in range(begin + 1, end):
             joints = entry + (leave - entry) * (index - begin) / (end - begin)

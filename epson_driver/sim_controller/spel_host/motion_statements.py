@@ -33,7 +33,7 @@ ARC_SHORT, ARC_LONG = CONSTANTS['arc_short'], CONSTANTS['arc_long']
 
 
 def points_of(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    """Return where the arm goes for a statement, one after the other. Raises SpelError."""
+    """Return the consecutive targets of a statement. Raises SpelError."""
     first, *others = MOVES[request.name](robot, request)
     if robot.motion.passes and request.name != 'pass' and first.path is None:  # from rest (p604)
         first = replace(first, path=JointLeg(robot, robot.motion.start, first.target).from_rest)
@@ -46,7 +46,7 @@ def _go(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
 
 
 def _least_motion(robot: RobotContext, request: MotionRequest) -> list[SpelPoint]:
-    """Return the points as LJM converts them, each from the one before (p479)."""
+    """Return the points as LJM converts them, each from the previous one (p479)."""
     near, found = robot.motion.start, list(request.points)
     if (number := request.numbers.get('ljm')) is not None:
         for index, point in enumerate(found):
@@ -56,7 +56,7 @@ def _least_motion(robot: RobotContext, request: MotionRequest) -> list[SpelPoint
 
 
 def _jump(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    """Up to LimZ, across, and down, with a rest between, or round the corners of an arch."""
+    """Up to LimZ, across, and down, with stops between or rounded corners of an arch."""
     model = robot.controller.model
     if model.kind != SCARA:
         raise bad('Jump', f'only a SCARA can; {model.name} is none: use Go')
@@ -85,7 +85,7 @@ def _move(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
 def _line(
     robot: RobotContext, request: MotionRequest, point: SpelPoint, start: Array
 ) -> StraightLeg | JointLeg:
-    """Return a line to a point, or an arc where the statement has a point between."""
+    """Return a line to a point, or an arc if the statement has an intermediate point."""
     name = request.name.capitalize()
     via = None
     if request.name in ('arc', 'arc3'):
@@ -113,7 +113,7 @@ def _line(
 
 
 def _passed(robot: RobotContext, request: MotionRequest, start: Array) -> SpelPoint:
-    """Return what an arc passes half-way, by its point, angle, radius or centre (p104 to p109).
+    """Return the midpoint of an arc from its point, angle, radius or centre (p104 to p109).
 
     Raises SpelError.
     """
@@ -152,7 +152,7 @@ def _passed(robot: RobotContext, request: MotionRequest, start: Array) -> SpelPo
 
 
 def _relative(robot: RobotContext, request: MotionRequest) -> MotionRequest:
-    """Return the target of TGo, TMove (by the tool), BGo, BMove (by the base)."""
+    """Return the target of TGo, TMove (tool frame), BGo, BMove (base frame)."""
     by = robot.points.stored(request.points[-1])
     here = robot.points.place(robot.motion.start)
     if request.name[0] == 't':
@@ -164,7 +164,7 @@ def _relative(robot: RobotContext, request: MotionRequest) -> MotionRequest:
 
 
 def _kept(robot: RobotContext, place: SpelPoint) -> SpelPoint:
-    """Return a place with the posture that the arm is in (p163): of six axes, the nearest one."""
+    """Return a place with the arm's posture (p163), or for six axes the nearest one."""
     return place if robot.controller.model.kind == SCARA else replace(place, flags=(NEAREST,))
 
 
@@ -202,7 +202,7 @@ def _jump_tlz(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
 
 
 def _pass(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
-    """Near the points, not over them: a motion begins while the one before decelerates."""
+    """Near the points, not over them: a motion starts while the previous one decelerates."""
     near, found = robot.motion.start, []
     for point in _least_motion(robot, request):
         near = robot.points.joints(point, near)
@@ -222,7 +222,7 @@ def _one_joint(robot: RobotContext, request: MotionRequest) -> Sequence[Point]:
 
 
 def _home(robot: RobotContext, _request: MotionRequest) -> Sequence[Point]:
-    """All joints at once: Hordr is not simulated."""
+    """All joints together, because Hordr is not simulated."""
     home = robot.controller.spel.home
     if home is None:
         raise SpelError(

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The SPEL+ project that a controller profile names, as a person would set it up for a robot."""
+"""The SPEL+ project of a controller profile, set up for a robot."""
 
 import re
 from collections.abc import Mapping
@@ -18,9 +18,9 @@ _MS = 1000.0
 def profile_project(profile: SpelProfile, model: RobotModel) -> dict[str, str]:
     """Return the files of a profile's project, with the profile's changes.
 
-    What a person takes from the robot's manual, or measures, is the robot model's, where they have
-    lines for it: `#define J1_SPEED` and so on, degrees/s (mm/s), how many joints, and how long an
-    acceleration takes: T100_MS, RAMP_MS. Raises InputError, OSError.
+    The robot model supplies the values that a user takes from the robot's manual or measures, if
+    the files have lines for them: `#define J1_SPEED` and so on, degrees/s (mm/s), the number of
+    joints, and the acceleration times T100_MS and RAMP_MS. Raises InputError, OSError.
     """
     files = read_project(share_folder(profile.project))
     return with_defines(files, {**robot_defines(files, model), **profile.config})

@@ -1,11 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The TCP ports of a SPEL+ program, as its port objects 201 to 216 see them.
+"""The TCP ports of a SPEL+ program, as its port objects 201 to 216.
 
-A program that has opened a port object as a server gets the next client of that TCP port. One
-that has lost its client serves no other until the program closes and opens it: as controllers do
-it. What they do with a new client of a port whose task has ended is not documented; here it is
-refused, as nobody would ever answer it.
+A program that has opened a port object as a server gets the next client of that TCP port. After
+losing its client, it serves no other until the program closes and reopens the port, like real
+controllers. Their handling of a new client after the task of the port has ended is not documented.
+Here the client is refused, because no task would answer it.
 """
 
 import logging
@@ -15,7 +15,10 @@ from epson_driver.sim_controller.ports import ClientSession, Send, Session
 from epson_driver.spel import NetSettings, SpelError
 
 MAX_UNREAD_BYTES = 65_536
-"""What a client may have sent that the program has not read; one that sends more is cut off."""
+"""Maximum bytes from a client that the program has not read.
+
+A client that exceeds it is closed.
+"""
 
 OPEN_FAILED = 2900
 NO_PEER = 2902
@@ -56,7 +59,7 @@ class PortObject(Session):
         self._news()
 
     def receive(self, data: bytes) -> None:
-        """Keep bytes from a client until the program reads them."""
+        """Store bytes from a client until the program reads them."""
         if not self.connected:
             return
         if len(self.unread) + len(data) > MAX_UNREAD_BYTES:
@@ -68,19 +71,19 @@ class PortObject(Session):
         self._news()
 
     def send(self, data: bytes) -> None:
-        """Send to the client. Raises SpelError if it is gone."""
+        """Send to the client. Raises SpelError if it has disconnected."""
         if self._send is None:
             raise SpelError(NO_PEER, f'TCP port {self.settings.tcp_port} has no peer')
         self._send(data)
 
     def closed(self) -> None:
-        """Record that the client is gone. Its bytes can still be read."""
+        """Record that the client has disconnected. Its bytes can still be read."""
         self.connected = False
         self._send = self._close = None
         self._news()
 
     def end(self) -> None:
-        """Close the client's connection, if there is one."""
+        """Close the client's connection, if any."""
         self.wanted = False
         close = self._close
         self.closed()
@@ -91,10 +94,11 @@ class PortObject(Session):
 class ProgramNetwork:
     """The ports of one program.
 
-    `names`: TCP port as the program names it → the controller's port. Others are named by their
-    number; `listen` is called with it when the program opens one for the first time, and may raise
-    OSError. `connect` is called with a port that is opened as a client; without it, a client of a
-    TCP port that the program serves itself is the peer of that port, and others have none.
+    `names`: TCP port in the program → the controller's port. Other ports are named by their
+    number, with which `listen` is called when the program first opens one. `listen` may raise
+    OSError. `connect` is called with a port that is opened as a client. Without it, a client of a
+    TCP port that the program itself serves is connected to that port, and other clients have no
+    peer.
     """
 
     def __init__(self, names: Mapping[int, str]) -> None:
@@ -167,7 +171,7 @@ class ProgramNetwork:
             self._meet()
 
     def _meet(self) -> None:
-        """Let clients and the server of a TCP port that have had no peer yet be each other's."""
+        """Connect waiting clients with the server of the same TCP port."""
         for client in self._objects.values():
             server = self._open(self.name(client.tcp_port)) if client.client else None
             if server is None or client.taken or server.taken or server.orphaned:
@@ -182,9 +186,9 @@ class ProgramNetwork:
             found.end()
 
     def orphan_net(self, port: int) -> None:
-        """Refuse new clients: the task that opened a port object has ended.
+        """Refuse new clients, because the task that opened a port object has ended.
 
-        One that is connected stays so, and is not answered, until a task closes or opens it.
+        A connected client stays connected without answers until a task closes or reopens the port.
         """
         found = self._objects.get(port)
         if found is not None:
@@ -206,14 +210,14 @@ class ProgramNetwork:
         return bytes(found.unread) if found is not None else b''
 
     def take(self, port: int, count: int) -> bytes:
-        """Take the first bytes of that."""
+        """Remove and return the first unread bytes."""
         unread = self._objects[port].unread
         data = bytes(unread[:count])
         del unread[:count]
         return data
 
     def send(self, port: int, data: bytes) -> None:
-        """Send to the client. Raises SpelError 2902 if it is gone."""
+        """Send to the client. Raises SpelError 2902 if it has disconnected."""
         found = self._objects.get(port)
         if found is None:
             raise SpelError(NO_PEER, f'port {port} has no peer')
@@ -221,7 +225,7 @@ class ProgramNetwork:
 
 
 def _nobody(_port: object) -> None:
-    """Do nothing, as without sockets clients connect by themselves."""
+    """Do nothing, because clients connect automatically without sockets."""
 
 
 def _nothing() -> None:

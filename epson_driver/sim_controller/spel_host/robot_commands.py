@@ -18,14 +18,14 @@ Words = tuple[str, ...]
 Run = Callable[[RobotContext, Arguments, Words], Completion | None]
 
 _IGNORED = {'fine', 'ptpboost', 'qp', 'inertia', *map(str.lower, WITHOUT_EFFECT)}
-"""Taken, and nothing follows: there is nothing here that they would change."""
+"""Statements that are accepted without an effect, because the simulation lacks their subject."""
 
 
 MM = 1000.0
 
 
 class Until:
-    """A completion that is reached once a condition holds."""
+    """A completion that is reached once a condition is met."""
 
     error: SpelError | None = None
 
@@ -34,12 +34,12 @@ class Until:
 
     @property
     def done(self) -> bool:
-        """Return whether it is over."""
+        """Return whether it has completed."""
         return self._holds()
 
     @property
     def share(self) -> float:
-        """How much of the motion is done: 0, or 1 when it has ended."""
+        """Completed fraction of the motion: 0, or 1 when it has ended."""
         return float(self.done)
 
 
@@ -58,7 +58,7 @@ def command(
 def apply(
     controller: Controller, event: Event, number: ErrorNumber = ErrorNumber.MOTORS_OFF
 ) -> None:
-    """Apply an event. Raises SpelError with the number and the reason why it is refused."""
+    """Apply an event. Raises SpelError with the number and the reason if it is refused."""
     try:
         controller.apply(event)
     except RejectedError as error:
@@ -84,7 +84,7 @@ def _motor(robot: RobotContext, _: Arguments, words: Words) -> Completion:
 
 
 def _usual(robot: RobotContext) -> None:
-    """Set CP and LimZ as they are at first (p549)."""
+    """Set CP and LimZ to their initial values (p549)."""
     robot.motion.lim_z, robot.motion.cp = 0.0, False
 
 
@@ -110,7 +110,7 @@ def _quit_all(robot: RobotContext, _: Arguments, _words: Words) -> None:
 
 
 def _start_main(robot: RobotContext, _: Arguments, _words: Words) -> None:
-    """Check whether main may be started now, by the interpreter."""
+    """Check whether the interpreter may start main now."""
     condition = robot.controller.condition
     if condition.estopped or robot.controller.error_number:
         text = 'StartMain: there is an E-stop or an error: reset first'
@@ -185,4 +185,4 @@ COMMANDS: dict[str, Run] = {
     'arm': _only('Arm', 0),
     'robot': _only('Robot', 1),
 }
-"""By name in lower case, besides the settings and those without effect."""
+"""Statement name in lower case → function, excluding settings and statements without effect."""

@@ -19,11 +19,11 @@ from epson_driver.sim_controller.condition.errors import ErrorNumber
 from epson_driver.spel import MotionRequest, SpelError
 
 SHORTEST_S = 1e-6
-"""So much later, s, at most, it is seen that a motion is over: rounding cannot stop the clock."""
+"""Maximum delay in detecting the end of a motion, s, so that rounding cannot stop the clock."""
 
 
 class Motion:
-    """A motion statement that has begun, until the arm stands, or with CP decelerates."""
+    """A started motion statement, until the arm is at rest or, with CP, decelerates."""
 
     def __init__(self, request: MotionRequest, share: Callable[[], float]) -> None:
         self.request = request
@@ -33,15 +33,15 @@ class Motion:
 
     @property
     def share(self) -> float:
-        """The share of the distance covered, 0 to 1."""
+        """The completed fraction of the distance, 0 to 1."""
         return 1.0 if self.done else self._share()
 
 
 class RobotMotion:
-    """Gives motion statements to the arm, ends them, and calls `news` when one is over.
+    """Passes motion statements to the arm, ends them, and calls `news` when one is over.
 
-    The condition of Till is looked at every `scan` s. `claim` is to be called before a motion: it
-    makes the arm obey, or raises SpelError.
+    The condition of Till is evaluated every `scan` s. `claim` must be called before a motion. It
+    acquires the arm, or raises SpelError.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class RobotMotion:
         self._clock = clock
         self._news = news
         self._motion: Motion | None = None
-        self._points: deque[Point] = deque()  # of the statement, that the arm has not taken yet
+        self._points: deque[Point] = deque()  # not yet accepted by the arm
         self._scan: Timer | None = None
         self._due: Timer | None = None
         self.till_on = False
@@ -66,32 +66,32 @@ class RobotMotion:
         self.sensed = False
         """Whether Sense ended the last Jump above its target."""
         self.found: Array | None = None
-        """Where the arm was when the condition of Find held, shape (n,), rad."""
-        self._down: Point | None = None  # of Jump … Sense: what is done if it does not hold
-        self._arch: Arch | None = None  # round which it goes
-        self._stops: list[Array] = []  # where the motion begins, and what it goes to
+        """Position of the arm when the condition of Find was met, shape (n,), rad."""
+        self._down: Point | None = None  # target of Jump … Sense if the condition is not met
+        self._arch: Arch | None = None  # the arch of the current motion
+        self._stops: list[Array] = []  # start and targets of the motion
         self.cp = False
         """CP On: every motion may blend into the next one."""
         self.passes = False
-        """Whether the last motion was Pass: it blends into another Pass, and into no other."""
+        """Whether the last motion was Pass, which blends only into another Pass."""
         self.lim_z = 0.0
-        """LimZ: how high joint 3 goes for Jump, m."""
+        """Height of joint 3 for Jump, LimZ, m."""
 
     @property
     def busy(self) -> bool:
-        """Whether a statement is under way."""
+        """Whether a statement is executing."""
         return self._motion is not None
 
     @property
     def start(self) -> Array:
-        """Where the arm rests when the motions before are over, shape (n,), rad."""
+        """Rest position after the earlier motions, shape (n,), rad."""
         return self._arm.destination
 
     def begin(self, request: MotionRequest, points: Sequence[Point]) -> Motion:
-        """Begin a motion to points, one after the other. Raises SpelError if one is under way.
+        """Start a motion to consecutive points. Raises SpelError if another one is executing.
 
-        The last one blends into the next motion if that is asked for; between them the arm rests.
-        An arm that brakes comes to a stand first.
+        The last point blends into the next motion if requested. The arm stops at the others. An
+        arm that brakes comes to rest first.
         """
         if self._motion is not None:
             text = 'a motion of another task is under way'
@@ -114,7 +114,7 @@ class RobotMotion:
         return motion
 
     def settle(self) -> None:
-        """Update the statement, and keep a timer for when it changes next."""
+        """Update the statement, and set a timer for its next change."""
         while self._points and self._arm.has_room:
             self._arm.take(self._points.popleft())
         if self._motion is not None and not self._points and self._arm.done:
@@ -129,14 +129,14 @@ class RobotMotion:
             self._due = self._clock.after(max(due, SHORTEST_S), self.settle)
 
     def abort(self, error: SpelError) -> bool:
-        """Brake, end the statement under way with an error, and return whether there was one."""
+        """Brake and end the current statement with an error. Return whether there was one."""
         self._arm.stop()
         ended = self._end(error)
         self.settle()
         return ended
 
     def _goes_down(self) -> bool:
-        """Look at Sense above the target of a Jump: where it does not hold, the arm goes on."""
+        """Evaluate Sense above the target of a Jump. The arm continues if it is not met."""
         motion, down = self._motion, self._down
         self._down = None
         if motion is None or down is None or motion.request.sense is None or self.till_on:
@@ -152,9 +152,10 @@ class RobotMotion:
         return not self.sensed
 
     def _share(self) -> float:
-        """Return how much of the way is done: of the sum of its parts in joint space.
+        """Return the completed fraction of the path, by the length of its parts in joint space.
 
-        Of a jump, how much of its middle, -1 before it: !…! stands beside nothing else (p57).
+        For a jump it is the fraction of its middle part, and -1 before it, because !…! runs
+        parallel to this part only (p57).
         """
         stops, position = self._stops, self._arm.position
         parts = [float(np.linalg.norm(b - a)) for a, b in pairwise(stops)]
@@ -184,7 +185,7 @@ class RobotMotion:
         return True
 
     def _look(self) -> None:
-        """Look at the conditions of Till, where the arm brakes, and of Find."""
+        """Evaluate the conditions of Till, which brakes the arm, and of Find."""
         motion = self._motion
         if motion is None or self.till_on:
             return

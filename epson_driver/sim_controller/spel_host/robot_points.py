@@ -27,20 +27,20 @@ from epson_driver.tool_motion.pose_path import PosePath, arc, level_arc, line
 
 UNREACHABLE = 4007
 STRAIGHT_RAD = 1e-6
-"""An arm that is stretched out by less (rad, m) is bent to either side."""
+"""Bend of an arm, rad or m, below which it counts as straight and may bend to either side."""
 
 _MM = 1000.0
 _SIDES = ('hand', 'elbow', 'wrist')
-"""What `Kinematics.sides` tells, as far as there is more than one posture."""
+"""Postures that `Kinematics.sides` returns, limited to those of the arm."""
 
 _LEFT_OPEN = {RS_SERIES: {'j1a': 0}, N_SERIES: {'j1a': 0, 'j4a': 3}}
-"""Joints that turn with another one, where the flag of a point tells their angle (p449, p455)."""
+"""Joints coupled to another one, with a point flag that defines their angle (p449, p455)."""
 
 _USUAL = ('j1f0', 'j2f0')
 """Flags that are not shown."""
 
 NEAREST = 'ljm'
-"""The flag of a place that any posture will do for, the nearest one."""
+"""Flag of a place for which the nearest posture is used, whichever it is."""
 
 _SIX = {1: ('=', '=', '', 'J4'), 2: ('=', '=', '=', ''), 3: ('=', '=', '', 'J5')}
 LEAST_MOTION: dict[int, dict[int, tuple[str, str, str, str]]] = {
@@ -53,11 +53,14 @@ LEAST_MOTION: dict[int, dict[int, tuple[str, str, str, str]]] = {
         7: ('', 'b', '', 'J1 J5'), 8: ('', 'b', '', 'J1 J4'),
     },
 }  # fmt: skip
-"""What LJM does (p508): hand, elbow and wrist as at the reference (=), not so (!), as it is said,
-or whatever is nearest, and which joints move the least."""
+"""Postures that LJM selects (p508): hand, elbow, wrist, and the joints that move the least.
+
+`=` is like the reference, `!` the opposite. A posture name selects that posture, and an empty
+string the nearest one.
+"""
 
 ASSUMED_PULSES = 10_000.0
-"""Per degree or mm, where a model does not say: no program could count its pulses otherwise."""
+"""Pulses per degree or mm if the model has none, so that programs can still use pulses."""
 
 _log = logging.getLogger(__name__)
 
@@ -71,11 +74,11 @@ class RobotPoints:
         self._type = robot_type(model)
         self.tool = 0
         self.tools: dict[int, Point] = {}
-        """Tools by number, as TLSet has defined them."""
+        """Tools by number, defined by TLSet."""
 
     @cached_property
     def pulses_per_unit(self) -> Array:
-        """Encoder pulses per rad or m, shape (n,). A warning names those that are assumed."""
+        """Encoder pulses per rad or m, shape (n,). A warning lists assumed values."""
         model = self._model
         unknown = np.isnan(model.pulses_per_unit)
         if unknown.any():
@@ -85,14 +88,14 @@ class RobotPoints:
         return np.where(unknown, ASSUMED_PULSES * model.shown_per_unit, model.pulses_per_unit)
 
     def use(self, tool: int) -> None:
-        """Lead another tool from now on (Tool n). Raises SpelError."""
+        """Select the tool for the next motions (Tool n). Raises SpelError."""
         if tool and tool not in self.tools:
             raise bad('Tool', f'{tool} is not defined: TLSet {tool}, or run --setup')
         self._kinematics = Kinematics(self._model, _matrix(self.tools[tool]) if tool else None)
         self.tool = tool
 
     def define(self, tool: int, point: Point | None) -> None:
-        """Define a tool (TLSet), or none (TLClr). Raises SpelError."""
+        """Define a tool (TLSet), or clear it with None (TLClr). Raises SpelError."""
         if point is not None and point.kind != 'xy':
             raise bad('TLSet', 'takes a place, XY(…)')
         self.tools.pop(tool, None)
@@ -104,9 +107,9 @@ class RobotPoints:
     def joints(self, point: Point, near: Array) -> Array:
         """Return the joint angles of a point within the limits, shape (n,), rad.
 
-        Of a place in space: in its posture, or the usual one, and
-        of what that leaves open the nearest to `near`. Raises SpelError: 4001 out of range, 4007
-        out of reach.
+        A place in space is converted in its posture or in the usual one. Among the remaining
+        solutions the nearest to `near` is used. Raises SpelError: 4001 out of range, 4007 out of
+        reach.
         """
         angles = self._angles(point, near)
         rejection = angles_rejection(angles, self._model.limits)
@@ -115,7 +118,7 @@ class RobotPoints:
         return clipped(angles, self._model.limits)
 
     def pulses(self, point: Point, near: Array) -> Array:
-        """Return the encoder pulses of a point, shape (n,), in the range or not."""
+        """Return the encoder pulses of a point, shape (n,), within the range or not."""
         return np.rint(self._angles(point, near) * self.pulses_per_unit)
 
     def degrees(self, point: Point, near: Array) -> Array:
@@ -135,14 +138,14 @@ class RobotPoints:
         )
 
     def _left_open(self, angles: Array) -> Iterator[str]:
-        """Yield the flag of each joint's angle that a place would leave open."""
+        """Yield the flags of the joint angles that a place does not determine."""
         for mark, joint in _LEFT_OPEN.get(self._type, {}).items():
             side = self._kinematics.sides(angles)[-1 if joint else 0]
             if abs(math.remainder(side, FULL_TURN)) < STRAIGHT_RAD:
                 yield f'{mark}{math.degrees(angles[joint]):.3f}'
 
     def _counted(self, u: float, angles: Array) -> float:
-        """Return U of a SCARA, rad, with the full turns that its joints have made."""
+        """Return U of a SCARA, rad, including the full turns of its joints."""
         axes = self._model.chain.axes[:, 2] * self._model.base.matrix[2, 2]
         revolute = np.array([kind == REVOLUTE for kind in self._model.joint_types])
         at_zero = self._kinematics.epson_point(np.zeros_like(angles))[1][0]
@@ -150,9 +153,9 @@ class RobotPoints:
         return u + FULL_TURN * round((total - u) / FULL_TURN)
 
     def stored(self, point: Point) -> Point:
-        """Return a point as P0, P1, … hold it: a place in space with all of its posture.
+        """Return a point as stored in P0, P1, …: a place in space with its complete posture.
 
-        Joint angles that are made a point lose the turns of joints 4 and 6 (p79).
+        Joint angles that are converted to a point lose the turns of joints 4 and 6 (p79).
         """
         if point.kind != 'xy':
             point = self.place(self._angles(point, np.zeros(len(self._model.joint_names))))
@@ -164,7 +167,7 @@ class RobotPoints:
         return replace(point, flags=(*told, *(f for f in point.flags if f not in told)))
 
     def other_hand(self, point: Point, joints: Array) -> bool:
-        """Return whether a point says that it is for the other hand than joints, (n,), are."""
+        """Return whether a point specifies the other hand than joint angles, shape (n,)."""
         hands = next(self._posture(joints), POSTURES['hand'])
         return not {*POSTURES['hand']}.intersection(point.flags) <= {*hands}
 
@@ -186,11 +189,12 @@ class RobotPoints:
     def path_to(
         self, point: Point, start: Array, via: Point | None = None, level: bool = False
     ) -> tuple[Array, PosePath]:
-        """Return joints along the straight way of the tool from joints, shape (n,), to a point.
+        """Return joint angles along the tool's straight path from joint angles to a point.
 
-        With `via` it is an arc over that point, of which `level` takes X and Y only. rad, shape
-        (k, n), at even shares of the way. Raises SpelError: 4001, or 4007 for a way that leaves
-        the reach or a joint's range, or on which a joint would have to jump.
+        `start` has shape (n,), rad, the result (k, n), rad, at even fractions of the path. With
+        `via` the path is an arc over that point, of which `level` uses X and Y only. Raises
+        SpelError: 4001, or 4007 for a path that leaves the reach or a joint's range, or on which a
+        joint would have to jump.
         """
         here = self._kinematics.forward(start)
         if point.kind == 'xy':
@@ -228,7 +232,7 @@ class RobotPoints:
         return np.asarray(min(fitting, key=lambda each: float(np.linalg.norm(each - near))))
 
     def least_motion(self, point: Point, near: Array, number: int) -> Point:
-        """Return a place in the posture that LJM finds for it from joints, shape (n,), rad.
+        """Return a place in the posture that LJM selects from joint angles, shape (n,), rad.
 
         Raises SpelError.
         """
@@ -261,7 +265,7 @@ class RobotPoints:
         return point
 
     def _fits(self, point: Point, joints: Array) -> bool:
-        """Return whether joints have the posture of a point, and a SCARA's the turns of U."""
+        """Return whether joint angles have the posture of a point, and a SCARA the turns of U."""
         if self._model.kind == SCARA:
             u = math.radians(point.values[3])
             if abs(self._counted(u, joints) - u) > math.pi:
@@ -273,13 +277,13 @@ class RobotPoints:
         return True
 
     def _posture(self, joints: Array) -> Iterator[tuple[str, ...]]:
-        """Yield the flags that tell a posture, two where it is on the edge between them."""
+        """Yield the flags of a posture, two for a posture at the boundary between them."""
         try:
             sides = self._kinematics.sides(joints)
         except KinematicsError:
             return
         turns: tuple[tuple[int, float, int], ...] = ((6, 0.0, 127), (4, 0.0, 1), (1, 0.0, 1))
-        if self._model.kind == SCARA:  # one of the RS series turns its joints further
+        if self._model.kind == SCARA:  # a joint of the RS series turns further
             sides = (math.remainder(sides[0], FULL_TURN),)
             turns = ((1, np.pi / 2.0, 1), (2, 0.0, 1)) if self._type == RS_SERIES else ()
         for name, side in zip(_SIDES, sides, strict=False):
@@ -299,12 +303,12 @@ class RobotPoints:
             raise bad(str(point), str(error)) from error
 
     def _pose(self, point: Point) -> Array:
-        """Return where the tool is at a place in space, in base_link."""
+        """Return the tool pose of a place in space, in base_link."""
         return self._kinematics.from_base(_matrix(point))
 
 
 def without_rounding(values: Array) -> list[float]:
-    """Return mm or degrees without the digits that are the arithmetic's: 0 where it is near it."""
+    """Return mm or degrees without rounding errors: 0 for values near 0."""
     return [each + 0.0 for each in np.round(values, 9).tolist()]
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Functions that a SPEL+ program asks of the controller and its robot, as one table."""
+"""SPEL+ functions that read the controller and its robot, as one table."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -51,7 +51,7 @@ class RobotContext(NamedTuple):
 
 
 def value(robot: RobotContext, name: str, arguments: Arguments) -> Result:
-    """Return a function of the language by its name in lower case. Raises SpelError."""
+    """Return the value of a function by its name in lower case. Raises SpelError."""
     return VALUES[name](robot, arguments)
 
 
@@ -79,7 +79,7 @@ WORDS: dict[str, dict[int, Callable[[RobotContext], int]]] = {
     'RobotInfo': {0: _word(status_words.ROBOT_INFO_0, till=0x4000)},
     'Stat': {0: _word(status_words.STAT_0), 1: _word(status_words.STAT_1, till=2)},
 }
-"""Functions of a number, and what they return for which: bits of the controller's state."""
+"""Function name → its value for each numeric argument: bits of the controller's state."""
 
 
 def _state(name: str) -> Callable[[RobotContext, Arguments], int]:
@@ -168,7 +168,7 @@ def _least_motion(robot: RobotContext, arguments: Arguments) -> Point:
 
 
 def _time(robot: RobotContext, arguments: Arguments) -> float:
-    """Return how long Go takes from here, or 0 if it is impossible."""
+    """Return the duration of Go from here, or 0 if the motion is impossible."""
     try:
         target = robot.points.joints(_point(arguments[0]), robot.here)
     except SpelError:
@@ -178,7 +178,7 @@ def _time(robot: RobotContext, arguments: Arguments) -> float:
 
 
 def _where(robot: RobotContext, _: Arguments) -> str:
-    """Return the lines of Where (p890), in the columns that clients read them from."""
+    """Return the lines of Where (p890), in the columns that clients read."""
     place = robot.points.place(robot.here).values[: len(robot.here)]
     world = zip('XYZUVW', place, ('mm',) * 3 + ('deg',) * 3, strict=False)
     pulses = robot.points.pulses_per_unit * robot.here
@@ -268,4 +268,4 @@ VALUES: dict[str, Callable[[RobotContext, Arguments], Result]] = {
     'ptptime': _time,
     'ljm': _least_motion,
 }
-"""By name in lower case."""
+"""Function name in lower case → function."""

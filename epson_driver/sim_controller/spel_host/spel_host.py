@@ -28,7 +28,7 @@ from epson_driver.spel import (
 from epson_driver.spel.commands import MOVING
 
 LOOK_S = 0.010
-"""How often it is looked at whether a statement without an event of its own is over, s."""
+"""Polling period for the end of statements without an event, s."""
 
 _IO = {
     Memory.INPUT: IoType.DIGITAL_INPUT,
@@ -40,9 +40,9 @@ _IO = {
 class SpelHost:
     """The host of a program's interpreter.
 
-    `news` is called when a task may go on; `failed` with the error that ended a task, `pauses`
-    with what a program wants: Pause (True) or Cont; `moves` when a task has begun a motion.
-    `commanded`: whether it is the command window that asks.
+    `news` is called when a task may continue, and `failed` with the error that ended a task.
+    `pauses` is called for the program's Pause (True) or Cont (False), and `moves` when a task has
+    started a motion. `commanded` returns whether the command window is the caller.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class SpelHost:
             raise SpelError(ErrorNumber.ARGUMENT, str(error)) from error
 
     def write_bits(self, memory: Memory, index: int, width: int, value: int) -> None:
-        """Set a bit or a port, an input as virtual I/O does. Raises SpelError."""
+        """Set a bit or a port, or an input with virtual I/O. Raises SpelError."""
         io = self._controller.io
         try:
             if memory is Memory.INPUT:
@@ -90,7 +90,7 @@ class SpelHost:
     # The robot
 
     def value(self, name: str, arguments: Sequence[int | float | Point]) -> float | Point | str:
-        """Return a function of controller or robot. Raises SpelError."""
+        """Return the value of a controller or robot function. Raises SpelError."""
         return value(self._robot, name, arguments)
 
     def command(
@@ -107,7 +107,7 @@ class SpelHost:
         return completion
 
     def _look(self, completion: Completion) -> None:
-        """Tell the tasks when a statement is over that has no event of its own."""
+        """Notify the tasks when a statement without an event is over."""
         timer: Timer
 
         def look() -> None:
@@ -118,7 +118,7 @@ class SpelHost:
         timer = self._controller.clock.every(LOOK_S, look, first=LOOK_S)
 
     def move(self, request: MotionRequest) -> Motion:
-        """Begin a motion. Raises SpelError."""
+        """Start a motion. Raises SpelError."""
         controller = self._controller
         rejection = (
             controller.command_rejection() if self._commanded() else controller.motion_rejection()
@@ -131,21 +131,21 @@ class SpelHost:
         return motion
 
     def stored_point(self, point: Point) -> Point:
-        """Return a point as P0, P1, … hold it."""
+        """Return a point as stored in P0, P1, …."""
         return self._robot.points.stored(point)
 
-    # What becomes of tasks
+    # Notifications of tasks
 
     def call_library(
         self, library: str, name: str, _arguments: Sequence[Value | Array]
     ) -> int | float:
-        """Refuse: there is no PC with a DLL."""
+        """Raise the error of a missing library, because no PC with a DLL exists."""
         raise SpelError(ErrorNumber.NO_LIBRARY, f'{name} of {library}')
 
     def task_failed(self, error: TaskError) -> None:
-        """Take note that an error ended a task."""
+        """Report that an error ended a task."""
         self._failed(error)
 
     def paused(self, on: bool) -> None:
-        """Take note that a program asked for Pause, or for Cont."""
+        """Report that a program requested Pause or Cont."""
         self._pauses(on)

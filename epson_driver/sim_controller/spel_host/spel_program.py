@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A SPEL+ program that runs the simulated controller: its tasks on the controller's clock.
+"""A SPEL+ program on the simulated controller: its tasks on the controller's clock.
 
-It takes the place of the built-in programs. Whatever may be news to a task (bytes, a motion
-that is over, a button) sets a timer that is due at once; only that timer lets the tasks run. So
-the tasks run in the order of the clock, and never while the controller changes.
+It replaces the built-in programs. Any event that may affect a task (bytes, the end of a motion, a
+button) sets a timer that is due immediately, and only that timer runs the tasks. So the tasks run
+in the order of the clock, and never while the controller's state changes.
 """
 
 import logging
@@ -55,16 +55,16 @@ _STATES = {
     TaskState.ABORTED: 'aborted',
 }
 STANDS_S = 0.004
-"""How often it is looked at whether the arm stands at the end of a command, s."""
+"""Polling period for standstill at the end of a command, s."""
 
 _HELD = {Tasks.PAUSED: 'pause', Tasks.INTERRUPTED: 'sgopen', Tasks.WAIT_RECOVER: 'sgclose'}
-"""What Trap calls it, by what becomes of the tasks."""
+"""Names of the Trap events, by state of the tasks."""
 
 MOTION_ERRORS = range(4000, 6000)
-"""Errors with a robot's number in Trap Error (p856)."""
+"""Errors that have a robot number in Trap Error (p856)."""
 
 ROUNDING_S = 1e-9
-"""Two times that are nearer are the same: the tasks' time does not begin with the clock's."""
+"""Times that differ by less are equal, because the tasks' time does not start with the clock's."""
 
 _log = logging.getLogger(__name__)
 
@@ -76,11 +76,11 @@ def _nothing() -> None:
 class SpelProgram:
     """The program of a controller.
 
-    `program` is what runs. `main` is started at boot and whenever a person starts the program,
-    BgMain at boot. Global variables are cleared with a start by hand unless there is a BgMain,
-    which may share them. Without a `terminal` what it prints is logged. Raises ProgramError for a
-    program with statements that are not simulated. `claim` is called before a motion: it makes the
-    arm obey, or raises SpelError. `starts`: a function that is started instead of main, alone.
+    `main` of `program` is started at boot and at each start by a person, BgMain at boot. A start
+    by a person clears the global variables unless the program has a BgMain, which may share them.
+    Without a `terminal` the output is logged. Raises ProgramError for a program with statements
+    that are not simulated. `claim` is called before a motion. It acquires the arm, or raises
+    SpelError. `starts`: a function that is started alone instead of main.
     """
 
     def __init__(
@@ -120,12 +120,12 @@ class SpelProgram:
         self._timer: Timer | None = None
         self._running = False
         self._later: list[Callable[[], None]] = []
-        self._starting = True  # main is to be started
+        self._starting = True  # main must be started
         self._finishing = False
         self._ended = False  # whether the tasks have ended, until a person starts the program
-        self._mover: Task | None = None  # the task whose motion is under way
-        self._answer: Answer | None = None  # takes what becomes of the command under way
-        self._output: list[str] = []  # of that command
+        self._mover: Task | None = None  # the task whose motion is executing
+        self._answer: Answer | None = None  # gets the result of the current command
+        self._output: list[str] = []  # of the current command
         self._command_error: SpelError | None = None
         self._command_moved = False
         self._standing: Timer | None = None
@@ -142,19 +142,19 @@ class SpelProgram:
     # Time
 
     def _soon(self) -> None:
-        """Run the tasks as soon as the controller's present call is over."""
+        """Run the tasks as soon as the controller's current call is over."""
         if self._timer is not None:
             self._timer.cancel()
         self._timer = self._controller.clock.after(0.0, self._run)
 
     def _run(self) -> None:
-        """Run the tasks until now, and their consequences."""
+        """Run the tasks until now, and apply the consequences."""
         self._timer = None
         now = self._pass_time()
         self._start_main()
         self._running = True
         try:
-            # a command's first turn is at once, even if the last one took some microseconds
+            # a command's first turn is immediate, even if the previous one took some microseconds
             self._machine.advance(max(now, self._machine.time) if self.executes else now)
         finally:
             self._running = False
@@ -172,16 +172,16 @@ class SpelProgram:
         return due if due is not None and now < due < now + ROUNDING_S else now
 
     def _pass_time(self) -> float:
-        """Let the time pass in which no task ran, and return the time now, s.
+        """Advance the tasks' time over a period without a running task. Return the time now, s.
 
-        Before anything begins a task or lets one go on: its times count from now.
+        Call it before starting or resuming a task, so that the task's times count from now.
         """
         now = self._now()
         self._machine.idle(now)
         return now
 
     def _after_tasks(self, action: Callable[[], None]) -> None:
-        """Do something when no task runs: now, or after the tasks' turn."""
+        """Call `action` when no task runs: now, or after the tasks' turn."""
         if self._running:
             self._later.append(action)
         else:
@@ -204,7 +204,7 @@ class SpelProgram:
             self._controller.raise_error(error.number)
 
     def _look_at_tasks(self) -> None:
-        """See whether all tasks are over, and whether one still moves the arm."""
+        """Check whether all tasks are over, and whether one still moves the arm."""
         mover = self._mover
         if self._motion.busy and (mover is None or mover.frame is None):
             self._motion.abort(_aborted('its task is over'))
@@ -234,11 +234,11 @@ class SpelProgram:
 
     @property
     def executes(self) -> bool:
-        """Whether a command is under way."""
+        """Whether a command is executing."""
         return self._answer is not None
 
     def execute(self, text: str, answer: Answer) -> None:
-        """Begin a command. Raises ProgramError, RuntimeError, see Window."""
+        """Start a command. Raises ProgramError, RuntimeError, see Window."""
         if self.executes:
             raise RuntimeError('a command is under way')
         self._pass_time()
@@ -249,7 +249,7 @@ class SpelProgram:
         self._run()
 
     def abort_command(self, why: str) -> None:
-        """Brake, and end the command that is under way, if there is one."""
+        """Brake and end the current command, if any."""
         task = self._machine.world.tasks.get(COMMAND_TASK)
         if task is None:
             return
@@ -258,7 +258,7 @@ class SpelProgram:
         self._soon()
 
     def _look_at_command(self) -> None:
-        """Answer a command that is over, after the arm stands if it moved."""
+        """Answer a command that is over, once the arm is at rest if it moved."""
         answer = self._answer
         if answer is None or COMMAND_TASK in self._machine.world.tasks:
             return
@@ -276,19 +276,19 @@ class SpelProgram:
 
     @property
     def runs(self) -> bool:
-        """Whether tasks run besides those in the background."""
+        """Whether any task except background tasks runs."""
         return self._starting or any(
             task.type is not TaskType.BACKGROUND for task in self._alive()
         )
 
     @property
     def ready(self) -> bool:
-        """Always, as its own statements decide what to take."""
+        """Always True, because the program's statements decide which points to accept."""
         return True
 
     @property
     def main_runs(self) -> bool:
-        """Whether main is not over: the task 1."""
+        """Whether main, task 1, is running."""
         return self._starting or 1 in self._machine.world.tasks
 
     @property
@@ -298,28 +298,28 @@ class SpelProgram:
 
     @property
     def statements(self) -> int:
-        """How many statements its tasks have executed since the controller was booted."""
+        """Number of executed statements of its tasks since the controller was booted."""
         return self._machine.statements
 
     def receive(self, frame: Frame) -> None:
-        """Raise RuntimeError: bytes come through the program's own ports."""
+        """Raise RuntimeError, because bytes come through the program's own ports."""
         raise RuntimeError(f'a SPEL+ program takes no frame ({frame.msg_type})')
 
     def step(self, dt: float) -> None:
-        """Let `dt` ≥ 0 s pass for the arm."""
+        """Advance the arm by `dt` ≥ 0 s."""
         left = self._arm.step(dt)
         while left is not None and left > 0.0 and self._arm.moving:
             left = self._arm.step(left)
         self._motion.settle()
 
     def abort(self) -> None:
-        """Brake: the motors go off. The task that moves gets error 2999."""
+        """Brake after the motors have been switched off. The moving task gets error 2999."""
         self._motion.abort(_aborted('the motors went off'))
         self._soon()
 
     def restart(self) -> None:
-        """Brake, and end the tasks that end with an E-stop, an error or a stop."""
-        if not self._finishing:  # a last Go … CP goes to its end
+        """Brake, and end the tasks that an E-stop, an error or a stop ends."""
+        if not self._finishing:  # a last Go … CP is completed
             self._motion.abort(_aborted('the tasks were ended'))
         aborted = self._controller.condition.tasks is Tasks.ABORTED
         self._starting = False
@@ -341,10 +341,10 @@ class SpelProgram:
         self._after_tasks(end)
 
     def detach(self) -> None:
-        """Do nothing, as its statements see by the port that the client is gone."""
+        """Do nothing, because its statements detect the lost client at the port."""
 
     def boot(self) -> None:
-        """Begin anew, keeping the values of preserved variables."""
+        """Restart, keeping the values of preserved variables."""
         self.abort_command('the command was aborted: the controller was switched off')
         self._after_tasks(self._boot)
 
@@ -358,7 +358,7 @@ class SpelProgram:
         self._soon()
 
     def pause(self) -> None:
-        """Hold the tasks that a pause holds, and begin what Trap has for it or for the door."""
+        """Pause the tasks that a pause affects, and start the Trap of the pause or the door."""
         event = _HELD.get(self._controller.condition.tasks)
 
         def hold() -> None:
@@ -369,7 +369,7 @@ class SpelProgram:
         self._after_tasks(hold)
 
     def resume(self) -> None:
-        """Go on after a pause, and start main if a person has started the program."""
+        """Resume after a pause, and start main if a person has started the program."""
         tasks = self._controller.condition.tasks
         if tasks in ENDED:
             if tasks is Tasks.STOPPED:  # by a reset, perhaps
@@ -377,7 +377,7 @@ class SpelProgram:
             return
         if self._ended:
             self._ended = False
-            self._starting = not self._running  # StartMain starts it by itself
+            self._starting = not self._running  # not if StartMain is starting it
         self._motion.settle()
         self._after_tasks(self._machine.resume)
 
@@ -387,10 +387,10 @@ class SpelProgram:
             state = f'{_STATES[task.state]} {_plain(task.file)}:{task.line}'
             yield TaskRow(task.number, task.function, _TYPES[task.type], state)
 
-    # What its tasks do to the controller
+    # Effects of its tasks on the controller
 
     def _task_failed(self, error: TaskError) -> None:
-        """Put the controller in error, by a background task until it is booted.
+        """Set an error of the controller, a critical one if a background task failed.
 
         A command that fails only shows its number.
         """

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The terminal of SPEL+ programs without a person."""
+"""Terminals of SPEL+ programs that run unattended."""
 
 import logging
 from abc import ABC, abstractmethod
@@ -10,23 +10,23 @@ from epson_driver.sim_controller.clock import Clock
 from epson_driver.spel import Caller
 
 CANCEL: Final = 2
-"""What a MsgBox is answered with: there is nobody to ask."""
+"""The answer to a MsgBox, because no user is present."""
 
 MAX_LINE = 1000
-"""Characters of a line of Print; a longer one is cut."""
+"""Maximum characters of a printed line. A longer one is cut."""
 
 _terminal = logging.getLogger('epson_driver.spel.terminal')
 
 
 class Unattended(ABC):
-    """A terminal at which nobody types, and every MsgBox is answered with Cancel."""
+    """A terminal without input, where every MsgBox is answered with Cancel."""
 
     @abstractmethod
     def write(self, caller: Caller, text: str) -> None:
         """Show a text."""
 
     def read_line(self) -> str | None:
-        """Return None, as there is no input."""
+        """Return None, because no input exists."""
         return None
 
     def message_box(self, caller: Caller, text: str, _buttons: int, title: str) -> int | None:
@@ -36,18 +36,18 @@ class Unattended(ABC):
 
 
 class KeptText(Unattended):
-    """Keeps what is printed."""
+    """Stores printed text."""
 
     def __init__(self) -> None:
         self.printed: list[str] = []
 
     def write(self, _caller: Caller, text: str) -> None:
-        """Keep a text."""
+        """Store a text."""
         self.printed.append(text)
 
 
 class LogTerminal(Unattended):
-    """Logs what is printed, line by line, with the controller's time, task and function."""
+    """Logs printed text, line by line, with the controller's time, task and function."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -64,7 +64,7 @@ class LogTerminal(Unattended):
             self._lines[caller.task] = rest
 
     def _show(self, caller: Caller, line: str) -> None:
-        # The place is that in the program, so each Print has a pace of its own in the log.
+        # The location is in the program, so each Print has a separate rate limit in the log.
         what = '%9.3f s task %d %s: %s'
         values = (self._clock.now, caller.task, caller.function, line[:MAX_LINE])
         record = _terminal.makeRecord(
