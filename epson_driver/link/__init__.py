@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Connections to a controller, from the client's side. asyncio, no ROS."""
+"""Client-side connections to a controller, with asyncio and without ROS."""
 
 from epson_driver.link.connection import WireEvent
 from epson_driver.link.link import Link, LinkStatistics

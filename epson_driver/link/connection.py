@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One TCP connection: what is received becomes packets, until it ends for a reason.
+"""One TCP connection. It converts received bytes to packets until it ends, with a reason.
 
-A protocol, not a stream: what was read is handled in the same turn of the event loop, so that
-nothing waits for a task to be woken.
+It is an asyncio protocol, not a stream. Received data is handled in the same turn of the event
+loop, without waking a task first.
 """
 
 import asyncio
@@ -26,46 +26,46 @@ class WireEvent(StrEnum):
     SENT = 'sent'
     RECEIVED = 'received'
     ENDED = 'ended'
-    """The controller closed it."""
+    """Closed by the controller."""
     RESET = 'reset'
-    """The controller broke it off."""
+    """Reset by the controller."""
     CLOSED = 'closed'
-    """The client closed it."""
+    """Closed by the client."""
 
 
 Tap = Callable[[WireEvent, bytes], None]
-"""Called with each step and its bytes as they went over the wire: for SENT and RECEIVED only."""
+"""Called with each step of a connection. The bytes on the wire: for SENT and RECEIVED only."""
 
 
 READ_SIZE_BYTES = 65536
 MAX_FRAMES_PER_TURN = 50
-"""Frames that are handled before others in the event loop have their turn: a controller that sends
-without a pause must not keep another robot of this process waiting."""
+"""Frames handled before other event-loop callbacks run. A controller that sends continuously
+must not delay another robot of this process."""
 
 
 class AnyFramer(Protocol):
-    """Bytes in, packets out. `byte_order`: what the bytes have shown, or None."""
+    """Converts bytes to packets. `byte_order`: detected from the bytes, or None."""
 
     byte_order: ByteOrder | None
 
     @property
     def unread(self) -> bytes:
-        """The bytes of a packet that is not complete."""
+        """Bytes of an incomplete packet."""
 
     def receive_data(self, data: bytes) -> None:
-        """Take bytes."""
+        """Add received bytes."""
 
     def next_packet(self) -> Any | None:
-        """Return the next packet, or None if none is complete. Raises SimpleMessageError."""
+        """Return the next packet, or None if it is incomplete. Raises SimpleMessageError."""
 
 
 @dataclass(frozen=True)
 class Receivers:
     """Callbacks of a connection, in the event loop.
 
-    data: the bytes of each read, before anything is made of them; packet: each packet; bad_frame:
-    each frame that is none, the connection goes on unless it is a FrameError; event: what else
-    happens. What they raise ends the connection, and `Connection.ended` raises it.
+    data: the bytes of each read, before parsing. packet: each packet. bad_frame: each invalid
+    frame; the connection continues unless the error is a FrameError. event: other events. An
+    exception in a callback ends the connection, and `Connection.ended` raises it.
     """
 
     data: Callable[[bytes], None]
@@ -75,7 +75,7 @@ class Receivers:
 
 
 class Connection(asyncio.BufferedProtocol):
-    """Make it in the event loop, without reading before `begin`.
+    """A connection. Must be created in the event loop. It does not read before `begin`.
 
     `receive_timeout`: s without a complete frame after which it ends (see ReceiveTimeout), None
     for no limit.
@@ -88,7 +88,7 @@ class Connection(asyncio.BufferedProtocol):
     ) -> None:
         self.framer = framer
         self.ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-        """Why it ended, as a sentence."""
+        """Reason for the end, as a sentence."""
         self._loop = asyncio.get_running_loop()
         self._receivers = receivers
         self._buffer = memoryview(bytearray(READ_SIZE_BYTES))
@@ -96,26 +96,26 @@ class Connection(asyncio.BufferedProtocol):
         self._timer: asyncio.Handle | None = None
         self._why: str | None = None
         self._behind = False
-        """Whether reading is paused until what was read is handled."""
+        """Whether reading is paused until the received data is handled."""
 
     def begin(self) -> None:
-        """Receive from now on."""
+        """Start to receive."""
         self._heard()
         self._look(READING_TURNS)
         self.transport.resume_reading()
 
     def end(self, why: str) -> None:
-        """End it now, handling nothing more of what was received."""
+        """End the connection now, without handling remaining received data."""
         self._finish(why)
         self.transport.close()
 
     def close(self, why: str) -> None:
-        """End it once everything is sent, and handle nothing more."""
+        """End the connection once all data is sent, without handling more received data."""
         self._why = why
         self.transport.close()
 
     def abort(self, why: str) -> None:
-        """End it now, and drop what was not sent."""
+        """End the connection now, and drop unsent data."""
         self._finish(why)
         self.transport.abort()
 
@@ -143,11 +143,11 @@ class Connection(asyncio.BufferedProtocol):
         self._handle()
 
     def eof_received(self) -> None:
-        """Take note that the controller has closed it."""
+        """Record that the controller has closed the connection."""
         self._close_of_controller()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Say why it ended, if that is not known."""
+        """Set the reason for the end, unless already set."""
         if self.ended.done():
             return
         if self._why is not None:
@@ -162,7 +162,7 @@ class Connection(asyncio.BufferedProtocol):
     # ----------------------------------------------------------------------------------------
 
     def _handle(self) -> None:
-        """Handle complete frames, yielding to other tasks between many."""
+        """Handle complete frames. Yields to other callbacks between batches."""
         if self.transport.is_closing():
             return
         try:
@@ -179,7 +179,7 @@ class Connection(asyncio.BufferedProtocol):
             self.transport.resume_reading()
 
     def _handle_some(self) -> bool:
-        """Handle a turn's frames and return whether those were all."""
+        """Handle one batch of frames. Returns whether it was the last."""
         next_packet, take = self.framer.next_packet, self._receivers.packet
         closing = self.transport.is_closing
         for _ in range(MAX_FRAMES_PER_TURN):
@@ -197,7 +197,7 @@ class Connection(asyncio.BufferedProtocol):
                 return True
             self._heard()
             take(packet)
-            if closing():  # what was taken has closed it
+            if closing():  # the packet's handler has closed it
                 return True
         return False
 
@@ -211,7 +211,7 @@ class Connection(asyncio.BufferedProtocol):
             self._silence.heard(self._loop.time())
 
     def _look(self, turns: int) -> None:
-        """Check after a slice whether nothing came, once pending input has been read."""
+        """Check for silence at the end of a slice, after pending input has been read."""
         silence = self._silence
         if silence is None or self.transport.is_closing():
             return

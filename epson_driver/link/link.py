@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A TCP connection to one port of a controller that comes back by itself."""
+"""A TCP connection to one port of a controller that reconnects automatically."""
 
 import asyncio
 import contextlib
@@ -41,53 +41,52 @@ KEPT_LATENCIES = 512
 
 @dataclass
 class LinkStatistics:
-    """Counters since the link object was made, bounded in memory."""
+    """Counters since the creation of the link object, bounded in memory."""
 
     connections: int = 0
     connected_since: float | None = None
-    """Loop time at which the present connection was established, s; None without one."""
+    """Loop time at which the current connection was established, s; None when not connected."""
     frames_received: int = 0
     frames_sent: int = 0
     bytes_received: int = 0
     bytes_sent: int = 0
     unsolicited_replies: int = 0
     bad_frames: Counter[str] = field(default_factory=Counter)
-    """By the field that was wrong (`length`, `comm_type`, `body`, …)."""
+    """Count per invalid field (`length`, `comm_type`, `body`, …)."""
     reply_latencies: deque[float] = field(default_factory=lambda: deque(maxlen=KEPT_LATENCIES))
-    """Seconds from a request to its reply, the newest last."""
+    """Seconds from a request to its reply, in order of arrival."""
 
 
 CONNECT_TIMEOUT_S = 1.0
 MIN_PROVEN_UPTIME_S = 1.0
-"""A connection that lasted this long, s, makes the next retry immediate. One that was closed
-sooner (a controller that has its one client already) leaves the back-off where it was."""
+"""Uptime, s, after which a lost connection is retried immediately. A connection that was closed
+sooner (for example because the controller already has its one client) keeps its back-off."""
 
 MAX_UNSENT_BYTES = 65536
-"""A controller that leaves more bytes than this unread is disconnected (docs/invariants.md, 7)."""
+"""Limit of unread bytes beyond which a controller is disconnected (docs/invariants.md, 7)."""
 
 DIALECT_MESSAGES = (JointPosition, JointFeedback)
-"""Messages of every state server that carry reals, so that their length shows the width."""
+"""Messages of every state server that contain reals, whose length reveals the width."""
 
 _TOPIC, _REPLY = CommType.TOPIC, CommType.SERVICE_REPLY
-"""For each packet; to get a member from its enum costs several times as much."""
+"""Used for each packet. Access through the enum is several times slower."""
 
 _log = logging.getLogger(__name__)
 
 
 class Link:
-    """Keeps one connection alive and turns its bytes into packets.
+    """Keeps one connection alive and converts its bytes to packets.
 
-    `run` connects, receives, and connects again until it is cancelled. The callbacks are called
-    in the event loop: `on_packet` with every topic and every reply that nobody waits for,
-    `on_state` after each change with the new state and a sentence that says why.
+    `run` connects, receives, and reconnects until it is cancelled. The callbacks are called in the
+    event loop: `on_packet` with every topic and every unexpected reply, `on_state` after each
+    change with the new state and the reason.
 
-    `receive_timeout` in s closes a connection on which no complete message came for longer, None
-    waits for ever (then only the keepalive notices a peer that vanished). `byte_order` None
-    detects the peer's from its first bytes, anew for each connection. The attribute `dialect` is
-    how requests are written; it follows what is received, and may be set. `trace` is called with
-    each step of a connection; it may be set or taken away at any time. `quiet` logs bad frames
-    for debugging only: for a port where something else may listen. `before_connecting` is awaited
-    before each attempt.
+    `receive_timeout`, s: the connection is closed if no complete message arrives for longer. With
+    None, only the keepalive detects a peer that has vanished. `byte_order` None: detected from the
+    first bytes of each connection. The attribute `dialect` is used to write requests. It follows
+    the received messages, and may be set. `trace` is called with each step of a connection; it may
+    be set or removed at any time. `quiet` logs bad frames at debug level, for a port where another
+    service may listen. `before_connecting` is awaited before each attempt.
     """
 
     def __init__(
@@ -123,17 +122,17 @@ class Link:
             self._received, self._dispatch, self._bad_frame, self._on_event
         )
         self._connection: Connection | None = None
-        """The one that messages can be sent on; None while there is none."""
+        """The connection for sending messages; None when not connected."""
         self._now: Callable[[], float]
-        """The loop's time, s, from `run` on; to ask for the running loop costs a system call."""
+        """The loop's clock, s, set by `run`. Looking up the running loop costs a system call."""
         self._written: Dialect | None = None
-        """What was sent last on this connection was written in it; None before that."""
+        """Dialect of the last message sent on this connection, or None before the first."""
         self.attempt = 0
-        """Attempts to connect since a connection has lasted."""
+        """Connection attempts since the last stable connection."""
         self.joints_withheld = False
-        """The controller tells no joints in its present condition, and that is as it should be."""
+        """Whether the controller is expected to send no joints in its current state."""
         self.last_received = 0.0
-        """When the newest bytes were read, loop time, s: what was read at once came no later."""
+        """Loop time of the last read, s. It applies to all data of that read."""
 
     @property
     def connected(self) -> bool:
@@ -142,28 +141,28 @@ class Link:
 
     @property
     def addresses(self) -> tuple[Address, Address] | None:
-        """Our own and the controller's end of the connection, or None while there is none."""
+        """The local and the controller's address, or None when not connected."""
         if self._connection is None:
             return None
         transport = self._connection.transport
         ends = [transport.get_extra_info(name) for name in ('sockname', 'peername')]
-        if None in ends:  # it died before it could be asked
+        if None in ends:  # the connection has ended
             return None
         own, other = ends
         return (own[0], own[1]), (other[0], other[1])
 
     @property
     def transport(self) -> asyncio.Transport | None:
-        """The connection's transport, or None while there is none."""
+        """The connection's transport, or None when not connected."""
         return None if self._connection is None else self._connection.transport
 
     @property
     def unread(self) -> bytes:
-        """The received bytes of a frame that is not complete yet."""
+        """Received bytes of an incomplete frame."""
         return b'' if self._connection is None else self._connection.framer.unread
 
     async def run(self) -> None:
-        """Keep the link alive until this is cancelled."""
+        """Keep the link alive until cancelled."""
         loop = asyncio.get_running_loop()
         self._now = loop.time
         self._step(LinkEvent.OPEN, f'connecting to {self.host}:{self.port}')
@@ -183,10 +182,10 @@ class Link:
             self._step(LinkEvent.CLOSE, 'closed')
 
     def post(self, message: Message, on_reply: Callable[[Packet, float], None]) -> PendingRequest:
-        """Send a request, whose reply goes to `on_reply` with the loop's time, s.
+        """Send a request. `on_reply` is called with its reply and the loop's time, s.
 
-        Returns what `give_up` takes. Raises ConnectionError if the link is not connected or the
-        controller does not read, FieldError if a value does not fit.
+        Returns the request for `give_up`. Raises ConnectionError if the link is not connected or
+        the controller does not read, FieldError if a value does not fit.
         """
         if self._connection is None:
             raise ConnectionError(f'{self.name} link is {self.state.value}')
@@ -202,11 +201,11 @@ class Link:
         return waiting
 
     def give_up(self, waiting: PendingRequest) -> None:
-        """Wait no longer for a reply, and let a late one answer nothing else."""
+        """Stop waiting for a reply. A late one is not matched to another request."""
         self._pending.give_up(waiting)
 
     def tell(self, message: Message) -> None:
-        """Send a topic, which is not answered. Raises as `post` does."""
+        """Send a topic, which has no reply. Raises as `post`."""
         if self._connection is None:
             raise ConnectionError(f'{self.name} link is {self.state.value}')
         data = encode(topic(message), self.dialect)
@@ -214,10 +213,10 @@ class Link:
         self._write(self._connection, data)
 
     def follow(self, dialect: Dialect) -> None:
-        """Write as another port of the controller does.
+        """Use the dialect of another port of the controller.
 
-        A connection on which something went in another way connects again: what was sent cannot
-        have been understood, and what is received on it later could not be.
+        A connection that was used with a different dialect is reconnected, because the controller
+        cannot have understood the sent data, and later data could not be decoded.
         """
         self.dialect = dialect
         if self._connection is None:
@@ -229,9 +228,9 @@ class Link:
             self.reconnect(f'what came was {came.name.lower()} endian, the state is {dialect}')
 
     def reconnect(self, why: str) -> None:
-        """Close the connection, if there is one, once everything is sent, and connect again.
+        """Close the connection once all data is sent, and reconnect.
 
-        Replies that were on their way are not received any more.
+        Pending replies are no longer received.
         """
         if self._connection is not None:
             self._connection.close(why)
@@ -239,18 +238,18 @@ class Link:
 
     @property
     def unsent(self) -> int:
-        """Bytes not sent yet, as the controller has not read earlier ones."""
+        """Bytes not sent yet because the controller has not read earlier ones."""
         transport = self.transport
         return 0 if transport is None else transport.get_write_buffer_size()
 
     async def _connect_and_receive(self) -> float | None:
-        """Return when the connection was established (loop time, s), or None if it was not."""
+        """Return the loop time at which the connection was established, s, or None on failure."""
         loop = asyncio.get_running_loop()
         connection = Connection(self._receivers, self._new_framer(), self._receive_timeout)
         try:
             async with asyncio.timeout(CONNECT_TIMEOUT_S):
                 await loop.create_connection(lambda: connection, self.host, self.port)
-        except (OSError, TimeoutError, ValueError) as error:  # ValueError: no name of a host
+        except (OSError, TimeoutError, ValueError) as error:  # ValueError: invalid host name
             why = reason(error) or f'no answer within {CONNECT_TIMEOUT_S:g} s'
             self._step(LinkEvent.FAILED, f'{self.host}:{self.port}: {why}')
             return None
@@ -276,7 +275,7 @@ class Link:
         return PacketFramer(self._byte_order)
 
     async def _serve(self, connection: Connection) -> str:
-        """Receive on a connection until it ends, and return why it did."""
+        """Receive on a connection until it ends, and return the reason."""
         self._establish()
         connection.begin()
         return await connection.ended
@@ -313,17 +312,17 @@ class Link:
         waiting.on_reply(packet, self.last_received)
 
     def _answer(self, packet: Packet) -> None:
-        """REP-I0006: a PING is echoed, any other request to a client fails."""
+        """Answer a request (REP-I0006): echo a PING, and fail any other request."""
         if isinstance(packet.message, Ping):
             answer = reply(Ping(packet.message.padding), ReplyCode.SUCCESS)
         else:
             answer = reply(Opaque(packet.msg_type), ReplyCode.FAILURE)
         if self._connection is not None:
-            with contextlib.suppress(ConnectionError):  # it has ended then
+            with contextlib.suppress(ConnectionError):  # the connection has already ended
                 self._write(self._connection, encode(answer, packet.dialect))
 
     def _write(self, connection: Connection, data: bytes) -> None:
-        """Raises ConnectionError, and ends the connection, if the controller does not read."""
+        """Write data. If the peer does not read, end the connection and raise ConnectionError."""
         if connection.transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
             why = 'the controller leaves what is sent unread'
             connection.abort(why)
@@ -352,9 +351,9 @@ class Link:
 
 
 def _configure(connection: socket.socket) -> None:
-    """Send small frames without delay, and notice a peer that vanished in about 3 s.
+    """Disable send delays, and detect a peer that has vanished within about 3 s.
 
-    What the platform does not have is left out; a socket that died already says so when read.
+    Options that the platform lacks are skipped. A broken socket reports its error on reading.
     """
     for level, option, value in (
         (socket.IPPROTO_TCP, 'TCP_NODELAY', 1),

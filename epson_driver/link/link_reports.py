@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Log entries of a link: once when it comes or goes, not for every attempt to reconnect.
+"""Log entries of a link: once per loss or recovery, not for every attempt to reconnect.
 
-A controller that serves one client closes the connection of a second one at once, again and again.
-After MAX_SHORT of these that is said, and then nothing until a connection lasts.
+A controller that serves one client closes the connections of a second one immediately. After
+MAX_SHORT such connections this is logged once, and then nothing until a connection lasts.
 """
 
 import asyncio
@@ -13,20 +13,20 @@ from epson_driver.link.link import Link
 from epson_driver.link.states import LinkState
 
 SHORT_S = 0.2
-"""A connection that the controller closes within this time was not served, s."""
+"""Duration below which a connection closed by the controller was not served, s."""
 
 MAX_SHORT = 3
 
 TURNED_AWAY = 'it serves one client and has one, or does not serve yet'
-"""What it means that a controller closes connections at once."""
+"""Explanation for a controller that closes connections immediately."""
 
 _log = logging.getLogger(__name__)
 
 
 class LinkReports:
-    """Reports of one link. `tell` is called on each change of its state, in the event loop.
+    """Reports of one link. Call `tell` on each change of its state, in the event loop.
 
-    `configured_as`: what the peer is taken for, as the protocol has no message that tells it.
+    `configured_as`: the configured controller and model (the protocol cannot identify the peer).
     """
 
     def __init__(self, link: Link, configured_as: str = '') -> None:
@@ -38,7 +38,7 @@ class LinkReports:
         self._lasting: asyncio.TimerHandle | None = None
 
     def tell(self, why: str) -> None:
-        """Log the link's present state, unless it was logged. `why`: its cause."""
+        """Log the link's current state, unless already logged. `why`: its cause."""
         link, loop = self._link, asyncio.get_running_loop()
         if self._lasting is not None:
             self._lasting.cancel()

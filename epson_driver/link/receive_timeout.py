@@ -1,29 +1,29 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""How long nothing has come, as far as this process was there to see it.
+"""Measures the silence of a peer, excluding time when this process did not run.
 
-A process that is not scheduled for a second has not seen its peer silent for a second: what came
-meanwhile waits in the socket. So the time since something came is cut into slices, and however
-long a slice took, it counts once; and what waits at the end of a slice is read before the slice
-counts at all. In a process that is not held up they are the patience, exactly.
+A process that was not scheduled for a second has not observed its peer silent for a second,
+because messages may wait in the socket. Therefore the timeout is divided into slices. A slice
+counts once, regardless of its duration, and pending data is read before the slice counts. Without
+delays of the process, the total is exactly the timeout.
 """
 
 import asyncio
 
 SLICES = 8
-"""A delay of this process adds at most this part of the patience to the silence."""
+"""Number of slices. A delay of this process adds at most one slice to the measured silence."""
 
 READING_TURNS = 2
-"""Turns of the event loop after a timer, by which what waited in a socket has been read: in the
-first the selector is asked, and what it finds has its turn after what was in line before it."""
+"""Turns of the event loop after a timer that read all pending socket data. The first turn polls
+the selector, the second runs the callbacks of that poll after those already queued."""
 
 
 class ReceiveTimeout:
     """Receive timeout that ignores time when this process was not scheduled.
 
-    `patience`: s; `now`: the loop's time, s.
+    `patience`: the timeout, s; `now`: the loop's time, s.
 
-    `heard` when it begins and whenever something comes, `passed` at the end of each slice.
+    Call `heard` at the start and on each received message, and `passed` at the end of each slice.
     """
 
     def __init__(self, patience: float) -> None:
@@ -33,22 +33,22 @@ class ReceiveTimeout:
         self._began = 0.0
 
     def heard(self, now: float) -> None:
-        """Begin to count anew, as something was received."""
+        """Restart the timeout after a message."""
         self._quiet, self._began = 0, now
 
     def left(self, now: float) -> float:
-        """Return how long the slice goes on, s, which is 0 or less once it is over."""
+        """Return the time left in the current slice, s (≤ 0 when expired)."""
         return self._began + self.slice - now
 
     def passed(self, now: float) -> bool:
-        """Count a slice that is over, and return whether the whole timeout passed in silence."""
+        """Count an expired slice. Returns whether the whole timeout has passed in silence."""
         self._quiet += 1
         self._began = now
         return self._quiet >= SLICES
 
 
 async def silent(silence: ReceiveTimeout) -> None:
-    """Wait until nothing has come for all of the patience, from now on."""
+    """Wait until nothing has been received for the whole timeout, starting now."""
     now = asyncio.get_running_loop().time
     silence.heard(now())
     turns = READING_TURNS

@@ -1,19 +1,21 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One connection to the remote port, through which an arm is moved without a program.
+"""One connection to the remote port, through which an arm moves without a SPEL+ program.
 
-It stands where the motion and the state link do for other controllers:
+It replaces the motion link and the state link of other controllers:
 
-* A Statement goes out as `$Execute`, and is answered when it is over; STOP goes out as `$Abort`,
-  which is answered at once. Until the aborted statement is answered too, the arm may move.
-* The state is asked for, `period` s after the last answer: `$GetStatus`, then
-  `$Execute,"Print Agl(1), …"`. The controller takes the second only while it executes nothing,
-  in AUTO, without E-stop, error or open door; otherwise there are no joints, and `joints_withheld`
-  says that this is as it should be. Nobody makes any up.
-* Answers carry the name of their command, so that `$GetStatus` and `$Abort` pass a statement that
-  is under way. An answer to nothing that was asked ends the connection: what follows is not to be
-  trusted either.
-* The controller serves one client. It goes on to the end of its command when that is gone.
+* A Statement is sent as `$Execute`, and its reply arrives when it has finished. STOP is sent as
+  `$Abort`, whose reply is immediate. Until the aborted statement is also answered, the arm may
+  move.
+* The state is polled `period` s after the previous reply: `$GetStatus`, then
+  `$Execute,"Print Agl(1), …"`. The controller only accepts the second while it executes nothing,
+  in AUTO, without E-stop, error or open door. Otherwise joints are unavailable, and
+  `joints_withheld` marks this as expected. The driver never substitutes joint values.
+* Replies contain the name of their command, so `$GetStatus` and `$Abort` can overtake a running
+  statement. A reply without a matching request ends the connection, because later replies would be
+  unreliable, too.
+* The controller serves one client. If the client disconnects, the controller still completes its
+  command.
 """
 
 import asyncio
@@ -54,26 +56,26 @@ from epson_driver.simple_message import (
 )
 
 MAX_LINE_BYTES = 8192
-"""A longer line is none: an answer has 4,060 characters and its command's name (RC+ 7.0)."""
+"""Maximum length of a line. A reply has at most 4,060 characters plus its command (RC+ 7.0)."""
 
 
 class LineFramer:
-    """Collects bytes and gives out lines, which end with CR, LF or both, without empty ones."""
+    """Splits bytes into lines, which end with CR, LF or both. Empty lines are dropped."""
 
     byte_order: ByteOrder | None = None
 
     def __init__(self) -> None:
         self.unread = b''
-        """The bytes of a line that is not complete."""
+        """Bytes of an incomplete line."""
         self._lines: deque[bytes] = deque()
 
     def receive_data(self, data: bytes) -> None:
-        """Take bytes. The cost is linear in their number, also for empty lines."""
+        """Add bytes. The cost is linear in their number, even for empty lines."""
         *lines, self.unread = (self.unread + data).replace(b'\r', b'\n').split(b'\n')
         self._lines.extend(filter(None, lines))
 
     def next_packet(self) -> str | None:
-        """Return the next line, printable, or None. Raises FrameError for one that is too long."""
+        """Return the next line, printable, or None. Raises FrameError if a line is too long."""
         complete = bool(self._lines)
         line = self._lines.popleft() if complete else self.unread
         if len(line) > MAX_LINE_BYTES:
@@ -85,7 +87,7 @@ class LineFramer:
 
 
 ABORTED_TIMEOUT_S = 2.0
-"""How long an aborted statement may go unanswered before the connection is opened anew, s."""
+"""Timeout for the reply of an aborted statement, s. After it the link reconnects."""
 
 GOES_ON = (
     'the controller goes on to the end of the command that it has: the E-stop stops it, and so '
@@ -95,7 +97,7 @@ GOES_ON = (
 ONE_CLIENT = 'it serves one client of Remote Ethernet and has one, or does not serve yet'
 
 _FORBID_EXECUTE = {'Test', 'Teach', 'SError', 'Safeguard', 'EStop', 'Error', 'Paused', 'Running'}
-"""Flags with which the controller executes no statement."""
+"""Flags that prevent the controller from executing a statement."""
 
 _SHOWN_CHARACTERS = 60
 
@@ -104,7 +106,7 @@ OnReply = Callable[[Packet, float], None]
 
 @dataclass(eq=False)
 class _Question:
-    """A command without its `$`. `answered` gets the answer's value, or why there is none."""
+    """A command without its `$`. `answered` is called with the reply's value, or the error."""
 
     command: str
     answered: Callable[[str | Exception], None]
@@ -118,8 +120,8 @@ class _Question:
 class RemoteLink(Link):
     """A Link to the remote port. `units`: 'rad' or 'm', one per joint.
 
-    What it makes of the state goes to `on_packet` as STATUS and JOINT_POSITION. The link
-    is lost when no request for the state is answered for `timeout` s, whatever else arrives.
+    The polled state is passed to `on_packet` as STATUS and JOINT_POSITION. The link is lost when
+    no state request is answered for `timeout` s, even if other replies arrive.
     """
 
     def __init__(
@@ -152,23 +154,23 @@ class RemoteLink(Link):
         self._aborted: float | None = None
         self._wake = asyncio.Event()
         self.flags: tuple[str, ...] = ()
-        """Those of GetStatus that were set last."""
+        """Flags of the last GetStatus reply that were set."""
 
     @property
     def moving(self) -> bool:
-        """Whether a statement that moves the arm is not answered yet."""
+        """Whether a statement that moves the arm is unanswered."""
         return self._motion is not None
 
     # --- as a Link --------------------------------------------------------------------------
 
     def post(self, message: Message, on_reply: OnReply) -> PendingRequest:
-        """Send a Statement, or anything else as `$Abort`. Raises ConnectionError."""
+        """Send a Statement, or any other message as `$Abort`. Raises ConnectionError."""
         if not self.connected:
             raise ConnectionError(f'remote link is {self.state.value}')
 
         def answered(value: str | Exception) -> None:
             if isinstance(value, ConnectionError):
-                return  # the link tells of its end
+                return  # the link reports its end
             why = ''
             if isinstance(value, RemoteError):
                 why = f'{value.meaning} (error {value.number})'
@@ -184,17 +186,17 @@ class RemoteLink(Link):
         return PendingRequest(0, 0, self._now(), on_reply)
 
     def tell(self, message: Message) -> None:
-        """Raise ConnectionError: nothing here goes without an answer."""
+        """Raise ConnectionError: every message to the remote port has a reply."""
         raise ConnectionError(f'{message} is nothing for a remote port')
 
     def follow(self, dialect: Dialect) -> None:
-        """Do nothing, as text has no byte order."""
+        """Do nothing, because text has no byte order."""
 
     async def ask(self, command: str) -> str:
-        """Return the value of the answer to a command, without its `$`.
+        """Send a command, without its `$`, and return the value of its reply.
 
-        Raises RemoteError if the controller refuses it, also for a statement while another one
-        moves the arm, and ConnectionError.
+        Raises RemoteError if the controller refuses it, or for a statement while another one moves
+        the arm. Raises ConnectionError.
         """
         if not command.isprintable():
             raise ValueError(f'{without_password(command)!r} is not one command')
@@ -219,9 +221,10 @@ class RemoteLink(Link):
 
     @asynccontextmanager
     async def session(self, timeout: float) -> AsyncIterator[Ask]:
-        """Ask within `timeout` s, as `client.logged_in` has it. Raises TimeoutError, and as `ask`.
+        """Yield a function like `client.logged_in`, limited to `timeout` s.
 
-        What needs the arm's standstill is refused while it moves.
+        Raises TimeoutError, and as `ask`. Commands that need the arm at rest are refused while it
+        moves.
         """
         if not self.connected:
             raise ConnectionError(f'remote link is {self.state.value}')
@@ -247,7 +250,7 @@ class RemoteLink(Link):
                 task.cancel()
             try:
                 await asyncio.gather(*tasks, return_exceptions=True)
-            finally:  # last: what was asked until now would wait for ever, and block what follows
+            finally:  # last: pending requests would otherwise never complete, and block others
                 moving, established = self.moving, self.connected
                 self._motion, self._aborted, self.joints_withheld = None, None, False
                 unanswered, self._asked = [*self._asked, *self._executes], []
@@ -261,12 +264,12 @@ class RemoteLink(Link):
         return f'{why}; {GOES_ON}' if moving else why
 
     async def _watch(self) -> str:
-        """Wait until the state is not answered for the timeout. Return why the link is lost."""
+        """Wait until the state is unanswered for the timeout. Return why the link is lost."""
         await silent(self._unanswered)
         return f'silent for {self._unanswered.patience:g} s'
 
     async def _talk(self) -> str:
-        """Log in, then ask for the state. Return why that cannot go on."""
+        """Log in, then poll the state. Return why the dialogue has ended."""
         try:
             await self._ask_state(f'Login,{self._password}')
             self._establish()
@@ -287,12 +290,12 @@ class RemoteLink(Link):
         return answer
 
     async def _look(self) -> None:
-        """Ask for the state, and tell it."""
+        """Poll the state, and publish it."""
         self.flags, number = await ask_flags(self._ask_state)
         flags = self.flags
         told: list[float] | None = None
         if self._motion is None and not _FORBID_EXECUTE.intersection(flags):
-            with contextlib.suppress(RemoteError):  # what forbids it is in the next flags
+            with contextlib.suppress(RemoteError):  # the next flags contain the reason
                 told = joints_of(await self._ask_state(self._question), len(self._units))
         if self._motion is None:
             self.joints_withheld = told is None
@@ -302,7 +305,7 @@ class RemoteLink(Link):
             self._on_packet(topic(JointPosition(0, joint_data(joints))))
 
     def _execute(self, question: _Question) -> None:
-        """Send it when nothing is executed any more. A controller does not queue commands."""
+        """Send a command once no other is running. A controller does not queue commands."""
         self._executes.append(question)
         self._send_next()
 
@@ -311,7 +314,7 @@ class RemoteLink(Link):
             self._send(self._executes.popleft())
 
     def _abort(self, answered: Callable[[str | Exception], None]) -> None:
-        """Send `$Abort`, and drop a motion that was not sent yet."""
+        """Send `$Abort`, and drop a motion that has not been sent yet."""
         motion = self._motion
         if motion is not None and motion in self._executes:
             self._executes.remove(motion)
@@ -336,7 +339,7 @@ class RemoteLink(Link):
             tap(WireEvent.SENT, f'${without_password(question.command)}\r\n'.encode())
 
     def _dispatch(self, packet: object) -> None:
-        """Hand an answer to the oldest request with its name."""
+        """Pass a reply to the oldest request with its name."""
         line = str(packet)
         self.statistics.frames_received += 1
         name, _, value = line[1:].partition(',')
@@ -364,9 +367,10 @@ class RemoteLink(Link):
 def _status(
     flags: Sequence[str], number: int, told: Sequence[float] | None, *, moving: bool
 ) -> Status:
-    """Return the STATUS that the flags of GetStatus say, and whether the motors are on.
+    """Return the STATUS for the flags of GetStatus, including the state of the motors.
 
-    That is printed with the joints; without them an E-stop says that they are off.
+    The motors' state is printed with the joints. Without joints, an E-stop means that they are
+    off.
     """
 
     def said(*names: str) -> TriState:

@@ -1,13 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which request a reply answers, for controllers that answer in different ways.
+"""Matches replies to requests, for controllers that reply in different formats.
 
-* FANUC copies the request's sequence into a JOINT_POSITION; EPSON's program leaves it zero; ABB
-  sends a header of the request's own type and no body. A sequence that is one of those waiting
-  decides; otherwise the oldest request that the reply's type can answer.
-* FANUC also sends a second, negative reply for a point that it has acknowledged and then could not
-  reach. A sequence that was answered a moment ago does not answer the next request.
-* Motoman repeats in a MOTION_REPLY which command it answers, or that it answers a point.
+* FANUC copies the request's sequence into a JOINT_POSITION. EPSON's program leaves it zero. ABB
+  sends a header of the request's type without a body. A sequence of a pending request identifies
+  that request. Otherwise the reply matches the oldest pending request of a compatible type.
+* FANUC also sends a second, negative reply for a point that it has acknowledged but cannot reach.
+  A recently answered sequence therefore does not match the next request.
+* Motoman's MOTION_REPLY repeats the command that it answers, or marks the reply to a point.
 """
 
 from collections import deque
@@ -26,9 +26,9 @@ from epson_driver.simple_message import (
 
 @dataclass(frozen=True, slots=True)
 class Statement(Message):
-    """SPEL+ statements that move the arm, as `$Execute` takes them.
+    """SPEL+ statements that move the arm, in the form of `$Execute`.
 
-    They are answered when they are over, however long that takes: `duration`, s, is no bound.
+    The reply arrives when they have finished. `duration`, s, is not an upper limit.
     """
 
     text: str
@@ -37,7 +37,7 @@ class Statement(Message):
 
 @dataclass(frozen=True, slots=True)
 class StatementReply(Message):
-    """The answer to a Statement or to `$Abort`. `why` they failed, as a clause, or ''."""
+    """The reply to a Statement or to `$Abort`. `why`: the failure's reason as a clause, or ''."""
 
     why: str = ''
 
@@ -62,25 +62,26 @@ ANSWERED_BY: dict[int, frozenset[int]] = {
         )
     },
 }
-"""Types of reply per type of request; a type that is not listed is answered by itself."""
+"""Types of reply per type of request. An unlisted type is answered by the same type."""
 
 STOP = int(SpecialSequence.STOP_TRAJECTORY)
 
 MAX_ANSWERED = 16
 
 MAX_PENDING = 64
-"""One point and a STOP wait, rarely more. Beyond this the oldest is given up."""
+"""Maximum number of pending requests. Usually one point and a STOP are pending. The oldest is
+dropped beyond this."""
 
 MAX_REPLY_AGE_S = 1.0
-"""When a trajectory begins, the one before it has ended: a reply to it that is still missing this
-long after its request, s, will not come. Otherwise it would take the place of the next one."""
+"""Maximum age of a pending request at the start of a new trajectory, s. The previous trajectory
+has ended, so an older reply will not arrive, and would otherwise take the place of a later one."""
 
 
 @dataclass(slots=True, eq=False)
 class PendingRequest:
-    """A request without its reply. `sent` is the loop's time, s.
+    """A request without its reply. `sent`: loop time, s.
 
-    `command` is that of a MOTION_CTRL; a MOTION_REPLY to any other request has its type there.
+    `command`: of a MOTION_CTRL. In a MOTION_REPLY to another request, this field has its type.
     """
 
     msg_type: int
@@ -90,7 +91,7 @@ class PendingRequest:
     command: int | None = None
 
     def may_be_answered_by(self, reply: Packet) -> bool:
-        """Return whether the reply is of a kind that answers this request."""
+        """Return whether the reply has a type that answers this request."""
         if reply.msg_type not in ANSWERED_BY.get(self.msg_type, (self.msg_type,)):
             return False
         message = reply.message
@@ -99,7 +100,7 @@ class PendingRequest:
 
 
 class PendingReplies:
-    """The requests on one link that wait for their reply, oldest first."""
+    """The pending requests of one link, oldest first."""
 
     def __init__(self) -> None:
         self._waiting: deque[PendingRequest] = deque(maxlen=MAX_PENDING)
@@ -109,13 +110,13 @@ class PendingReplies:
         return len(self._waiting)
 
     def add(self, waiting: PendingRequest) -> None:
-        """Remember a request that is being sent."""
+        """Add a request that is being sent."""
         if waiting.sequence in self._answered:  # a new trajectory counts from 0 again
             self._answered.clear()
         if waiting.sequence == 0:
             while self._waiting and waiting.sent - self._waiting[0].sent > MAX_REPLY_AGE_S:
                 self._waiting.popleft()
-        if waiting.sequence == STOP:  # a reply to any STOP is one to all
+        if waiting.sequence == STOP:  # a reply to one STOP answers them all
             self._waiting = deque(
                 (
                     each
@@ -128,7 +129,7 @@ class PendingReplies:
         self._waiting.append(waiting)
 
     def take(self, reply: Packet) -> PendingRequest | None:
-        """Remove and return the request that the reply answers, or None if it answers none."""
+        """Remove and return the request that the reply answers, or None."""
         found = self._find(reply)
         if found is not None:
             self._waiting.remove(found)
@@ -137,14 +138,14 @@ class PendingReplies:
         return found
 
     def give_up(self, waiting: PendingRequest) -> None:
-        """Forget one request, and let a late reply with its sequence answer no other one."""
+        """Drop one request. A late reply with its sequence does not match another one."""
         if waiting in self._waiting:
             self._waiting.remove(waiting)
             if waiting.sequence:
                 self._answered.append(waiting.sequence)
 
     def clear(self) -> None:
-        """Forget all: the link is gone, no reply will come."""
+        """Drop all requests, because the link is lost."""
         self._waiting.clear()
         self._answered.clear()
 

@@ -1,21 +1,21 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The states of a link and everything that moves it from one to another.
+"""The states of a link and all transitions between them.
 
 Rules:
-1. Every change of a link's state is a row of TRANSITIONS; an event without a row changes nothing
+1. Every change of a link's state is a row of TRANSITIONS. An event without a row changes nothing
    and is a programming error.
-2. A link that is open never gives up: it is CONNECTED, or on its way there. The controller may
-   start before or after the client, and may come back at any time.
-3. A link that comes back does not mean that the arm may move: the arm gate of the client decides
-   that (docs/invariants.md, 4).
+2. An open link never gives up: it is either CONNECTED or trying to connect. The controller may
+   start before or after the client, and may return at any time.
+3. A reconnected link does not allow the arm to move. The client's arm gate decides that
+   (docs/invariants.md, 4).
 """
 
 from enum import Enum
 
 
 class LinkState(Enum):
-    """The state of a link. Its value is what `~/link_state` publishes."""
+    """State of a link. Its value is published on `~/link_state`."""
 
     DISCONNECTED = 'disconnected'
     CONNECTING = 'connecting'
@@ -24,7 +24,7 @@ class LinkState(Enum):
 
 
 class LinkEvent(Enum):
-    """What happens to a link."""
+    """Event that changes the state of a link."""
 
     OPEN = 'open'
     ESTABLISHED = 'established'
@@ -46,9 +46,9 @@ TRANSITIONS: dict[tuple[LinkState, LinkEvent], LinkState] = {
 }
 
 BACK_OFF = (0.0, 0.1, 0.2, 0.4, 0.8, 1.0)
-"""Seconds between the beginnings of two attempts: the first retry at once, then at most 1 s."""
+"""Seconds from one attempt to the next: the first retry is immediate, later ones after ≤ 1 s."""
 
 
 def back_off(attempt: int) -> float:
-    """Return the time to wait before retry number `attempt` (counted from 0), s."""
+    """Return the time to wait before retry number `attempt` (from 0), s."""
     return BACK_OFF[min(attempt, len(BACK_OFF) - 1)]

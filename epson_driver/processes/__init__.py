@@ -1,3 +1,3 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Start, watch and end processes of our own: ports, ROS domains, values, signals, figures."""
+"""Start, monitor and end this package's processes: ports, ROS domains, values, signals, plots."""

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The command that starts a module of this package as a process, and the file which that runs.
+"""The command that starts a module of this package as a process, and the file that it runs.
 
-With -P, Python imports nothing from the folder where somebody happens to be: a `random.py` there
-is not executed. The package is imported from where this file is; the environment stays as it is,
-so what PYTHONPATH names is found, as a sourced workspace needs.
+With -P, Python imports nothing from the current folder, so a `random.py` there is not executed.
+The package is imported from the location of this file. The environment is unchanged, so modules in
+PYTHONPATH are found, as a sourced workspace needs.
 """
 
 import sys
@@ -20,7 +20,7 @@ def safe_python() -> list[str]:
 
 
 def module_command(module: str, *arguments: str) -> list[str]:
-    """Return the command that runs a module of this package, as `python -m` does."""
+    """Return the command that runs a module of this package, like `python -m`."""
     return [*safe_python(), str(_FILE), module, *arguments]
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The executables by name, each with a description."""
+"""Names and descriptions of the executables."""
 
 EXECUTABLES = {
     'client': 'the ROS 2 node: joint states, robot status, FollowJointTrajectory',

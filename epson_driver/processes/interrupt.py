@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Ctrl-C and its like before an executable begins, while it runs, and after its end."""
+"""Handling of Ctrl-C and similar signals before an executable starts, while it runs, and after."""
 
 import asyncio
 import os
@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import NoReturn
 
 INTERRUPTED = 130
-"""The exit code after SIGINT, as shells have it: 128 and the number of the signal."""
+"""Exit code after SIGINT, as used by shells: 128 plus the signal number."""
 
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP)
@@ -18,25 +18,25 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP)
 
 
 def ending_signals() -> list[signal.Signals]:
-    """Return the signals that end an executable: without SIGHUP under nohup."""
+    """Return the signals that end an executable, without SIGHUP under nohup."""
     ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     return [number for number in ENDING if number is not signal.SIGHUP or not ignored]
 
 
 def leave_at_interrupt() -> None:
-    """Have SIGINT end the process at once, without a traceback, whatever is being imported.
+    """Make SIGINT end the process immediately and without a traceback, even during imports.
 
-    Only where nothing moves or has to be ended. A SIGINT that is ignored, as by a shell's `&`,
-    stays so.
+    Only for use while nothing moves or needs cleanup. An ignored SIGINT, as with a shell's `&`,
+    remains ignored.
     """
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         signal.signal(signal.SIGINT, _leave)
 
 
 def raise_at_interrupt() -> None:
-    """Raise KeyboardInterrupt at all signals that end a process, as Python does at SIGINT.
+    """Raise KeyboardInterrupt on all signals that end a process, like Python does on SIGINT.
 
-    A signal that is ignored stays so.
+    An ignored signal remains ignored.
     """
     for number in ENDING:
         if signal.getsignal(number) is not signal.SIG_IGN:
@@ -44,18 +44,19 @@ def raise_at_interrupt() -> None:
 
 
 def ignore_interrupts() -> None:
-    """Ignore what the terminal sends: the work is done, and the process ends by itself.
+    """Ignore signals of the terminal when the work is done and the process is about to end.
 
-    Nothing else keeps a second Ctrl-C from killing an interpreter that shuts down.
+    Otherwise a second Ctrl-C could kill the interpreter during shutdown.
     """
     for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
 
 
 def raise_at_first_signal() -> None:
-    """Raise KeyboardInterrupt at the first signal that ends a process, and ignore the others.
+    """Raise KeyboardInterrupt on the first signal that ends a process, and ignore later ones.
 
-    So what was started is always ended. SIGINT too: a shell's `&` passes it on ignored.
+    This ensures that started processes are always ended. It also handles a SIGINT that a shell's
+    `&` has set to ignored.
     """
     for number in ending_signals():
         signal.signal(number, _raise_once)
@@ -63,9 +64,9 @@ def raise_at_first_signal() -> None:
 
 @contextmanager
 def interrupts_held(numbers: Sequence[int]) -> Iterator[None]:
-    """Keep signals waiting during the block: what it starts is known to who must end it.
+    """Delay signals during the block, so that the caller registers a started process for cleanup.
 
-    To be used in the main thread.
+    For use in the main thread.
     """
     waiting: list[int] = []
 
@@ -84,20 +85,20 @@ def interrupts_held(numbers: Sequence[int]) -> Iterator[None]:
 
 @contextmanager
 def ended_by_signals(loop: asyncio.AbstractEventLoop, end: Callable[[], object]) -> Iterator[None]:
-    """Call `end` in a loop at each signal that ends a process, until everything is stopped.
+    """Call `end` in a loop on each signal that ends a process, until everything is stopped.
 
-    All but SIGTERM call it to the loop's end, and do nothing from then on. (With a handler of the
-    loop's own, which it takes back while it closes, another Ctrl-C in that moment would be a
-    KeyboardInterrupt wherever the process just is.)
+    All signals except SIGTERM call it until the loop is closed, and are ignored afterward. (The
+    loop removes its own handlers while closing. Another Ctrl-C at that time would raise
+    KeyboardInterrupt at an arbitrary place.)
 
-    To be used in the main thread, before the loop closes.
+    For use in the main thread, before the loop closes.
     """
 
     def interrupt(_number: int, _frame: object) -> None:
         if not loop.is_closed():
             loop.call_soon_threadsafe(end)
 
-    loop.add_signal_handler(signal.SIGTERM, end)  # and each signal wakes the loop up
+    loop.add_signal_handler(signal.SIGTERM, end)  # this also makes every signal wake the loop
     for number in ending_signals():
         if number is not signal.SIGTERM:
             signal.signal(number, interrupt)
@@ -105,8 +106,8 @@ def ended_by_signals(loop: asyncio.AbstractEventLoop, end: Callable[[], object])
     try:
         yield
     finally:
-        # the loop closes the socket that wakes it up before it takes its handler back: a signal
-        # between the two would be reported as an exception
+        # The loop closes its wakeup socket before it removes the handler. A signal between the two
+        # would be reported as an exception.
         signal.set_wakeup_fd(-1)
 
 

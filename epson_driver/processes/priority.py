@@ -1,13 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Priority of the thread that drives a controller with a time-out for its client."""
+"""Priority of the thread that drives a controller with a client timeout."""
 
 import logging
 import os
 import threading
 
 NICE = -10
-"""Real-time priority would starve the threads that serve `~/stop` on a busy processor."""
+"""Nice value. Real-time priority would starve the threads that serve `~/stop` on a busy CPU."""
 
 _log = logging.getLogger(__name__)
 _refused = threading.Event()
@@ -17,7 +17,7 @@ def raise_priority() -> None:
     """Request a lower nice value for this thread.
 
     Its child threads and processes keep the normal one. A thread with another scheduling policy is
-    left unchanged. A refusal is logged once.
+    unchanged. A failure is logged once.
     """
     try:
         if os.sched_getscheduler(0) == os.SCHED_OTHER:

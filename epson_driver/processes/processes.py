@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Start the executables as processes on free ports and in a ROS domain that nobody uses."""
+"""Starts the executables as processes, on free ports and in an unused ROS domain."""
 
 import contextlib
 import dataclasses
@@ -18,33 +18,33 @@ from pathlib import Path
 from epson_driver.processes.command import module_command
 
 SAFE_DOMAINS = range(1, 102)
-"""ROS domains whose ports lie below the ephemeral range of every common system."""
+"""ROS domains whose ports are below the ephemeral range of every common system."""
 
 MAX_CLAIMS = 5
-"""How many of the chosen domains stay claimed; the oldest claim is dropped first.
+"""Maximum number of claimed domains. The oldest claim is dropped first.
 
-Who chose a domain soon has participants in it. Each further claim takes a domain from others: two
-runs of the tests at once have eight processes that choose."""
+A claim is needed only until participants have started in the domain. Each additional claim blocks
+a domain for others: two simultaneous test runs have eight processes that choose."""
 
 claims: deque[socket.socket] = deque()
-"""Sockets that keep other processes from choosing the same domains, the oldest first."""
+"""Sockets that prevent other processes from choosing the same domains, the oldest first."""
 
 END_TIMEOUT_S = 5.0
 
 TELLING = ('panel', 'sim_controller')
-"""Executables that print where they are reached, once they are."""
+"""Executables that print their address or ports once they are ready."""
 
 EXECUTABLE = tuple(module_command('epson_driver.cli'))
-"""The command that runs an executable of this package; its name and arguments follow."""
+"""Command of this package's executables, to be followed by a name and arguments."""
 
 
 class RunError(RuntimeError):
-    """The run cannot go on, with the reason as its text."""
+    """The run cannot continue. The text is the reason."""
 
 
 @dataclass(frozen=True)
 class Ports:
-    """Where a simulated controller listens, as its `listening` line says."""
+    """Ports of a simulated controller, printed in its `listening` line."""
 
     motion: int
     state: int
@@ -53,12 +53,12 @@ class Ports:
 
 
 def free_ros_domain() -> int:
-    """Return a ROS_DOMAIN_ID that nobody on this machine uses now, and claim it for a while.
+    """Return a ROS_DOMAIN_ID that is unused on this machine, and claim it for a while.
 
-    Each domain has UDP ports of its own, 250 apart from 7400 on (DDSI-RTPS 9.6.1); the first
-    participant takes 7410. Until it does, another process could find the domain free, so a port
-    that DDS leaves unused says that the domain is taken: until this process ends, or has chosen
-    MAX_CLAIMS others.
+    Each domain has separate UDP ports, 250 apart, starting at 7400 (DDSI-RTPS 9.6.1). The first
+    participant uses 7410. Until it starts, another process could choose the same domain. Therefore
+    a port that DDS leaves unused is bound to mark the domain as claimed, until this process ends
+    or has chosen MAX_CLAIMS others.
     """
     for domain in random.sample(SAFE_DOMAINS, len(SAFE_DOMAINS)):
         first = _first_port(domain)
@@ -79,9 +79,9 @@ def free_ros_domain() -> int:
 
 
 def port_beside(domain: int) -> int:
-    """Return a UDP port for a program that serves a domain: nobody else's while it is claimed.
+    """Return a UDP port for a program that serves a domain. The domain must be claimed.
 
-    It is one of the domain's that DDS leaves unused, below those that the system hands out.
+    It is an unused port of the domain, below the system's ephemeral range.
     """
     return _first_port(domain) + 6
 
@@ -91,7 +91,7 @@ def _first_port(domain: int) -> int:
 
 
 def _bound(address: str, port: int) -> socket.socket:
-    """Return a UDP socket. Raises OSError if the port is taken."""
+    """Return a bound UDP socket. Raises OSError if the port is in use."""
     probe = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         probe.bind((address, port))
@@ -102,7 +102,7 @@ def _bound(address: str, port: int) -> socket.socket:
 
 
 def ros_environment(domain: int) -> dict[str, str]:
-    """Return the environment for processes that keep to this machine and to one ROS domain."""
+    """Return the environment for processes restricted to this machine and to one ROS domain."""
     return os.environ | {
         'ROS_DOMAIN_ID': str(domain),
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
@@ -111,7 +111,7 @@ def ros_environment(domain: int) -> dict[str, str]:
 
 
 class Process:
-    """One executable of this package, running. Its stderr (and stdout) go to a log file."""
+    """A running executable of this package. Its stderr (and stdout) are written to a log file."""
 
     def __init__(
         self,
@@ -139,30 +139,30 @@ class Process:
 
     @property
     def returncode(self) -> int | None:
-        """The exit code, or None while it runs."""
+        """The exit code, or None while the process runs."""
         return self._popen.poll()
 
     def wait(self, timeout: float | None = None) -> int:
-        """Wait for its end and return its exit code. Raises subprocess.TimeoutExpired."""
+        """Wait for the end and return the exit code. Raises subprocess.TimeoutExpired."""
         return self._popen.wait(timeout)
 
     def send(self, number: int) -> None:
-        """Send it a signal."""
+        """Send a signal to the process."""
         self._popen.send_signal(number)
 
     def kill(self) -> None:
-        """End it with SIGKILL, as a crash or a power cut does."""
+        """End the process with SIGKILL, like a crash or a power cut."""
         self._popen.kill()
         self._popen.wait()
 
     def end(self, number: int = signal.SIGINT) -> int:
-        """End it as Ctrl-C does, or after 5 s with SIGKILL, and return its exit code."""
+        """End the process like Ctrl-C, with SIGKILL after 5 s, and return its exit code."""
         if self._popen.poll() is None:
             self._popen.send_signal(number)
         return self.ended()
 
     def ended(self) -> int:
-        """Wait for the end, for which SIGKILL is sent after 5 s, and return the exit code."""
+        """Wait for the end, with SIGKILL after 5 s, and return the exit code."""
         try:
             return self._popen.wait(END_TIMEOUT_S)
         except subprocess.TimeoutExpired:
@@ -181,12 +181,12 @@ class Process:
         return Ports(**{key: int(value) for key, value in words.items()})
 
     def address(self) -> str:
-        """Return what a browser opens, once a panel serves it. Raises RunError like `ports`."""
+        """Return the URL of a panel, once it is served. Raises RunError like `ports`."""
         return self._told('panel')[0]
 
     def _told(self, first: str) -> list[str]:
-        """Return the words after the first one of the line that it prints when it is ready."""
-        assert self._popen.stdout is not None  # noqa: S101 - only those of TELLING are asked
+        """Wait for the ready line of the process and return its words after the first."""
+        assert self._popen.stdout is not None  # noqa: S101 - true for the names in TELLING
         line = self._popen.stdout.readline().decode()
         if not line.startswith(f'{first} '):
             self._popen.wait()
@@ -194,12 +194,12 @@ class Process:
         return line.split()[1:]
 
     def check_alive(self) -> None:
-        """Raise RunError with its log if it has ended."""
+        """Raise RunError with the log if the process has ended."""
         if self.returncode is not None:
             raise RunError(f'{self.name} ended with {self.returncode}:\n{self.log_text()}')
 
     def log_text(self) -> str:
-        """Return what it has logged so far."""
+        """Return the log."""
         return self.log.read_text(encoding='utf-8', errors='replace')
 
 
@@ -210,9 +210,9 @@ def sim_controller(
     ports: Ports | None = None,
     environment: dict[str, str] | None = None,
 ) -> Process:
-    """Start a simulated controller, on free ports unless `ports` says which.
+    """Start a simulated controller, by default on free ports.
 
-    `start`: where its joints are at first, rad or m; None: where the executable puts them.
+    `start`: initial joint positions, rad or m; None: the default of the executable.
     """
     wanted = ports or Ports(0, 0, 0, 0)
     numbers = [
@@ -233,7 +233,7 @@ def client(
     run: Sequence[str] = EXECUTABLE,
     **parameters: object,
 ) -> Process:
-    """Start the ROS 2 node for a controller on these ports. Parameters: `__` for a dot."""
+    """Start the ROS 2 node for a controller on these ports. `__` in a parameter is a dot."""
     values = {
         'motion_port': ports.motion,
         'state_port': ports.state,
@@ -256,7 +256,7 @@ def clients(
 ) -> Process:
     """Start one process that drives several controllers, each in its namespace.
 
-    Beside the log there is a parameter file for them. `parameters` hold for all: `__` for a dot.
+    Writes a parameter file next to the log. `parameters` apply to all; `__` is a dot.
     """
     common = {name.replace('__', '.'): value for name, value in parameters.items()}
     file = log.with_suffix('.yaml')
@@ -267,14 +267,14 @@ def clients(
         }
         for name, ports in robots.items()
     }
-    file.write_text(json.dumps(content), encoding='utf-8')  # which is YAML as well
+    file.write_text(json.dumps(content), encoding='utf-8')  # JSON is valid YAML
     arguments = [word for name in robots for word in ('--namespace', name)]
     arguments += ['--ros-args', '--params-file', str(file)]
     return Process('client', arguments, log, ros_environment(domain), run)
 
 
 def end_together(started: Sequence[Process], number: int = signal.SIGINT) -> None:
-    """End processes as Ctrl-C does: tell all of them, in this order, then wait for each."""
+    """End processes like Ctrl-C: send the signal to all in this order, then wait for each."""
     for process in started:
         if process.returncode is None:
             process.send(number)
@@ -284,7 +284,7 @@ def end_together(started: Sequence[Process], number: int = signal.SIGINT) -> Non
 
 @contextlib.contextmanager
 def ended_at_exit(*processes: Process) -> Iterator[None]:
-    """End the processes when the block is left, whatever happens in it."""
+    """End the processes at the end of the block, also after an exception."""
     try:
         yield
     finally:

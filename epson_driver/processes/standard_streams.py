@@ -1,22 +1,22 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Standard streams that were closed, as by `>&-`: they become those of /dev/null."""
+"""Replaces closed standard streams, for example after `>&-`, by /dev/null."""
 
 import os
 import sys
 
 
 def open_closed_streams() -> None:
-    """Open what is closed of stdin, stdout and stderr, before anything else is opened.
+    """Open closed standard streams, before any other file is opened.
 
-    Otherwise the next socket would be number 1 or 2, be it a robot's or ROS's, and what C++
-    libraries log would be sent there.
+    Otherwise the next socket would have number 1 or 2, and the log output of C++ libraries would
+    be sent to a robot or to ROS.
     """
     for number, name in enumerate(('stdin', 'stdout', 'stderr')):
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # it takes the lowest number that is free
+            os.open(os.devnull, os.O_RDWR)  # it gets the lowest free number
             os.set_inheritable(number, True)
             setattr(sys, name, os.fdopen(number, 'w' if number else 'r', closefd=False))
             setattr(sys, f'__{name}__', getattr(sys, name))

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A child process that computes: values come to its stdin, and answers from its stdout."""
+"""A child process for computations. Values arrive at its stdin, replies leave by its stdout."""
 
 import asyncio
 import contextlib
@@ -19,23 +19,23 @@ from epson_driver.processes.command import module_command
 from epson_driver.processes.standard_streams import open_closed_streams
 
 PREFIX = struct.Struct('=IIQ')
-"""The checksum of what follows, and how many bytes are the text and the arrays."""
+"""Checksum of the body, and the number of bytes of the text and of the arrays."""
 
 MAX_BYTES = 2**31
-"""More than any trajectory has: the number that says so is a wrong one."""
+"""Maximum size of a value. It exceeds every trajectory, so a larger number is an error."""
 
 _ARRAY = 'array'
 _DTYPES = {np.dtype(kind).str for kind in (float, int, bool)}
 _ALIGNMENT = 8
-"""Arrays begin at multiples of it, as the processor likes its numbers."""
+"""Alignment of arrays in bytes, for efficient access."""
 
 
 def packed(value: object) -> bytes:
-    """Return a value as bytes, of which nothing is executed when they are read.
+    """Return a value as bytes. Reading them executes no code.
 
     A value is None, a bool, a number, a text, a numpy array of numbers, or a tuple or dataclass of
-    such. Its bytes are a prefix, a JSON text, and the numbers of all arrays; the text says where
-    each begins. Raises TypeError that says what in it cannot be passed.
+    such values. The bytes are a prefix, a JSON text, and the data of all arrays. The text has the
+    offset of each. Raises TypeError with the name of an unsupported type.
     """
     arrays: list[bytes] = []
     used = 0
@@ -60,7 +60,7 @@ def packed(value: object) -> bytes:
 
 
 def body_length(prefix: bytes) -> int:
-    """Return how many bytes follow on a prefix. Raises ValueError if that cannot be."""
+    """Return the number of bytes after a prefix. Raises ValueError if it is too large."""
     _, text, arrays = PREFIX.unpack(prefix)
     length = int(text + arrays)
     if length > MAX_BYTES:
@@ -69,9 +69,9 @@ def body_length(prefix: bytes) -> int:
 
 
 def unpacked(data: bytes, kinds: Collection[type]) -> Any:
-    """Return the value of bytes that `packed` made, with no dataclasses but these.
+    """Return the value of bytes made by `packed`. Only dataclasses in `kinds` are allowed.
 
-    Raises ValueError that says what is wrong with the bytes.
+    Raises ValueError with the error in the bytes.
     """
     names = {kind.__name__: kind for kind in kinds}
 
@@ -89,7 +89,7 @@ def unpacked(data: bytes, kinds: Collection[type]) -> Any:
         body = memoryview(data)[PREFIX.size :]
         if len(body) != text_length + length or zlib.crc32(body) != checksum:
             raise ValueError('length or checksum is wrong')
-        arrays = bytearray(body[text_length:])  # so that the arrays can be written to
+        arrays = bytearray(body[text_length:])  # makes the arrays writable
         text = bytes(body[:text_length]).rstrip(b'\0')
         return _tuple(json.loads(text, object_hook=restored))
     except (
@@ -104,7 +104,7 @@ def unpacked(data: bytes, kinds: Collection[type]) -> Any:
 
 
 def read_value(stream: BinaryIO, kinds: Collection[type]) -> Any:
-    """Return the next value of a stream, None at its end. Raises as `unpacked`."""
+    """Return the next value of a stream, or None at its end. Raises as `unpacked`."""
     prefix = stream.read(PREFIX.size)
     if len(prefix) < PREFIX.size:
         return None
@@ -113,7 +113,7 @@ def read_value(stream: BinaryIO, kinds: Collection[type]) -> Any:
 
 
 def write_value(stream: BinaryIO, value: object) -> None:
-    """Write a value, at once."""
+    """Write a value, and flush."""
     stream.write(packed(value))
     stream.flush()
 
@@ -126,7 +126,7 @@ async def next_value(stream: asyncio.StreamReader, kinds: Collection[type]) -> A
 
 
 def _fields(value: Any) -> Any:
-    """Return a dataclass by the name of its type, and a number of numpy as Python has it."""
+    """Return a dataclass by the name of its type, or a numpy number as a Python number."""
     if isinstance(value, np.generic):
         return value.item()
     try:
@@ -140,8 +140,8 @@ def _tuple(value: Any) -> Any:
 
 
 _THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
-"""Thread counts of the numeric libraries, one each: the matrices are small, and threads that spin
-would take the time of what has to be punctual."""
+"""Thread counts of the numeric libraries, set to one. The matrices are small, and spinning threads
+would delay time-critical work."""
 
 
 async def start_worker(module: str, stderr: int | None = None) -> asyncio.subprocess.Process:
@@ -152,14 +152,14 @@ async def start_worker(module: str, stderr: int | None = None) -> asyncio.subpro
         stdout=asyncio.subprocess.PIPE,
         stderr=stderr,
         env=os.environ | dict.fromkeys(_THREADS, '1'),
-        start_new_session=True,  # Ctrl-C is for its parent to handle
+        start_new_session=True,  # the parent handles Ctrl-C
     )
 
 
 async def until_done(task: 'asyncio.Task[None] | asyncio.Task[int]') -> None:
-    """Wait until a task has ended, even if cancelled meanwhile, and raise what it raised.
+    """Wait until a task has ended, even if cancelled, and raise its exception.
 
-    For tidying up that must not be left half done, by a task that ends soon.
+    For cleanup that must complete, in a task that ends soon.
     """
     canceled: asyncio.CancelledError | None = None
     while not task.done():
@@ -173,14 +173,14 @@ async def until_done(task: 'asyncio.Task[None] | asyncio.Task[int]') -> None:
 
 
 async def end_worker(process: asyncio.subprocess.Process) -> None:
-    """Kill a worker and wait until it is gone, also where that is cancelled meanwhile."""
+    """Kill a worker and wait until it has ended, even if cancelled."""
     with contextlib.suppress(ProcessLookupError):
         process.kill()
     await until_done(asyncio.create_task(process.wait()))
 
 
 def answer_file() -> BinaryIO:
-    """Return the file for a worker's answers, and redirect what is printed to stderr."""
+    """Return the file for a worker's replies, and redirect printed output to stderr."""
     open_closed_streams()
     answers = os.fdopen(os.dup(1), 'wb')
     os.dup2(2, 1)
@@ -188,8 +188,8 @@ def answer_file() -> BinaryIO:
 
 
 def ending(code: int | None) -> str:
-    """Return what to say of a worker that has ended with this code."""
+    """Return a clause about a worker that has ended with this code."""
     if code is not None and code < 0:
-        named = -code in {number.value for number in signal.Signals}  # not those of real time
+        named = -code in {number.value for number in signal.Signals}  # not for real-time signals
         return f'was ended by {signal.Signals(-code).name if named else f"signal {-code}"}'
     return f'ended with exit code {code}'

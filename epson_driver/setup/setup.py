@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""From the settings, a controller's profile and a robot model to a driver."""
+"""Creates a driver from the settings, a controller's profile and a robot model."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -34,10 +34,10 @@ NOT_WIRED = [-1, -1]
 
 @dataclass(frozen=True)
 class Setup:
-    """All that a driver is made with: `configuration` does not change, the rest by `values`.
+    """Everything needed to create a driver. `configuration` is fixed, the rest follows `values`.
 
-    values: of all settings by name; after a change of those that may change at any time `apply` is
-    to be called. model: with the joint names that were asked for. gripper: None without one.
+    values: all settings by name. Call `apply` after changing settings that may change at any time.
+    model: with the requested joint names. gripper: None without one.
     """
 
     values: dict[str, Any]
@@ -47,13 +47,13 @@ class Setup:
     gripper: GripperWiring | None
 
     def make_driver(self, events: DriverEvents) -> Driver:
-        """Return a driver that does not run yet."""
+        """Return a new driver, which is not running."""
         driver = Driver(self.configuration, events, self.goals)
         self.apply(driver)
         return driver
 
     def apply(self, driver: Driver) -> None:
-        """Have a driver follow the values as they are now."""
+        """Apply the current values to a driver."""
         driver.goal_queue.settings = self.goals
         driver.goal_queue.start_tolerance = self.values['start_tolerance']
         driver.servo.settings = self.servo
@@ -66,7 +66,7 @@ class Setup:
 
     @property
     def goals(self) -> GoalSettings:
-        """How goals are executed."""
+        """Settings for the execution of goals."""
         return GoalSettings(
             stopped_velocity=self.values['constraints.stopped_velocity_tolerance'],
             reply_timeout=self.values['reply_timeout'],
@@ -76,7 +76,7 @@ class Setup:
 
     @property
     def servo(self) -> ServoSettings:
-        """How streams of setpoints are followed."""
+        """Settings for following streams of setpoints."""
         return ServoSettings(
             share=self.values['servo.scale'],
             timeout=self.values['servo.timeout'],
@@ -87,7 +87,7 @@ class Setup:
         )
 
     def tolerances(self, kind: str) -> Tolerances:
-        """Return those of the settings constraints.<joint>.`kind`, where 0 is not checked."""
+        """Return the tolerances of constraints.<joint>.`kind`. 0 disables the check."""
         names = self.model.joint_names
         given = np.array([self.values[f'constraints.{name}.{kind}'] for name in names])
         return Tolerances(np.where(given > 0.0, given, np.inf), np.full(len(names), np.inf))
@@ -95,9 +95,9 @@ class Setup:
     def joint_move(
         self, start: Array, target: Array, speed: float, acceleration: float
     ) -> tuple[Trajectory, Callable[[Moves], Statement]]:
-        """Return the way straight in joint space, and what writes it as a statement.
+        """Return the straight trajectory in joint space, and a function that writes its statement.
 
-        start, target: shape (n,), rad (m). speed, acceleration: shares of the limits, (0, 1].
+        start, target: shape (n,), rad (m). speed, acceleration: fractions of the limits, (0, 1].
         """
         limits = self.model.limits
         way = straight(start, target, limits, speed, acceleration, sampled=self.interpolates)
@@ -106,7 +106,7 @@ class Setup:
     def goal(self, trajectory: Trajectory, statement: Statement | None = None) -> Goal:
         """Return the goal of a trajectory, with the tolerances of the settings.
 
-        statement: what makes a controller do all of it that takes no points.
+        statement: performs the whole motion on a controller without a point interface.
         """
         path = self.tolerances('trajectory')
         return Goal(
@@ -121,9 +121,9 @@ class Setup:
 
 
 def profile_defaults(profile: ControllerProfile) -> dict[str, Any]:
-    """Return the settings that a controller's profile has values for.
+    """Return the settings for which a controller's profile has values.
 
-    The byte order is not among them: it is found out; the profile says what to begin with.
+    The byte order is excluded, because it is detected. The profile only has its initial value.
     """
     return {
         'motion_port': profile.ports.motion,
@@ -141,11 +141,10 @@ def profile_defaults(profile: ControllerProfile) -> dict[str, Any]:
 
 
 def make_setup(given: Mapping[str, Any]) -> Setup:
-    """Return the setup for values of the settings, each checked before, by name.
+    """Return the setup for values of the settings by name, each already checked.
 
-    What is not given is as the controller's profile, the robot model and the table have it. Raises
-    ValueError for values that do not go together, FileNotFoundError that lists the profiles or
-    models there are.
+    The controller's profile, the robot model and the table provide the defaults. Raises ValueError
+    for incompatible values, FileNotFoundError with the available profiles or models.
     """
     values = {row.name: row.default for row in TABLE} | {**given}
     profile = load_controller_profile(values['controller'])
@@ -213,7 +212,7 @@ def _configuration(
 
 
 def _gripper_wiring(values: Mapping[str, Any]) -> GripperWiring | None:
-    """Return how a gripper is wired, or None without one. Raises InputError."""
+    """Return the wiring of the gripper, or None without one. Raises InputError."""
     outputs, inputs = values['gripper.outputs'], values['gripper.inputs']
     if outputs == inputs == NOT_WIRED:
         return None

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The settings as one table: name, default, description, range, unit, whether they may change.
+"""The settings as one table: name, default, description, range, unit, and when they may change.
 
-The node's parameters are made from it, and the `Settings` of the Python API.
+The node's parameters and the `Settings` of the Python API are created from it.
 """
 
 from collections.abc import Iterator
@@ -31,7 +31,7 @@ POINT_PAIR = Rule(_pair, 'must be two whole numbers from -1 on')
 
 
 def is_a(kind: type, text: str) -> Rule:
-    """Return the rule for an object of a class."""
+    """Return the rule for an instance of a class."""
 
     def read(value: Any) -> Any:
         if not isinstance(value, kind):
@@ -48,7 +48,7 @@ NAME_OR_FILE = is_a(str, 'must be a name, or the path of a file')
 
 @dataclass(frozen=True)
 class Row:
-    """One setting, limited by `choices` or `low`…`high`, with `now` changeable at any time."""
+    """One setting, limited by `choices` or `low`…`high`. `now`: it may change at any time."""
 
     name: str
     default: Any
@@ -58,18 +58,18 @@ class Row:
     choices: tuple[str, ...] = ()
     now: bool = False
     rule: Rule | None = None
-    """What else the value is checked against at the start."""
+    """Additional check of the value at the start."""
     unit: str = ''
-    """Added to what is said about it; 1: it is a ratio."""
+    """Appended to the description; 1: a ratio."""
 
     @property
     def description(self) -> str:
-        """What it is, as a sentence, with the unit."""
+        """The description as a sentence, with the unit."""
         return f'{self.about[:-1]} [{self.unit}].' if self.unit else self.about
 
     @property
     def allowed(self) -> Rule:
-        """The rule for its value."""
+        """The rule for the value."""
         if self.rule is not None:
             return self.rule
         if self.choices:
@@ -427,7 +427,7 @@ TABLE = (
 
 
 def joint_rows(joint: str, unit: str = 'rad') -> Iterator[Row]:
-    """Yield the parameters of one joint, named as joint_trajectory_controller names them."""
+    """Yield the parameters of one joint, with the names of joint_trajectory_controller."""
     yield Row(
         f'constraints.{joint}.goal',
         GOAL_TOLERANCE[unit],
@@ -449,6 +449,6 @@ def joint_rows(joint: str, unit: str = 'rad') -> Iterator[Row]:
 
 
 EACH_JOINT = '<joint>'
-"""Stands for each joint's name."""
+"""Placeholder for each joint's name."""
 
 ROWS = {row.name: row for row in (*TABLE, *joint_rows(EACH_JOINT))}
