@@ -1,11 +1,12 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Restart interlock of streams (ISO 14118): what was stopped begins again only when let go of.
+"""Restart interlock of streams (ISO 14118): a stopped stream may restart only after a release.
 
-A topic is one source, whoever sends on it: ROS does not tell publishers apart. After a stop, and
-after whatever closed the arm gate, nothing on it moves the arm until a whole second has passed in
-which nothing came, or only setpoints that ask for no motion. One that asks for motion begins that
-second anew. The same holds for a stream that came while it could not be followed.
+A topic counts as one source, because ROS does not identify the publisher of a message. After a
+stop, and after any event that closed the arm gate, no message on the topic moves the arm until a
+whole second has passed with no messages, or only with setpoints that request no motion. A setpoint
+that requests motion restarts this second. The same applies to a stream that arrived while it could
+not be followed.
 """
 
 from collections.abc import Iterator
@@ -17,15 +18,15 @@ from epson_driver.driver.servo.setpoint import SAME_POSITION, Setpoint
 from epson_driver.motion import Array
 
 RELEASE_S = 1.0
-"""How long a topic must ask for no motion before its next setpoint begins a new stream, s."""
+"""Time without a request for motion after which a topic may start a new stream, s."""
 
 
 @dataclass(slots=True, eq=False)
 class _Topic:
-    """What came on a topic. Times are the loop's, s.
+    """Messages received on a topic. Times are the loop's, s.
 
-    heard: the last message. asked: the last one that asked for motion. held: the last positions.
-    released: nothing has stopped or refused its stream since that began.
+    heard: last message. asked: last message that requested motion. held: last positions.
+    released: the stream has not been stopped or refused since it started.
     """
 
     heard: float = -np.inf
@@ -34,7 +35,7 @@ class _Topic:
     released: bool = False
 
     def asks(self, setpoint: Setpoint, came: float) -> bool:
-        """Return whether a setpoint asks for motion: one that holds a position does not."""
+        """Return whether a setpoint requests motion. Holding a position does not."""
         if setpoint.positions is None:
             return not setpoint.at_rest
         before = None if came - self.heard >= RELEASE_S else self.held
@@ -43,7 +44,7 @@ class _Topic:
             return True
         if float(np.abs(setpoint.positions - before).max()) > SAME_POSITION:
             return True
-        self.held = before  # or it could creep
+        self.held = before  # otherwise the position could creep
         return False
 
 
@@ -55,20 +56,20 @@ class RestartInterlock:
         self._tripped = -np.inf
 
     def trip(self, now: float) -> None:
-        """Block every stream that goes on, on any topic: the arm was stopped."""
+        """Block the current streams on all topics because the arm was stopped."""
         self._tripped = now
         for topic in self._topics.values():
             topic.released = False
 
     def block(self, source: str) -> None:
-        """Block the stream that goes on, on one topic: it came when it could not be followed."""
+        """Block the current stream on one topic because it could not be followed."""
         self._topics[source].released = False
 
     def hear(self, source: str, setpoint: Setpoint | None, came: float, *, missed: bool) -> bool:
-        """Record a message, and return whether it asks for motion.
+        """Record a message, and return whether it requests motion.
 
-        `setpoint`: None if the message is invalid, which asks for motion. `missed`: others came
-        before it that nobody has seen, which may have asked for motion.
+        `setpoint`: None for an invalid message, which counts as a request for motion. `missed`:
+        earlier messages were lost, which may have requested motion.
         """
         topic = self._topics.setdefault(source, _Topic())
         asks = setpoint is None or topic.asks(setpoint, came)
@@ -84,7 +85,7 @@ class RestartInterlock:
         return self._topics[source].released
 
     def waiting(self, now: float) -> Iterator[tuple[str, float]]:
-        """Yield the topics that send and are blocked, and in how many s they are released."""
+        """Yield the topics that send and are blocked, and their remaining time, s."""
         for source, topic in self._topics.items():
             since = max(topic.asked, self._tripped)
             if not topic.released and topic.heard >= self._tripped and now - since < RELEASE_S:

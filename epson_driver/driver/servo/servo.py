@@ -1,30 +1,34 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Streams of setpoints: which one is followed, and how the arm follows it (docs/servo.md).
+"""Streams of setpoints: which stream is followed, and how the arm follows it (docs/servo.md).
 
 Rules:
 
-1. One stream at a time, and none beside a goal. The first setpoint of a stream is where it
-   begins: the arm gate is open, the arm stands, nobody else moves it, and a position is near the
-   arm. Until then setpoints are refused, and the log says why, once.
-2. The newest setpoint counts, and only it is kept. A tracker (motion/setpoint_tracker.py) goes
-   there inside a share of every limit; its positions are sent as points, one on its way at a
-   time, `period` apart or more, in the time that has passed, never as fast as they come.
-3. Whatever closes the arm gate, and every STOP, ends the stream at once, with STOP. Before each
-   point all that forbids it is looked at in the same turn of the loop in which it is sent.
-4. After that, and after each closing of the gate, a stream must be let go of first, whoever sends
-   it (restart_interlock.py); so must one that was refused. Positions must begin near the arm.
-5. Velocities that are all zero, or silent for `timeout`, send STOP: a key was let go of, and what
-   a controller still has of the way it would go. The arm stands before it is followed again. A
-   pause (speed scaling 0) sends STOP, too. Positions that are silent for `timeout` end at the last
-   one. An arm that they left behind brakes where it is, and so does every arm with a `timeout` of
-   FRESH_S or less.
-   A stream that was silent for RELEASE_S is over when the arm stands; so it is when a goal comes
-   and all is still.
-6. Behind positions the arm catches up at `catch_up` times their own speed at most, whatever the
-   limits would allow.
-7. The controller never knows more than MAX_LAG_S ahead of the arm: no point is sent before the arm
-   has come closer.
+1. Only one stream is followed at a time, and none while a goal runs. A stream starts with its
+   first setpoint, provided that the arm gate is open, the arm is at rest, no other client moves
+   it, and a position is near the arm. Until then setpoints are refused, and the reason is logged
+   once.
+2. Only the newest setpoint is stored and followed. A tracker (motion/setpoint_tracker.py) moves
+   toward it within a fraction of every limit. Its positions are sent as points, one pending at a
+   time and at least `period` apart. Each point covers the time since the previous one, regardless
+   of the rate at which setpoints arrive.
+3. Any closing of the arm gate and every STOP ends the stream immediately, with STOP. All
+   conditions that inhibit motion are checked before each point, in the same turn of the loop that
+   sends it.
+4. After that, and after each closing of the gate, a stream must be released before it is followed
+   again, whichever publisher sends it (restart_interlock.py). The same applies to a stream that
+   was refused. Positions must start near the arm.
+5. Velocities that are all zero, or that stop arriving for `timeout`, send STOP: they mean a
+   released key, and without STOP the controller would still execute its remaining points. The arm
+   comes to rest before it follows the stream again. A pause (speed scaling 0) also sends STOP. If
+   positions stop arriving for `timeout`, the arm ends at the last one. If the arm lags too far
+   behind them (LEFT_BEHIND_S), or if `timeout` is FRESH_S or less, it brakes where it is instead.
+   A stream that was silent for RELEASE_S ends when the arm is at rest. A stream that is silent and
+   whose arm is at rest also ends when a goal arrives.
+6. When the arm is behind positions, it catches up at no more than `catch_up` times their speed,
+   even if the limits would permit more.
+7. The controller never has more than MAX_LAG_S of motion ahead of the arm. No further point is
+   sent before the arm has come closer.
 """
 
 import asyncio
@@ -60,50 +64,51 @@ from epson_driver.motion.setpoint_tracker import Aim, SetpointTracker, servo_lim
 from epson_driver.simple_message import Message, Packet
 
 CYCLE_S = 0.02
-"""How often is looked whether to send a point, and whether one may still be sent, s."""
+"""Period for checking whether to send a point, and whether one may still be sent, s."""
 
 MAX_STEP_S = 0.2
-"""What one point may cover at most, s: a controller may take long to answer one."""
+"""Maximum time that one point covers, s: the controller may take long to reply."""
 
 DURATION_SHARE = 0.8
-"""What of the time that a point covers is sent as its duration: a controller that waited before it
-began may catch up. The tracker is as much slower, so that the arm keeps to the servo's speed. So
-it is where setpoints replace each other: they have no duration, but their share of the limits.
-Points that need not wait get more of it where the tracker is as fast as a stream's pace allows."""
+"""Fraction of the time covered by a point that is sent as its duration, so that a controller that
+started late can catch up. The tracker is slower by the same fraction, so the arm keeps the servo's
+speed. The same applies where setpoints replace each other: they have no duration, but a fraction
+of the limits. A point sent without waiting has a larger fraction if the tracker moves at the full
+speed that the stream's pace permits."""
 
 STOP_WITHIN_S = 0.3
-"""The arm is never so fast that a stop with its whole limits would take longer, s."""
+"""Maximum stopping time with the full limits, s. It bounds the speed of the arm."""
 
 MAX_LAG_S = 0.5
-"""While more than this is sent ahead of the arm, nothing more is, s."""
+"""Maximum time that is sent ahead of the arm, s."""
 
 MIN_STEP = 1e-6
-"""A smaller change of all joints, rad or m, is not sent before the tracker rests."""
+"""Minimum change of any joint that is sent before the tracker is at rest, rad or m."""
 
 REST_STEP = 1e-8
-"""Nor is a smaller one when it rests: that is rounding."""
+"""The same for a tracker at rest. Smaller changes are rounding errors."""
 
 SLOWEST_SHARE = 1e-3
-"""Of a joint's velocity limit: so fast it may always go where a stream of positions is."""
+"""Fraction of a joint's velocity limit that is always permitted for following positions."""
 
 LEFT_BEHIND_S = 0.25
-"""An arm that is sent so far behind a stream was left behind, s; less is the tracker's own lag."""
+"""Lag behind a stream above which the arm counts as left behind, s. The tracker's lag is less."""
 
 NEAR = 0.01
-"""An arm that stands so near to the last point, rad or m, has done all that was sent."""
+"""Distance to the last point, rad or m, within which an arm at rest has executed all points."""
 
 LATE_REST_S = 2.0
-"""An arm that stands elsewhere so long after the last reply will not go there any more, s."""
+"""Time after the last reply, s, after which an arm at rest elsewhere will not move any more."""
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(slots=True)
 class ServoCounts:
-    """Setpoints since the start.
+    """Counts of setpoints since the start.
 
-    late: those before which the arm had braked on its way. left_behind: those that came while the
-    arm was sent more than LEFT_BEHIND_S behind them.
+    late: setpoints before which the arm had started to brake. left_behind: setpoints that arrived
+    while the arm was more than LEFT_BEHIND_S behind the stream.
     """
 
     received: int = 0
@@ -115,14 +120,14 @@ class ServoCounts:
 
 @dataclass(slots=True, eq=False)
 class _Session:
-    """A stream that is followed. Times are the loop's, s.
+    """A stream being followed. Times are the loop's, s.
 
-    sent, sent_velocity: of the last point; sequence: of the next. waiting: its reply is awaited,
-    since `posted`; waited: the last one took its time. span: tracker's time since the last point.
-    time: of the last point. braked: the stream was silent, and the arm brakes. let_go: STOP was
-    sent, as nobody asks for motion. reference: where positions lead from `heard` on. fastest: what
-    their pace allows, shape (n,). behind: how far the tracker is behind them, s; said_behind: the
-    log has said that.
+    sent, sent_velocity: of the last point. sequence: number of the next point. waiting: a reply is
+    pending since `posted`. waited: the last step was longer than usual. span: tracker time since
+    the last point. time: of the last point. braked: the stream was silent and the arm brakes.
+    let_go: STOP was sent because no motion is requested. reference: planned positions from `heard`
+    on. fastest: maximum speed from the stream's pace, shape (n,). behind: lag of the tracker, s.
+    said_behind: this lag has been logged.
     """
 
     setpoint: Setpoint
@@ -156,7 +161,7 @@ class _Session:
 
     @property
     def all_sent(self) -> bool:
-        """Whether the controller has all that the tracker went, and has answered it."""
+        """Whether all of the tracker's motion has been sent and acknowledged."""
         if self.waiting or not self.sequence or not self.tracker.at_rest:
             return False
         return float(np.abs(self.sent - self.tracker.state[0]).max()) < MIN_STEP
@@ -165,8 +170,8 @@ class _Session:
 class Servo:
     """Follows streams of setpoints while `run` runs, in the same loop.
 
-    `on_broken_off` is called with an outcome after which the arm must be enabled again, and
-    whether an answer is missing. `settings` may be changed at any time.
+    `on_broken_off` is called with an outcome after which the arm must be enabled again, and with
+    True if a reply is missing. `settings` may be changed at any time.
     """
 
     def __init__(
@@ -181,7 +186,7 @@ class Servo:
         self.settings = ServoSettings()
         self.counts = ServoCounts()
         self.lag = 0.0
-        """How far the arm is behind the points that were sent, or was in the end, s."""
+        """Current or last lag of the arm behind the points that were sent, s."""
         self._limits = limits
         self._robot = robot
         self._why_not = why_not
@@ -198,7 +203,7 @@ class Servo:
         self._valid: set[str] = set()
         self._first_problem: dict[str, str] = {}
 
-    # --- what others want to know -----------------------------------------------------------
+    # --- status -----------------------------------------------------------------------------
 
     @property
     def active(self) -> bool:
@@ -207,25 +212,25 @@ class Servo:
 
     @property
     def source(self) -> str:
-        """The topic that is followed, or '' if none is."""
+        """Topic of the stream being followed, or '' if none."""
         return '' if self._session is None else self._session.source
 
     @property
     def mode(self) -> Mode | None:
-        """What is followed, or None if nothing is."""
+        """Mode of the stream being followed, or None if none."""
         return None if self._session is None else self._session.setpoint.mode
 
     @property
     def commanded(self) -> Array | None:
-        """Where the stream that is followed has the joints be now, shape (n,), or None."""
+        """Commanded joint positions of the stream being followed, shape (n,), or None."""
         return None if self._session is None else self._session.tracker.state[0]
 
     def blocked(self, now: float) -> dict[str, float]:
-        """Return the topics that must be let go of, and how long until they are released, s."""
+        """Return the topics that must be released, and the remaining time for each, s."""
         return dict(self._interlock.waiting(now))
 
     def occupation(self) -> str | None:
-        """Return why no goal may begin now, or None if no stream has the arm."""
+        """Return why no goal may start now, or None if no stream uses the arm."""
         session = self._session
         if session is None:
             return None
@@ -235,14 +240,14 @@ class Servo:
             return None
         return f'the arm follows a stream of setpoints on {session.source}'
 
-    # --- what comes in ----------------------------------------------------------------------
+    # --- input ------------------------------------------------------------------------------
 
     def take(
         self, setpoint: Setpoint, came: float | None = None, *, missed: bool = False
     ) -> str | None:
-        """Follow a setpoint, if that may be, instead of the one before, or return why not.
+        """Follow a setpoint instead of the previous one, or return why it is refused.
 
-        `came`: the loop's time when it came, s; None: now. `missed`: messages before it were lost.
+        `came`: the loop's time of arrival, s; None: now. `missed`: earlier messages were lost.
         """
         now = _now()
         self.counts.received += 1
@@ -263,12 +268,12 @@ class Servo:
         return None
 
     def refuse(self, source: str, why: str, came: float | None = None) -> None:
-        """Take note of a message on a topic that is no setpoint at all."""
+        """Record a message that is not a valid setpoint."""
         self.counts.received += 1
         self._refuse_invalid(source, why, _now() if came is None else came)
 
     def stop(self, why: str) -> bool:
-        """Stop following any stream, and return whether there was one."""
+        """Stop following any stream, and return whether one was followed."""
         self._interlock.trip(_now())
         self._said.clear()
         session = self._session
@@ -280,13 +285,13 @@ class Servo:
         return True
 
     def withdraw(self) -> None:
-        """Take a negative reply to something that the controller had acknowledged before."""
+        """Handle a negative reply to a message that the controller acknowledged before."""
         session = self._session
         if session is not None and not session.let_go:
             self._break_off(session, 'the controller withdrew an acknowledgement')
 
     def on_joints(self, sample: JointSample, now: float) -> None:
-        """Look at new joints."""
+        """Evaluate new joints."""
         session = self._session
         if session is None:
             return
@@ -296,7 +301,7 @@ class Servo:
         self.lag = session.lag.now
 
     async def run(self) -> None:
-        """Send points while there is a stream, until cancelled."""
+        """Send points while a stream is followed, until cancelled."""
         while True:
             await self._begun.wait()
             self._looked = due = _now()
@@ -306,7 +311,7 @@ class Servo:
                 await asyncio.sleep(due - _now())
             self._begun.clear()
 
-    # --- the beginning ----------------------------------------------------------------------
+    # --- start ------------------------------------------------------------------------------
 
     def _try_to_begin(self, setpoint: Setpoint, now: float, came: float) -> str | None:
         if (found := self._why_not(Purpose.STREAM, now)) is not None:
@@ -323,7 +328,7 @@ class Servo:
         return None
 
     def _why_blocked(self, setpoint: Setpoint) -> tuple[str, str] | None:
-        """Return that a stream must be let go of first, or None."""
+        """Return a refusal if the stream must be released first, or None."""
         if self._interlock.permits(setpoint.source):
             return None
         return 'blocked', (
@@ -332,7 +337,7 @@ class Servo:
         )
 
     def _why_too_far(self, setpoint: Setpoint, sample: JointSample) -> tuple[str, str] | None:
-        """Return which joint is too far from the first position, or from its range, or None."""
+        """Return a refusal if a joint is too far from the first position or its range, or None."""
         limits, tolerance = self._limits, self.settings.start_tolerance
         inside = np.clip(sample.positions, limits.position_min, limits.position_max)
         wanted = inside if setpoint.positions is None else setpoint.positions
@@ -349,7 +354,7 @@ class Servo:
         return None
 
     def _begin(self, setpoint: Setpoint, sample: JointSample, now: float, came: float) -> None:
-        """Begin a session where the arm stands. Raises GoalRejectedError."""
+        """Start a session at the arm's position. Raises GoalRejectedError."""
         limits = self._limits
         start = np.clip(sample.positions, limits.position_min, limits.position_max)
         standstill = Standstill(now)
@@ -381,7 +386,7 @@ class Servo:
         self._post(session, first, now)
 
     def _go_on(self, session: _Session, setpoint: Setpoint, now: float, came: float) -> str | None:
-        """Take a setpoint while a stream is followed."""
+        """Process a setpoint while a stream is followed."""
         if setpoint.source != session.source or setpoint.mode is not session.setpoint.mode:
             if setpoint.at_rest:
                 return None
@@ -390,7 +395,7 @@ class Servo:
         if (why := self._contradiction(session, setpoint, came)) is not None:
             return self._refuse_invalid(setpoint.source, why, now)
         session.setpoint = setpoint
-        if setpoint.at_rest:  # as good as silent
+        if setpoint.at_rest:  # handled like silence
             self._let_go(session, now)
             return None
         session.heard = came
@@ -408,7 +413,7 @@ class Servo:
         return session.check.add(came, setpoint.positions, setpoint.velocities)
 
     def _plot(self, session: _Session, setpoint: Setpoint, came: float) -> None:
-        """Interpolate the setpoint's window, once."""
+        """Update the reference from a position setpoint."""
         if setpoint.positions is None:
             return
         estimate = None
@@ -442,7 +447,7 @@ class Servo:
         )
 
     def _refuse(self, setpoint: Setpoint, kind: Cause | str, text: str) -> str:
-        """Count it, say why once for each kind of reason and stream, and return why."""
+        """Count a refused setpoint, log the reason once per kind and stream, and return it."""
         self.counts.refused += 1
         if kind != 'far':
             self._interlock.block(setpoint.source)
@@ -458,7 +463,7 @@ class Servo:
         self._interlock.hear(source, None, came, missed=False)
         if source != self.source:
             self._interlock.block(source)
-        if source not in self._valid:  # as of a controller that has no state to begin with
+        if source not in self._valid:  # for example, from a client without a state to start from
             if self._first_problem.get(source) == why:
                 return why
             self._first_problem[source] = why
@@ -471,10 +476,10 @@ class Servo:
         sample = self._robot.sample
         return sample is not None and float(np.abs(sample.positions - positions).max()) <= NEAR
 
-    # --- the way ----------------------------------------------------------------------------
+    # --- motion -----------------------------------------------------------------------------
 
     def _cycle(self, session: _Session, now: float) -> None:
-        """Let the tracker go on, and send where it is, if that may be."""
+        """Advance the tracker and send its position, if motion is permitted."""
         gap, self._looked = now - self._looked, now
         paused = not self._goals.scaling.target
         if (found := self._why_not_on(session, now)) is not None:
@@ -488,9 +493,9 @@ class Servo:
             session.braked = True
             self._let_go(session, now)
         elif min(gap, now - session.heard) > RELEASE_S and not session.tracker.at_rest:
-            self.stop(f'this driver was held up for {gap:.3g} s')  # the arm may stand since long
+            self.stop(f'this driver was held up for {gap:.3g} s')  # the arm may be at rest by now
         elif session.waiting:
-            session.posted += max(gap - MAX_COUNTED_GAP_S, 0.0)  # its reply may be there
+            session.posted += max(gap - MAX_COUNTED_GAP_S, 0.0)  # its reply may be unread
             waited = now - max(session.posted, session.standstill.alive)
             if waited > self.settings.reply_timeout:
                 text = f'no reply to setpoint {session.sequence - 1}'
@@ -504,7 +509,7 @@ class Servo:
             self._end(session)
 
     def _step_or_wait(self, session: _Session, now: float) -> None:
-        """Go on, unless the controller knows enough or is not heard, which has an end."""
+        """Take a step, or wait for the arm or its state. Break off after the reply timeout."""
         stale = self._robot.stale(now)
         waited = now - max(session.answered, session.standstill.alive)
         if (stale or session.lag.now > MAX_LAG_S) and waited > self.settings.reply_timeout:
@@ -518,7 +523,7 @@ class Servo:
         return now - session.heard > self.settings.timeout
 
     def _why_not_on(self, session: _Session, now: float) -> Inhibit | None:
-        """Return what forbids every further point, or None."""
+        """Return why no further point may be sent, or None."""
         return self._why_not(Purpose.LET_GO if session.let_go else Purpose.FOLLOW, now)
 
     def _step(self, session: _Session, now: float) -> None:
@@ -540,14 +545,14 @@ class Servo:
             return
         try:
             message = self._message(session, position, velocity, session.span)
-        except GoalRejectedError as rejection:  # a defect: it is the tracker's business
+        except GoalRejectedError as rejection:  # a defect: the tracker must respect the limits
             self._break_off(session, f'setpoints break a limit: {rejection}')
             return
         session.lag.sent(now, position)
         self._post(session, message, now)
 
     def _track(self, session: _Session, now: float, dt: float) -> None:
-        """Let the tracker go on for `dt` s, in steps of about a cycle."""
+        """Advance the tracker by `dt` s, in steps of about a cycle."""
         tracker, setpoint = session.tracker, session.setpoint
         factor = self._goals.scaling.factor(now)
         silent = self._silent(session, now)
@@ -578,10 +583,10 @@ class Servo:
         step: float,
         factor: float,
     ) -> tuple[Aim, Array]:
-        """Return where to be, as far ahead in a window as the arm is behind, and how fast.
+        """Return the target and the maximum speed. In a window, look ahead by the arm's lag.
 
-        An arm that is behind positions catches up at `catch_up` times their speed: each joint by
-        itself, so that it stays about on their line.
+        An arm that is behind positions catches up at `catch_up` times their speed. The speed is
+        limited for each joint separately, so the arm stays approximately on their line.
         """
         limits = session.tracker.limits
         own = np.maximum(session.pace.fastest(), SLOWEST_SHARE * limits.velocity)
@@ -598,9 +603,9 @@ class Servo:
     def _message(
         self, session: _Session, position: Array, velocity: Array, span: float
     ) -> Message:
-        """Return the message of the next point, `span` s of the tracker after the last one.
+        """Return the message of the next point, `span` s of tracker time after the last one.
 
-        Raises GoalRejectedError if it breaks a limit, or the controller takes no streams.
+        Raises GoalRejectedError if it violates a limit, or if the controller takes no streams.
         """
         share = DURATION_SHARE
         if session.fastest is not None and span > 0.0 and not session.waited:
@@ -622,7 +627,7 @@ class Servo:
         return message
 
     def _post(self, session: _Session, message: Message, now: float) -> None:
-        """Send a point, unless something forbids it now."""
+        """Send a point, unless motion is inhibited now."""
         if session is not self._session:
             return
         if (found := self._why_not_on(session, now)) is not None:
@@ -651,19 +656,19 @@ class Servo:
         session.waiting, session.answered = False, now
         session.standstill.expect(now)
 
-    # --- the end ----------------------------------------------------------------------------
+    # --- end --------------------------------------------------------------------------------
 
     def _let_go(self, session: _Session, now: float) -> None:
-        """Send STOP, unless all that was sent is done.
+        """Send STOP, unless all points are executed.
 
-        It is no stop that somebody asked for: the stream need not be silent before it goes on.
+        This is not a requested stop, so the stream need not be silent before it continues.
         """
         if not session.let_go and not self._done(session, now):
             session.let_go = True
             self._stopper.stop()
 
     def _go_on_or_end(self, session: _Session, now: float) -> None:
-        """Begin anew where the arm stands, if motion was asked for since it was let go of."""
+        """Restart the stream from the current position if motion was requested since its STOP."""
         self._session = None
         if session.setpoint.at_rest or self._silent(session, now):
             _log.info('the stream on %s has ended, and the arm stands', session.source)
@@ -671,7 +676,7 @@ class Servo:
             self._try_to_begin(session.setpoint, now, session.heard)
 
     def _done(self, session: _Session, now: float) -> bool:
-        """Return whether all that was sent is done, and the arm stands."""
+        """Return whether all points are executed and the arm is at rest."""
         sample = self._robot.sample
         if sample is None or not session.all_sent:
             return False
@@ -680,7 +685,7 @@ class Servo:
         return self._at(session.sent) or now - session.answered > LATE_REST_S
 
     def _end(self, session: _Session) -> None:
-        """End a stream that is over once the arm stands."""
+        """End a stream that is over and whose arm is at rest."""
         self._session = None
         if self._at(session.sent):
             self._stopper.goal_reached()
@@ -694,7 +699,7 @@ class Servo:
         unanswered: bool = False,
         unexplained: bool = False,
     ) -> None:
-        """Stop, and have the arm disabled: nobody knows what the controller will do."""
+        """Stop and disable the arm, because the controller's further motion is unknown."""
         self._session = None
         self._stopper.stop()
         outcome = Outcome(End.ABORTED, ErrorCode.PATH_TOLERANCE_VIOLATED, why, unexplained)

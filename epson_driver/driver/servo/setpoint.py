@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A setpoint of a stream, and the settings that hold for all of them."""
+"""A setpoint of a stream, and the settings for all streams."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -10,24 +10,24 @@ import numpy as np
 from epson_driver.motion import Array, JointLimits
 
 POSSIBLE_SHARE = 1.1
-"""Of a joint's velocity limit: what positions and their velocities may claim. More is an error."""
+"""Fraction of a joint's velocity limit above which claimed motion is an error."""
 
 WINDOW_BEHIND_S = 0.04
-"""How far the positions of a window may be behind where its velocities lead, as time, s."""
+"""Maximum delay of a window's positions relative to the integral of its velocities, s."""
 
 SLACK = 1e-3
-"""And how much farther, rad or m: rounding and noise."""
+"""Additional tolerance for rounding and noise, rad or m."""
 
 
 SAME_POSITION = 1e-6
-"""Positions that differ by less, rad or m, are one position that is held."""
+"""Maximum difference between positions that count as the same held position, rad or m."""
 
 STILL = 1e-4
-"""Velocities beside them that are no motion, rad/s or m/s: what a filter leaves of one."""
+"""Velocity of a held position that counts as zero, rad/s or m/s: the residue of a filter."""
 
 
 class Mode(StrEnum):
-    """What a stream gives."""
+    """Type of a stream's setpoints."""
 
     POSITION = 'position'
     VELOCITY = 'velocity'
@@ -35,12 +35,13 @@ class Mode(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ServoSettings:
-    """How streams are followed: a change holds for the next stream, `timeout` at once.
+    """Settings for following streams. Changes apply to the next stream, `timeout` immediately.
 
-    share: of the limits of velocity, acceleration and jerk, (0, 1]. timeout: silence that ends
-    a stream, s. start_tolerance: how far from the arm the first position may be, rad or m.
-    reply_timeout: patience for a reply while the arm does not move, s. period: time between two
-    points at least, s. catch_up: speed of an arm that is behind positions, of their own, ≥ 1.
+    share: fraction of the velocity, acceleration and jerk limits, (0, 1]. timeout: silence that
+    ends a stream, s. start_tolerance: maximum distance of the first position from the arm, rad or
+    m. reply_timeout: maximum wait for a reply while the arm does not move, s. period: minimum time
+    between two points, s. catch_up: speed of an arm that is behind positions, as a multiple of
+    their speed, ≥ 1.
     """
 
     share: float = 0.25
@@ -53,10 +54,10 @@ class ServoSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """Points of a stream's near future, k ≥ 2 of them.
+    """Points of a stream's near future, k ≥ 2.
 
-    times: strictly increasing, shape (k,), s since the message came. positions: shape (k, n), rad
-    or m. velocities: the same shape, per s, or None.
+    times: strictly increasing, shape (k,), s since the message arrived. positions: shape (k, n),
+    rad or m. velocities: the same shape, per s, or None.
     """
 
     times: Array
@@ -66,11 +67,11 @@ class Window:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Setpoint:
-    """One of them, from the topic `source`, joints in the controller's order.
+    """One setpoint from the topic `source`, with joints in the controller's order.
 
-    With `positions` (shape (n,), rad or m) `velocities` (the same shape, per s) say how these
-    move on; without, they are what is wanted. One of the two must be there. Positions and
-    velocities of a `window` are those of its last point.
+    `positions` have shape (n,), rad or m, and `velocities` the same shape, per s. With
+    positions, the velocities describe how these continue. Otherwise the velocities are the target.
+    At least one must be present. For a `window`, positions and velocities are from its last point.
     """
 
     source: str
@@ -80,17 +81,17 @@ class Setpoint:
 
     @property
     def mode(self) -> Mode:
-        """What it gives."""
+        """Whether the setpoint is a position or a velocity."""
         return Mode.VELOCITY if self.positions is None else Mode.POSITION
 
     @property
     def at_rest(self) -> bool:
-        """Whether it asks for nothing but standing still: a stick that was let go."""
+        """Whether all velocities are zero, as from a released joystick."""
         return self.positions is None and not np.any(self.velocities)
 
     @property
     def holds(self) -> bool:
-        """Whether it asks for one position, and for no motion there."""
+        """Whether the setpoint holds one position without motion."""
         if self.positions is None:
             return False
         if self.velocities is not None and np.abs(self.velocities).max() > STILL:
@@ -98,7 +99,7 @@ class Setpoint:
         return self.window is None or np.ptp(self.window.positions, axis=0).max() <= SAME_POSITION
 
     def problem(self, limits: JointLimits) -> str | None:
-        """Return why nobody can follow it, as a sentence, or None if it can be followed."""
+        """Return why the setpoint cannot be followed, as a sentence, or None if it can."""
         if self.positions is None and self.velocities is None:
             return 'it has neither positions nor velocities'
         for name, values in (('positions', self.positions), ('velocities', self.velocities)):
@@ -116,7 +117,7 @@ class Setpoint:
         return None
 
     def _window_problem(self, window: Window, limits: JointLimits) -> str | None:
-        """Return what is wrong with a point before the last one, or None."""
+        """Return the problem of a point before the last one, or None."""
         for name, values in (('positions', window.positions), ('velocities', window.velocities)):
             if values is None:
                 continue
@@ -141,9 +142,9 @@ class Setpoint:
         )
 
     def beyond(self, limits: JointLimits, fastest: Array) -> str | None:
-        """Return which joint it wants farther or faster than can be, as a clause, or None.
+        """Return the joint whose target exceeds its range or speed, as a clause, or None.
 
-        `fastest`: of velocities that are wanted, shape (n,).
+        `fastest`: maximum velocities for velocity setpoints, shape (n,).
         """
         if self.positions is not None:
             values, low, high, what = (
@@ -169,11 +170,11 @@ class Setpoint:
 def contradiction(
     moved: Array, led: Array, velocities: Array, limits: JointLimits, within: float
 ) -> str | None:
-    """Return which joint's velocities lead beyond its positions, as a clause, or None.
+    """Return the joint whose velocities contradict its positions, as a clause, or None.
 
-    `moved`: how far the positions went since the first one; `led`: how far the velocities lead in
-    that time; shapes (k, n), rad or m. `velocities`: those of all points, shape (m, n). `within`:
-    the positions may be behind by what the fastest of them goes in so long, s.
+    `moved`: displacement since the first position. `led`: integral of the velocities over the same
+    time. Both have shape (k, n), rad or m. `velocities`: velocities of all points, shape (m, n).
+    `within`: permitted delay of the positions at the highest of these velocities, s.
     """
     behind = np.abs(led) - np.maximum(moved * np.sign(led), 0.0)
     wrong = np.argwhere(behind > within * np.abs(velocities).max(axis=0) + SLACK)
@@ -188,7 +189,7 @@ def contradiction(
 
 
 def _too_fast(velocities: Array, limits: JointLimits, what: str) -> str | None:
-    """Return which joint is faster than it can be, as a clause, or None."""
+    """Return the joint that exceeds its possible speed, as a clause, or None."""
     wrong = np.argwhere(np.abs(velocities) > POSSIBLE_SHARE * limits.velocity)
     if not wrong.size:
         return None

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the setpoints of a stream say together: where they go, how fast, and what the arm lags."""
+"""Estimates from a stream's setpoints: target, velocity, speed and lag of the arm."""
 
 from bisect import bisect_right
 from collections import deque
@@ -16,92 +16,94 @@ from epson_driver.motion import Array, JointLimits
 from epson_driver.motion.setpoint_tracker import Aim, stopping_way
 
 FIT_SPANS_S = (0.8, 0.3, 0.14)
-"""Setpoints of so long may be taken together: all that are one line but for noise, s. What is
-newer than the last is taken as a parabola, however noisy."""
+"""Spans of setpoints that may be fitted together, s. The longest span in which the setpoints are a
+line apart from noise is used. The shortest span is fitted with a parabola, however noisy it is."""
 
 NOISE = 1.5e-3
-"""What scatters more about a line is no noise, rad or m, rms."""
+"""Maximum rms deviation from a line that counts as noise, rad or m."""
 
 RANDOM = 1.0
-"""Nor is what goes from one setpoint to the next by less than the root of this, of its rms (von
-Neumann's ratio: 2 for noise, 0 for a curve)."""
+"""Minimum ratio of squared successive differences to squared deviations for noise (von Neumann's
+ratio: 2 for noise, 0 for a curve)."""
 
 SIGNIFICANT = 4.0
-"""A slope's square counts as far as it exceeds so many times the variance that noise gives it."""
+"""A slope is reduced to 0 if its square is below this multiple of its variance from noise."""
 
 LAG_S = 0.034
-"""How long ago the place in a stream of positions was that is followed, s: so it is known on
-both sides."""
+"""Age of the position that is followed in a stream of positions, s. It ensures that setpoints are
+known on both sides of that position."""
 
 LAG_WITH_VELOCITIES_S = 0.004
-"""The same where velocities are given."""
+"""The same lag for setpoints with velocities."""
 
 FRESH_S = 0.07
-"""So long after a setpoint its stream is taken to go on, s; then it stands at that setpoint."""
+"""Time for which a setpoint is extrapolated, s. Afterward the arm rests at that setpoint."""
 
 PASSED = 1e-3
-"""How far the arm may pass a setpoint at which a stream stands, rad or m."""
+"""How far the arm may pass a setpoint at which a stream stops, rad or m."""
 
 ABRUPT = 0.2
-"""A change of velocity by so much, rad/s or m/s, from one setpoint to the next ..."""
+"""Minimum change of velocity from one setpoint to the next that is abrupt, rad/s or m/s."""
 
 ABRUPT_SHARE = 0.8
-"""... and by such a share of it is abrupt: who began like this may stop like this."""
+"""Minimum fraction of the velocity that must change. A stream that starts like this may also stop
+like this."""
 
 FORGET_S = 30.0
-"""Time constant with which that is forgotten, s; one gentle turn is enough for it."""
+"""Time constant for forgetting abrupt changes, s. One gentle reversal clears them immediately."""
 
 MIN_SPAN_S = 0.01
-"""Setpoints that come closer together were held up: their velocity is that over so long, s."""
+"""Minimum interval for estimating velocity, s. Closer arrivals are network bunching."""
 
 OLDEST_SHARE = 0.2
-"""Of what a new setpoint shows, in the usual age of one before the next."""
+"""Filter weight of a new setpoint in the usual age of a setpoint before the next one."""
 
 ABRUPT_MARGIN = 1.2
-"""An abrupt stop may be so many times as hard as the hardest so far."""
+"""Expected size of the next abrupt stop, as a multiple of the largest abrupt change."""
 
 MIN_FITTED = 6
-"""Fewer setpoints tell nothing of their noise."""
+"""Minimum number of setpoints for estimating noise."""
 
 ROUNDING = 1e-12
-"""Positions that differ by less, rad or m, are one."""
+"""Maximum difference between positions that count as equal, rad or m."""
 
 
 TINY = 1e-30
 
 
 class StreamFilter:
-    """Where the joints are to be after single setpoints that come late, noisy, or not at all.
+    """Estimates where the joints are to be from setpoints that are late, noisy or missing.
 
-    A line is laid through as many of the last setpoints as are one but for noise (Janabi-Sharifi
-    et al., 2000, choose the span so for velocities of encoders), else a parabola through the
-    newest. What is followed lies a little in the past of it, where it is known best. Velocities
-    that come along are integrated, so that only what positions tell beside them is fitted.
+    A line is fitted through the longest span of setpoints whose deviations from it are noise.
+    Janabi-Sharifi et al. (2000) choose the span for encoder velocities in this manner. If even a
+    short span is not a line, a parabola is fitted through the newest setpoints. The followed
+    position is a little in the past of the fit, where it is known best. Given velocities are
+    integrated first, so that only the remainder of the positions is fitted.
 
-    The joints do not pass where the stream stands, as far as they can stop there. A stream that
-    has once changed its velocity abruptly may do so again, so it is followed at the distance of a
-    stop from such a velocity; one that goes as a machine or a hand would tells its end in time.
-    Times are the loop's, s.
+    The joints do not pass a position where the stream stops, as far as they can stop there. A
+    stream that has once changed its velocity abruptly may do so again. It is therefore followed at
+    the distance needed to stop from such a velocity. A stream that moves like a machine or a hand
+    decelerates before its end, so it needs no such distance. Times are the loop's, s.
     """
 
     def __init__(self, limits: JointLimits) -> None:
-        """Take the limits with which the joints stop."""
+        """Set the limits with which the joints stop."""
         self._limits = limits
         none = np.zeros((0, len(limits.names)))
         self._times = np.zeros(0)
         self._positions = self._velocities = self._led = none
-        """Of the setpoints, shapes (k,), (k, n): positions, velocities, their integral."""
+        """Setpoint times, shape (k,), positions, velocities and their integral, shape (k, n)."""
         self._fit: tuple[Array, ...] = ()
-        """Time in the middle, value, slope and second derivative there, each of shape (n,)."""
+        """Time in the middle, and value, slope and second derivative there, each of shape (n,)."""
         self._speed = self._abrupt = none.sum(axis=0)
-        """The last velocity between two setpoints, and the greatest abrupt change so far."""
+        """Last velocity between two setpoints, and largest abrupt change that is remembered."""
         self._age = self._oldest = 0.0
-        """How old the newest setpoint was at the last step, and is before the next one comes."""
+        """Age of the newest setpoint at the last step, and usual age when the next one arrives."""
 
     def add(self, time: float, positions: Array, velocities: Array | None = None) -> Array:
-        """Take a setpoint of shapes (n,), and return how fast the stream is at least, shape (n,).
+        """Add a setpoint with shapes (n,), and return the stream's minimum speed, shape (n,).
 
-        That is the smaller one of the velocity that was fitted and that over the last step.
+        It is the smaller of the fitted velocity and the velocity over the last step.
         """
         limits = self._limits
         position = np.clip(positions, limits.position_min, limits.position_max)
@@ -115,7 +117,7 @@ class StreamFilter:
             self._see_speed(velocity if velocity.any() else told, span)
             self._oldest += OLDEST_SHARE * (self._age - self._oldest)
             first = int(np.searchsorted(self._times, time - FIT_SPANS_S[0]))
-        elif before:  # at the same time: instead of the one before
+        elif before:  # at the same time: replaces the previous setpoint
             first, led, time = 0, self._led[-1], float(self._times[-1])
             self._times, self._positions, self._velocities, self._led = (
                 each[:-1] for each in (self._times, self._positions, self._velocities, self._led)
@@ -134,7 +136,7 @@ class StreamFilter:
         return np.where(speed * self._speed > 0.0, least, 0.0)
 
     def _see_speed(self, speed: Array, span: float) -> None:
-        """Compare the velocity between two setpoints with the one before."""
+        """Compare the velocity between two setpoints with the previous one."""
         change = np.abs(speed - self._speed)
         fastest = np.maximum(np.abs(speed), np.abs(self._speed))
         abrupt = (change > ABRUPT) & (change > ABRUPT_SHARE * fastest)
@@ -144,7 +146,7 @@ class StreamFilter:
         self._speed = speed
 
     def _fitted(self) -> tuple[Array, ...]:
-        """Fit what the positions tell beside their velocities, in the longest span that is fit."""
+        """Fit the positions minus the integrated velocities, in the longest suitable span."""
         told = self._positions - self._led
         count = told.shape[1]
         chosen = np.zeros((4, count))
@@ -170,10 +172,10 @@ class StreamFilter:
         return tuple(chosen)
 
     def aim(self, now: float, ahead: float = 0.0) -> Aim:
-        """Return where the joints are to be, later than all setpoints.
+        """Return the target of the joints, which is later than all setpoints.
 
-        `ahead`: how much longer than usual ago the step to there began, s: so much sooner a stop
-        begins.
+        `ahead`: time by which the current step is longer than usual, s. A stop starts earlier by
+        this time.
         """
         times, limits = self._times, self._limits
         age = float(now - times[-1])
@@ -199,10 +201,10 @@ class StreamFilter:
         position = value + away * (slope + away * curvature / 2.0) + led
         velocity = velocity + since * acceleration + slope + away * curvature
         acceleration = acceleration + curvature
-        # what the stream shows at least: it may stand there
+        # the minimum that the stream shows: it may stop there
         newest = self._positions[-1] + age * self._velocities[-1]
         shown = np.concatenate([self._positions[index:], newest[None]])
-        # no fit goes another way than the setpoints round it
+        # the fitted velocity stays between the velocities of the adjacent setpoints
         last = slice(max(index - 1, 0), None)
         if len(times[last]) > 1 and not self._velocities[-1].any():
             steps = np.diff(self._positions[last], axis=0) / np.diff(times[last])[:, None]
@@ -214,7 +216,7 @@ class StreamFilter:
         abrupt = np.minimum(speed, ABRUPT_MARGIN * self._abrupt)
         way = stopping_way(limits, abrupt)
         stop = way + abrupt * (self._oldest - lag)
-        # all joints by the same time, so that they stay on their line
+        # the same delay for all joints, so that they stay on their line
         back = speed * max(float(np.max(stop / np.maximum(speed, TINY))), 0.0)
         on = np.maximum(stopping_way(limits, speed) + speed * (age - lag) - back, 0.0)
         low = shown.min(axis=0) - PASSED - np.where(velocity < 0.0, on, 0.0)
@@ -230,9 +232,9 @@ class StreamFilter:
 
 
 def _line(times: Array, values: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Fit lines to values of shape (k, n), k ≥ 3 (as `StreamFilter` keeps fits).
+    """Fit lines to values of shape (k, n), k ≥ 3 (format of `StreamFilter._fit`).
 
-    Return them and whether what they leave is noise, shape (n,).
+    Return the fits, and whether their residuals are noise, shape (n,).
     """
     middle = times.mean()
     away = times - middle
@@ -273,16 +275,16 @@ def _parabola(times: Array, values: Array) -> Array:
 
 
 MOVED = 1e-3
-"""An arm that has gone so far, rad or m, shows its direction."""
+"""Minimum displacement that shows the arm's direction, rad or m."""
 
 CHECK_MEMORY_S = 0.4
-"""Older setpoints do not count, s."""
+"""Maximum age of setpoints that are compared, s."""
 
 BEHIND_S = 0.1
-"""How far positions may be behind where their velocities lead, as time, s: they come late."""
+"""Maximum delay of positions relative to the integral of their velocities, s."""
 
 TRUSTED_AFTER_S = 0.15
-"""Velocities count in full once positions have agreed with them for so long, s."""
+"""Time of agreement between velocities and positions until velocities are trusted, s."""
 
 
 class VelocityCheck:
@@ -295,9 +297,9 @@ class VelocityCheck:
         """Whether the positions have agreed with the velocities for long enough."""
 
     def add(self, time: float, positions: Array, velocities: Array) -> str | None:
-        """Take a setpoint of shapes (n,) that came at `time` s, and return what is contradictory.
+        """Add a setpoint with shapes (n,), received at `time` s, and return a contradiction.
 
-        None: nothing is, so far.
+        Returns None if the positions agree with the velocities.
         """
         seen = self._seen
         if seen and time - seen[-1][0] > CHECK_MEMORY_S:
@@ -318,21 +320,21 @@ class VelocityCheck:
 
 
 MAX_EXTRAPOLATION_S = 0.04
-"""So long after its last point a setpoint goes on with the velocity there, s: until the next one
+"""Time for which a setpoint is extrapolated with its last velocity, s. It lasts until the next one
 comes, in streams of 30 Hz and more."""
 
 
 class StreamReference:
-    """Positions and velocities over time, from one setpoint of positions.
+    """Positions and velocities over time, from one position setpoint.
 
-    They are made from all points of a window, within the range and the velocity limits. Times are
-    since the setpoint came, s. `estimate`: velocities for a setpoint that has none, shape (n,).
+    All points of a window are used, within the range and the velocity limits. Times count from the
+    arrival of the setpoint, s. `estimate`: velocities for a setpoint without any, shape (n,).
     """
 
     def __init__(
         self, setpoint: Setpoint, limits: JointLimits, estimate: Array | None = None
     ) -> None:
-        assert setpoint.positions is not None  # noqa: S101 - who asks knows the mode
+        assert setpoint.positions is not None  # noqa: S101 - the caller checks the mode
         window = setpoint.window
         if window is None:
             times, positions = np.zeros(1), setpoint.positions[None]
@@ -349,17 +351,17 @@ class StreamReference:
         self._positions = np.clip(positions, limits.position_min, limits.position_max)
         self._velocities = np.clip(velocities, -limits.velocity, limits.velocity)
         self.fastest: Array = np.abs(self._velocities).max(axis=0)
-        """The greatest speed that it has for each joint, shape (n,)."""
+        """Highest speed of each joint, shape (n,)."""
 
     @property
     def reach(self) -> float:
-        """How far ahead of its arrival it is known, s, or 0 for a single setpoint."""
+        """How far beyond its arrival the setpoint is known, s, or 0 for a single setpoint."""
         return max(self._times[-1], 0.0)
 
     def aim(self, time: float, dt: float, limits: JointLimits) -> Aim:
-        """Return where the joints are to be at a time of a window, by a step of `dt` s.
+        """Return the target at a time of a window, for a step of `dt` s.
 
-        They do not pass what comes after it, and a stop with these limits at its end.
+        The joints pass neither the later points nor the stopping position at the window's end.
         """
         position, velocity = self.at(time)
         acceleration = (velocity - self.at(time - dt)[1]) / dt
@@ -373,8 +375,8 @@ class StreamReference:
     def at(self, time: float) -> tuple[Array, Array]:
         """Return position and velocity at a time, shapes (n,).
 
-        Between points they are those of a cubic; before the first one nothing moves yet, after
-        the last one its velocity goes on for MAX_EXTRAPOLATION_S.
+        Between points a cubic is used. Before the first point the joints are at rest. After the
+        last point its velocity continues for MAX_EXTRAPOLATION_S.
         """
         times, positions, velocities = self._times, self._positions, self._velocities
         if time >= times[-1]:
@@ -396,15 +398,15 @@ class StreamReference:
 
 
 PACE_SPAN_S = 0.1
-"""A step counts as a motion in so much time at least, s: messages may come in bursts."""
+"""Minimum duration of a step for estimating its speed, s: messages may come in bursts."""
 
 PACE_MEMORY_S = 0.5
-"""So long a speed counts at least, s."""
+"""Minimum time for which a speed is remembered, s."""
 
 
 @dataclass(slots=True)
 class _Passage:
-    """Where a stream was at a time, s, and its speed, shapes (n,)."""
+    """Position and speed of a stream at a time, s, shapes (n,)."""
 
     time: float
     position: Array
@@ -412,9 +414,9 @@ class _Passage:
 
 
 class StreamPace:
-    """How fast a stream of positions goes itself, on the way that is still to be followed.
+    """Estimates the speed of a stream of positions over the path that is still to be followed.
 
-    It begins with a step from where the arm stands, `start`, shape (n,). Times are the loop's, s.
+    The first step starts at the arm's position `start`, shape (n,). Times are the loop's, s.
     """
 
     def __init__(self, start: Array, time: float) -> None:
@@ -423,7 +425,7 @@ class StreamPace:
         self._passed = 0
 
     def add(self, time: float, reference: StreamReference) -> None:
-        """Take a setpoint of the stream, later than those before."""
+        """Add a setpoint of the stream, later than the previous ones."""
         position, _ = reference.at(0.0)
         before = next(
             (each for each in reversed(self._way) if time - each.time >= PACE_SPAN_S), self._way[0]
@@ -434,7 +436,7 @@ class StreamPace:
         self._way.append(_Passage(time, position, speed))
 
     def see(self, time: float, position: Array) -> float:
-        """Return how far a place that the arm was sent to, shape (n,), is behind the stream, s."""
+        """Return how far a commanded position of the arm, shape (n,), is behind the stream, s."""
         way = self._way
         first = max(self._passed, 0)
         if float(np.abs(way[-1].position - position).max()) <= NEAR:
@@ -450,51 +452,51 @@ class StreamPace:
         return behind
 
     def fastest(self) -> Array:
-        """Return the greatest speed of each joint on that way, shape (n,)."""
+        """Return the highest speed of each joint on that path, shape (n,)."""
         speeds: Array = np.array([each.speed for each in self._way]).max(axis=0)
         return speeds
 
 
 NEAR = 1e-3
-"""An arm so near to the last setpoint, rad or m, is there."""
+"""Distance to the last setpoint, rad or m, within which the arm has reached it."""
 
 MAX_SENT = 256
-"""Setpoints that are remembered: five seconds of them."""
+"""Maximum number of stored setpoints, which cover five seconds."""
 
 BEHIND_FILTER_S = 0.2
-"""Time constant of how far the arm is taken to be behind, s."""
+"""Time constant for smoothing the lag of the arm, s."""
 
 NEXT = 25
-"""So many are compared with where the arm is, from the last that was nearest on."""
+"""Number of setpoints compared with the arm's position, from the last nearest one."""
 
 
 class StreamLag:
-    """Compares where the arm is with where it was sent. Times are the loop's, s."""
+    """Compares the arm's position with the positions sent. Times are the loop's, s."""
 
     def __init__(self) -> None:
         self.now = 0.0
-        """How long before the newest sample was measured the arm's place was sent, s; 0: it is
-        where it was last sent."""
+        """Time from sending the arm's current position to its newest measurement, s. It is 0 if
+        the arm is at the position that was sent last."""
         self.behind = 0.0
-        """The same, smoothed over the samples on the way. An arm that is where it was last sent
-        tells nothing: one that goes from point to point is there whenever it gets the next."""
+        """The same, smoothed over samples in motion. Samples at the last position sent are
+        ignored: an arm that moves from point to point is there whenever it receives the next."""
         self._seen = 0.0
         self._sent: deque[tuple[float, Array]] = deque(maxlen=MAX_SENT)
         self._from: Array | None = None
         self._direction: Array = np.zeros(0)
-        """The arm's last step of more than MOVED, and where it ended, shapes (n,)."""
+        """Last step of the arm of more than MOVED, and its end, shapes (n,)."""
 
     @property
     def ahead(self) -> float:
-        """How much more than the arm has done was sent, s: it is less when nothing more is."""
+        """Time that was sent beyond the arm's position, s, or less if no more points are sent."""
         return self._sent[-1][0] - self._sent[0][0] if self._sent else 0.0
 
     def sent(self, time: float, position: Array) -> None:
-        """Take note of what was sent, shape (n,)."""
+        """Record a position that was sent, shape (n,)."""
         self._sent.append((time, position))
 
     def see(self, sample: JointSample) -> None:
-        """Look where the arm is."""
+        """Update the lag from a sample of the arm's position."""
         sent = self._sent
         if not sent:
             return
@@ -514,10 +516,11 @@ class StreamLag:
             sent.popleft()
 
     def _passed(self, near: Array, position: Array) -> int:
-        """Return which of the places sent, shape (k, n), the arm was at last.
+        """Return the index of the position sent, shape (k, n), that the arm passed last.
 
-        On a way to and fro it is near a place twice: its direction tells which time. The nearest
-        place that is left in that direction counts, if it is as near as half a step allows.
+        On a path to and fro the arm is near a position twice, and its direction shows which one it
+        is. The nearest position with motion in that direction is returned, unless it is farther
+        away than the overall nearest position by more than half a step.
         """
         away = np.abs(near - position).max(axis=1)
         nearest = int(np.argmin(away))
