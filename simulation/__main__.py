@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Play worlds, and tell the first thing that did not hold (docs/reliability.md)."""
+"""Play worlds, and print the first violation of an invariant (docs/reliability.md)."""
 
 import argparse
 import hashlib
@@ -21,7 +21,7 @@ KEPT = 200
 
 
 def main() -> int:
-    """Play what was asked for; return 1 if something did not hold."""
+    """Play the requested worlds. Returns 1 if an invariant was violated, else 0."""
     parser = argparse.ArgumentParser(prog='python -m simulation', description=__doc__)
     parser.add_argument('--seed', help='one world: a number, or numbers joined by dots')
     parser.add_argument('--count', type=int, default=1, help='so many seeds, from that one on')
@@ -49,7 +49,7 @@ def main() -> int:
 
 
 def played(world: World, events: list[Event]) -> BrokenError | None:
-    """Play a world; return what did not hold."""
+    """Play a world and return the violation, or None."""
     try:
         world.play(events)
     except BrokenError as error:
@@ -58,7 +58,7 @@ def played(world: World, events: list[Event]) -> BrokenError | None:
 
 
 def tell(seed: str, events: list[Event]) -> None:
-    """Print the fewest events that fail, as a story and as a test."""
+    """Print the smallest failing event list, as a story and as a test."""
     world = World(seed)
     with quiet():
         played(world, events)
@@ -73,7 +73,7 @@ def tell(seed: str, events: list[Event]) -> None:
 
 
 class Tally:
-    """What was played, and which situations it reached."""
+    """Counts of worlds and events, and the situations reached."""
 
     def __init__(self) -> None:
         self.worlds = self.events = self.failed = 0
@@ -83,7 +83,7 @@ class Tally:
         self._began = time.process_time()
 
     def take(self, seed: str, world: World) -> None:
-        """Count a world, and keep its seed if it reached something new."""
+        """Count a world, and keep its seed if it reached a new situation."""
         self.worlds += 1
         self.events += world.events
         self.failed += world.broken is not None

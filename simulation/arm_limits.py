@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the arm keeps its limits at every instant, by the exact extrema of its polynomials.
+"""Oracle for the arm's limits at every instant, from the exact extrema of its polynomials.
 
-What is looked at is what the simulated arm has executed, not what was planned or verified.
+It judges the executed motion of the simulated arm, not the planned or verified one.
 """
 
 from collections.abc import Callable
@@ -24,33 +24,34 @@ from epson_driver.tool_motion.curve_motion import CurveMotion
 from simulation.oracles import BrokenError
 
 SHARE = 1e-5
-"""Of a limit, that is rounding."""
+"""Rounding tolerance, as a share of a limit."""
 
 JUMP_SHARE = 1e-4
-"""The same for a jump of velocity or acceleration: a start may be taken back within 1 us."""
+"""Tolerance for a jump of velocity or acceleration. A start may be cancelled within 1 us."""
 
 OUTSIDE_RAD = 1e-8
-"""The same for positions: how far outside of a range, and how far a motion jumps."""
+"""Tolerance for positions outside a range, and for jumps of position."""
 
 SHORT_S = 1e-7
-"""Pieces that are shorter are none, s."""
+"""Minimum duration of a piece, s. Shorter ones are ignored."""
 
 EVEN_S = 1e-3
-"""In less the jerk counts as constant, s: a rest of another piece would show in it."""
+"""Duration below which the jerk counts as constant, s. The remainder of another piece would
+distort it."""
 
 SLOPES = chebyshev.chebvander(NODES, len(NODES) - 2) @ chebyshev.chebder(
     np.linalg.inv(chebyshev.chebvander(NODES, len(NODES) - 1))
 )
-"""From the values at the nodes to the slopes there, over -1 … 1."""
+"""Matrix from the values at the nodes to the slopes there, over -1 … 1."""
 
 HALVINGS = 50
 
 At = Callable[[float], State]
-"""From a time, s, to position, velocity and acceleration, shapes (n,)."""
+"""Function from a time, s, to position, velocity and acceleration, shapes (n,)."""
 
 
 class ArmLimits:
-    """Judges executors of a controller by an arm's limits; `break_` gets what did not hold."""
+    """Judges a controller's executors by an arm's limits. `break_` receives violations."""
 
     def __init__(self, limits: JointLimits, break_: Callable[[BrokenError], object]) -> None:
         self._limits = limits
@@ -59,11 +60,11 @@ class ArmLimits:
         self._recovery: object = None
 
     def smoother(self, *args: Any, **named: Any) -> Smoother:
-        """Return a smoother whose motion is judged."""
+        """Return a smoother whose executed motion is judged."""
         return Smoother(*args, observer=Executed(self), **named)
 
     def look(self, arm: Any) -> None:
-        """Look at what the arm executes now, and at what begins off its path."""
+        """Check the current executor of the arm, and a new recovery motion."""
         executor = arm.executor
         if isinstance(executor, PointToPoint):
             if executor not in self._segments:
@@ -76,13 +77,13 @@ class ArmLimits:
                 self.judge_whole(motion, None)
 
     def judge_whole(self, motion: Motion | JointStop, before: State | None) -> None:
-        """Judge a motion that goes on until it rests."""
+        """Judge a whole motion until its end at rest."""
         if motion.duration > SHORT_S:
             spans = spans_of(motion.at, cuts(motion, 0.0, 0.0, motion.duration))
             self.judge(spans, before)
 
     def judge(self, spans: Spans, before: State | None) -> State:
-        """Judge what was executed after a state; None: it is not known. Return the state then."""
+        """Judge executed spans after a state, None if unknown. Returns the state at their end."""
         found = Extrema()
         after = found.extend(spans, self._limits, before or spans[2])
         if found.worst > 1.0 + SHARE or found.outside > OUTSIDE_RAD:
@@ -94,7 +95,7 @@ class ArmLimits:
 
 
 class Executed:
-    """Takes what a smoother executes."""
+    """Observer of a smoother's executed motion."""
 
     def __init__(self, oracle: ArmLimits) -> None:
         self._oracle = oracle
@@ -103,7 +104,7 @@ class Executed:
         self._state: State | None = None
 
     def __call__(self, now: float, what: ActivePlan | JointMotion | None) -> None:
-        """Judge what was executed until now, s, and take what is executed from now on."""
+        """Judge the motion executed until `now`, s, and record the motion that follows."""
         spans = executed_spans(self._what, self._since, now)
         if spans is not None:
             self._state = self._oracle.judge(spans, self._state)
@@ -114,7 +115,7 @@ class Executed:
 
 
 class Segments(list[Segment]):
-    """What an arm that goes from point to point has of moves, which are judged as they end."""
+    """The moves of a point-to-point arm, which are judged as they end."""
 
     def __init__(self, oracle: ArmLimits, executor: PointToPoint) -> None:
         super().__init__(executor._segments)  # noqa: SLF001
@@ -125,7 +126,7 @@ class Segments(list[Segment]):
         self._brake: object = None
 
     def append(self, segment: Segment) -> None:
-        """Take a move, which begins now or later."""
+        """Add a move, which starts now or later."""
         self._judge()
         if not self:
             rest = np.zeros_like(segment.motion.end)
@@ -134,17 +135,17 @@ class Segments(list[Segment]):
         super().append(segment)
 
     def pop(self, index: SupportsIndex = -1) -> Segment:
-        """Let go of a move that has ended."""
+        """Remove a move that has ended."""
         self._judge()
         return super().pop(index)
 
     def clear(self) -> None:
-        """Let go of all."""
+        """Remove all moves."""
         self._judge()
         super().clear()
 
     def look(self) -> None:
-        """Judge a brake that has begun: it is never ended before it has come to rest."""
+        """Judge a new brake. A brake always runs until the arm is at rest."""
         brake = self._executor._brake  # noqa: SLF001
         if brake is self._brake:
             return
@@ -153,7 +154,7 @@ class Segments(list[Segment]):
             self._oracle.judge_whole(brake.motion, self._state)
 
     def _judge(self) -> None:
-        """Judge what was executed until now."""
+        """Judge the motion executed until now."""
         now = self._executor._now  # noqa: SLF001
         if not self or now - self._since <= SHORT_S:
             return
@@ -203,7 +204,7 @@ def cuts(motion: Motion | JointStop, begin: float, since: float, until: float) -
 
 
 def _jumps(motion: Any) -> list[float]:
-    """Return when the jerk of a motion may jump, s since its begin."""
+    """Return the times at which the jerk of a motion may jump, s since its start."""
     if motion.duration == 0.0:
         return []
     if isinstance(motion, JointMoves):
@@ -222,7 +223,7 @@ def _jumps(motion: Any) -> list[float]:
 
 
 def _passages(motion: CurveMotion) -> list[float]:
-    """Return when a motion passes its curve's knots, s, and when its timing's jerk jumps."""
+    """Return the passage times of a curve's knots, and the jerk jumps of its timing, s."""
     curve, pieces = motion._curve, motion._timing.pieces  # noqa: SLF001
     shares = np.linspace(0.0, 1.0, len(curve.samples))
     low, high = np.zeros_like(shares), np.full_like(shares, motion.duration)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What happens at the controller: a person at its pendant, its faults, its network, strangers."""
+"""Events at the controller: a person at its pendant, faults, network failures, other clients."""
 
 import asyncio
 import contextlib
@@ -25,7 +25,7 @@ from simulation.virtual_loop import VirtualLoop
 from simulation.workers import Workers
 
 CLOSING = ('ESTOP_PRESS', 'MOTORS_OFF', 'DOOR_OPEN', 'MODE_MANUAL')
-"""What a person does at the controller after which the arm must be enabled again."""
+"""Pendant events after which the arm must be enabled again."""
 
 SHUT = {
     'ESTOP_PRESS': 'E-stop',
@@ -33,26 +33,26 @@ SHUT = {
     'DOOR_OPEN': 'door',
     'DOOR_CLOSE': 'door',
 }
-"""What each of these begins or ends."""
+"""The cause that each of these events sets or clears."""
 
 KNOWN_S = 3.0
-"""By then a driver knows of it, s: from STATUS, or as the state is silent."""
+"""Time within which a driver knows of a cause, s: from STATUS, or from the silent state port."""
 
 ON_ANY_PORT = ('cut', 'half_open', 'delay', 'jitter', 'coalesce', 'one_byte')
-"""Faults that can strike the remote port, too."""
+"""Faults that can affect the remote port, too."""
 
 UNSURE_S = 1.0
-"""How long changed bits may be under way, s."""
+"""Maximum time for which flipped bits may be in transit, s."""
 
 STOP_S = 0.5
-"""How long a STOP may take besides the network, s: the arm brakes."""
+"""Maximum time for a STOP in addition to the network, s: the arm brakes."""
 
 MOVES_S = 20.0
-"""How long an arm may move that a person at the controller had go on, s."""
+"""Maximum time for which the arm may move after a person's `continue`, s."""
 
 
 class Surroundings(Protocol):
-    """The world, as far as the controller has to do with it."""
+    """The parts of the world used here."""
 
     arm: Arm
     loop: VirtualLoop
@@ -73,7 +73,7 @@ class Surroundings(Protocol):
 
 
 class AtController:
-    """Methods are events of the world."""
+    """The controller's side of a world. Public methods are events of the world."""
 
     def __init__(self, world: Surroundings) -> None:
         self._world = world
@@ -81,37 +81,37 @@ class AtController:
         self._unsure_until = self._read_from = 0.0
         self._closing = -world.person
         self._shut: dict[str, float] = {}
-        """Since when the arm may not move, s, and for what."""
+        """Causes that forbid motion, with their start times, s."""
         self.links = ('remote',) if world.statements else ('motion', 'state')
-        """Ports that the driver needs: without one the arm must be enabled again."""
+        """Ports that the driver needs. After the loss of one, the arm must be enabled again."""
 
     @property
     def unsure(self) -> bool:
-        """Whether what is published may be wrong: bits were changed, and still arrive."""
+        """Whether published values may be wrong, because flipped bits are still in transit."""
         if self._world.controller.faults.active() or self._world.network.flips:
             self._doubt()
         return self._now() <= self._unsure_until
 
     def why_shut(self, since: float) -> str | None:
-        """Return why the arm must be disabled, if a driver has not been held up `since`."""
+        """Return why the arm must be disabled, for a driver that has run since `since`."""
         for why, begun in self._shut.items():
             if self._now() - max(begun, since, self._unsure_until) > KNOWN_S + self._world.person:
                 return why
         return None
 
     def hung(self, seconds: float) -> None:
-        """Take note that what comes now is read only after so long, s."""
+        """Record that the driver reads new data only after `seconds`."""
         unsure, self._read_from = self.unsure, self._now() + seconds
         if unsure:
             self._doubt()
 
     def _doubt(self) -> None:
-        """Take note that bits of what comes now may be wrong, until some time after it is read."""
+        """Record that new data may be wrong until UNSURE_S after it is read."""
         until = max(self._now(), self._read_from) + UNSURE_S
         self._unsure_until = max(until, self._unsure_until)
 
     def keeps_points(self) -> None:
-        """Expect old points to be gone on with until a client that came has sent STOP."""
+        """Expect old points to be executed until a new client has sent STOP."""
         world, came = self._world, self._world.controller.client_came
 
         def client_came() -> None:
@@ -129,7 +129,7 @@ class AtController:
     # --- a person ----------------------------------------------------------------------------
 
     async def pendant(self, event: str) -> None:
-        """Let a person do something, who needs a while to take back what closes the gate."""
+        """Do a person's event. Undoing an event that closed the gate takes a while."""
         if event in CLOSING:
             self._closing = self._now()
         elif (left := self._closing + self._world.person - self._now()) > 0.0:
@@ -159,7 +159,7 @@ class AtController:
             world.loop.call_later(MOVES_S, setattr, wishes, 'person', False)
 
     def mend(self) -> None:
-        """Do what helps, whatever is wrong there."""
+        """Clear every cause that prevents motion."""
         condition = self._world.controller.condition
         for wanted, event in (
             (condition.estop is EStop.PRESSED, 'ESTOP_RELEASE'),
@@ -176,14 +176,14 @@ class AtController:
     # --- faults ------------------------------------------------------------------------------
 
     async def fault(self, text: str) -> None:
-        """Let the controller or its connections fail."""
+        """Start a fault of the controller or its connections."""
         world, name = self._world, text.split()[0]
         if world.statements and name in ON_ANY_PORT:
             text = f'{re.sub(" port=[a-z]+", "", text)} port=remote'
         with contextlib.suppress(FaultError), world.servers.pacer.present():  # there are many
             world.controller.faults.start(parse(text))
             self._doubt()
-            if name == 'cut':  # of the remote port it begins a little later
+            if name == 'cut':  # the remote port fails a little later
                 after = ANSWER_TIME_S if world.statements else 0.0
                 world.loop.call_later(after, lambda: world.wishes.closed(self._now()))
         world.wishes.closed_meanwhile = True
@@ -194,13 +194,13 @@ class AtController:
             self._world.controller.faults.clear()
 
     async def worker_dies(self, which: str) -> None:
-        """Let a process that plans end."""
+        """End a planning process."""
         self._world.wishes.closed_meanwhile = True
         if (worker := self._world.workers.last(which)) is not None:
             worker.end(1)
 
     async def worker_hangs(self, which: str) -> None:
-        """Let it answer no more."""
+        """Make a planning process hang."""
         self._world.wishes.closed_meanwhile = True
         if (worker := self._world.workers.last(which)) is not None:
             worker.hangs = True
@@ -212,7 +212,7 @@ class AtController:
         return number
 
     async def network_stall(self, port: str, seconds: float) -> None:
-        """Let nothing pass on a port for a while."""
+        """Block a port for a while."""
         number = self._number_of(port)
         self._world.network.stall(number)
         self._world.users.held_up = self._now() + seconds
@@ -225,11 +225,11 @@ class AtController:
             self._world.wishes.closed(self._now())
 
     async def network_half_close(self, port: str) -> None:
-        """Let the controller see the end of what its clients send."""
+        """Half-close the connections of a port: the controller receives EOF from its clients."""
         self._world.network.half_close(self._number_of(port))
 
     async def network_flip(self, port: str, byte: int, bit: int) -> None:
-        """Change a bit of what the controller sends next on a port."""
+        """Flip a bit of the controller's next data on a port."""
 
         def flipped(data: bytes) -> bytes:
             at = byte % len(data)
@@ -239,7 +239,7 @@ class AtController:
         self._doubt()
 
     async def second_client(self, port: str, seconds: float) -> None:
-        """Let somebody else connect to a port, and leave again."""
+        """Connect another client to a port for a while."""
         self._world.users.begin(self._stranger(port, seconds), 'a stranger')
 
     async def _stranger(self, port: str, seconds: float) -> None:

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What can happen in a world: a table of events, and how a seed draws a list of them.
+"""The events of a world: a table of kinds, and the generation of event lists from a seed.
 
-An event is drawn without a look at the world, so that a list of them can be shortened or varied
-and played again: goals are offsets from where the arm is, publishers and ports have numbers.
+An event is drawn without knowledge of the world's state, so that a list can be shortened or varied
+and played again. Goals are offsets from the arm's position, and publishers and ports have numbers.
 """
 
 import zlib
@@ -22,25 +22,25 @@ JOINTS = 6
 PUBLISHERS = 4
 OUTPUTS = 3
 CALM_SHARE = 0.25
-"""In how many worlds nothing goes wrong."""
+"""Share of worlds without failures."""
 
 CLOCK_SHARE = 0.25
-"""In how many worlds a clock is set or drifts."""
+"""Share of worlds in which a clock is set or drifts."""
 
 SMOOTH_SHARE = 0.1
-"""In how many worlds the built-in controller goes smoothly through points."""
+"""Share of worlds whose built-in controller moves smoothly through points."""
 
 PREPARES_SHARE = 0.1
-"""In how many the node makes goals smooth before it executes them, though it need not."""
+"""Share of worlds whose node smooths goals before execution although it need not."""
 
 WORKER_SHARE = 0.4
-"""In how many of these the process that plans dies, and in how many it hangs."""
+"""Share of these in which the planning process dies, and in which it hangs."""
 
 SMOOTH_PROFILES = ('simulated', 'simulated', 'simulated', 'rc700a', 'generic', 'motoman')
 
 SCALES = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 1.0, 1.0)
 DISTANCES_RAD = (0.0, 2e-4, 0.005, 0.1, 0.3)
-"""How far goals go in each joint at most: some stay within their tolerance."""
+"""Maximum distances of goals in each joint. Some are within the tolerance."""
 
 PORTS = ('motion', 'motion', 'state', 'state', 'io', 'remote')
 PENDANT = (
@@ -81,23 +81,23 @@ FAULTS = (
     'estop_at_point point=2',
     'reboot for={t}',
 )
-"""Faults of the controller, in the words of `pendant fault`."""
+"""Faults of the controller, in the syntax of `pendant fault`."""
 
 
 AXES = ('1', '2', '3', '4', '5', '6', 'X', 'Y', 'Z', 'U', 'V', 'W')
-"""What is moved by hand: a joint, or the tool along or about an axis."""
+"""Axes for jogging: a joint, or the tool along or about an axis."""
 
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happens `after` s after the event before. Parameters are plain values."""
+    """An event `after` s after the previous one. Parameters are plain values."""
 
     after: float
     kind: str
     parameters: Parameters
 
     def __str__(self) -> str:
-        """Return it in one line."""
+        """Return the event in one line."""
         given = ', '.join(f'{name}={value}' for name, value in self.parameters.items())
         return f'{self.kind}({given})'
 
@@ -261,20 +261,20 @@ KINDS: dict[str, tuple[float, Callable[[Rng], Parameters]]] = {
     'worker_dies': (0.0, _worker),
     'worker_hangs': (0.0, _worker),
 }
-"""Kind of event → how often it is drawn, and from what its parameters are. 0: see `events_of`."""
+"""Kind of event → its weight, and a function that draws its parameters. 0: see `events_of`."""
 
 
 Plan = tuple[tuple[float, str, Parameters], ...]
-"""Events: at most how long after the one before each comes, s, its kind, and what is not drawn."""
+"""Events: maximum time since the previous one, s, the kind, and fixed parameters."""
 
 SITUATION_SHARE = 0.5
-"""In how many worlds events come in such an order, too."""
+"""Share of worlds that include such sequences."""
 
 FAR = {'step': 1.0, 'offsets': [[0.3, -0.2, 0.3, 0.1, 0.2, 0.3], [-0.3] * JOINTS]}
 LONG = FAR | {'step': 6.0}
 STICK = {'publisher': 0, 'kind': 'velocities', 'speed': [0.3, -0.1, 0.1, 0.1, 0.1, 0.1]}
 LATER: tuple[float, str, Parameters] = (12.0, 'end_stream', {})
-"""By then an arm that nobody wants to move must stand, whatever its controller."""
+"""By this time the arm must be at rest with any controller, if no motion is requested."""
 
 SITUATIONS: tuple[Plan, ...] = (
     *(
@@ -342,7 +342,7 @@ SITUATIONS: tuple[Plan, ...] = (
         (0.5, 'goal', {}),
     ),
 )
-"""Orders in which things were wrong once, or could be; they are mixed with what is drawn."""
+"""Sequences that once revealed an error, or might. They are mixed with random events."""
 
 CLOCK_SITUATION: Plan = (
     (1.0, 'mend', {}),
@@ -353,10 +353,10 @@ CLOCK_SITUATION: Plan = (
     (0.02, 'end_stream', {'publisher': 0}),
     LATER,
 )
-"""What waits to be read was received by a clock that is set before it is read."""
+"""Setpoints received by a clock that is set before they are read."""
 
 PATIENT: Plan = ((1.0, 'enable', {}), (2.0, 'goal', {'step': 4.0}), LATER)
-"""Somebody waits for a goal, which may have the arm stand for long."""
+"""A user waits for a goal during which the arm may be at rest for long."""
 
 
 CALM_KINDS = frozenset(
@@ -375,11 +375,11 @@ CALM_KINDS = frozenset(
         'clock_drifts',
     )
 )
-"""What happens where nothing goes wrong: none of it may close the gate."""
+"""Kinds of events in worlds without failures. None of them may close the gate."""
 
 
 def events_of(seed: str) -> list[Event]:
-    """Return the events of a seed, `7`, or of one that was varied, `7.3`. Raises ValueError."""
+    """Return the events of a seed such as `7`, or of a varied one, `7.3`. Raises ValueError."""
     first, *others = (int(part) for part in seed.split('.'))
     rng = np.random.default_rng([first, 0])
     kinds = CALM_KINDS if rng.random() < CALM_SHARE else KINDS.keys()
@@ -432,7 +432,7 @@ def _put_smoothing(events: list[Event], rng: Rng, *, calm: bool) -> None:
     if calm:
         return
     for ends in ('stop', 'cancel', 'goal', 'scale', 'driver_dies'):
-        if rng.random() < WORKER_SHARE:  # while its motion is prepared, or after that
+        if rng.random() < WORKER_SHARE:  # during its preparation or afterwards
             _put(events, rng, ((1.0, 'mend', {}), (1.5, 'goal', {}), (1.0, ends, {})))
     _put_worker(events, rng, 'smoothing', 1.2)
 
@@ -445,13 +445,13 @@ def _put_worker(events: list[Event], rng: Rng, which: str, most: float) -> None:
 
 
 def smooth_profile(seed: str) -> str:
-    """Return whose controller goes smoothly through points in the world of a seed; '': none."""
+    """Return the profile of a smoothly moving controller for a seed's world, or ''."""
     rng = np.random.default_rng([int(seed.partition('.')[0]), 5])
     return str(rng.choice(SMOOTH_PROFILES)) if rng.random() < SMOOTH_SHARE else ''
 
 
 def prepared(seed: str) -> str:
-    """Return how the node makes goals smooth in the world of a seed, if at all: '' else."""
+    """Return the node's smoothing of goals in a seed's world, or ''."""
     rng = np.random.default_rng([int(seed.partition('.')[0]), 7])
     how = str(rng.choice(['resample', 'resample', 'thin', 'time_optimal']))
     return how if rng.random() < PREPARES_SHARE else ''
@@ -467,7 +467,7 @@ def draw(rng: Rng, kinds: Collection[str]) -> Event:
 
 
 def varied(events: list[Event], rng: Rng) -> list[Event]:
-    """Return a list with some events more, some fewer, and some at other times."""
+    """Return a list with some events added, removed or at other times."""
     changed = list(events)
     for _ in range(int(rng.integers(1, 5))):
         at = int(rng.integers(len(changed) + 1))
@@ -487,5 +487,5 @@ def varied(events: list[Event], rng: Rng) -> list[Event]:
 
 
 def number_of(seed: str) -> int:
-    """Return a number from which a world draws what is no event: delays, its controller."""
+    """Return a seed for the parts of a world that are not events: delays, its controller."""
     return zlib.crc32(seed.partition('.')[0].encode())

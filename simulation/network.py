@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""TCP in memory, as far as driver and controller can tell it from the system's.
+"""TCP in memory, indistinguishable from the system's for driver and controller.
 
-Bytes come in order, after a delay, or not at all while a port is stalled. A connection ends by a
-FIN behind what was sent, or by a reset that drops it. What a reader leaves unread counts as
-unsent at the other end once the system's buffers would be full.
+Bytes arrive in order, after a delay, or not at all while a port is stalled. A connection ends by a
+FIN after the data sent, or by a reset that drops unread data. Unread data counts as unsent at the
+other end once the system's buffers would be full.
 """
 
 import asyncio
@@ -17,25 +17,25 @@ from contextvars import Context, ContextVar, copy_context
 from typing import Any
 
 PROCESS: ContextVar[str] = ContextVar('process', default='')
-"""The process that a callback belongs to; '' for the world itself."""
+"""The process of a callback, or '' for the world itself."""
 
 HOST = '127.0.0.1'
 FIRST_PORT = 20000
 BUFFER_BYTES = 32_768
-"""What the system's buffers of one direction hold."""
+"""Capacity of the system's buffers in one direction."""
 
 CHUNK_BYTES = 16_384
-"""At most as much comes at once."""
+"""Maximum size of one arrival."""
 
 HIGH_WATER_BYTES = 65_536
-"""Unsent bytes above which a protocol is asked to pause, as asyncio does."""
+"""Unsent bytes above which a protocol must pause writing, like in asyncio."""
 
 
 class Network:
     """All listening ports and connections. Attributes may be changed at any time.
 
-    `delay(port)` draws how long bytes are under way, s; `stalled` are ports whose bytes, in both
-    directions, wait until they are no longer in it; nobody can connect to them either.
+    `delay(port)` draws the transit time of bytes, s. `stalled`: ports on which bytes of both
+    directions are held and connection attempts wait.
     """
 
     def __init__(self, delay: Callable[[], float]) -> None:
@@ -44,12 +44,12 @@ class Network:
         self.listeners: dict[int, Listener] = {}
         self.ends: list[End] = []
         self.flips: dict[int, Callable[[bytes], bytes]] = {}
-        """Port → what becomes of the next bytes that the controller sends on it, once."""
+        """Port → function for the next bytes sent by the controller on it, applied once."""
         self._next_port = FIRST_PORT
         self._waiting: list[asyncio.Future[None]] = []
 
     def create_server(self, address: tuple[str, int], **_: Any) -> 'Listener':
-        """Listen. In place of `socket.create_server`; raises OSError if the port is taken."""
+        """Listen, as `socket.create_server`. Raises OSError if the port is in use."""
         port = address[1] or self.new_port()
         if port in self.listeners:
             raise OSError(errno.EADDRINUSE, 'Address already in use')
@@ -57,7 +57,7 @@ class Network:
         return listener
 
     def new_port(self) -> int:
-        """Return a port that nobody has had."""
+        """Return an unused port number."""
         self._next_port += 1
         return self._next_port
 
@@ -82,11 +82,11 @@ class Network:
         return own
 
     def stall(self, port: int) -> None:
-        """Let nothing pass on a port, and nobody connect."""
+        """Block all data and new connections on a port."""
         self.stalled.add(port)
 
     def release(self, port: int) -> None:
-        """Let everything pass that waited."""
+        """Deliver all data and connections that were blocked."""
         self.stalled.discard(port)
         for end in list(self.ends):
             end.flush()
@@ -96,12 +96,12 @@ class Network:
                 each.set_result(None)
 
     def reset(self, port: int) -> None:
-        """End the connections of a port as a network device does that forgets them."""
+        """Reset the connections of a port, like a network device that has lost its state."""
         for end in [each for each in self.ends if each.port == port]:
             end.receive_reset()
 
     def half_close(self, port: int) -> None:
-        """Let the controller see the end of what its clients of a port send, and go on reading."""
+        """Send EOF to the controller for its clients of a port. It continues to read."""
         for end in [each for each in self.ends if each.port == port and each.at_server]:
             end.receive_eof()
 
@@ -112,7 +112,7 @@ class Network:
 
 
 class Listener:
-    """A listening socket, as far as PortServer asks for one."""
+    """A listening socket, with the methods used by PortServer."""
 
     def __init__(self, network: Network, port: int) -> None:
         self._network = network
@@ -121,13 +121,13 @@ class Listener:
         self._watch: tuple[Any, Callable[..., Any], tuple[Any, ...], Context] | None = None
 
     def watch(self, loop: Any, callback: Callable[..., Any], args: tuple[Any, ...]) -> None:
-        """Call for each connection that waits."""
+        """Call for each waiting connection."""
         self._watch = (loop, callback, args, copy_context())
         for _ in self._queue:
             self._call()
 
     def forget(self) -> None:
-        """Call no more."""
+        """Stop calling."""
         self._watch = None
 
     def arrived(self, sock: 'Socket') -> None:
@@ -156,13 +156,13 @@ class Listener:
         return HOST, self._port
 
     def setsockopt(self, *_: Any) -> None:
-        """Take every option."""
+        """Accept every option."""
 
     def setblocking(self, _flag: bool) -> None:
         """Never block."""
 
     def close(self) -> None:
-        """Listen no more; whoever waits is refused."""
+        """Stop listening and refuse all waiting clients."""
         self._network.listeners.pop(self._port, None)
         for sock in self._queue:
             sock.close()
@@ -171,7 +171,7 @@ class Listener:
 
 
 class Socket:
-    """One side of a connection before it has a transport, and its options afterwards."""
+    """One side of a connection before it has a transport, and its options after that."""
 
     type = socket.SOCK_STREAM
     end: 'End'
@@ -182,26 +182,26 @@ class Socket:
         self.number = number
 
     def attach(self, protocol: Any, loop: Any) -> 'End':
-        """Give it a protocol, and return its transport."""
+        """Attach a protocol, and return the transport."""
         self.end.attach(protocol, loop, self)
         return self.end
 
     def setsockopt(self, _level: int, option: int, _value: Any) -> None:
-        """Remember whether it is to end by a reset."""
+        """Record whether closing sends a reset."""
         if option == socket.SO_LINGER:
             self.end.lingers = False
 
     def fileno(self) -> int:
-        """Return a number that is no descriptor."""
+        """Return a number that is not a descriptor."""
         return -1 if self.end.is_closing() else self.number
 
     def close(self) -> None:
-        """Close it before anybody has served it."""
+        """Close the connection before it has been served."""
         self.end.vanish()
 
 
 class End(asyncio.Transport):
-    """One end of a connection: what it writes comes to its peer's protocol."""
+    """One end of a connection. Its data is delivered to the peer's protocol."""
 
     peer: 'End'
     _loop: Any
@@ -218,7 +218,7 @@ class End(asyncio.Transport):
         self._socket: Socket | None = None
         self._inbox: deque[bytes | None] = deque()
         self._under_way = 0
-        """Bytes that this end has written and its peer has not read."""
+        """Bytes written by this end and not yet read by the peer."""
         self._last_arrival = 0.0
         self._paused = False
         self._asked_to_pause = False
@@ -226,16 +226,16 @@ class End(asyncio.Transport):
         self._gone = False
         self._eof_sent = False
         self._ended = False
-        """Whether a FIN has come."""
+        """Whether a FIN has been received."""
         self._flushing = False
 
     def attach(self, protocol: Any, loop: Any, sock: Socket) -> None:
-        """Serve a protocol from now on."""
+        """Attach a protocol."""
         self._protocol, self._loop, self._socket = protocol, loop, sock
         self._context = copy_context()
         self.process = PROCESS.get()
         protocol.connection_made(self)
-        if self._gone and not self._closing:  # it was reset meanwhile
+        if self._gone and not self._closing:  # it was reset before
             self._lose(_reset_error())
         self.flush()
 
@@ -256,27 +256,27 @@ class End(asyncio.Transport):
             self._protocol.pause_writing()
 
     def writelines(self, list_of_data: Any) -> None:
-        """Send them one after the other."""
+        """Send a list of data in order."""
         self.write(b''.join(list_of_data))
 
     def write_eof(self) -> None:
-        """Send a FIN, and go on reading."""
+        """Send a FIN, and continue to read."""
         if not self._eof_sent and not self._closing:
             self._eof_sent = True
             self._send(None)
 
     def can_write_eof(self) -> bool:
-        """Return that it can."""
+        """Return True."""
         return True
 
     def close(self) -> None:
-        """End it behind what was sent."""
+        """Close the connection after the data sent so far."""
         if not self._closing:
             self.write_eof()
             self._lose(None)
 
     def abort(self) -> None:
-        """End it now; by a reset if its socket was told not to linger."""
+        """Close the connection immediately, by a reset if its socket does not linger."""
         if self._closing:
             return
         if self.lingers:
@@ -286,35 +286,35 @@ class End(asyncio.Transport):
             self._lose(None)
 
     def is_closing(self) -> bool:
-        """Return whether nothing can be sent any more."""
+        """Return whether no more data can be sent."""
         return self._closing
 
     def pause_reading(self) -> None:
-        """Leave what comes unread."""
+        """Stop reading."""
         self._paused = True
 
     def resume_reading(self) -> None:
-        """Read again."""
+        """Resume reading."""
         self._paused = False
         self.flush()
 
     def is_reading(self) -> bool:
-        """Return whether it reads."""
+        """Return whether it is reading."""
         return not self._paused and not self._closing
 
     def get_write_buffer_size(self) -> int:
-        """Return what the system's buffers do not take, bytes."""
+        """Return the number of bytes beyond the system's buffers."""
         return max(self._under_way - BUFFER_BYTES, 0)
 
     def get_write_buffer_limits(self) -> tuple[int, int]:
-        """Return the marks between which a protocol is asked to pause, bytes."""
+        """Return the low and the high water mark, bytes."""
         return HIGH_WATER_BYTES // 4, HIGH_WATER_BYTES
 
     def set_write_buffer_limits(self, high: int | None = None, low: int | None = None) -> None:
-        """Keep those of asyncio."""
+        """Ignore the limits: asyncio's defaults apply."""
 
     def set_protocol(self, protocol: Any) -> None:
-        """Serve another protocol."""
+        """Switch to another protocol."""
         self._protocol = protocol
 
     def get_protocol(self) -> Any:
@@ -322,20 +322,20 @@ class End(asyncio.Transport):
         return self._protocol
 
     def get_extra_info(self, name: str, default: Any = None) -> Any:
-        """Return its socket, or one of its addresses."""
+        """Return the socket, or one of the addresses."""
         number = self._socket.number if self._socket else 0
         ends = (HOST, self.port), (HOST, number)
         own, other = ends if self.at_server else ends[::-1]
         return {'socket': self._socket, 'sockname': own, 'peername': other}.get(name, default)
 
-    # --- what comes --------------------------------------------------------------------------
+    # --- received data -----------------------------------------------------------------------
 
     def receive_eof(self) -> None:
-        """See a FIN that the peer has not sent."""
+        """Receive a FIN that the peer has not sent."""
         self._arrive(None)
 
     def receive_reset(self) -> None:
-        """See the connection reset: what was not read is lost."""
+        """Receive a reset. Unread data is lost."""
         if self._gone:
             return
         self._inbox.clear()
@@ -344,7 +344,7 @@ class End(asyncio.Transport):
             self._lose(_reset_error())
 
     def vanish(self) -> None:
-        """Be closed by the system, without a word to the protocol."""
+        """Close the end without notifying the protocol, as the system does."""
         if not self._closing:
             self._closing = self._gone = True
             if not self._eof_sent:
@@ -352,7 +352,7 @@ class End(asyncio.Transport):
             self._forget()
 
     def flush(self) -> None:
-        """Hand what has come to the protocol, in a turn of the loop of its own."""
+        """Deliver received data to the protocol, in a separate turn of the loop."""
         if self._inbox and self._protocol is not None and not self._flushing:
             self._flushing = True
             self._loop.call_soon(self._hand_over, context=self._context)
@@ -364,12 +364,12 @@ class End(asyncio.Transport):
         loop.call_at(arrival, self.peer._arrive, data, context=Context())  # noqa: SLF001
 
     def _arrive(self, data: bytes | None) -> None:
-        if self._ended:  # nothing is read behind a FIN
+        if self._ended:  # nothing is read after a FIN
             return
         self._ended = data is None
         if self._gone or self._closing:
             if data is not None and self._closing:
-                self.peer.receive_reset()  # nobody is there any more to take it
+                self.peer.receive_reset()  # the receiver is gone
             return
         self._inbox.append(data)
         self.flush()

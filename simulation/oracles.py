@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What must hold in every world, judged without the driver's own state.
+"""Invariants of every world, judged independently of the driver's own state.
 
-What was asked for is what users did and were answered; what happened is where the simulated arm
-was commanded to go. The numbers are those of docs/invariants.md.
+Requests are known from the users' actions and the answers to them. The result is judged from the
+commanded positions of the simulated arm. The numbers are from docs/invariants.md.
 """
 
 from collections import deque
@@ -18,92 +18,92 @@ from epson_driver.motion import Array
 from epson_driver.simple_message import IoType
 
 STILL_RAD = 1e-9
-"""A commanded joint that moves less in a step stands."""
+"""Maximum step of a commanded joint that counts as at rest."""
 
 HOLD_RAD = 1e-4
-"""How far an arm that is held where it was measured may go, rad: encoders round."""
+"""Maximum motion of an arm that holds its measured position, rad: encoders round."""
 
 REACTION_S = 0.5
-"""How long what was sent before a stop may be under way to an arm that stands, s."""
+"""Maximum transit time of commands sent before a stop to an arm at rest, s."""
 
 RELEASE_S = 0.999
-"""How long a topic must ask for no motion after a stop (docs/servo.md), s."""
+"""Time for which a topic must request no motion after a stop (docs/servo.md), s."""
 
 REMEMBERED_S = 8.0
-"""How long the true joints are kept, s: what is published must be among them."""
+"""Time for which true joint positions are stored, s. Published positions must be among them."""
 
 HELD_S = 1.0
-"""How long a stream without setpoints still counts as asking for motion, s."""
+"""Time for which a stream without setpoints still counts as requesting motion, s."""
 
 ANSWERED_S = 0.02
-"""An arm that has moved since so long, s, does not stand."""
+"""An arm that has moved within this time is not at rest, s."""
 
 POSSIBLE_RAD = 0.15
-"""How far beyond their range joints may be published whatever comes, rad."""
+"""Maximum distance of published joints outside their range, in any case, rad."""
 
 LATE_WRITE_S = 5.0
-"""How long a write that was not answered may still come, s."""
+"""Time for which an unanswered write may still take effect, s."""
 
 READ_RAD = 2e-3
-"""How far what is published may be from where the arm was, rad: encoders lag and round."""
+"""Tolerance between published and true positions, rad: encoders lag and round."""
 
 
 class BrokenError(AssertionError):
-    """Something did not hold: which invariant, and what was seen."""
+    """A violated invariant, with its number and the observation."""
 
 
 @dataclass
 class Topic:
-    """A topic with setpoints, as its users know it. Times in s.
+    """A topic with setpoints, from the users' view. Times in s.
 
-    free: a stream was begun since the last stop, as a stream must.
+    free: a stream has been started since the last stop, under the rules for that.
     """
 
     wanted: float = -np.inf
-    """When it last asked for motion."""
+    """Time of the last request for motion."""
     closed: float = np.inf
-    """When the last stop began; nothing has been released since then unless `free`."""
+    """Time of the last stop. The topic has not been released since then unless `free`."""
     free: bool = False
 
 
 @dataclass
 class Wishes:
-    """What users want now: whether the arm may move, and for what."""
+    """The users' current requests: whether the arm may move, and why."""
 
     open: bool | None = False
-    """Whether the arm is enabled: answered so, and nothing has closed the gate since. None: both
-    may be true, as something closed it while it was being enabled."""
+    """Whether the arm is enabled: an enable has succeeded, and nothing has closed the gate since.
+    None: unknown, because something closed it during an enable."""
     goals: set[int] = field(default_factory=set)
-    """Goals that were handed in since the last stop, and have not ended."""
+    """Goals submitted since the last stop that have not ended."""
     given_up: dict[int, float] = field(default_factory=dict)
-    """Since when nobody wants a goal any more that has not ended, s."""
+    """Goals that are no longer wanted and have not ended, with the times, s."""
     closed_meanwhile: bool = False
-    """Whether something has closed the gate since somebody last began to open it."""
+    """Whether something has closed the gate since the last request to open it."""
     person: bool = False
-    """Whether a person at the controller had the arm go on."""
+    """Whether a person at the controller has let the arm continue."""
     topics: dict[str, Topic] = field(default_factory=dict)
     asked: float = -np.inf
-    """When somebody last began to want motion, s: between two steps that may be over again."""
+    """Time of the last new request for motion, s. It may be over before the next step."""
 
     def goal(self, number: int, now: float) -> None:
-        """Take note of a goal that somebody wants."""
+        """Record a wanted goal."""
         self.goals.add(number)
         self.asked = now
 
     def give_up(self, goals: Iterable[int], now: float) -> None:
-        """Nobody wants these goals any more."""
+        """Record that these goals are not wanted any more."""
         for number in list(goals):
             if number in self.goals:
                 self.goals.discard(number)
                 self.given_up[number] = now
 
     def any(self, now: float) -> bool:
-        """Return whether somebody wants the arm to move."""
+        """Return whether any motion is requested."""
         followed = (each.free and now - each.wanted < HELD_S for each in self.topics.values())
         return bool(self.goals) or self.person or any(followed)
 
     def nothing(self, now: float) -> None:
-        """Nobody wants motion any more: it was stopped."""
+        """Record a stop: no motion is requested any more."""
         self.give_up(self.goals, now)
         self.person = False
         for topic in self.topics.values():
@@ -111,16 +111,16 @@ class Wishes:
             topic.closed = now
 
     def closed(self, now: float) -> None:
-        """Something has closed the gate that every user can know of."""
+        """Record an event that closes the gate and is known to all users."""
         shut = [] if self.open is not False else [t for t in self.topics.values() if not t.free]
-        since = [topic.closed for topic in shut]  # what is shut already need not be let go of anew
+        since = [topic.closed for topic in shut]  # topics closed before need no new release
         self.open, self.closed_meanwhile = False, True
         self.nothing(now)
         for topic, closed in zip(shut, since, strict=True):
             topic.closed = closed
 
     def setpoint(self, source: str, now: float, *, moves: bool) -> None:
-        """Take note of a setpoint, which may begin a stream as one must after a stop."""
+        """Record a setpoint, which may start a stream under the rules after a stop."""
         topic = self.topics.setdefault(source, Topic(closed=now - 2.0))
         if not moves:
             return
@@ -132,7 +132,7 @@ class Wishes:
 
 
 class Arm:
-    """Watches every step of the controller's arm. `look`: at what that executes."""
+    """Watches every step of the controller's arm. `look` receives its executor."""
 
     def __init__(
         self, controller: Any, now: Any, wishes: Wishes, settle: float, look: Callable[[Any], None]
@@ -145,41 +145,41 @@ class Arm:
         self._step = controller.step
         controller.step = self.step
         self.moved = now()
-        """When it was last commanded to move, s."""
+        """Time of the last commanded motion, s."""
         self.travel = 0.0
-        """How far the joints were commanded to go together, rad."""
+        """Commanded travel, summed over all joints, rad."""
         self._unwanted_since: float | None = None
         self._rested = True
-        """Whether it has stood since nobody wants motion any more."""
+        """Whether it has been at rest since the last request for motion ended."""
         self._true: deque[tuple[float, Array]] = deque()
         self._commanded: Array = controller.arm.commanded.copy()
         self._rest, self._hold = self._commanded, HOLD_RAD
-        """Where it stands then, and how near to that, rad, in each joint."""
+        """Position of that rest, and the tolerance for it, rad, in each joint."""
         limits = controller.model.limits
         self._fastest = limits.velocity * (1.0 + 1e-6)
         self._low, self._high = limits.position_min - 1e-9, limits.position_max + 1e-9
 
     @property
     def at(self) -> Array:
-        """Where it is, rad, shape (n,)."""
+        """Actual position, rad, shape (n,)."""
         actual: Array = self._controller.servo.actual
         return actual
 
     @property
     def still(self) -> bool:
-        """Whether it stands, its servos too."""
+        """Whether it is at rest, its servos too."""
         return bool(self._now() - self.moved > 0.1)
 
     def step(self, seconds: float) -> None:
-        """Let time pass, and look at what the arm did. Raises BrokenError."""
+        """Advance the arm and judge its motion. Raises BrokenError."""
         self._step(seconds)
         self._look(self._controller.arm)
         now, wishes, moves = self._now(), self._wishes, False
         commanded, before = self._controller.arm.commanded, self._commanded
-        if commanded.tobytes() != before.tobytes():  # sooner done than an array's !=
+        if commanded.tobytes() != before.tobytes():  # faster than an array's !=
             self._commanded = commanded.copy()
             way = np.abs(commanded - before)
-            if not (way <= self._fastest * seconds + 1e-9).all():  # nor if it is no number
+            if not (way <= self._fastest * seconds + 1e-9).all():  # also if it is not a number
                 raise BrokenError(f'2: faster than its limit: {way / seconds}')
             if (commanded < self._low).any() or (commanded > self._high).any():
                 raise BrokenError(f'2: outside its limits: {commanded}')
@@ -200,7 +200,7 @@ class Arm:
         if not moves:
             return
         if self._rested and np.abs(self._commanded - self._rest).max() <= self._hold:
-            return  # it is held where its encoders say that it is
+            return  # it holds its measured position
         if self._rested:
             raise BrokenError(
                 f'4: the arm moves, and nobody has wanted that for '
@@ -213,37 +213,37 @@ class Arm:
             )
 
     def rest(self, target: Array, away: float) -> None:
-        """Judge that it gets no farther from a target from now on, where a goal has succeeded.
+        """Expect the arm to stay close to a target from now on, after a goal has succeeded.
 
-        It may have the last point yet to do, if that is so near.
+        It may still execute the last point within this distance.
         """
         self._unwanted_since, self._rested = self._now(), True
         self._rest, self._hold = target, away + HOLD_RAD
 
     def client_came(self) -> None:
-        """Expect old points to be gone on with until STOP has arrived (docs/safety.md)."""
+        """Expect old points to be executed until STOP has arrived (docs/safety.md)."""
         self._wishes.asked = self._now()
 
     def old_points_over(self, since: float) -> None:
-        """Judge that STOP has arrived, if nobody wanted motion since. Raises BrokenError."""
+        """Judge that STOP has arrived, if no motion was requested since. Raises BrokenError."""
         if self._now() - self.moved < ANSWERED_S and self._wishes.asked <= since:
             raise BrokenError('4: the arm goes on with old points since a client came')
 
     def said_to_stand(self, request: str) -> None:
-        """Judge that it stands, as was answered. Raises BrokenError."""
+        """Judge that the arm is at rest, as an answer claims. Raises BrokenError."""
         if self._now() - self.moved < ANSWERED_S:
             raise BrokenError(f'9: ~/{request} says that the arm stands, and it moves')
 
     def _remember(self, now: float) -> None:
-        """Keep where the arm is; while it stands for long, what was kept last."""
+        """Store the current position. During a long rest, the last stored ones remain."""
         while self._true and now - self._true[0][0] > REMEMBERED_S:
             self._true.popleft()
         self._true.append((now, self.at.copy()))
 
     def published(self, positions: Array, *, unsure: bool = False) -> None:
-        """Judge joints that the driver publishes. Raises BrokenError.
+        """Judge joint positions published by the driver. Raises BrokenError.
 
-        unsure: bits were changed on the way, so they need only be possible.
+        unsure: bits were flipped in transit, so the positions need only be possible.
         """
         beyond = (positions < self._low - POSSIBLE_RAD) | (positions > self._high + POSSIBLE_RAD)
         if beyond.any() or not np.isfinite(positions).all():
@@ -265,23 +265,23 @@ class Arm:
 
 @dataclass
 class Writing:
-    """A write of an output that is under way. Nothing else changes it meanwhile if `alone`."""
+    """A pending write of an output. `alone`: no other change of the output occurred."""
 
     value: int
     until: float = np.inf
-    """When it counts no more, s."""
+    """Time from which it is ignored, s."""
     answered: bool = False
     alone: bool = True
 
     def done(self) -> None:
-        """Take note that it was answered as done."""
+        """Record a successful answer."""
         self.answered = True
 
 
 class Outputs:
-    """Watches the controller's outputs: only what somebody asked for is written.
+    """Watches the controller's outputs: only requested values may be written.
 
-    They may become 0, the safe value, at any time; `break_` gets what did not hold.
+    They may become 0, the safe value, at any time. `break_` receives violations.
     """
 
     def __init__(
@@ -315,7 +315,7 @@ class Outputs:
 
     @contextmanager
     def reading(self, index: int) -> Iterator[set[int]]:
-        """Collect the values that an output has during the block."""
+        """Collect the values of an output during the block."""
         held = {self._values[index]}
         readers = self._readers.setdefault(index, [])
         readers.append(held)

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A person at the panel: a page that can freeze, its line, and the panel's process.
+"""A person at the panel: a page that can freeze, its connection, and the panel's process.
 
-What judges who may move the arm is the panel's own; the page and ROS are played.
+The panel's real code decides which browser may move the arm. The page and ROS are simulated.
 """
 
 import asyncio
@@ -26,18 +26,18 @@ from simulation.oracles import Wishes
 from simulation.virtual_loop import VirtualLoop
 
 ALIVE_S, HELD_S, LOOK_S, REPORT_S = 0.3, 0.033, 0.04, 1.0
-"""How often the page gives a sign of life, and moves on while a button is held (panel.js,
-hand.js); how often the panel looks, and the driver sends diagnostics; s."""
+"""Periods, s: of the page's signs of life, of its requests while a button is pressed (panel.js,
+hand.js), of the panel's loop, and of the driver's diagnostics."""
 
 NOTICED_S = 0.5
-"""How much later than promised the panel may notice a page that gives no sign of life, s."""
+"""Tolerance for the panel's detection of a page without signs of life, s."""
 
 INTENDED_S = 0.4
-"""A request of the page that is older when the driver gets it is nobody's wish any more, s."""
+"""Age above which a request of the page no longer counts as wanted at the driver, s."""
 
 
 class Surroundings(Protocol):
-    """The world, as far as the panel has to do with it. Answers and ends are told later."""
+    """The parts of the world used by the panel. Answers and results are reported later."""
 
     loop: VirtualLoop
     rng: np.random.Generator
@@ -45,7 +45,7 @@ class Surroundings(Protocol):
 
     @property
     def gate(self) -> bool | None:
-        """Whether the driver says that the arm is enabled; None: it says nothing."""
+        """Whether the driver reports an enabled arm. None: it reports nothing."""
 
     def say(self, text: str) -> None:
         """Write a line of the log."""
@@ -56,17 +56,17 @@ class Surroundings(Protocol):
     def hand_in(
         self, trajectory: Trajectory, on_end: Callable[[int, Outcome], object], *, wanted: bool
     ) -> int:
-        """Hand in a goal; return its number."""
+        """Submit a goal and return its number."""
 
     def cancel_goal(self, number: int) -> None:
-        """Cancel it."""
+        """Cancel a goal."""
 
     def jog(self, velocities: Array, *, wanted: bool) -> None:
-        """Let velocities come."""
+        """Send velocities."""
 
 
 class PlayedRobot:
-    """The driver as the panel has it by ROS: what it reports, and what can be asked of it."""
+    """The driver as the panel sees it over ROS: its reports, and the requests to it."""
 
     name = 'driver'
 
@@ -78,19 +78,19 @@ class PlayedRobot:
             'remote_port': 0,
         }
         self.asked_at = 0.0
-        """When the page asked for what is done now, s."""
+        """Time of the page's request that is being carried out, s."""
         self._world = world
         self._goals: dict[int, bool] = {}
 
     def report(self) -> None:
-        """Let the diagnostics come, if the driver runs, and a word of its parameters."""
+        """Deliver diagnostics and parameters, if the driver runs."""
         now, gate = self._world.loop.time(), self._world.gate
         if gate is not None:
             self.state.gate_open = gate
             self.state.times |= {'diagnostics': now, 'parameters': now}
 
     def look(self, sample: Any, status: Any) -> None:
-        """Take what is new on the topics."""
+        """Read the new messages of the topics."""
         now, state = self._world.loop.time(), self.state
         if sample is not None:
             state.positions = sample.positions
@@ -102,19 +102,19 @@ class PlayedRobot:
             state.times['status'] = now
 
     def log(self, text: str, _level: int) -> None:
-        """Have a line in the world's log."""
+        """Write a line of the world's log."""
         self._world.say(f'panel: {text}')
 
     def set_speed(self, factor: float, say: Say) -> None:
-        """Raise RequestError: nobody asks for it."""
+        """Raise RequestError, because it is not simulated."""
         raise RequestError(f'speed {factor:g}: not played')
 
     def write_output(self, index: int, value: int, say: Say) -> None:
-        """Raise RequestError: nobody asks for it."""
+        """Raise RequestError, because it is not simulated."""
         raise RequestError(f'output {index} = {value}: not played')
 
     def trigger(self, name: str, say: Say) -> None:
-        """Call a service. Raises RequestError if there is no driver."""
+        """Call a service. Raises RequestError without a driver."""
         self._serve(name)
 
         def answered(said: str) -> None:
@@ -123,7 +123,7 @@ class PlayedRobot:
         self._world.request(name, answered)
 
     def execute(self, trajectory: Trajectory, text: str, say: Say) -> None:
-        """Hand in a goal. Raises RequestError if there is no driver."""
+        """Submit a goal. Raises RequestError without a driver."""
         self._serve(text)
 
         def ended(number: int, outcome: Outcome) -> None:
@@ -143,13 +143,13 @@ class PlayedRobot:
         return list(self._goals)
 
     def cancel_goals(self) -> list[int]:
-        """Cancel them."""
+        """Cancel all goals and return them."""
         for number in self._goals:
             self._world.cancel_goal(number)
         return self.goals
 
     def driver_died(self) -> None:
-        """Forget its goals."""
+        """Drop the goals."""
         self._goals.clear()
 
     def _serve(self, what: str) -> None:
@@ -162,7 +162,7 @@ class PlayedRobot:
 
 
 class PanelUser:
-    """The panel, and who uses it. Methods are events of the world."""
+    """The panel and its user. Public methods are events of the world."""
 
     def __init__(self, world: Surroundings, model: RobotModel) -> None:
         self.robot = PlayedRobot(world, model)
@@ -191,7 +191,7 @@ class PanelUser:
         return self.control.arming.holder is not None
 
     def close(self) -> None:
-        """Close page and panel: what they have started ends."""
+        """Close page and panel, which ends everything they have started."""
         self._world.loop.go_on('page')
         self._world.loop.go_on('panel')
         for task in (self._finger, *self._tasks):
@@ -200,13 +200,13 @@ class PanelUser:
         self.control.end()
 
     def take(self, sample: Any = None, status: Any = None) -> None:
-        """Take what the driver publishes."""
+        """Receive a message published by the driver."""
         self._sample, self._status = sample or self._sample, status or self._status
 
-    # --- what is done ------------------------------------------------------------------------
+    # --- events ------------------------------------------------------------------------------
 
     async def jog(self, arms: bool, axis: str, frame: str, share: float, seconds: float) -> None:
-        """Hold a button."""
+        """Press a button for `seconds`."""
         self._arm_if(arms)
         self._let_go()
         self._finger = self._start(self._page, self._hold(axis, frame, share, seconds))
@@ -235,16 +235,16 @@ class PanelUser:
         self._leave()
 
     async def hangs(self, seconds: float) -> None:
-        """Let the panel's process stand still."""
+        """Pause the panel's process."""
         self._hung_until = self._world.loop.time() + seconds
         self._pause('panel', seconds)
 
     async def line_stalls(self, seconds: float) -> None:
-        """Let what the page sends come later, all of it at once."""
+        """Delay the page's messages and deliver them together."""
         self._stalled_until = self._world.loop.time() + seconds
 
     async def page_freezes(self, seconds: float) -> None:
-        """Let the page do nothing for a while."""
+        """Freeze the page for a while."""
         self._pause('page', seconds)
 
     async def page_closes(self) -> None:
@@ -311,7 +311,7 @@ class PanelUser:
     # --- the panel ---------------------------------------------------------------------------
 
     def _received(self, window: Window, message: dict[str, Any]) -> None:
-        """Do what a window asks for, as the panel does."""
+        """Carry out a window's request, as the panel does."""
         late = window.late(message['at'], self._world.loop.time())
         if late and message['do'] in ('jog', 'step'):
             return
@@ -337,7 +337,7 @@ class PanelUser:
             await asyncio.sleep(REPORT_S)
 
     async def _watch(self) -> None:
-        """Let nobody want the panel's goals any more when its page gives no sign of life."""
+        """Treat the panel's goals as unwanted once its page gives no sign of life."""
         while True:
             await asyncio.sleep(0.1)
             now = self._world.loop.time()
@@ -346,7 +346,7 @@ class PanelUser:
                 self._world.wishes.give_up(self.robot.goals, now)
 
     def _leave(self) -> None:
-        """Let nobody want the goals there are any more, once the panel must have seen it."""
+        """Treat the current goals as unwanted once the panel must have noticed."""
         loop, goals = self._world.loop, self.robot.goals
 
         def unwanted() -> None:

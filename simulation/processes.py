@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Who is connected to the controller: the process of a node, or of a program in Python.
+"""The controller's clients: the process of a ROS node, or of a Python program.
 
-What a node's callbacks call in the driver, and what is public of the Python API, is called in the
-process's context, while it runs. ROS itself is played.
+Calls that a node's callbacks make in the driver, and calls of the public Python API, run in the
+context of a process, while it is alive. ROS itself is simulated.
 """
 
 import asyncio
@@ -45,13 +45,13 @@ from simulation.virtual_loop import VirtualLoop
 T = TypeVar('T')
 
 TOLERANCE_RAD = 0.01
-"""Of a goal, and within how much of its end it must have succeeded."""
+"""Goal tolerance, and the tolerance for the final position of a successful goal."""
 
 CONNECT_S, CONNECT_AGAIN_S = 10.0, 0.5
-"""How long a program waits for its controller, and before it tries again, s."""
+"""Time for which a program waits for its controller, and before its next attempt, s."""
 
 OnEnd = Callable[[Outcome, Array | None], object]
-"""on_end(outcome, joints where it was to end, if these are known)."""
+"""on_end(outcome, target joints, or None if unknown)."""
 
 
 class DiedError(Exception):
@@ -59,7 +59,7 @@ class DiedError(Exception):
 
 
 class Surroundings(Protocol):
-    """The world, as far as processes have to do with it: it hears what a driver publishes."""
+    """The parts of the world used by processes. It receives the driver's publications."""
 
     loop: VirtualLoop
 
@@ -70,17 +70,17 @@ class Surroundings(Protocol):
         """Judge how the work of a process ended."""
 
     def on_joints(self, sample: Any) -> None:
-        """Judge what is published."""
+        """Judge published joint positions."""
 
     def on_status(self, status: Status) -> None:
-        """Take a status."""
+        """Receive a status."""
 
     def on_link_state(self, name: str, why: str) -> None:
-        """Take it into the log."""
+        """Log a link state."""
 
 
 class Process:
-    """A process from its start to its death. `lives` is not collected while others go on."""
+    """A process from its start to its death. `lives` prevents garbage collection."""
 
     def __init__(self, world: Surroundings, number: int) -> None:
         self.name = f'driver {number}'
@@ -91,28 +91,28 @@ class Process:
         self._world = world
 
     def die(self) -> None:
-        """Be killed: nothing of it is called any more."""
+        """Kill the process: none of its callbacks runs again."""
         self._world.loop.kill(self.name)
         if not self.died.done():
             self.died.set_result(None)
 
     @property
     def hangs(self) -> bool:
-        """Whether it stands still."""
+        """Whether it is paused."""
         return self.name in self._world.loop.hanging
 
     def call(self, callback: Callable[[], object]) -> None:
-        """Call something as an event of the process does, when it runs."""
+        """Run a callback of the process, once it is not paused."""
         self._world.loop.call_soon(callback, context=self.context)
 
     def begin(self, work: Coroutine[Any, Any, T]) -> 'asyncio.Task[T]':
-        """Begin a task of the process."""
+        """Start a task of the process."""
         task: asyncio.Task[T] = self.context.copy().run(self._world.loop.create_task, work)
         self.lives.append(task)
         return task
 
     async def ask(self, work: Callable[[], Awaitable[T]]) -> T:
-        """Have the process do something, and return or raise what comes of it, or DiedError."""
+        """Run `work` in the process and return its result or raise its error, or DiedError."""
         answer: asyncio.Future[T] = self._world.loop.create_future()
 
         async def done() -> None:
@@ -130,7 +130,7 @@ class Process:
 
 
 class NodeProcess(Process):
-    """The process of the ROS node: its driver, and what its callbacks do with it."""
+    """The process of the ROS node: its driver, and the actions of its callbacks."""
 
     def __init__(
         self, world: Surroundings, number: int, configuration: Configuration, model: RobotModel
@@ -149,19 +149,19 @@ class NodeProcess(Process):
 
     @property
     def linked(self) -> bool:
-        """Whether it has found its controller."""
+        """Whether it is connected to its controller."""
         driver = self.driver
         known = driver.robot.sample is not None and driver.robot.status is not None
         return known and all(link.connected for link in driver.links)
 
     @property
     def gate(self) -> bool | None:
-        """Whether its diagnostics say that the arm is enabled; None: it says nothing."""
+        """Whether its diagnostics report an enabled arm. None: it reports nothing."""
         return None if self.died.done() or self.hangs else self.driver.gate.reason is None
 
     async def leave(self, *, lost: bool) -> None:
-        """End as by SIGTERM: stop the arm, then all work."""
-        with contextlib.suppress(DiedError, TimeoutError):  # as node/client_process.py has it
+        """Exit like on SIGTERM: stop the arm, then all work."""
+        with contextlib.suppress(DiedError, TimeoutError):  # like node/client_process.py
             await self.ask(self.driver.shut_down)
         self.call(self._running.cancel)
         await asyncio.wait([self._running, self.died], return_when=asyncio.FIRST_COMPLETED)
@@ -173,18 +173,18 @@ class NodeProcess(Process):
         return said
 
     def scale(self, factor: float) -> None:
-        """Take a speed scaling. Raises ValueError."""
+        """Set the speed scaling. Raises ValueError."""
         self.driver.goal_queue.set_speed(factor)
 
     def take(self, setpoint: Setpoint, received: int, missed: bool) -> None:
-        """Take a setpoint that the middleware received, ns of the system clock.
+        """Process a setpoint received by the middleware at `received`, ns of the system clock.
 
-        missed: its publisher had sent before the process was there.
+        missed: its publisher had sent before the process was running.
         """
         self.driver.servo.take(setpoint, came_at(received), missed=missed)
 
     def hand_in(self, number: int, trajectory: Trajectory, on_end: OnEnd) -> None:
-        """Take a goal."""
+        """Submit a goal."""
         self.call(partial(self._submit, number, trajectory, on_end))
 
     def _submit(self, number: int, trajectory: Trajectory, on_end: OnEnd) -> None:
@@ -200,7 +200,7 @@ class NodeProcess(Process):
         on_end(outcome, target)
 
     def cancel(self, number: int) -> bool:
-        """Take a cancel."""
+        """Cancel a goal."""
         self.call(partial(self._cancel, number))
         return True
 
@@ -213,7 +213,7 @@ class NodeProcess(Process):
     def move_tool(
         self, number: int, ways: list[list[float]], blend: float, speed: float, on_end: OnEnd
     ) -> None:
-        """Take a sequence of lines of the tool: each as far as a way says, m."""
+        """Submit a sequence of tool lines with the given displacements, m."""
         self.begin(self._sequence(number, ways, blend, speed, on_end))
 
     async def _sequence(
@@ -274,7 +274,7 @@ def _one(answers: list[IoAnswer]) -> int:
 
 
 class RobotProcess(Process):
-    """A program that uses the Python API; it makes a Robot anew when that was closed or lost."""
+    """A program that uses the Python API. It creates a new Robot after a close or a loss."""
 
     def __init__(
         self, world: Surroundings, number: int, make: Callable[[], Robot], model: RobotModel
@@ -290,12 +290,12 @@ class RobotProcess(Process):
 
     @property
     def gate(self) -> bool | None:
-        """None: there is nobody to whom it tells that."""
+        """None: a program publishes no diagnostics."""
         return None
 
     async def _connect(self) -> None:
         self._robot = self._make()
-        self.lives.append(self._robot._connection)  # noqa: SLF001 - a process that died closes nothing
+        self.lives.append(self._robot._connection)  # noqa: SLF001 - a dead process closes nothing
         self._robot.on_joints(self._world.on_joints)
         while not self.linked:
             try:
@@ -306,7 +306,7 @@ class RobotProcess(Process):
                 await asyncio.sleep(CONNECT_AGAIN_S)
 
     def die(self) -> None:
-        """Be killed: what it owned is nobody's any more."""
+        """Kill the process and release everything it owned."""
         super().die()
         if self._robot is not None:
             let_go(self._robot._connection)  # noqa: SLF001 - its memory is gone
@@ -319,7 +319,7 @@ class RobotProcess(Process):
         return self._robot
 
     async def leave(self, *, lost: bool) -> None:
-        """Close the robot, or lose it where nothing of the program still has it."""
+        """Close the robot, or drop the last reference to it without a close."""
         if not self.linked:
             return
         self.linked = False
@@ -336,7 +336,7 @@ class RobotProcess(Process):
             self.begin(self._connect())
 
     async def command(self, name: str) -> str:
-        """Do what a person types. Raises RobotError."""
+        """Carry out a user's command. Raises RobotError."""
         self._asking += 1
         try:
             method = 'reset' if name == 'reset_error' else name
@@ -361,7 +361,7 @@ class RobotProcess(Process):
                 self._there.servo_velocity(setpoint.velocities)
 
     def hand_in(self, number: int, trajectory: Trajectory, on_end: OnEnd) -> None:
-        """Begin a motion to a point, or through several."""
+        """Start a motion to a point, or through several."""
         times, points = trajectory.times, trajectory.positions
 
         async def move() -> Any:
@@ -374,7 +374,7 @@ class RobotProcess(Process):
     def move_tool(
         self, number: int, ways: list[list[float]], blend: float, speed: float, on_end: OnEnd
     ) -> None:
-        """Begin a motion of the tool."""
+        """Start a motion of the tool."""
 
         async def move() -> Any:
             pose, poses = self._there.tool_pose, []
@@ -407,7 +407,7 @@ class RobotProcess(Process):
         on_end(Outcome(end, ErrorCode.SUCCESSFUL, text), target)
 
     def cancel(self, number: int) -> bool:
-        """Cancel a motion that was begun, and return whether there is one."""
+        """Cancel a started motion, and return whether it exists."""
         motion = self._motions.get(number)
         if motion is None:
             return False

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Finds the fewest events that still fail in the same way."""
+"""Finds the smallest event list that still fails in the same way."""
 
 from simulation.events import Event
 from simulation.oracles import BrokenError
@@ -10,9 +10,9 @@ MAX_PLAYS = 300
 
 
 def shrunk(seed: str, events: list[Event], error: BrokenError) -> list[Event]:
-    """Return the events of which none can be left out without the failure being another one.
+    """Return a list in which every event is needed for the same failure.
 
-    Halves are left out first, then ever smaller parts (delta debugging, Zeller 2002).
+    Halves are removed first, then ever smaller parts (delta debugging, Zeller 2002).
     """
     left, size = MAX_PLAYS, max(len(events) // 2, 1)
     while True:
@@ -20,7 +20,7 @@ def shrunk(seed: str, events: list[Event], error: BrokenError) -> list[Event]:
         removed = False
         while at < len(events) and left:
             fewer = [*events[:at], *events[at + size :]]
-            if at + size < len(events):  # what follows happens when it did
+            if at + size < len(events):  # the following event keeps its time
                 gone = sum(event.after for event in events[at : at + size])
                 follows = events[at + size]
                 later = Event(round(follows.after + gone, 4), follows.kind, follows.parameters)

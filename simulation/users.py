@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Who uses the driver: goals, motions of the tool, streams of publishers, services, outputs.
+"""Users of the driver: goals, tool motions, streams of publishers, services, outputs.
 
-What they want, and what they were answered, is noted in the world's wishes.
+Their requests and the answers are recorded in the world's wishes.
 """
 
 import asyncio
@@ -23,43 +23,43 @@ from simulation.processes import TOLERANCE_RAD, DiedError, NodeProcess, RobotPro
 from simulation.virtual_loop import VirtualLoop
 
 ANSWER_S = 30.0
-"""How long a request may stay without an answer, s."""
+"""Timeout of a request, s."""
 
 REACH_RAD = 0.6
-"""How far goals go from where the arm was at first."""
+"""Maximum distance of goals from the arm's first position."""
 
 READ_RAD = 2e-3
-"""How far the arm may be from where its encoders say that it is, rad."""
+"""Tolerance between the arm's position and its encoders, rad."""
 
 SETTLED_RAD = 1e-3
-"""An arm that is so near to a goal that has succeeded gets no farther away, rad. One that is
-farther, within the tolerance, may have the last of its points yet to do, in its own way."""
+"""Distance from a successful goal within which the arm must not move away any more, rad. A more
+distant one, within the tolerance, may still have to execute its last points."""
 
 LATEST_S = 1.0
-"""So long after it was stopped or canceled a goal may still succeed, s: it was there already."""
+"""Time after a stop or cancel within which a goal may still succeed, s: it had already arrived."""
 
 SOONER_S = 0.05
-"""How much sooner than planned a goal may succeed, s: the state tells the time but so well."""
+"""Tolerance for a success before the planned time, s: the state's time stamps are inexact."""
 
 SAME_RAD = 1e-6
-"""A position that differs less from the one before asks for no motion, rad."""
+"""Minimum change of position that counts as a request for motion, rad."""
 
 AHEAD_S = 0.05
-"""How far ahead of the arm a program that looks where it is wants it to be, s."""
+"""Lead of the setpoints of a program that uses the current position, s."""
 
 IMPOSSIBLE = {'no number': np.nan, 'degrees': 57.3, 'huge': 1e308}
-"""What a wrong program sends as velocities, rad/s."""
+"""Velocities sent by a faulty program, rad/s."""
 
 
 class Hand(Protocol):
     """A person at the controller."""
 
     def mend(self) -> None:
-        """Do what helps, whatever is wrong there."""
+        """Clear every cause that prevents motion."""
 
 
 class Surroundings(Protocol):
-    """The world, as far as users have to do with it."""
+    """The parts of the world used by users."""
 
     loop: VirtualLoop
     rng: np.random.Generator
@@ -71,13 +71,13 @@ class Surroundings(Protocol):
     start: Array
     limits: JointLimits
     timed: bool
-    """Whether the controller takes as long as a goal says."""
+    """Whether the controller respects the duration of a goal."""
     statements: bool
-    """Whether it is moved without a program, by Remote Ethernet."""
+    """Whether it is moved by Remote Ethernet, without a program."""
     streams: bool
     """Whether it follows streams."""
     person: float
-    """How long a person at the controller takes, s: STATUS has told the driver by then."""
+    """Reaction time of a person, s. STATUS has reached the driver by that time."""
 
     def system_time(self) -> float:
         """Return the system clock of the driver's machine, s."""
@@ -86,46 +86,47 @@ class Surroundings(Protocol):
         """Write a line of the log."""
 
     def break_(self, error: BrokenError) -> None:
-        """Take note of what did not hold."""
+        """Record a violation."""
 
 
 class Users:
-    """All of them. Methods are events of the world, or what the panel asks for."""
+    """All users. Methods are events of the world, or requests of the panel."""
 
     def __init__(self, world: Surroundings) -> None:
         self.loop, self.rng, self.wishes, self.say = world.loop, world.rng, world.wishes, world.say
         self._world = world
         self.goals: dict[int, float] = {}
-        """Those that have not ended, and how soon each may have succeeded, loop time, s."""
+        """Goals that have not ended, and the earliest time of success of each, loop time, s."""
         self.publishers: dict[int, asyncio.Task[None]] = {}
         self.held_up = 0.0
-        """When driver or network last were held up, s."""
+        """Time of the last stall of driver or network, s."""
         self.requests: set[asyncio.Task[None]] = set()
         self._positions: dict[str, tuple[float, Array | None]] = {}
-        """Topic → when a position came last on it, and which, s and rad."""
+        """Topic → time and value of the last position, s and rad."""
         self._heard: dict[str, str] = {}
-        """Topic → the process that heard it last: another one has missed what came before."""
+        """Topic → the last process that received it. A new process has missed the earlier
+        setpoints."""
         self._count = 0
         self._enabling = 0
-        """How many requests to enable are under way."""
+        """Number of pending requests to enable."""
         self._enables = self._disabled = 0
-        """How many requests to enable there have been, and how many to disable had success."""
+        """Number of requests to enable, and of successful requests to disable."""
         self._looked = (False, 0)
-        """Whether the gate was closed when it was looked at last, and `_enables` then."""
+        """Whether the gate was closed at the last check, and `_enables` at that time."""
 
     @property
     def gate(self) -> bool | None:
-        """Whether the driver says that the arm is enabled; None: it says nothing."""
+        """Whether the driver reports an enabled arm. None: it reports nothing."""
         return self._world.process.gate
 
     def driver_died(self) -> None:
-        """Forget the goals of a process that is gone."""
+        """Drop the goals of a process that is gone."""
         self.goals.clear()
 
     # --- goals -------------------------------------------------------------------------------
 
     async def goal(self, step: float, offsets: list[list[float]], from_here: bool) -> None:
-        """Hand in a goal."""
+        """Submit a goal."""
         self.submit(np.array(offsets), step, from_here=from_here)
 
     def submit(
@@ -136,11 +137,11 @@ class Users:
         from_here: bool,
         on_end: Callable[[int, Outcome], object] = lambda *_: None,
     ) -> int:
-        """Hand in a goal; return its number."""
+        """Submit a goal and return its number."""
         limits, at, start = self._world.limits, self._world.arm.at.copy(), self._world.start
         points: Array = np.clip(at + offsets, start - REACH_RAD, start + REACH_RAD)
         points = np.clip(points, limits.position_min, limits.position_max)
-        if self._world.statements:  # such a controller takes nothing but where to go
+        if self._world.statements:  # such a controller accepts only a target
             points = points[-1:]
         apart = np.ptp(np.vstack([at, points]), axis=0)
         step = max(step, 1.5 * float(np.max(apart / limits.velocity)))
@@ -156,14 +157,14 @@ class Users:
         *,
         wanted: bool = True,
     ) -> int:
-        """Hand in a goal; return its number. `wanted`: somebody wants it now."""
+        """Submit a goal and return its number. `wanted`: motion is requested now."""
         timed = self._world.timed and isinstance(self._world.process, NodeProcess)
         number = self._want(trajectory.duration - SOONER_S if timed else 0.0, wanted=wanted)
         self._world.process.hand_in(number, trajectory, partial(self._ended, number, on_end))
         return number
 
     async def move_tool(self, ways: list[list[float]], blend: float, speed: float) -> None:
-        """Ask for lines of the tool."""
+        """Request lines of the tool."""
         number = self._want(0.0)
         ended = partial(self._ended, number, lambda *_: None)
         self._world.process.move_tool(number, ways, blend, speed, ended)
@@ -212,12 +213,12 @@ class Users:
             self.cancel_goal(max(self.goals))
 
     def cancel_all(self) -> None:
-        """Cancel every goal, as who is refused for another one is told to."""
+        """Cancel every goal, as the refusal of another goal advises."""
         for number in list(self.goals):
             self.cancel_goal(number)
 
     def cancel_goal(self, number: int) -> None:
-        """Cancel a goal: nobody wants it any more."""
+        """Cancel a goal, which is then unwanted."""
         if self._world.process.cancel(number):
             self.wishes.give_up([number], self.loop.time())
 
@@ -243,7 +244,7 @@ class Users:
         self.request('enable')
 
     async def mend(self) -> None:
-        """Do at the controller what helps, and enable."""
+        """Clear every cause at the controller, and enable."""
         await asyncio.sleep(self._world.person)
         self._world.at_controller.mend()
         self.request('enable')
@@ -257,7 +258,7 @@ class Users:
         self.request('reset_error')
 
     def request(self, name: str, say: Callable[[str], object] = lambda _: None) -> None:
-        """Call a service; who wants motion after a stop wants it afterwards."""
+        """Call a service. Motion after a stop needs a new request."""
         if name == 'stop':
             self.wishes.nothing(self.loop.time())
         elif name == 'disable':
@@ -269,7 +270,7 @@ class Users:
         self.begin(answered(), f'~/{name}')
 
     async def asked(self, name: str) -> str:
-        """Ask the driver for something, as a service does; return its answer."""
+        """Request a service of the driver and return its answer."""
         process = self._world.process
         self.look_at_gate()
         self._enabling += name == 'enable'
@@ -288,7 +289,7 @@ class Users:
         return said
 
     def look_at_gate(self) -> None:
-        """Judge that nothing has enabled the arm but a request for that."""
+        """Judge that the arm was enabled only by a request."""
         closed, enables = self._looked
         if closed and self.gate and not self._enabling and self._enables == enables:
             text = '4: the arm is enabled, and nobody has asked for that'
@@ -319,7 +320,7 @@ class Users:
         return said
 
     def begin(self, work: Coroutine[Any, Any, None], what: str) -> None:
-        """Begin a request, which must be answered unless the driver hangs or dies."""
+        """Start a request, which must be answered unless the driver hangs or dies."""
         process = self._world.process
 
         async def within() -> None:
@@ -348,7 +349,7 @@ class Users:
     async def stream(
         self, publisher: int, kind: str, speed: list[float], period: float, zero_each: int
     ) -> None:
-        """Let a publisher send setpoints until it is ended."""
+        """Start a publisher that sends setpoints until it is ended."""
         await self.end_stream(publisher)
         sending = self._send(kind, speed, period, zero_each)
         self.publishers[publisher] = self.loop.create_task(sending)
@@ -364,12 +365,12 @@ class Users:
     async def one_setpoint(
         self, publisher: int, kind: str, speed: list[float], period: float, zero_each: int
     ) -> None:
-        """Let one setpoint come."""
+        """Send one setpoint."""
         begin = self._world.arm.at.copy()
         self._take(kind, np.array(speed), begin, period * (publisher + zero_each))
 
     async def wrong_setpoint(self, kind: str, topic: str) -> None:
-        """Let one come that nobody can follow."""
+        """Send one invalid setpoint."""
         at, wrong = self._world.arm.at.copy(), np.full(len(self._world.start), IMPOSSIBLE[kind])
         setpoint = Setpoint('~/servo', at, wrong)
         if topic == '~/joint_jog':
@@ -377,7 +378,7 @@ class Users:
         self._follow(setpoint)
 
     def _take(self, kind: str, speed: Any, begin: Any, time: float) -> None:
-        """Let a setpoint come on the topic of its kind, or from a program that runs."""
+        """Send a setpoint on the topic of its kind, or from a running program."""
         process = self._world.process
         if process.hangs and isinstance(process, RobotProcess):
             return
@@ -387,7 +388,7 @@ class Users:
             setpoint = Setpoint('~/joint_jog', None, speed)
             moves = bool(np.any(speed))
         elif kind in ('positions', 'from here'):
-            if kind == 'from here':  # as programs do that look where the arm is in each turn
+            if kind == 'from here':  # like programs that read the position in each cycle
                 swing = self._world.arm.at + speed * AHEAD_S
             setpoint, moves = Setpoint('~/servo', swing, None), True
         else:
@@ -399,7 +400,7 @@ class Users:
         self._want_setpoint(setpoint, moves=moves)
 
     def jog(self, velocities: Array, *, wanted: bool) -> None:
-        """Let velocities come from the panel."""
+        """Send velocities from the panel."""
         moves = wanted and bool(np.any(velocities))
         self._want_setpoint(Setpoint('~/joint_jog', None, velocities), moves=moves)
 
@@ -413,7 +414,7 @@ class Users:
         self._follow(setpoint)
 
     def _stays(self, source: str, setpoint: Setpoint, now: float) -> bool:
-        """Return whether a position stays the same, which asks for no motion (docs/servo.md)."""
+        """Return whether a position is unchanged, which requests no motion (docs/servo.md)."""
         heard, before = self._positions.get(source, (-np.inf, None))
         positions = setpoint.positions
         if setpoint.window is not None or positions is None:
@@ -424,7 +425,7 @@ class Users:
         return stays
 
     def _leads(self, source: str, setpoint: Setpoint) -> bool:
-        """Return whether a position that stays the same is where a stream yet has the arm go."""
+        """Return whether an unchanged position is a target that the arm has not reached yet."""
         topic, positions = self.wishes.topics.get(source), setpoint.positions
         if topic is None or positions is None:
             return False
@@ -434,17 +435,17 @@ class Users:
         process = self._world.process
         missed = self._heard.get(setpoint.source, process.name) != process.name
         self._heard[setpoint.source] = process.name
-        received = int(self._world.system_time() * 1e9) + 1  # what is read at once has not waited
+        received = int(self._world.system_time() * 1e9) + 1  # data read immediately has not waited
         process.call(partial(process.take, setpoint, received, missed))
 
     async def end_stream(self, publisher: int) -> None:
-        """Let a publisher send no more."""
+        """Stop a publisher."""
         task = self.publishers.pop(publisher, None)
         if task is not None:
             task.cancel()
 
     def end_streams(self) -> None:
-        """Let none send any more."""
+        """Stop all publishers."""
         for task in self.publishers.values():
             task.cancel()
         self.publishers.clear()

@@ -1,12 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""An event loop without sockets, threads or real time: all that happens is decided by its order.
+"""A deterministic event loop without sockets, threads or real time.
 
-Timers go off one by one, in the order (time, number), and time jumps to the next when nothing is
-left to do. All that follows at once from one of them happens before the next one: through how many
-callbacks a Python passes on what has happened changes nothing that can be seen. Everything that a
-process starts carries its name in its context, so that a process can hang, or die, between two
-callbacks.
+Timers fire one by one, in the order (time, number), and time jumps to the next timer when no
+callback is ready. All consequences of one timer happen before the next one. So the number of
+callbacks through which a Python version passes an event on has no visible effect. All callbacks of
+a process carry its name in their context, so that a process can hang or die between two callbacks.
 """
 
 import asyncio
@@ -21,21 +20,21 @@ from typing import Any
 from simulation.network import PROCESS, Listener, Network, Socket
 
 START_S = 1000.0
-"""The loop's time in the beginning, s: 0 must not happen to mean 'never'."""
+"""Initial time of the loop, s: 0 must not mean 'never' by accident."""
 
 SOON_S = 1e-6
-"""How far ahead a timer is at least, s: one that rounding left over is not due for ever."""
+"""Minimum delay of a timer, s. A rounding residue must not make a timer due forever."""
 
 MAX_CALLS = 1_000_000
-"""More callbacks than this at one time are a task that spins."""
+"""Maximum number of callbacks at one time. More indicate a task that spins."""
 
 
 class NothingLeftError(RuntimeError):
-    """Nothing can happen any more, but somebody waits; or one thing happens for ever."""
+    """No event is left while a task is waiting, or one callback repeats forever."""
 
 
 class Call:
-    """A callback that is to come. It has what asyncio asks of handles, and no more."""
+    """A scheduled callback, with only the attributes that asyncio needs of handles."""
 
     __slots__ = ('_when', 'args', 'callback', 'context', 'gone')
 
@@ -48,26 +47,26 @@ class Call:
         self._when: float | None = None
 
     def at(self, when: float) -> 'Call':
-        """Have it come at a time, s."""
+        """Set the time of the callback, s."""
         self._when = when
         return self
 
     def when(self) -> float | None:
-        """Return when it comes, loop time, s; None: at once."""
+        """Return the time of the callback, loop time, s. None: immediately."""
         return self._when
 
     def cancel(self) -> None:
-        """Let it not come."""
+        """Cancel the callback."""
         self.gone = True
 
     def cancelled(self) -> bool:
-        """Return whether it will not come."""
+        """Return whether it is cancelled."""
         return self.gone
 
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """The clock of a process: since when it goes at a rate, and what it showed then, s."""
+    """The clock of a process: its rate, the start of this rate, and its value at that time, s."""
 
     process: str
     rate: float
@@ -75,11 +74,11 @@ class Drift:
     shown: float
 
     def shows(self, now: float) -> float:
-        """Return what it shows at a true time, s."""
+        """Return its value at a true time, s."""
         return self.shown + (now - self.since) * self.rate
 
     def true(self, shown: float) -> float:
-        """Return at which true time it shows something, s."""
+        """Return the true time of a value, s."""
         return self.since + (shown - self.shown) / self.rate
 
 
@@ -89,43 +88,43 @@ class VirtualLoop(asyncio.BaseEventLoop):
     _ready: deque[Call]
     _scheduled: list[tuple[float, int, Call]]
 
-    get_debug = bool  # False, and asked for at every turn of a task
+    get_debug = bool  # False, and called at every turn of a task
 
     def __init__(self, network: Network, thread_s: float = 0.0) -> None:
         super().__init__()
         self.now = START_S
         self.thread_s = thread_s
-        """How long what is done in a thread takes, s."""
+        """Duration of work in a thread, s."""
         self.network = network
         self._drift: Drift | None = None
         self.hanging: set[str] = set()
         self.dead: set[str] = set()
         self._held: list[Call] = []
         self._buried: list[Call] = []
-        """What dead processes would have called: what it refers to lives until the end."""
+        """Callbacks of dead processes. The objects they refer to live until the end."""
         self._numbers = count()
 
     def time(self) -> float:
-        """Return the virtual time, s, by the clock of who asks."""
+        """Return the virtual time, s, by the clock of the calling process."""
         drift = self._drift
         if drift is None or PROCESS.get() != drift.process:
             return self.now
         return drift.shows(self.now)
 
     def true_time(self) -> float:
-        """Return the virtual time, s, whoever asks."""
+        """Return the virtual time, s, for any process."""
         return self.now
 
     def drift(self, process: str, rate: float) -> None:
-        """Let the clock of a process, one in a world, go on at a rate: 1 for the true one."""
+        """Run the clock of a process, one in a world, at a rate: 1 for the true one."""
         shown = self.now if self._drift is None else self._drift.shows(self.now)
         self._drift = Drift(process, rate, self.now, shown)
 
     def _write_to_self(self) -> None:
-        """No other thread calls."""
+        """Do nothing: no other thread calls."""
 
     def _run_once(self) -> None:
-        """Let one timer after the other go off, and what follows from it, until the loop stops."""
+        """Run one timer after the other, and its consequences, until the loop stops."""
         ready, scheduled, calls = self._ready, self._scheduled, 0
         while True:
             while ready:
@@ -151,26 +150,26 @@ class VirtualLoop(asyncio.BaseEventLoop):
     # --- processes -----------------------------------------------------------------------------
 
     def hang(self, process: str) -> None:
-        """Call nothing of a process from the next turn on until it goes on."""
+        """Suspend all callbacks of a process from the next turn on."""
         self.hanging.add(process)
         self._take_away()
 
     def go_on(self, process: str) -> None:
-        """Call what is overdue of a process, in its order."""
+        """Run the overdue callbacks of a process, in their order."""
         self.hanging.discard(process)
         held, self._held = self._held, []
         for call in held:
             self._add(call)
 
     def kill(self, process: str) -> None:
-        """Never call anything of a process again; its connections are closed by the system."""
+        """Drop all callbacks of a process for good. The system closes its connections."""
         self.hanging.discard(process)
         self.dead.add(process)
         self._take_away()
         self.network.process_died(process)
 
     def bury(self) -> None:
-        """End all tasks that are left, those of dead processes too, and close the loop."""
+        """End all remaining tasks, also of dead processes, and close the loop."""
         self.set_exception_handler(lambda *_: None)
         self.network.listeners.clear()
         self.dead.clear()
@@ -185,7 +184,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
         self.close()
 
     def _take_away(self) -> None:
-        """Take away what hanging and dead processes would call."""
+        """Remove the callbacks of hanging and dead processes."""
         calls = [*self._ready, *(entry[2] for entry in sorted(self._scheduled))]
         self._ready.clear()
         self._scheduled.clear()
@@ -194,7 +193,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
             self._add(call)
 
     def _add(self, call: Call) -> None:
-        """Take a callback, for its process."""
+        """Add a callback for its process."""
         if self.hanging or self.dead:
             process = call.context.get(PROCESS, '')
             if process in self.hanging:
@@ -210,17 +209,17 @@ class VirtualLoop(asyncio.BaseEventLoop):
             heapq.heappush(self._scheduled, (when, next(self._numbers), call))
 
     def left(self) -> Counter[str]:
-        """Return how many tasks and timers each process has that is not dead."""
+        """Return the number of tasks and timers of each process that is not dead."""
         found = Counter(_process(task) for task in asyncio.all_tasks(self))
         found.update(
             call.context.get(PROCESS, '') for _, _, call in self._scheduled if not call.gone
         )
         return found
 
-    # --- what asyncio asks of a loop -----------------------------------------------------------
+    # --- asyncio's interface of a loop ---------------------------------------------------------
 
     def create_task(self, coro: Any, *, name: object = None, **given: Any) -> Any:
-        """Begin a task, with its process and its number as its name."""
+        """Start a task, named after its process and number."""
         number = next(self._numbers)
         return super().create_task(coro, name=f'{PROCESS.get("")}#{number}', **given)
 
@@ -240,15 +239,15 @@ class VirtualLoop(asyncio.BaseEventLoop):
         return sock.attach(protocol, self), protocol
 
     def add_reader(self, fd: Listener, callback: Callable[..., Any], *args: Any) -> None:  # type: ignore[override]
-        """Call when somebody wants to connect to a listening port."""
+        """Call when a client wants to connect to a listening port."""
         fd.watch(self, callback, args)
 
     def remove_reader(self, fd: Listener) -> None:  # type: ignore[override]
-        """Call no more."""
+        """Stop calling."""
         fd.forget()
 
     def run_in_executor(self, executor: Any, func: Callable[..., Any], *args: Any) -> Any:  # type: ignore[override]
-        """Call a function at once; its result is there after `thread_s`."""
+        """Call a function immediately. Its result is available after `thread_s`."""
         future = self.create_future()
         try:
             end, result = future.set_result, func(*args)
@@ -260,7 +259,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
     def call_soon(  # type: ignore[override]
         self, callback: Callable[..., Any], *args: Any, context: Context | None = None
     ) -> Call:
-        """Call now, after all that was asked for before."""
+        """Call in this turn, after all earlier requests."""
         call = Call(callback, args, context)
         self._add(call)
         return call
@@ -270,7 +269,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
     def call_at(  # type: ignore[override]
         self, when: float, callback: Callable[..., Any], *args: Any, context: Context | None = None
     ) -> Call:
-        """Call at a time, s; of several at the same time first what was asked for first."""
+        """Call at a time, s. Calls at the same time keep their order of request."""
         drift = self._drift
         if drift is not None and PROCESS.get() == drift.process:
             when = drift.true(when)
@@ -289,11 +288,11 @@ class VirtualLoop(asyncio.BaseEventLoop):
         return self.call_at(self.time() + delay, callback, *args, context=context)
 
     async def shutdown_default_executor(self, *_: Any) -> None:
-        """There is none."""
+        """Do nothing: no executor exists."""
 
 
 def _number(task: asyncio.Task[Any]) -> int:
-    """Return the how-manieth a task is: a set of tasks has another order in another Python."""
+    """Return a task's number. The order of a set of tasks depends on the Python version."""
     return int(task.get_name().rpartition('#')[2])
 
 

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The processes that plan: for smooth motion in the controller, and for goals in the driver.
+"""The planning processes: for smooth motion in the controller, and for goals in the driver.
 
-They are without a process here: they take their time, hang and die. What starts, watches and ends
-them is the package's own, and so are the bytes between.
+Here they run without a process, but take time, hang and die. The package's own code starts,
+monitors and ends them, and encodes the data in between.
 """
 
 import asyncio
@@ -20,14 +20,14 @@ from epson_driver.processes.worker import packed, unpacked
 
 STARTS_S = 0.3
 PLANS_S = (0.005, 0.012, 0.012, 0.03, 0.15)
-"""How long a plan takes: mostly as measured (docs/smoother.md), or on a busy machine."""
+"""Planning times, s: mostly as measured (docs/smoother.md), or on a busy machine."""
 
 PREPARES_S = (0.02, 0.1, 0.1, 1.0)
-"""How long a goal's motion takes."""
+"""Times for smoothing a goal, s."""
 
 
 class Worker:
-    """Has what is asked of a process with pipes; it is its own stdin."""
+    """A replacement for a process with pipes. It is its own stdin."""
 
     pid = 0
 
@@ -40,11 +40,11 @@ class Worker:
 
     @property
     def returncode(self) -> int | None:
-        """How it has ended, if it has."""
+        """The exit code, or None while it runs."""
         return self._ended.result() if self._ended.done() else None
 
     def write(self, data: bytes) -> None:
-        """Take a value, and answer it later."""
+        """Receive a value, and answer it later."""
         value = unpacked(data, {*PASSED_TYPES, JointLimits, Trajectory, Smoothing})
         self._loop.call_later(self._takes(), self._answer, packed(self._work(value)))
 
@@ -53,7 +53,7 @@ class Worker:
             self.stdout.feed_data(data)
 
     def kill(self) -> None:
-        """End as by SIGKILL."""
+        """Exit like on SIGKILL."""
         self.end(-9)
 
     def end(self, code: int) -> None:
@@ -69,14 +69,14 @@ class Worker:
 
 
 class Workers:
-    """Starts them in the place of `start_worker`, and has those that were started last."""
+    """Replaces `start_worker`, and stores the last worker of each kind."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self._rng = rng
         self._last: dict[str, Worker] = {}
 
     async def start(self, module: str, _stderr: int | None = None) -> Worker:
-        """Start one."""
+        """Start a worker."""
         await asyncio.sleep(STARTS_S)
         name = module.rpartition('.')[2].partition('_')[0]
         work, takes = WORKS[name]
@@ -85,7 +85,7 @@ class Workers:
         return worker
 
     def last(self, name: str) -> Worker | None:
-        """Return the one of a kind that was started last, `planner` or `smoothing`."""
+        """Return the last worker of a kind, `planner` or `smoothing`, or None."""
         return self._last.get(name)
 
 

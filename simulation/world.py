@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One world: a driver, its controller, the network between them, and everybody who uses them."""
+"""One world: a driver, its controller, the network between them, and all users."""
 
 import asyncio
 import contextlib
@@ -53,14 +53,14 @@ PROFILES = (
     *('simulated', 'rc700a', 'generic', 'motoman', 'remote') * 2,
     *('spel', 'fanuc', 'abb', 'simulated'),
 )
-"""Those that cost most of the processor's time are rarer."""
+"""Profiles with a high processor load are rarer."""
 
 SLOWEST_S = 2500.0
-"""How long a goal may take at the lowest speed, s."""
+"""Maximum duration of a goal at the lowest speed, s."""
 
 SETTLE_S = {'fanuc': 700.0, 'abb': SLOWEST_S, 'motoman': 10.0, 'generic': 10.0, 'remote': 15.0}
-"""How long an arm may go on when nobody wants that any more, s: some controllers go to the points
-they have (docs/safety.md), at the speed that was set: 1 % at least."""
+"""Maximum time for which an arm may continue without a request, s. Some controllers finish their
+points (docs/safety.md), at the speed that was set: at least 1 %."""
 
 SETTLE_OTHERS_S = 3.0
 STATE_PERIODS_S = (0.005, 0.02, 0.05, 0.05, 0.05)
@@ -68,39 +68,40 @@ DELAYS_S = (0.0, 0.0005, 0.01, 0.05)
 PLANNING_S = (0.0, 0.05, 0.5)
 STATE_TIMEOUT_S = 1.0
 PERSON_S = 0.3
-"""How long a person takes at least to see what helps, s; longer where STATUS is rarer."""
+"""Minimum time for a person to find a remedy, s. It is longer at rarer STATUS."""
 
 PROGRAM_SHARE = 0.2
-"""In how many worlds a program in Python has the place of the node."""
+"""Share of worlds in which a Python program replaces the node."""
 
 BRAKING_S = 1.0
-"""How long an arm may take to notice a silent driver late, and to brake, s."""
+"""Maximum time for an arm to notice a silent driver and to brake, s."""
 
 MAX_ENDS = 8
-"""Of connections, where all is calm again: a driver has one at each of four ports."""
+"""Maximum number of connection ends in the calm final state. A driver has one at each of four
+ports."""
 
 MORE = 4
-"""Tasks and timers, where all is calm again: the I/O link waits now and then, or is there."""
+"""Tolerance for tasks and timers in the calm final state: the I/O link may be waiting or not."""
 
 RECOVERY_S = 60.0
-"""Within which the arm must work again once the faults are over, s."""
+"""Time within which the arm must work again after the faults have ended, s."""
 
 MODEL = load_robot_model('c3_a601s')
 SLOW = replace(MODEL, limits=replace(MODEL.limits, velocity=0.08 * MODEL.limits.velocity))
-"""Which reaches its highest speeds on the way to goals that are as near as those here."""
+"""A model that reaches its top speeds even on the short distances of these goals."""
 
 START = np.array([0.0, 0.2, 0.2, 0.0, -1.9, 0.0])
-"""Where the arm stands at first, rad: a place from which its tool can go in every direction."""
+"""Start position of the arm, rad, from which its tool can move in every direction."""
 
 OWN_PACE = ('fanuc', 'abb', 'remote')
-"""Profiles whose controllers take the time for a goal that they want."""
+"""Profiles whose controllers choose the duration of a goal."""
 
 
 class World:
-    """A world in a loop. `play` lets a list of events happen; then the arm must work again.
+    """A world in a loop. `play` plays a list of events, after which the arm must work again.
 
-    log: a line for each thing that happened, with its time; the same events give the same lines.
-    situations: which kinds of events met the arm in which phase, with whom at it.
+    log: a line for each event, with its time. The same events give the same lines. situations:
+    kinds of events, the arm's phase at the time, and its users.
     """
 
     start = START
@@ -128,7 +129,7 @@ class World:
         self.delay = float(self.rng.choice(DELAYS_S))
         status = 1 + self.profile.state.joint_positions_per_status
         self.person = max(PERSON_S, status * self.state_period + 3.0 * self.delay)
-        self.rng.random()  # no longer used: what follows stays what the found seeds have drawn
+        self.rng.random()  # not used any more, but keeps the later draws of the known seeds
         self.remote = bool(self.profile.ports.remote) or bool(
             self.rng.random() < 0.4 and self.profile_name in ('simulated', 'spel')
         )
@@ -138,7 +139,7 @@ class World:
         self.network = Network(lambda: self.delay * (0.5 + self.rng.random()))
         self.loop = VirtualLoop(self.network, float(self.rng.choice(PLANNING_S)))
         self.clock_off = 0.0
-        """How far the system clock of the driver's machine was set, s."""
+        """Offset of the system clock of the driver's machine, s."""
         self.workers = Workers(self.rng)
         self.wishes = Wishes()
         self.arm_limits = ArmLimits(self.limits, self.break_)
@@ -147,20 +148,20 @@ class World:
         self.at_controller = AtController(self)
         self.panel: PanelUser | None = None
         self._calm = False
-        """Whether nothing goes wrong, so that nothing may close the gate."""
+        """Whether the events contain no failure, so that nothing may close the gate."""
         self._processes = 0
         self._io = False
         self._over = False
-        """Whether what is left only ends."""
+        """Whether only the shutdown remains."""
         self._lives: list[Any] = []
-        """What dead processes had, too: nothing of theirs is collected while others go on."""
+        """Objects of all processes, also of dead ones, so that none is garbage collected."""
 
     # --- the world's course ----------------------------------------------------------------------
 
     def play(self, happenings: list[Happening]) -> None:
-        """Let everything happen. Raises BrokenError for what did not hold."""
+        """Play the events. Raises BrokenError for a violation."""
         self.loop.set_exception_handler(self._on_exception)
-        gc.disable()  # what is lost goes at the same moment in every process
+        gc.disable()  # so that lost objects are collected at the same moment in every process
         logging.getLogger('epson_driver').addHandler(handler := _Errors(self.break_))
         try:
             with (
@@ -254,7 +255,7 @@ class World:
             await self.servers.close()
 
     async def _recover(self) -> None:
-        """End all faults, and do what a person would until the arm works again."""
+        """End all faults, and act like a person until the arm works again."""
         self.say('all faults end')
         if self.panel is not None:
             self.panel.close()
@@ -282,7 +283,7 @@ class World:
                 if outcome.end is End.SUCCEEDED:
                     break
                 said = outcome.text
-                if 'cancel it first' in said:  # a slow goal of a program in Python goes on
+                if 'cancel it first' in said:  # a slow goal of a Python program is still running
                     self.users.cancel_all()
             if self.loop.time() - begun > RECOVERY_S:
                 raise BrokenError(f'9: the arm does not work again after {RECOVERY_S:g} s: {said}')
@@ -292,17 +293,17 @@ class World:
 
     @property
     def _patience(self) -> float:
-        """How long a goal that takes no time may last, s: a process that prepares it may hang."""
+        """Maximum time for a short goal, s. The process that prepares it may hang."""
         return ANSWER_S + (TIMEOUT_S if self.smoothing.wanted else 0.0)
 
     @property
     def _at_work(self) -> int:
-        """How many tasks and timers there are of the driver and its controller."""
+        """Number of tasks and timers of the driver and its controller."""
         left = self.loop.left()
         return left['controller'] + left[self.process.name]
 
     async def _outcome(self) -> Outcome:
-        """Return how a small motion ends."""
+        """Return the outcome of a small motion."""
         ended: list[Outcome] = []
         number = self.users.submit(
             np.array([[0.0, 0.0, 0.05, 0.0, 0.0, 0.0]]),
@@ -314,7 +315,7 @@ class World:
         return ended[0]
 
     def _look_at_gate(self) -> None:
-        """Judge that the arm is enabled only if asked for, and still if nothing is wrong."""
+        """Judge that the arm is enabled only after a request, and stays so in a calm world."""
         self.users.look_at_gate()
         why = self.at_controller.why_shut(self.users.held_up)
         if why is not None and self.process.gate:
@@ -366,7 +367,7 @@ class World:
         )
 
     async def driver_hangs(self, seconds: float) -> None:
-        """Let the driver's process stand still, as SIGSTOP does, while other things happen."""
+        """Pause the driver's process, like SIGSTOP, while other events happen."""
         self.loop.hang(self.process.name)
         self.at_controller.hung(seconds)
         self.users.begin(self._go_on(self.process.name, seconds), 'a driver that hangs')
@@ -388,11 +389,11 @@ class World:
         await self._gone(seconds)
 
     async def driver_leaves(self, seconds: float, lost: bool) -> None:
-        """End the driver's process, or the program's robot, in good order, for a while."""
-        await asyncio.sleep(SOON_S)  # what was asked for at this moment has been begun
+        """Shut down the driver's process, or close the program's robot, for a while."""
+        await asyncio.sleep(SOON_S)  # requests of this moment have started by then
         if isinstance(self.process, RobotProcess) and not self.process.linked:
-            return  # it has nothing yet to let go of
-        if self.process.name not in self.loop.hanging:  # who hangs ends when he goes on
+            return  # it has nothing to release yet
+        if self.process.name not in self.loop.hanging:  # a hanging process ends once it resumes
             self.wishes.closed(self.loop.time())
         await self.process.leave(lost=lost)
         if self.in_python:
@@ -412,15 +413,15 @@ class World:
             self.start_process()
 
     def system_time(self) -> float:
-        """Return the system clock of the driver's machine, s: somebody may have set it."""
+        """Return the system clock of the driver's machine, s, which may have been set."""
         return self.loop.now + self.clock_off
 
     async def clock_set(self, seconds: float) -> None:
-        """Let the system clock of the driver's machine jump."""
+        """Make the system clock of the driver's machine jump."""
         self.clock_off += seconds
 
     async def clock_drifts(self, rate: float) -> None:
-        """Let the controller's clock go on at a rate."""
+        """Run the controller's clock at a rate."""
         self.loop.drift('controller', rate)
 
     def process_over(self, task: asyncio.Task[None]) -> None:
@@ -432,7 +433,7 @@ class World:
             self.break_(BrokenError(f'9: a process ended: {error!r}'))
 
     def on_joints(self, sample: Any) -> None:
-        """Judge what the driver publishes."""
+        """Judge joint positions published by the driver."""
         if self.panel is not None:
             self.panel.take(sample=sample)
         try:
@@ -441,17 +442,17 @@ class World:
             self.break_(error)
 
     def on_status(self, status: Any) -> None:
-        """Have the panel see it."""
+        """Forward a status to the panel."""
         if self.panel is not None:
             self.panel.take(status=status)
 
     def on_link_state(self, name: str, why: str) -> None:
-        """Take it into the log."""
+        """Log a link state."""
         if self.panel is not None:
             self.panel.robot.state.link = name
         self.say(f'link: {name}: {why}')
 
-    # --- what is seen ----------------------------------------------------------------------------
+    # --- observations ----------------------------------------------------------------------------
 
     def say(self, text: str) -> None:
         """Write a line of the log."""
@@ -476,7 +477,7 @@ class World:
         self.situations.add((kind, phase, users or 'nobody', self.profile_name))
 
     def break_(self, error: BrokenError) -> None:
-        """Take note of the first thing that did not hold."""
+        """Record the first violation."""
         if self.broken is None and not self._over:
             self.broken = error
             self.say(f'BROKEN: {error}')
@@ -502,7 +503,7 @@ class World:
 
 
 def _smoothing(how: str, program: ProgramProfile) -> Smoothing:
-    """Return how the node prepares goals: as the controller's profile has it, or otherwise."""
+    """Return the node's smoothing of goals: from the controller's profile, or drawn."""
     if not how or program.interface != 'streaming':
         return usual_smoothing(program)
     return Smoothing(
@@ -519,14 +520,14 @@ def _program(profile_name: str) -> Program:
 
 
 class _Errors(logging.Handler):
-    """Takes what is logged with a traceback for a failure."""
+    """Treats log records with a traceback as violations."""
 
     def __init__(self, found: Callable[[BrokenError], None]) -> None:
         super().__init__(logging.ERROR)
         self._found = found
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Report it."""
+        """Report a record."""
         if record.exc_info:
             self._found(BrokenError(f'9: {record.getMessage()}: {record.exc_info[1]!r}'))
 
@@ -535,7 +536,7 @@ IO_KINDS = ('read_output', 'write_output')
 
 
 async def _nobody(**_: Any) -> None:
-    """Nothing: there is no panel beside a program in Python."""
+    """Do nothing: a Python program has no panel."""
 
 
 def _act(kind: str) -> Callable[..., Awaitable[None]]:
@@ -550,12 +551,12 @@ def _act(kind: str) -> Callable[..., Awaitable[None]]:
 
 
 ACTS = {kind: _act(kind) for kind in KINDS}
-"""Kind of event → what it does."""
+"""Kind of event → its function."""
 
 
 @contextlib.contextmanager
 def quiet() -> Iterator[None]:
-    """Log nothing meanwhile."""
+    """Suppress all logging during the block."""
     logger = logging.getLogger('epson_driver')
     before = logger.propagate
     logger.propagate = False
