@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Benchmarks: how good the motion is, held against bounds that others can compute."""
+"""Benchmarks of the motion quality against bounds that others can compute."""
 
 from pathlib import Path
 

@@ -14,15 +14,15 @@ from epson_driver.motion import JointLimits
 from epson_driver.motion.motion_figures import Figures
 
 CUT_AFTER = {'time-preserving, 3·A/J known': (1 / 3, 3 / 4), 'time-optimal, 3·A/J known': (1 / 2,)}
-"""After what share of the points the stream is cut in another run, per strategy."""
+"""Shares of the points after which the stream is cut in additional runs, per strategy."""
 
 
 @dataclass
 class Case:
-    """All that was measured; times in s.
+    """All measurements of a trajectory. Times in s.
 
-    rests: how much of the commanded time is commanded rest. cut_streams: by their last point,
-    against which they are measured. errors: exceptions of the strategies.
+    rests: commanded rest within the commanded time. cut_streams: measured against their own last
+    point. errors: exceptions of the strategies.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Task:
 
 
 def run_case(task: Task) -> Case:
-    """Run every strategy that suits the trajectory; errors are part of the result."""
+    """Run every strategy that suits the trajectory. Errors are part of the result."""
     trajectory, limits = task.trajectory, limit_set(task.limits)
     case = Case(
         trajectory.name,
@@ -78,7 +78,7 @@ def _time_at_rest(trajectory: BenchmarkTrajectory, limits: JointLimits) -> float
 def _run_strategy(
     case: Case, strategy: Strategy, trajectory: BenchmarkTrajectory, limits: JointLimits
 ) -> None:
-    """Run the whole trajectory, and streams that are cut on the way."""
+    """Run the whole trajectory, and streams that are cut before its end."""
     shares = (1.0, *CUT_AFTER.get(strategy.name, ()))
     for share in shares:
         points = max(3, int(share * case.points))

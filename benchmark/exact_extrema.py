@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The exact extrema of what a smoother executes, at every instant and not at samples.
+"""Exact extrema of a smoother's executed motion, at every instant instead of at samples.
 
-They owe nothing to the package's own verification: the pieces that were executed are taken
-apart by the passages of the knots (by bisection), each derivative is interpolated at Chebyshev
-nodes, exactly as it is a polynomial, and looked at where its own derivative vanishes.
+They are independent of the package's own verification. The executed pieces are split at the
+passages of the knots (by bisection), each derivative is interpolated at Chebyshev nodes, which is
+exact for a polynomial, and evaluated at the zeros of its own derivative.
 """
 
 from collections.abc import Callable
@@ -25,15 +25,17 @@ _TO_SERIES = np.linalg.inv(chebyshev.chebvander(NODES, 16))
 _S = (NODES + 1.0) / 2.0
 
 Derivatives = Callable[[Array], tuple[Array, Array, Array, Array]]
-"""From times since the starts of m spans, shape (m, k), to position … jerk, shapes (m, k, n)."""
+"""Function from times since the starts of m spans, shape (m, k), to position … jerk, shapes (m, k,
+n)."""
 
 State = tuple[Array, Array, Array]
 Spans = tuple[Array, Derivatives, State, State]
-"""Durations of m spans, shape (m,), what gives their derivatives, and the states at both ends."""
+"""Durations of m spans, shape (m,), the function of their derivatives, and the states at both
+ends."""
 
 
 class Recorded(Smoother):
-    """A smoother that keeps what it executes: since when, and the plan, joint motion or rest."""
+    """A smoother that records its execution: start times, and the plan, joint motion or rest."""
 
     def __init__(self, *args: Any, **named: Any) -> None:
         self.executed: list[tuple[float, ActivePlan | JointMotion | None]] = [(0.0, None)]
@@ -45,7 +47,7 @@ class Recorded(Smoother):
 
 @dataclass
 class Extrema:
-    """The largest multiples of the limits; positions: excess of the limits, jumps: both in rad.
+    """Largest multiples of the limits. outside, position_jump: rad.
 
     velocity_jump, acceleration_jump: multiples of the limits.
     """
@@ -59,12 +61,12 @@ class Extrema:
     acceleration_jump: float = 0.0
 
     def add(self, **values: float) -> None:
-        """Take the larger ones."""
+        """Update with larger values."""
         for name, value in values.items():
             setattr(self, name, max(getattr(self, name), value))
 
     def extend(self, spans: Spans, limits: JointLimits, state: State) -> State:
-        """Take what comes after a state into account, and return the state at its end."""
+        """Include the spans that follow a state, and return the state at their end."""
         durations, derivatives, first, last = spans
         self.add(
             position_jump=float(np.max(np.abs(first[0] - state[0]))),
@@ -90,7 +92,7 @@ class Extrema:
 
 
 def exact_extrema(smoother: Recorded, start: Array) -> Extrema:
-    """Return the extrema of all that was executed since the arm rested at `start`, shape (n,)."""
+    """Return the extrema of all motion executed since the arm rested at `start`, shape (n,)."""
     found = Extrema()
     zeros = np.zeros(len(smoother.limits.names))
     state: State = (start, zeros, zeros)
@@ -107,7 +109,7 @@ def exact_extrema(smoother: Recorded, start: Array) -> Extrema:
 def executed_spans(
     what: ActivePlan | JointMotion | None, begin: float, end: float
 ) -> Spans | None:
-    """Return the spans of what was executed from `begin` to `end`, s; None: there are none."""
+    """Return the executed spans from `begin` to `end`, s, or None."""
     if what is None:
         return None
     if isinstance(what, ActivePlan):
@@ -156,7 +158,7 @@ def _quintics(active: ActivePlan) -> Array:
 
 
 def _plan_spans(active: ActivePlan, begin: float, end: float) -> Spans | None:
-    """Return the durations of the parts of a plan, what gives its derivatives, and both ends."""
+    """Return the durations of a plan's parts, the function of their derivatives, and both ends."""
     timing, knots = active.timing, active.path.knots.u
     end = min(end, timing.duration)
     if end <= begin:
@@ -172,7 +174,7 @@ def _plan_spans(active: ActivePlan, begin: float, end: float) -> Spans | None:
         reach = [u + t * (v + t * (a / 2 + t * j / 6)) for t in cuts]
         for knot in knots[(knots > reach[0] + 1e-12) & (knots < reach[1] - 1e-12)]:
             below, above = cuts[0], cuts[-1]
-            for _ in range(80):  # u rises: halving finds the passage to rounding
+            for _ in range(80):  # u rises, so bisection finds the passage to rounding
                 guess = (below + above) / 2.0
                 if u + guess * (v + guess * (a / 2 + guess * j / 6)) < knot:
                     below = guess

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Runs through families of trajectories: what share of the plans fails, stops, limits, times.
+"""Runs families of trajectories and counts failed plans, stops, violations and times.
 
-What counts here is not the time of one trajectory but whether the smoother keeps its promises
-wherever it is led: the limits by exact extrema, no rest that was not asked for, never slower than
-point to point, and commanded times kept where there is time for them.
+The criterion is not the time of one trajectory, but whether the smoother keeps its guarantees for
+all of them: the limits by exact extrema, no rest that was not commanded, never slower than point
+to point, and commanded times kept where they are feasible.
 """
 
 import time
@@ -27,43 +27,44 @@ from epson_driver.motion.smoother.request import Plan, Request
 SAMPLE_STEP_S = 0.001
 
 MAX_MOTION_S = 120.0
-"""A motion that takes longer than this, s, has failed."""
+"""Maximum duration of a motion, s. A longer one has failed."""
 
 KEYS = ('position', 'velocity', 'acceleration')
 
 KNOWN_AHEAD = 3.0
-"""How much is known ahead in the runs without all of the trajectory, A/J."""
+"""Known time ahead in the runs without the whole trajectory, in units of A/J."""
 
 COMMANDED_PACE = 2.0
-"""A commanded duration is so many times that of the slowest joint at full speed …"""
+"""Commanded duration, as a multiple of the slowest joint's time at full speed …"""
 
 MIN_DURATION_S = 0.004
-"""… and at least this. In every other trajectory …"""
+"""… and at least this, s. In every other trajectory …"""
 
 COMMANDED_RATIO = 1.25
-"""… all of them are longer or shorter, so that they add up to so many time-optimal runs."""
+"""… all durations are scaled so that their sum is this multiple of the time-optimal run."""
 
 FEASIBLE_RATIO = 1.2
-"""A commanded time of at least so many time-optimal runs should be kept, to the same ratio."""
+"""Commanded time, as a multiple of the time-optimal run, from which it should be kept, to the same
+ratio."""
 
 
 LIMIT_TOLERANCE_SHARE, POSITION_TOLERANCE_RAD = 1e-6, 1e-10
-"""What is taken for rounding."""
+"""Tolerances for rounding."""
 
 MAX_PLAN_S = 0.06
-"""The 99th percentile of the CPU time of a plan may be so long, s."""
+"""Maximum 99th percentile of the CPU time of a plan, s."""
 
 
 @dataclass
 class FamilyFigures:
-    """What a family's runs came to.
+    """Results of a family's runs.
 
-    plans: how many were asked for; failed: for how many of them none was found. stops: rests at
+    plans: number of requests. failed: number of requests without a plan. stops: rests that are at
     neither end of a motion. time_ratio: worst time of a time-optimal run with all known / point to
-    point. commanded_ratio: worst time / commanded where there was time for it, 0 if there never
-    was. velocity, acceleration, jerk: largest multiple of the limit, by exact extrema; sampled:
-    the largest of them all in samples each ms. outside: of the position limits, rad. unfinished:
-    runs that did not end. violations: of the limits, seen by the smoother's own guard.
+    point. commanded_ratio: worst time / commanded time where that was feasible, or 0. velocity,
+    acceleration, jerk: largest multiple of the limit, by exact extrema. sampled: the largest of
+    all three in samples each ms. outside: distance outside the position limits, rad. unfinished:
+    runs without an end. violations: limit violations seen by the smoother's own guard.
     plan_median, plan_p99: CPU time of a plan, s.
     """
 
@@ -91,7 +92,7 @@ class FamilyFigures:
 
     @property
     def missed(self) -> list[str]:
-        """What is required and was not met."""
+        """The requirements that were missed."""
         worst = max(self.velocity, self.acceleration, self.jerk)
         return [
             text
@@ -110,13 +111,13 @@ class FamilyFigures:
         ]
 
     def raise_to(self, **values: float) -> None:
-        """Take the larger ones."""
+        """Update with larger values."""
         for name, value in values.items():
             setattr(self, name, max(getattr(self, name), value))
 
 
 class _Counting:
-    """The planner, counted and timed."""
+    """The planner with counters and timing."""
 
     def __init__(self, figures: FamilyFigures) -> None:
         self.figures = figures
@@ -142,9 +143,9 @@ def run_family(name: str, seeds: Iterable[int] = WORK_SEEDS) -> FamilyFigures:
 
 
 def _run_member(member: FamilyMember, feasible: bool, planner: _Counting) -> None:
-    """Run a trajectory time-optimal with all known, and with little; and time-preserving.
+    """Run a trajectory time-optimal with all known and with little known, then time-preserving.
 
-    feasible: whether the commanded times leave time enough.
+    feasible: whether the commanded times are long enough.
     """
     figures, little = planner.figures, KNOWN_AHEAD * ramp_time(member.limits)
     ways = np.max(np.abs(np.diff(member.positions, axis=0)) / member.limits.velocity, axis=1)
@@ -168,7 +169,7 @@ def _run(
     known: float,
     planner: _Counting,
 ) -> float:
-    """Return how long one motion takes, s, and count what happens in it."""
+    """Return the duration of one motion, s, and count its events."""
     positions, limits, figures = member.positions, member.limits, planner.figures
     smoother = Recorded(limits, positions[0], mode, planner=planner)
     fed = 1

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Families of trajectories that are hard for a planner, each member random by its seed.
 
-Points from a corner of what planners, programs and people send.
+The points represent extreme inputs from planners, programs and people.
 """
 
 import zlib
@@ -15,10 +15,11 @@ from benchmark.limit_sets import limit_set
 from epson_driver.motion import Array, JointLimits
 
 WORK_SEEDS, MEASURED_SEEDS = range(8), range(11000, 11008)
-"""Seeds to work with, and others, with which nothing was chosen, for what is reported."""
+"""Seeds for development, and separate ones for the reported figures, which influenced no choice.
+"""
 
 MAX_BORDER_DISTANCE_RAD = 0.1
-"""How near points lie to the border of the range."""
+"""Maximum distance of points from the border of the range."""
 
 SCARA = JointLimits(
     ('joint_1', 'joint_2', 'joint_3', 'joint_4'),
@@ -33,7 +34,7 @@ SCARA = JointLimits(
 
 @dataclass(frozen=True, eq=False)
 class FamilyMember:
-    """A trajectory of a family: points of shape (k, n), rad or m, and the limits it runs under."""
+    """A trajectory of a family: points of shape (k, n), rad or m, and its limits."""
 
     positions: Array
     limits: JointLimits
@@ -91,7 +92,7 @@ def _zigzag(rng: np.random.Generator) -> FamilyMember:
 
 
 def _single_joint(rng: np.random.Generator) -> FamilyMember:
-    """One joint to and fro, by ways of any size."""
+    """One joint to and fro, over distances of any size."""
     limits = limit_set('full')
     joint = int(rng.integers(6))
     positions = np.tile(inside(rng, limits, 0.3), (int(rng.integers(12, 40)), 1))
@@ -115,7 +116,7 @@ def _near_limits(rng: np.random.Generator) -> FamilyMember:
 
 
 def _on_border(rng: np.random.Generator) -> FamilyMember:
-    """A random way that is clipped at the border of the range, as programs do it."""
+    """A random path that is clipped at the border of the range, as programs do it."""
     limits = limit_set('full')
     poses = np.array([inside(rng, limits, 1.4) for _ in range(7)])
     positions = splined(poses, int(rng.integers(15, 60)))
@@ -150,7 +151,7 @@ def _duplicates(rng: np.random.Generator) -> FamilyMember:
 
 
 def _close_pairs(rng: np.random.Generator) -> FamilyMember:
-    """Points 0.25 to 0.5 mrad from the one before, amid longer ways."""
+    """Points 0.25 to 0.5 mrad from their predecessors, between longer distances."""
     member = _b_spline(rng)
     points: list[Array] = []
     for position in member.positions[:: int(rng.integers(1, 4))]:
@@ -225,10 +226,11 @@ FAMILIES: dict[str, tuple[str, Make]] = {
     'extreme_limits': ('A/J of 10 to 400 ms, joint by joint', _extreme_limits),
     'dense': ('5,000 points', _dense),
 }
-"""Name to what it is, and what makes a member."""
+"""Name to description, and a function that makes a member."""
 
 LONG_FAMILIES = ('dense',)
-"""Of these the first seed's member is enough: it is as long as all those of another."""
+"""Families for which the first seed's member is enough, because it is as long as all members of
+another family."""
 
 
 def members(name: str, seeds: Iterable[int] = WORK_SEEDS) -> Iterator[FamilyMember]:

@@ -1,11 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What every fault does to every controller, in every phase of a motion.
+"""Effect of every fault on every controller, in every phase of a motion.
 
 `python -m benchmark.faults` runs all cells of test/support/fault_cells.py: real driver, simulated
 controller and TCP in virtual time, so its times do not depend on the machine. It prints the table
-of docs/reliability.md. Exit code 1 if anything did not hold. `--only PATTERN` runs the cells whose
-names match.
+of docs/reliability.md. Exit code 1 if a check failed. `--only PATTERN` runs the cells whose names
+match.
 """
 
 import argparse
@@ -29,7 +29,7 @@ _log = logging.getLogger(__name__)
 
 
 def figures_of(cell: Any) -> dict[str, Any]:
-    """Run a cell; return its figures, with what did not hold in `failure`."""
+    """Run a cell and return its figures, with a failed check in `failure`."""
     known = asdict(cell) | {'failure': ''}
 
     async def one() -> None:
@@ -46,7 +46,7 @@ def figures_of(cell: Any) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Run the cells; return 1 if one failed."""
+    """Run the cells. Returns 1 if one failed."""
     parser = argparse.ArgumentParser(prog='benchmark.faults', description=__doc__)
     parser.add_argument('--only', metavar='PATTERN', default='', help='cells whose names match')
     arguments = parser.parse_args()

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The least that brings joint states from a controller into ROS: what the driver is held against.
+"""The minimal path of joint states from a controller into ROS: the reference for the driver.
 
-A StreamReader, struct, one message that is used again. It checks nothing, has no velocities, no
-other topic and no way to move the arm; nobody could use it.
+It is a StreamReader, struct, and one reused message. It checks nothing, has no velocities, no
+other topic and no motion interface, so it has no practical use.
 """
 
 import argparse
@@ -19,7 +19,7 @@ from sensor_msgs.msg import JointState
 JOINT_POSITION = 10
 PREFIX = struct.Struct('<i')
 MESSAGE = struct.Struct('<3ii6f')
-"""What follows the prefix: type, communication type, reply code; sequence and six joints."""
+"""Layout after the prefix: type, communication type, reply code, sequence and six joints."""
 
 
 async def forward(port: int, publisher: Publisher, clock: Clock, message: JointState) -> None:

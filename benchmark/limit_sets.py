@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The joint limits under which every trajectory is run.
 
-Velocities of the arm's data sheet; what it may accelerate is not published, so two sets stand for
-a lively and a calm arm. A/J, the time that full acceleration takes to build up, is 0.1 and 0.2 s.
+Velocities are from the arm's data sheet. Its accelerations are not published, so two sets
+represent a lively and a calm arm. A/J, the time in which full acceleration builds up, is 0.1 and
+0.2 s.
 """
 
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ MAX_VELOCITY_RAD_S = np.radians([450.0, 450.0, 514.0, 555.0, 555.0, 720.0])
 
 @dataclass(frozen=True)
 class Factors:
-    """Acceleration as a multiple of the velocity (1/s), jerk as one of the acceleration (1/s)."""
+    """Acceleration as a multiple of the velocity, and jerk of the acceleration, both in 1/s."""
 
     acceleration: float
     jerk: float
@@ -28,7 +29,7 @@ FACTORS = {'full': Factors(10.0, 10.0), 'half': Factors(5.0, 5.0)}
 
 
 def limit_set(name: str) -> JointLimits:
-    """Return the limits of one set, `full` or `half`; positions are those of the EPSON C3."""
+    """Return the limits of a set, `full` or `half`, with the positions of the EPSON C3."""
     model = load_robot_model('c3_a601s').limits
     factors = FACTORS[name]
     acceleration = factors.acceleration * MAX_VELOCITY_RAD_S
@@ -43,5 +44,5 @@ def limit_set(name: str) -> JointLimits:
 
 
 def ramp_time(limits: JointLimits) -> float:
-    """Return the longest time that a joint's acceleration takes to build up: A/J, s."""
+    """Return the longest time in which a joint's acceleration builds up: A/J, s."""
     return float(np.max(limits.acceleration / limits.jerk))

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a sampled motion is judged by, computed from its samples alone."""
+"""Metrics of a sampled motion, computed from its samples alone."""
 
 from dataclasses import dataclass
 
@@ -12,33 +12,34 @@ from benchmark.waypoints import may_be_merged, passages
 from epson_driver.motion import Array, JointLimits
 
 MERGE_TOLERANCE_RAD = 5e-4
-"""How far the smoother may pass from a waypoint that lies as close to another one, rad."""
+"""Maximum distance of the path from a waypoint that is this close to another one, rad."""
 ARRIVED_DISTANCE_RAD = 1e-6
-"""The motion is over once it stays so close to its last position, rad."""
+"""Distance from its last position within which a motion counts as over, rad."""
 REST_VELOCITY_SHARE = 1e-4
-"""Share of the velocity limit below which a joint rests; the arm, if all do."""
+"""Share of the velocity limit below which a joint is at rest. The arm is if all joints are."""
 TURNING_ACCELERATION_SHARE = 0.05
-"""Share of the acceleration limit above which an arm without speed turns round, and is no stop."""
+"""Share of the acceleration limit above which an arm without speed is reversing instead of
+stopping."""
 STEADY_ACCELERATION_RATIO = 0.6
-"""So does an arm whose acceleration, beside the samples without speed as well, never falls below
-this share of what it reaches there: at a stop it is 0."""
+"""An arm is also reversing if its acceleration stays above this share of its maximum during the
+samples without speed and their neighbours. At a stop it is 0."""
 MIN_STOP_SAMPLES = 2
 MIN_COMMANDED_REST_S = 0.2
-"""A command that asks for no motion for so long is a stop that was asked for, s."""
+"""Duration from which a command without motion is a commanded stop, s."""
 REST_TOLERANCE_S = 0.1
-"""How far from a commanded rest a stop may be to count as that rest, s."""
+"""Tolerance in time between a stop and a commanded rest, s."""
 RESTING_COMMAND_SHARE = 2e-3
-"""Share of the velocity limit below which a command asks for no motion."""
+"""Share of the velocity limit below which a command requests no motion."""
 
 
 @dataclass(frozen=True)
 class Metrics:
-    """Figures of one motion. Times in s, angles in rad, velocity … jerk as shares of the limits.
+    """Metrics of one motion. Times in s, angles in rad, velocity … jerk as shares of the limits.
 
-    waypoint: farthest from a waypoint; of those that may be merged, only the excess over the
-    merge tolerance. early: how long before its time a point is passed at most. overrun: farthest
-    from the last point after it was reached first. mismatch: largest difference between what the
-    velocities and accelerations say and how the positions change, as a share of the limit.
+    waypoint: maximum distance from a waypoint, or its excess over the merge tolerance for points
+    that may be merged. early: maximum time by which a point is passed too early. overrun: maximum
+    distance from the last point after reaching it. mismatch: largest inconsistency of velocities
+    and accelerations with the changes of position, as a share of the limit.
     """
 
     duration: float
@@ -58,7 +59,7 @@ class Metrics:
 def measure(
     trajectory: BenchmarkTrajectory, record: Record, limits: JointLimits, timed: bool
 ) -> Metrics:
-    """Return the figures of a motion along a trajectory; `timed` if it had to keep the times."""
+    """Return the metrics of a motion along a trajectory. `timed`: it had to keep the times."""
     positions = record.positions
     last = trajectory.positions[-1]
     passed = passages(trajectory.positions, record)
@@ -87,17 +88,17 @@ def _use(values: Array, limit: Array) -> float:
 
 
 def _duration(record: Record) -> float:
-    """Return when the motion is over for good: close to its end, and at rest."""
+    """Return the time from which the motion is over: close to its end, and at rest."""
     away = np.max(np.abs(record.positions - record.positions[-1]), axis=1) > ARRIVED_DISTANCE_RAD
     moving = np.flatnonzero(away)
     return record.dt * float(moving[-1] + 1) if moving.size else 0.0
 
 
 def _mismatch(record: Record, limits: JointLimits) -> float:
-    """Hold the velocities and accelerations against the positions' changes.
+    """Compare velocities and accelerations with the changes of position.
 
-    Over a step, position changes by the mean velocity (less a term of the accelerations), the
-    velocity by the mean acceleration: exact for constant jerk.
+    Over a step, position changes by the mean velocity (less a term of the accelerations), and
+    velocity by the mean acceleration. This is exact for constant jerk.
     """
     dt, v, a = record.dt, record.velocities, record.accelerations
     moved = dt * (v[1:] + v[:-1]) / 2.0 - dt**2 * (a[1:] - a[:-1]) / 12.0
@@ -113,7 +114,7 @@ def _stops(
     passed: Array,
     timed: bool,
 ) -> int:
-    """Count stops on the way that the command did not ask for."""
+    """Count stops before the end that were not commanded."""
     rests = commanded_rests(trajectory, limits) if timed else []
     times = [
         (passed[first] - REST_TOLERANCE_S, passed[last] + REST_TOLERANCE_S)
@@ -145,12 +146,12 @@ def stops(record: Record, limits: JointLimits) -> list[tuple[int, int]]:
 
 
 def _turns(push: Array) -> bool:
-    """Return whether an arm turns round, from its acceleration while it has no speed."""
+    """Return whether the arm is reversing, from its acceleration while it has no speed."""
     return bool(push.min() > STEADY_ACCELERATION_RATIO * push.max())
 
 
 def commanded_rests(trajectory: BenchmarkTrajectory, limits: JointLimits) -> list[tuple[int, int]]:
-    """Return between which points, first and last, the command asks for no motion."""
+    """Return the index ranges of points, first and last, in which no motion is commanded."""
     if trajectory.durations is None:
         return []
     steps = np.max(np.abs(np.diff(trajectory.positions, axis=0)) / limits.velocity, axis=1)
@@ -165,14 +166,14 @@ def commanded_rests(trajectory: BenchmarkTrajectory, limits: JointLimits) -> lis
 
 
 def _early(trajectory: BenchmarkTrajectory, passed: Array, of: Mask) -> float:
-    """Return how long before their commanded times some of the points are passed at most, s."""
+    """Return the maximum time by which points are passed before their commanded times, s."""
     if trajectory.durations is None:
         return 0.0
     return float(np.max(np.cumsum(trajectory.durations)[of] - passed, initial=0.0))
 
 
 def _overrun(positions: Array, last: Array, reached: int) -> float:
-    """Return how far the motion is from the last point once it has reached it."""
+    """Return the maximum distance from the last point after reaching it."""
     after = positions[reached + 1 :]
     return float(np.max(np.abs(after - last))) if len(after) else 0.0
 
@@ -183,6 +184,6 @@ def _outside(positions: Array, limits: JointLimits) -> float:
 
 
 def _step_cost(record: Record) -> float:
-    """Return the 99th percentile of the cost of a step without planning, s; 0 without steps."""
+    """Return the 99th percentile of the cost of a step without planning, s, or 0 without steps."""
     plain = record.costs[~record.planned]
     return float(np.percentile(plain, 99)) if plain.size else 0.0

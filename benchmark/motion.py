@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`make bench-motion`: the smoother against stop-and-go, splines in time, and two optima.
 
-Prints the times of every strategy as ratios, the required values with the worst ones measured
+Prints the times of every strategy as ratios, the required values with the worst measured ones
 (docs/smoother.md), and the families that are hard to plan. Exit code 0, unless --check is given
 and a required value is missed.
 """
@@ -32,7 +32,7 @@ CYCLE_S = 0.004
 """The controller's cycle, s."""
 
 TOLERANCE_S, TOLERANCE_SHARE = 0.05, 0.02
-"""How long before its commanded time a point may be passed: s, or as a share of the whole time."""
+"""Maximum time by which a point may be passed too early: s, or as a share of the whole time."""
 
 ROUNDING = 1e-6
 FASTEST, TIMED = 'time-optimal, all known', 'time-preserving, all known'
@@ -53,7 +53,7 @@ class Required:
 def _ratio(
     strategy: str, of: Callable[[Case, Metrics], float], pace: float = 0.0, points: int = 0
 ) -> Callable[[Case], Iterator[float]]:
-    """Return the values of a strategy where the command leaves `pace` times the optimum."""
+    """Return the values of a strategy for cases whose command leaves `pace` times the optimum."""
 
     def values(case: Case) -> Iterator[float]:
         metrics = case.strategies.get(strategy)
@@ -131,7 +131,7 @@ REQUIRED = (
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the benchmark; return the exit code."""
+    """Run the benchmark and return the exit code."""
     args = _arguments(arguments)
     part = args.only or args.limits or args.quick
     families = args.family or ([] if part else list(FAMILIES))
@@ -195,7 +195,7 @@ def _cases(
     tasks = [
         Task(trajectory, name, stored[digest(trajectory.positions, limit_set(name))])
         for name in sets
-        # the longest first, so that no process is left alone with it at the end
+        # the longest first, so that the last process does not run it alone
         for trajectory in sorted(trajectories, key=lambda one: -(one.commanded or 0.0))
     ]
     jobs = [pool.submit(run_case, task) for task in tasks]

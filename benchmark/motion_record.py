@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A motion as it was sampled, and its interpolation between the samples."""
+"""A sampled motion, and its interpolation between the samples."""
 
 from dataclasses import dataclass
 
@@ -16,11 +16,11 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """Samples at equal steps of `dt` s, the first one at rest at time 0.
+    """Samples at equal steps of `dt` s. The first one is at rest at time 0.
 
     positions, velocities, accelerations: shape (k, n). costs: wall time of each step in s, shape
-    (k − 1,), and `planned`: whether points were taken in or a plan was made in it, as far as that
-    can be told; both may be empty.
+    (k − 1,). planned: whether the step included new points or planning, as far as known. Both may
+    be empty.
     """
 
     dt: float
@@ -31,7 +31,7 @@ class Record:
     planned: Mask
 
     def between(self, samples: Index, shares: Array) -> Array:
-        """Return positions at `shares` of the steps that begin at `samples`: (m,) to (m, n).
+        """Return positions at `shares` of the steps that start at `samples`: (m,) to (m, n).
 
         Cubic Hermite: exact for constant jerk, and within 1e-8 rad where the jerk jumps.
         """

@@ -1,12 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The fastest motion through points, found by a solver that is not ours: CasADi and ipopt.
+"""The fastest motion through points, found by an independent solver: CasADi and ipopt.
 
-`make optimum` stores the times in references.json; where ipopt finds none, what is stored stays.
-It is one problem in time (direct transcription): the jerk of each joint is constant in steps whose
-length is free in every way between two waypoints, the path is free within the smoother's own
-allowance for the bend. It begins with the smoother's motion on the spline, whose bend that is of.
-ipopt ends at a local optimum on a grid, so the fastest motion may take less.
+`make optimum` stores the times in references.json. Where ipopt finds none, the stored value is
+kept. It is one problem in time (direct transcription). The jerk of each joint is constant within
+steps, whose length is free between each pair of waypoints, and the path is free within the
+smoother's own allowance for the bend. The initial guess is the smoother's motion on the spline,
+which also defines the bend. ipopt ends at a local optimum on a grid, so the fastest motion may
+take less.
 """
 
 import argparse
@@ -28,20 +29,20 @@ from benchmark.waypoints import passages
 from epson_driver.motion import Array, JointLimits
 
 MERGED_RAD = 5e-4
-"""A waypoint so near to the one before counts as that, as in the smoother."""
+"""Distance within which a waypoint is merged with its predecessor, like in the smoother, rad."""
 STEP_S = 0.015
-"""Longest step of constant jerk in the motion to begin with, s; no way has less than MIN_STEPS."""
+"""Longest step of constant jerk in the initial motion, s. Each segment has at least MIN_STEPS."""
 MIN_STEPS = 4
 MIN_WAY_S = 0.006
 BEND_RATIO = 1.5
 MIN_BEND_RAD = 2e-3
-"""How far from the chord a joint may be: as a multiple of the spline, and at least, rad."""
+"""Maximum distance of a joint from the chord: as a multiple of the spline's, and at least, rad."""
 VELOCITY_SHARE = 0.9995
-"""Of the limit at nodes, as the velocity may bulge between them."""
+"""Share of the limit allowed at nodes, because the velocity may bulge between them."""
 MOST_NODES = 4000
-"""More take ipopt hours."""
+"""More would take ipopt hours."""
 LOOKS = 8
-"""In each step of the answer, for what it uses of the limits."""
+"""Samples per step of the solution, for its use of the limits."""
 SOLVER: dict[str, Any] = {
     'ipopt.print_level': 0,
     'print_time': False,
@@ -57,7 +58,7 @@ SOLVER: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Optimum:
-    """A time in s, and the largest |v|/V, |a|/A and |j|/J in the motion that takes it."""
+    """A time in s, and the largest |v|/V, |a|/A and |j|/J of its motion."""
 
     duration: float
     velocity: float
@@ -65,13 +66,13 @@ class Optimum:
     jerk: float
 
     def holds(self) -> bool:
-        """Return whether the motion keeps the limits, looked at apart from the solver."""
+        """Return whether the motion keeps the limits, checked independently of the solver."""
         return self.velocity <= 1.002 and max(self.acceleration, self.jerk) <= 1.001
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Ways between m + 1 waypoints (m + 1, n): the way of each step (N,), its length there, s."""
+    """The m segments between waypoints (m + 1, n): segment index per step (N,), step length, s."""
 
     waypoints: Array
     way: Index
@@ -80,7 +81,7 @@ class Grid:
 
 
 def optimum(trajectory: BenchmarkTrajectory, limits: JointLimits) -> Optimum | None:
-    """Return the fastest motion that ipopt finds, or None if there is none that keeps limits."""
+    """Return the fastest motion found by ipopt, or None if none keeps the limits."""
     spline = run(STRATEGIES[ON_SPLINE], trajectory, limits)
     waypoints = merged(trajectory.positions)
     grid = _grid(waypoints, _times(waypoints, spline))
@@ -103,7 +104,7 @@ def merged(positions: Array) -> Array:
 
 
 def _times(waypoints: Array, record: Record) -> Array:
-    """Return when a motion passes waypoints, from when it leaves the first one on, s."""
+    """Return the passage times of waypoints, starting when the motion leaves the first one, s."""
     moving = np.flatnonzero(np.abs(record.positions - waypoints[0]).max(axis=1) > 1e-6)
     there = np.flatnonzero(np.abs(record.positions - waypoints[-1]).max(axis=1) > 1e-6)
     times = passages(waypoints, record).times
@@ -120,7 +121,7 @@ def _grid(waypoints: Array, times: Array) -> Grid:
 
 
 def _bends(waypoints: Array, record: Record) -> Array:
-    """Return how far a motion is from the chord of each way, in its farthest joint, rad."""
+    """Return the maximum distance of a motion from each segment's chord, over all joints, rad."""
     samples = np.rint(_times(waypoints, record) / record.dt).astype(np.intp)
     bends = []
     for i, (start, end) in enumerate(pairwise(waypoints)):
@@ -132,7 +133,7 @@ def _bends(waypoints: Array, record: Record) -> Array:
 
 
 def _solved(grid: Grid, record: Record, bends: Array, limits: JointLimits) -> Optimum | None:
-    import casadi as ca  # here, so that nobody else needs it
+    import casadi as ca  # here, so that the other modules do not need it
 
     velocity, acceleration, jerk = limits.velocity, limits.acceleration, limits.jerk
     n, steps, ways = len(velocity), len(grid.way), len(grid.step)
@@ -198,14 +199,14 @@ def _solved(grid: Grid, record: Record, bends: Array, limits: JointLimits) -> Op
 
 
 def _flat(tables: list[Any]) -> Array:
-    """Return tables as one vector, each column by column as CasADi has them."""
+    """Return tables as one vector, column by column like in CasADi."""
     return np.concatenate([np.asarray(each).T.ravel() for each in tables])
 
 
 def _looked_at(
     grid: Grid, steps: Array, jerks: Array, bends: Array, limits: JointLimits
 ) -> Optimum | None:
-    """Integrate the jerks (N, n) anew from rest; None where waypoints or chords are left."""
+    """Integrate the jerks (N, n) from rest. Returns None if a waypoint or chord is missed."""
     position, velocity = grid.waypoints[0].copy(), np.zeros(jerks.shape[1])
     acceleration = velocity.copy()
     fastest = liveliest = 0.0
@@ -225,7 +226,7 @@ def _looked_at(
 
 
 def main() -> int:
-    """Compute the optima of the benchmark's set anew, and store them."""
+    """Recompute the optima of the benchmark's set, and store them."""
     parser = argparse.ArgumentParser(prog='benchmark.optimum', description=__doc__)
     parser.add_argument('--only', default='', help='trajectories whose name contains this')
     args = parser.parse_args()

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Plans as a motion planner makes them: a blended polyline and a timing without a jerk limit.
+"""Plans like a motion planner's: a blended polyline, with a timing without a jerk limit.
 
-The timing is the fastest one within velocity and acceleration limits (what TOTG and TOPP-RA
-return), from forward and backward passes over the path; so it starts and ends at rest and its
-acceleration jumps.
+The timing is the fastest one within velocity and acceleration limits (like TOTG and TOPP-RA), from
+forward and backward passes over the path. So it starts and ends at rest, and its acceleration
+jumps.
 """
 
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ import numpy as np
 from epson_driver.motion import Array
 
 GRID_INTERVALS = 4000
-"""Intervals of the path over which a timing is integrated."""
+"""Number of path intervals over which a timing is integrated."""
 
 
 @dataclass(frozen=True, eq=False)
 class TimedPath:
-    """A path densely sampled in time: times (m,), s, increasing from 0; positions (m, n), rad."""
+    """A path sampled densely in time: times (m,), s, increasing from 0; positions (m, n), rad."""
 
     times: Array
     positions: Array
@@ -47,7 +47,7 @@ def random_vias(rng: np.random.Generator, count: int, low: Array, high: Array) -
 def blended(vias: Array, blend: float) -> Array:
     """Return a dense path along the polyline of the vias, shape (GRID_INTERVALS + 1, n).
 
-    Its steps are of equal length. Corners become parabolas that begin `blend` rad before them, at
+    Its steps are of equal length. Corners become parabolas that start `blend` rad before them, at
     most halfway.
     """
     pieces = [vias[:1]]

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The times that strategies are held against, per trajectory and limits; kept in a file.
+"""Reference times for the strategies, per trajectory and limits, stored in a file.
 
-They change with the points and the limits only, so they are stored under a digest of these. How
-they were found is in README.md.
+They depend on the points and the limits only, so they are stored under a digest of these.
+README.md describes how they were computed.
 """
 
 import hashlib
@@ -19,10 +19,10 @@ FILE = Path(__file__).with_name('references.json')
 
 @dataclass(frozen=True)
 class ReferenceTimes:
-    """Times in s: point to point, TOPP-RA, optimum; what that attains of each limit; stops.
+    """Times in s: point to point, TOPP-RA and two optima, with their use of each limit and stops.
 
-    opt: the fastest motion through the points on whatever path, found by `opt_by` (optimum.py);
-    spline: the fastest one on the spline through them, by a search of our own; toppra: that
+    opt: the fastest motion through the points on any path, found by `opt_by` (optimum.py). spline:
+    the fastest one on the spline through them, found by a separate search. toppra: the same
     without a limit on the jerk.
     """
 
@@ -42,11 +42,11 @@ class ReferenceTimes:
     def sound(self) -> bool:
         """Return whether both optima keep the limits, and the times are in the right order.
 
-        On a straight line the point-to-point move is optimal; the search comes within half a
-        percent of that.
+        On a straight line the point-to-point move is optimal, and the search comes within half a
+        percent of it.
         """
         within = (
-            self.opt_velocity <= 1.002  # kept at the nodes of a grid, and bulging between them
+            self.opt_velocity <= 1.002  # kept at the nodes of a grid, with bulges between them
             and self.spline_velocity <= 1.001
             and max(self.opt_acceleration, self.spline_acceleration) <= 1.001
             and max(self.opt_jerk, self.spline_jerk) <= 1.02

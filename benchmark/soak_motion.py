@@ -1,13 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""An hour of motion in which everything happens, and the driver stays as it was.
+"""An hour of varied motion, after which the driver's resources must be unchanged.
 
 `make soak-motion` (`python -m benchmark.soak_motion --minutes 60`): the real client, a simulated
 controller, and a user who sends goals, cancels and replaces them, streams setpoints, calls
 services, changes parameters, presses the E-stop and cuts the cable, at random moments. Every goal
-must end once, with the true outcome; between the episodes the memory of both processes, and the
-descriptors, threads and asyncio tasks of the client must be what they were after the warm-up.
-Prints the figures of docs/reliability.md. Exit code 1 if anything does not hold. Linux only.
+must end once, with the true outcome. Between the episodes, the memory of both processes, and the
+descriptors, threads and asyncio tasks of the client must be as after the warm-up. Prints the
+figures of docs/reliability.md. Exit code 1 if a check fails. Linux only.
 """
 
 import argparse
@@ -28,16 +28,17 @@ from epson_driver.processes import processes
 from epson_driver.processes.processes import Process
 
 WARM_UP_S = 75.0
-"""The driver keeps goals for 60 s."""
+"""The driver stores goals for 60 s."""
 
 MAX_GROWTH_BYTES = 1_000_000
-"""Of either process, from the first tenth after the warm-up to the last one, bytes."""
+"""Maximum growth of either process, from the first tenth after the warm-up to the last one, bytes.
+"""
 
 SAMPLE_S = 2.0
-"""The least time between two measurements, s; they are made between episodes."""
+"""Minimum time between two measurements, s, which are made between episodes."""
 
 PATIENCE_S = 30.0
-"""Of driver and controller with each other: a machine that has too much to do is no finding, s."""
+"""Timeouts between driver and controller, s: an overloaded machine is not a finding."""
 
 PATIENT = f"""\
 name: patient
@@ -52,7 +53,7 @@ PAGE_BYTES = os.sysconf('SC_PAGE_SIZE')
 
 @dataclass(frozen=True)
 class Sample:
-    """What the processes take at a moment when nothing moves; memory in bytes."""
+    """Resources of the processes at a moment without motion. Memory in bytes."""
 
     seconds: float
     goals: int
@@ -64,9 +65,9 @@ class Sample:
 
 
 class Episodes:
-    """What a user does, one thing after another; each method is an episode.
+    """The user's actions. Each method is an episode.
 
-    An episode returns how its goals ended; what should not have been is noted in `problems`.
+    An episode returns its goals with the allowed outcomes. Violations are added to `problems`.
     """
 
     def __init__(self, user: SoakUser, chance: random.Random) -> None:
@@ -77,7 +78,7 @@ class Episodes:
         self.goals = 0
 
     def play(self) -> None:
-        """Do one episode, drawn at random, and see that the arm stands after it."""
+        """Play one random episode, and check that the arm is at rest after it."""
         name, episode = self._chance.choice(EPISODES)
         expected = episode(self)
         for goal, allowed in expected:
@@ -106,7 +107,7 @@ class Episodes:
         return self._user.goal(self._chance.uniform(0.2, 1.0), self._chance.uniform(-0.4, 0.4))
 
     def finished(self) -> list[Any]:
-        """Let a goal run to its end."""
+        """Wait for a goal to complete."""
         return [(self._goal(), ('succeeded',))]
 
     def canceled(self) -> list[Any]:
@@ -142,7 +143,7 @@ class Episodes:
         return [(goal, ('aborted', 'succeeded'))]
 
     def estop(self) -> list[Any]:
-        """Press the E-stop, and release it when the arm stands."""
+        """Press the E-stop, and release it when the arm is at rest."""
         goal = self._goal()
         self._pause()
         self._user.pendant('Sim,estop,press')
@@ -195,7 +196,7 @@ EPISODES: tuple[tuple[str, Callable[[Episodes], list[Any]]], ...] = (
     ('speed scaling', Episodes.slowed),
     ('I/O is read', Episodes.inputs),
 )
-"""What can happen to a goal, or without one."""
+"""Episodes with and without a goal."""
 
 
 def resident(process: Process) -> int:
@@ -207,7 +208,7 @@ def resident(process: Process) -> int:
 def measured(
     seconds: float, goals: int, client: Process, controller: Process, tasks: Path
 ) -> Sample:
-    """Return what the processes take now."""
+    """Return the current resources of the processes."""
     folder = Path(f'/proc/{client.process_id}')
     status = (folder / 'status').read_text(encoding='ascii')
     threads = next(line for line in status.splitlines() if line.startswith('Threads:'))
@@ -223,10 +224,10 @@ def measured(
 
 
 def flat(samples: list[Sample], warm_up: float) -> tuple[dict[str, dict[str, float]], list[str]]:
-    """Return the figures after the warm-up, and what was not flat.
+    """Return the figures after the warm-up, and the resources that have grown.
 
-    Compared are medians of the first and of the last tenth: a moment in which a connection is
-    just being opened is no leak.
+    Medians of the first and of the last tenth are compared, because a connection that is just
+    being opened is not a leak.
     """
     warm = [each for each in samples if each.seconds >= warm_up]
     if len(warm) < MIN_SAMPLES:
@@ -253,9 +254,9 @@ def flat(samples: list[Sample], warm_up: float) -> tuple[dict[str, dict[str, flo
 
 
 def soak(minutes: float, seed: int, folder: Path, warm_up: float = WARM_UP_S) -> dict[str, Any]:
-    """Let everything happen for so long; return the figures."""
+    """Play episodes for `minutes` and return the figures."""
     domain, tasks = processes.free_ros_domain(), folder / 'tasks'
-    # a third of the states that a C3 sends: this is about duration, not about load
+    # a third of a C3's state rate, because this is about duration, not load
     patient = folder / 'patient.yaml'
     patient.write_text(PATIENT, 'utf-8')
     controller = processes.sim_controller(
@@ -275,7 +276,7 @@ def soak(minutes: float, seed: int, folder: Path, warm_up: float = WARM_UP_S) ->
             state_timeout=PATIENCE_S,
             io_timeout=PATIENCE_S,
             reply_timeout=PATIENCE_S,
-            start_tolerance=1.0,  # a goal that replaces another begins where the arm was last seen
+            start_tolerance=1.0,  # a replacing goal starts at the last received position
         )
         with processes.ended_at_exit(client):
             user = SoakUser(domain, ports.remote)
@@ -325,7 +326,7 @@ def _run(
 
 
 def main() -> int:
-    """Run it and write the figures; return 1 if something does not hold."""
+    """Run it and write the figures. Returns 1 if a check fails."""
     parser = argparse.ArgumentParser(prog='benchmark.soak_motion', description=__doc__)
     parser.add_argument('--minutes', type=float, default=60.0)
     parser.add_argument('--seed', type=int, default=20)

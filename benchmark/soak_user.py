@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The user of the long run: a ROS node that does one thing at a time, and the person beside it."""
+"""The user of the soak test: a ROS node that acts step by step, and the person at the pendant."""
 
 import asyncio
 import threading
@@ -28,13 +28,13 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from epson_driver.remote_ethernet.client import RemoteError, execute
 
 PATIENCE_S = 120.0
-"""Until what does not come is taken for a hang, s."""
+"""Timeout after which a missing answer counts as a hang, s."""
 
 FAR = 0.05
-"""A goal that has succeeded has brought the arm nearer than this, rad."""
+"""Maximum distance of the arm from a successful goal, rad."""
 
 STANDS = 1e-6
-"""From one joint state to the next, rad."""
+"""Maximum change between joint states that counts as at rest, rad."""
 
 STREAM_PERIOD_S = 0.02
 JOINTS = [f'joint_{number}' for number in range(1, 7)]
@@ -47,7 +47,7 @@ ENDS = {
 
 @dataclass(eq=False)
 class SentGoal:
-    """A goal that was accepted, and where it leads; `result` is a future."""
+    """An accepted goal and its target. `result` is a future."""
 
     handle: Any
     target: list[float]
@@ -57,7 +57,7 @@ class SentGoal:
 
 
 class SoakUser:
-    """Does what a user's program does, and waits for it. Its node has a thread of its own."""
+    """Acts like a user's program and waits for each answer. Its node has a separate thread."""
 
     def __init__(self, domain: int, remote_port: int) -> None:
         self._remote_port = remote_port
@@ -94,20 +94,20 @@ class SoakUser:
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread and leave ROS."""
+        """Stop the thread and leave ROS."""
         self._executor.shutdown()
         self._thread.join(PATIENCE_S)
         self._node.destroy_node()
         self._context.shutdown()
 
     def problems(self) -> list[str]:
-        """Return what the topic of the goals' states said that it must not."""
+        """Return violations seen in the status topic of the goals."""
         return self._twice
 
     # --- goals ---
 
     def goal(self, seconds: float, angle: float) -> SentGoal:
-        """Send a goal from where the arm is, as soon as it is known, and have it accepted."""
+        """Send a goal from the current position, and wait until it is accepted."""
         here = self.joints()
         target = [angle, *here[1:]]
         message = JointTrajectory(joint_names=JOINTS)
@@ -125,40 +125,40 @@ class SoakUser:
         return SentGoal(handle, target, result)
 
     def cancel(self, goal: SentGoal) -> None:
-        """Ask for its cancellation, and wait for the answer."""
+        """Request its cancellation, and wait for the answer."""
         self._complete(goal.handle.cancel_goal_async)
 
     def result(self, goal: SentGoal) -> tuple[str, str]:
-        """Wait for its end; return how it ended, and the sentence."""
+        """Wait for its end and return the outcome and the sentence."""
         answer = self._wait(goal.result)
         if goal.at_end is None:
             goal.at_end = self.joints()
         return ENDS.get(answer.status, f'status {answer.status}'), answer.result.error_string
 
     def distance(self, goal: SentGoal) -> float:
-        """Return how far from its goal the arm was after its end, rad."""
+        """Return the distance of the arm from the goal after its end, rad."""
         at = goal.at_end or self.joints()
         return max(abs(a - b) for a, b in zip(at, goal.target, strict=True))
 
     # --- everything else ---
 
     def stream(self, seconds: float, angle: float) -> None:
-        """Stream positions, from where the arm is, for so long; wait until that is over."""
+        """Stream positions for `seconds`, starting at the current one, and wait for the end."""
         here = self.joints()
         steps = max(int(seconds / STREAM_PERIOD_S), 1)
         for step in range(1, steps + 1):
             at = [here[0] + (angle - here[0]) * step / steps, *here[1:]]
             self._stream.publish(Float64MultiArray(data=at))
             time.sleep(STREAM_PERIOD_S)
-        time.sleep(0.5)  # longer than servo.timeout: goals are taken again when the arm stands
+        time.sleep(0.5)  # longer than servo.timeout: an arm at rest accepts goals again
 
     def call(self, name: str) -> tuple[bool, str]:
-        """Call one of the services without arguments."""
+        """Call a service without arguments."""
         answer = self._complete(lambda: self._triggers[name].call_async(Trigger.Request()))
         return answer.success, answer.message
 
     def enabled(self) -> None:
-        """Bring the driver back to where goals are taken: reset, enable, again and again."""
+        """Reset and enable repeatedly until the driver accepts goals again."""
         for client in (*self._triggers.values(), self._read, self._speed, self._parameters):
             if not client.wait_for_service(PATIENCE_S):
                 raise TimeoutError(f'no service {client.srv_name}')
@@ -194,7 +194,7 @@ class SoakUser:
         self._complete(lambda: self._read.call_async(request))
 
     def pendant(self, command: str) -> None:
-        """Do what a person does at the controller; until it takes it."""
+        """Do a person's action at the controller, repeated until it is accepted."""
         until = time.monotonic() + PATIENCE_S
         while True:
             try:
@@ -209,7 +209,7 @@ class SoakUser:
     # --- the arm ---
 
     def joints(self, newer: int = 1) -> list[float]:
-        """Return joints that came after this call, rad."""
+        """Return joints received after this call, rad."""
         with self._changed:
             wanted = self._states + newer
             if not self._changed.wait_for(lambda: self._states >= wanted, PATIENCE_S):
@@ -217,7 +217,7 @@ class SoakUser:
             return list(self._joints)
 
     def at_rest(self) -> None:
-        """Wait until the arm stands."""
+        """Wait until the arm is at rest."""
         until = time.monotonic() + PATIENCE_S
         before = self.joints()
         while True:
@@ -235,7 +235,7 @@ class SoakUser:
             self._changed.notify_all()
 
     def _on_status(self, message: GoalStatusArray) -> None:
-        """See that a goal which has ended stays ended, in the same way."""
+        """Check that a goal does not change its state after its end."""
         for each in message.status_list:
             key = bytes(each.goal_info.goal_id.uuid)
             known = self._ended.get(key)
@@ -247,7 +247,7 @@ class SoakUser:
     # --- waiting ---
 
     def _in_executor(self, send: Callable[[], Any]) -> Any:
-        """Send in the thread that takes the answers; return the answer's future."""
+        """Send in the thread that receives the answers, and return the answer's future."""
         return self._wait(self._executor.create_task(send))
 
     def _complete(self, send: Callable[[], Any]) -> Any:

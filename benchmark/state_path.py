@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """`make bench`, the state path: from a controller's byte to the subscriber of `joint_states`.
 
-The driver and the bare program of `floor.py` run at once and get the same messages in turns, half
-a period apart, so that what else the machine does meets both alike. Latency: from before the send
-to after the subscriber has taken the message. CPU: of the whole process, all threads, user and
-system, divided by the messages; what the driver does by the second is in it. Linux only.
+The driver and the minimal program of `floor.py` run at the same time and receive the same messages
+in turns, half a period apart, so that other load on the machine affects both equally. Latency:
+from before the send until the subscriber has taken the message. CPU: of the whole process, all
+threads, user and system, divided by the number of messages. This includes the driver's work per
+second. Linux only.
 """
 
 import argparse
@@ -29,25 +30,25 @@ from benchmark.subscriber import Subscriber
 from epson_driver.processes import processes
 
 RATES_HZ = (182.0, 500.0, 1000.0)
-"""182: what an RC620 sends."""
+"""182: the rate of an RC620."""
 
 FIRST_BURST_HZ = 2000.0
 BURST_FACTOR = 1.4
 MAX_BURST_HZ = 30_000.0
 MAX_LAG_S = 0.25
-"""After the last message of a burst, s: what has not come then is lost, or late for good."""
+"""Time after the last message of a burst, s, after which a missing message counts as lost."""
 
 WARM_UP = 400
 PATIENCE_S = 60.0
 FLOOR, OURS = range(2)
 TOPICS = ('/floor/joint_states', '/joint_states')
 REQUIRED = {'p50': 1.10, 'p99': 1.25, 'cpu': 1.20}
-"""The driver's share of the floor's figures, at most."""
+"""Maximum ratios of the driver's figures to the floor's."""
 
 
 @dataclass(frozen=True)
 class Window:
-    """What was seen of one program at one rate; times in s. `lost`: messages."""
+    """Figures of one program at one rate. Times in s. `lost`: messages."""
 
     p50: float
     p99: float
@@ -57,7 +58,7 @@ class Window:
 
 @dataclass(frozen=True)
 class Rate:
-    """Both programs at one rate, and the ratios, driver to floor; medians of the rounds."""
+    """Both programs at one rate, with ratios of driver to floor. All are medians of the rounds."""
 
     rate: float
     floor: Window
@@ -77,7 +78,7 @@ class Course:
         self._next = 1
 
     def run(self, rate: float, messages: int, targets: tuple[int, ...]) -> list[Window]:
-        """Send so many messages to each target; return what was seen of it."""
+        """Send `messages` messages to each target and return each target's figures."""
         order = Order(rate, messages, targets, self._next)
         self._next += messages
         for target in targets:
@@ -105,7 +106,7 @@ class Course:
         return windows
 
     def compare(self, rate: float, seconds: float, rounds: int) -> Rate:
-        """Return both at one rate, in the median of some rounds."""
+        """Return both programs' figures at one rate, as medians over some rounds."""
         pairs = []
         for turn in range(rounds):
             targets = (FLOOR, OURS) if turn % 2 else (OURS, FLOOR)
@@ -123,7 +124,7 @@ class Course:
         return Rate(rate, median(floors), median(drivers), ratios)
 
     def highest(self, target: int, seconds: float) -> float:
-        """Return the highest rate that was sent and came without loss, Hz."""
+        """Return the highest rate sent and received without loss, Hz."""
         best, rate = 0.0, FIRST_BURST_HZ
         while rate <= MAX_BURST_HZ:
             for _ in range(2):  # a second try: the machine may have been busy
@@ -132,7 +133,7 @@ class Course:
                     break
             else:
                 return best
-            if self.last_rate <= best * 1.02:  # the sender cannot send faster, or is not let
+            if self.last_rate <= best * 1.02:  # the sender has reached its maximum rate
                 return best
             best = self.last_rate
             rate *= BURST_FACTOR
@@ -140,7 +141,7 @@ class Course:
 
 
 def median(windows: Sequence[Window]) -> Window:
-    """Return the median of each figure; of lost messages all."""
+    """Return the median of each figure, and the sum of the lost messages."""
     return Window(
         statistics.median(window.p50 for window in windows),
         statistics.median(window.p99 for window in windows),
@@ -150,13 +151,13 @@ def median(windows: Sequence[Window]) -> Window:
 
 
 def cpu_time(process_id: int) -> float:
-    """Return the CPU time that a process has used, all threads, s; Linux's clock of it, in ns."""
+    """Return the CPU time of a process, all threads, s, from Linux's clock in ns."""
     return time.clock_gettime((~process_id << 3) | 2)
 
 
 @contextmanager
 def sender(drivers: int) -> Iterator[tuple[Connection, list[int]]]:
-    """Run the sender; yield its pipe and its ports, that of motion first."""
+    """Run the sender. Yields its pipe and its ports, the motion port first."""
     context = multiprocessing.get_context('spawn')
     ours, theirs = context.Pipe()
     process = context.Process(target=serve, args=(theirs, drivers), daemon=True)
@@ -196,7 +197,7 @@ def course() -> Iterator[Course]:
                     if time.monotonic() > until:
                         raise TimeoutError('no publishers')
                     time.sleep(0.1)
-                time.sleep(1.0)  # discovery says who is there before both are matched
+                time.sleep(1.0)  # discovery lists publishers before both are matched
                 found = Course(pipe, subscriber, (floor.pid, ours.process_id))
                 found.run(200.0, WARM_UP, (FLOOR, OURS))
                 yield found
@@ -206,7 +207,7 @@ def course() -> Iterator[Course]:
 
 
 def main() -> None:
-    """Print both programs' figures and their ratios, rate by rate, and the highest rates."""
+    """Print both programs' figures and their ratios for each rate, and the highest rates."""
     parser = argparse.ArgumentParser(prog='benchmark.state_path', description=__doc__)
     parser.add_argument('--quick', action='store_true', help='half a minute')
     quick = parser.parse_args().quick

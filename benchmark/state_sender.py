@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Sends joint positions to drivers at a set rate, and notes when: a process of its own.
+"""Sends joint positions to drivers at a set rate, with recorded times, in a separate process.
 
-Each position says its number, so that who receives it knows when it was sent.
+Each position encodes its number, so that a receiver can look up the sending time.
 """
 
 import contextlib
@@ -15,7 +15,8 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 
 STEP_RAD = 2.0**-20
-"""From one position to the next, rad: a float32 carries every multiple of it below 1 exactly."""
+"""Difference between two positions, rad: a float32 represents every multiple of it below 1
+exactly."""
 
 STATUS_PERIOD_S = 0.1
 FRAME = struct.Struct('<4ii10f')
@@ -25,9 +26,9 @@ BEGIN_AFTER_S = 0.05
 
 @dataclass(frozen=True)
 class Order:
-    """Send `messages` positions to each of `targets` (0, 1, ...), `rate` of them per second.
+    """Request for `messages` positions to each of `targets` (0, 1, ...), `rate` per second.
 
-    The targets take turns, evenly spaced. The positions are numbered on from `first`.
+    The targets take turns, evenly spaced. The numbering of the positions starts at `first`.
     """
 
     rate: float
@@ -37,16 +38,16 @@ class Order:
 
 
 def frame(number: int) -> bytes:
-    """Return the JOINT_POSITION of that number."""
+    """Return the JOINT_POSITION with a number."""
     angle = STEP_RAD * number
     return FRAME.pack(56, 10, 1, 0, 0, *(angle,) * 6, 0.0, 0.0, 0.0, 0.0)
 
 
 def serve(pipe: Connection, drivers: int) -> None:
-    """Send what is ordered, until the pipe ends.
+    """Send the requested positions until the pipe is closed.
 
-    Tells the motion port, and a state port for each driver; then, for each Order, the times
-    (monotonic, s) at which each target's messages were sent.
+    Writes the motion port and a state port for each driver to the pipe. Then, for each Order, it
+    writes the times (monotonic, s) at which each target's messages were sent.
     """
     servers = [socket.create_server(('127.0.0.1', 0)) for _ in range(drivers + 1)]
     pipe.send([server.getsockname()[1] for server in servers])
@@ -62,7 +63,7 @@ def serve(pipe: Connection, drivers: int) -> None:
 
 
 def _hold(server: socket.socket) -> None:
-    """Accept motion connections, and do nothing."""
+    """Accept motion connections, and ignore them."""
     held = []
     while True:
         held.append(server.accept())

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The ways to run a trajectory that are compared: a table from name to how the smoother is fed."""
+"""The strategies compared by the benchmark: a table from name to the feeding of the smoother."""
 
 import time
 from collections.abc import Callable
@@ -18,27 +18,28 @@ from epson_driver.motion.smoother.planner import plan
 from epson_driver.motion.smoother.request import Plan, Request
 
 SAMPLE_STEP_S = 0.001
-"""The sampling step, s: finer than the 4 ms cycle, so that no spike hides between two cycles."""
+"""The sampling step, s: finer than the 4 ms cycle, so that spikes between two cycles are seen."""
 LATENCY_S = 0.040
-"""A planner that answers so late, s."""
+"""Latency of a slow planner, s."""
 PATIENCE_S = 60.0
-"""How long, s, a motion may take beyond half a second per point and twice its command."""
+"""Maximum duration of a motion beyond half a second per point and twice its commanded time, s."""
 
 
 MAX_WALL_TIME_S = 120.0
-"""Wall time that one run may take, s: some hundred times what it should."""
+"""Maximum wall time of one run, s: some hundred times the normal one."""
 
 
 MODES = {True: 'time-preserving', False: 'time-optimal'}
-"""What is said of a strategy that keeps the commanded durations, or does not."""
+"""Names of strategies that keep the commanded durations, or do not."""
 
 
 @dataclass(frozen=True)
 class Strategy:
-    """How a smoother is used. `look_ahead` gives the time known ahead, s, or None for all.
+    """A use of the smoother. `look_ahead` gives the time known ahead, s, or None for all.
 
-    `timed`: whether it keeps the commanded durations or is as fast as it can. `whole`: whether all
-    points make one problem; else they go through the smoother, on the spline through them.
+    `timed`: whether it keeps the commanded durations or is as fast as possible. `whole`: whether
+    all points are solved as one problem. Otherwise they are fed to the smoother, on the spline
+    through them.
     """
 
     name: str
@@ -48,7 +49,7 @@ class Strategy:
     whole: bool = False
 
     def suits(self, trajectory: BenchmarkTrajectory) -> bool:
-        """Return whether the trajectory has what the strategy needs."""
+        """Return whether the trajectory has the data that the strategy needs."""
         return trajectory.durations is not None or not self.timed
 
 
@@ -90,7 +91,7 @@ def run(
     limits: JointLimits,
     cut: bool = False,
 ) -> Record:
-    """Return the sampled motion of the smoother, which hears of the end unless it is `cut`.
+    """Return the sampled motion of the smoother, which is told of the end unless `cut`.
 
     Raises RuntimeError if it does not end within PATIENCE_S more than any motion needs.
     """

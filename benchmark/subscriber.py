@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A subscriber that costs little: rclpy's wait set without its executor, and raw messages."""
+"""A low-cost subscriber: rclpy's wait set without its executor, and raw messages."""
 
 import threading
 import time
@@ -15,13 +15,13 @@ from sensor_msgs.msg import JointState
 from benchmark.state_sender import STEP_RAD
 
 QUEUE = 5000
-"""Longer than any burst: what is lost was lost by the publisher."""
+"""Longer than any burst, so that losses are the publisher's."""
 
 LOOK_PERIOD_NS = 100_000_000
 
 
 class Subscriber:
-    """Takes the joint states of topics in a thread, and notes when each came."""
+    """Receives the joint states of topics in a thread, and records their arrival times."""
 
     def __init__(self, domain: int, topics: Sequence[str]) -> None:
         self._context = Context()
@@ -46,16 +46,16 @@ class Subscriber:
         self._context.shutdown()
 
     def publishers(self, topic: int) -> int:
-        """Return how many publish a topic, by its place."""
+        """Return the number of publishers of a topic, given by index."""
         count: int = self._node.count_publishers(self._subscriptions[topic].topic_name)
         return count
 
     def count(self, topic: int) -> int:
-        """Return how many came since they were taken."""
+        """Return the number of messages since the last call of `taken`."""
         return len(self._came[topic])
 
     def taken(self, topic: int) -> dict[int, float]:
-        """Return when each came, monotonic, s, by its number; and begin anew."""
+        """Return the arrival times by message number, monotonic, s, and clear them."""
         came, self._came[topic] = self._came[topic], []
         return {
             round(deserialize_message(data, JointState).position[0] / STEP_RAD): at

@@ -15,7 +15,7 @@ from epson_driver.trajectory_file import read_trajectory
 
 SHARED = Path(__file__).parents[1] / 'config' / 'trajectories'
 WITHOUT_TIMES = 'around_pillar_positions_only'
-"""The shared plan that is run as one that came without times."""
+"""The shared plan that is run as if it had no times."""
 
 PLANS = (
     'around_pillar_11_points',
@@ -27,18 +27,18 @@ PLANS = (
 
 MIN_POSE_RAD = np.array([-1.6, -1.6, 0.2, -1.6, -1.5, -2.5])
 MAX_POSE_RAD = np.array([1.6, 0.1, 2.0, 1.6, -0.2, 2.5])
-"""Where generated poses lie, rad: well inside the arm's range, so that a spline stays inside."""
+"""Range of generated poses, rad: well inside the arm's range, so that a spline stays inside."""
 
 BLEND_RAD = 0.15
-"""How far before a corner a generated plan leaves the straight line, rad."""
+"""Distance before a corner at which a generated plan leaves the straight line, rad."""
 
 
 @dataclass(frozen=True, eq=False)
 class BenchmarkTrajectory:
-    """A trajectory as it is streamed.
+    """A trajectory in its streamed form.
 
-    positions: (n, 6), rad. durations: (n,), s, from the point before, the first one 0; None if the
-    plan came without times.
+    positions: (n, 6), rad. durations: (n,), s, from the previous point, 0 for the first, or None
+    if the plan has no times.
     """
 
     name: str
@@ -57,7 +57,7 @@ class BenchmarkTrajectory:
 
 
 def benchmark_set() -> tuple[BenchmarkTrajectory, ...]:
-    """Return all trajectories, the generated ones first; the same every time."""
+    """Return all trajectories, the generated ones first. They are the same every time."""
     generated = [_named(name, make) for name, make in GENERATED.items()]
     return (*generated, *(_shared(SHARED / f'{name}.yaml') for name in PLANS))
 
@@ -109,7 +109,7 @@ def _reversal() -> tuple[Array, Array]:
 
 
 def _repeated() -> tuple[Array, Array]:
-    """Doubled points in passing, points three times over, and one commanded rest of 0.4 s."""
+    """Points doubled in passing, points three times over, and one commanded rest of 0.4 s."""
     positions, durations = _every(_timed(71, 4, 0.25), 0.06)
     times = {5: 2, 12: 3, len(positions) // 2: 2, len(positions) - 1: 2}
     rests = {len(positions) // 2: 0.4}

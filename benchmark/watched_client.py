@@ -1,9 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The executable `client`, unchanged, beside a thread that counts its asyncio tasks each second.
+"""The executable `client`, unchanged, with a thread that counts its asyncio tasks each second.
 
 `python -m benchmark.watched_client FILE client …`: the newest count is the last line of FILE. The
-client's own time-outs are as long as in its tests: a busy machine is no fault of the controller.
+client's own timeouts are as long as in its tests, because a busy machine is not a fault of the
+controller.
 """
 
 import asyncio
@@ -21,13 +22,13 @@ from epson_driver.cli.__main__ import main
 
 PERIOD_S = 1.0
 PATIENCE = {'epson_driver.driver.goal.goal_queue': {'FRESH_POSE_TIMEOUT_S': LONG}}
-"""A controller that is not scheduled sends no joints: goals wait for them, here for long."""
+"""A controller that is not scheduled sends no joints. Goals then wait longer than usual."""
 
 loops: list[Any] = []
 
 
 def watch_loops() -> None:
-    """Have every event loop of the process noted when it is made."""
+    """Record every event loop of the process when it is created."""
     made = asyncio.SelectorEventLoop.__init__
 
     def init(loop: Any, *arguments: Any) -> None:
@@ -38,7 +39,7 @@ def watch_loops() -> None:
 
 
 def count(path: Path) -> None:
-    """Write a count each second, as long as the process lives."""
+    """Write a count each second while the process is alive."""
     with path.open('a', encoding='ascii', buffering=1) as file:
         while True:
             tasks = sum(len(asyncio.all_tasks(loop)) for loop in loops)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""When a motion passes its waypoints, in their order, and how far from them."""
+"""Passage times and distances of a motion at its waypoints, in their order."""
 
 from dataclasses import dataclass
 
@@ -10,27 +10,28 @@ from benchmark.motion_record import Index, Mask, Record
 from epson_driver.motion import Array
 
 NEAR_RAD = 0.02
-"""How far a passage may be from its waypoint to be considered beside the nearest one, rad."""
+"""Maximum distance of a passage from its waypoint, rad, to be a candidate besides the nearest one.
+"""
 CLOSE_RAD = 2e-3
-"""Within this distance, rad, a waypoint may be passed at the moment of the one before."""
+"""Distance within which a waypoint may be passed at the same time as the previous one, rad."""
 GRID_PARTS = 16
-"""Parts of a step in which the nearest moment is looked for before it is refined."""
+"""Parts of a step searched for the nearest moment before the refinement."""
 REFINEMENTS = 6
 
 
 @dataclass(frozen=True, eq=False)
 class Passages:
-    """times: (m,), s, not decreasing; distances: (m,), rad, of the joint that is farthest off."""
+    """times: (m,), s, not decreasing. distances: (m,), rad, of the joint farthest off."""
 
     times: Array
     distances: Array
 
 
 def passages(positions: Array, record: Record) -> Passages:
-    """Return the passages of waypoints (m, n) that lie nearest altogether and in order.
+    """Return the nearest passages of waypoints (m, n) that are in order.
 
-    Every local minimum of the distance is a candidate; of the ways to choose one per waypoint so
-    that the times do not decrease, the one with the least sum of distances is taken.
+    Every local minimum of the distance is a candidate. One candidate per waypoint is chosen so
+    that the times do not decrease and the sum of distances is minimal.
     """
     times, distances = _candidates(positions[0], record)
     totals = distances
@@ -41,7 +42,7 @@ def passages(positions: Array, record: Record) -> Passages:
         times, distances = _with_earlier(waypoint, record, before)
         last = np.searchsorted(before, times, 'right') - 1
         reachable = last >= 0
-        if not reachable.any():  # the motion ended before: hold it against its last sample
+        if not reachable.any():  # the motion ended before, so its last sample is used
             times = np.array([before[-1]])
             distances = np.array([float(np.max(np.abs(record.positions[-1] - waypoint)))])
             last, reachable = np.array([len(before) - 1]), np.array([True])
@@ -58,7 +59,7 @@ def passages(positions: Array, record: Record) -> Passages:
 
 
 def _arg_of_minimum(values: Array) -> Index:
-    """Return where the smallest value up to each place stands, the first of equal ones."""
+    """Return the index of the smallest value up to each place, the first one of equal values."""
     lower = np.append(True, values[1:] < np.minimum.accumulate(values)[:-1])
     return np.maximum.accumulate(np.where(lower, np.arange(len(values)), 0))
 
@@ -88,10 +89,10 @@ def _candidates(waypoint: Array, record: Record) -> tuple[Array, Array]:
 
 
 def _with_earlier(waypoint: Array, record: Record, before: Array) -> tuple[Array, Array]:
-    """Return the candidates of a waypoint and those of the one before that are close to it too.
+    """Return the candidates of a waypoint, and the previous candidates that are close to it, too.
 
-    At a sharp turn a motion may pass two close waypoints the other way round: then both may be
-    taken at the same moment.
+    At a sharp turn a motion may pass two close waypoints in reverse order. Then both may be
+    assigned to the same moment.
     """
     times, distances = _candidates(waypoint, record)
     samples = np.minimum((before / record.dt).astype(np.intp), len(record.positions) - 2)
@@ -106,10 +107,11 @@ def _offsets(waypoint: Array, record: Record, samples: Index, shares: Array) -> 
 
 
 def may_be_merged(positions: Array, tolerance: float) -> Mask:
-    """Return which waypoints a smoother may drop, shape (m,): close to one that it keeps.
+    """Return which waypoints a smoother may drop, shape (m,), because a kept one is close.
 
-    Those within `tolerance` (rad, each joint) of a neighbour, or of an earlier point that the way
-    has not left by more than that since; never the first and the last.
+    A waypoint may be dropped within `tolerance` (rad, each joint) of a neighbour, or of an earlier
+    point from which the path has not departed by more since. The first and the last are never
+    dropped.
     """
     count = len(positions)
     result = np.zeros(count, dtype=np.bool_)
@@ -120,7 +122,7 @@ def may_be_merged(positions: Array, tolerance: float) -> Mask:
         result[index] = near_anchor or near_before
         if not near_anchor:
             anchor = positions[index]
-    # the last point takes the place of a kept one right before it
+    # the last point replaces a kept one right before it
     result[:-1] |= np.max(np.abs(positions[:-1] - positions[-1]), axis=1) <= tolerance
     result[0] = result[-1] = False
     return result

@@ -2,6 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fuzzing: messages with the protocol's structure, mutated, against both roles and all ports.
 
-`python -m benchmark.fuzz` (`make fuzz`) runs it; `messages.py` makes the inputs, `targets.py` says
-what is tried, `cases.py` what a case is, how it is made smaller and where found ones are kept.
+`python -m benchmark.fuzz` (`make fuzz`) runs it. `messages.py` generates the inputs, `targets.py`
+lists the targets, and `cases.py` defines cases, their reduction and their files.
 """

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Fuzz both roles and all ports: a million inputs, or as many as asked for.
+"""Fuzz both roles and all ports: a million inputs, or a given number.
 
-No crash, no hang, no motion that nobody commanded, bounded memory, a paced log, and the next
-valid connection works. What is found is written to build/fuzz as a small case; a case that is
-mended belongs in test/fuzz/cases, where a test repeats it. Exit code 1 if anything was found.
+Requirements: no crash, no hang, no motion without a command, bounded memory, a paced log, and the
+next valid connection works. Findings are written to build/fuzz as small cases. A case belongs in
+test/fuzz/cases once it is fixed, where a test repeats it. Exit code 1 if anything was found.
 """
 
 import argparse
@@ -31,17 +31,17 @@ from benchmark.fuzz.targets import Target, in_process
 FOUND = ROOT / 'build' / 'fuzz'
 WARM_CASES = 3
 ROUNDS = 50
-"""In how many portions each target gets its inputs, so that an interrupted run has seen all."""
+"""Number of portions of inputs per target, so that an interrupted run has covered all targets."""
 
 TOLD = 10
-"""After so many portions it says how far it is, where nobody sees a line change."""
+"""Portions between progress lines, if the output is not a terminal."""
 
 SOCKET_SHARE = 0.02
-"""The part of all inputs that goes through real sockets to real processes, per process."""
+"""Share of all inputs that is sent through real sockets to real processes, per process."""
 
 
 def main() -> int:
-    """Fuzz; return 1 if something was found."""
+    """Run the fuzzer. Returns 1 if something was found."""
     parser = argparse.ArgumentParser(prog='benchmark.fuzz', description=__doc__)
     parser.add_argument('--inputs', type=int, default=1_000_000)
     parser.add_argument('--seed', type=int, default=20)
@@ -83,7 +83,7 @@ def main() -> int:
 def fuzz_in_process(
     shares: dict[Target, float], inputs: int, seed: int, found: dict[str, Figures]
 ) -> None:
-    """Give each target its share of the inputs, in turns, and watch this process's memory."""
+    """Give each target its share of the inputs, in turns, and check this process's memory."""
     fuzzers = {Fuzzer(target, seed, FOUND): share for target, share in shares.items()}
     total = sum(shares.values())
     for fuzzer in fuzzers:
@@ -109,12 +109,12 @@ def fuzz_in_process(
 
 
 def reached(inputs: float) -> Callable[[Figures], bool]:
-    """Return what says whether a target has had so many inputs."""
+    """Return a condition that is true once a target has had `inputs` inputs."""
     return lambda figures: figures.inputs >= inputs
 
 
 def show(text: str, *, end: bool) -> None:
-    """Show progress: on a terminal always in the same line."""
+    """Show progress, on a terminal always in the same line."""
     if sys.stderr.isatty():
         print(f'\r\033[K{text}', end='\n' if end else '', file=sys.stderr, flush=True)
     elif end:

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A case: what is done to a target, step by step, so that it can be kept and repeated.
+"""A case: the steps performed on a target, so that it can be stored and repeated.
 
-A step is a word and what goes with it: `send PORT BYTES`, `wait SECONDS`, `open PORT`, `do WHAT`.
+A step is a word and its arguments: `send PORT BYTES`, `wait SECONDS`, `open PORT`, `do WHAT`.
 """
 
 import json
@@ -12,23 +12,23 @@ from pathlib import Path
 from typing import Any
 
 Step = tuple[Any, ...]
-"""A word, and what goes with it: text, numbers and bytes."""
+"""A word and its arguments: text, numbers and bytes."""
 
 
 class FoundError(AssertionError):
-    """Something did not hold; the text says what."""
+    """A failed check, with the reason as text."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """What is done to which target."""
+    """The steps performed on a target."""
 
     target: str
     steps: tuple[Step, ...]
 
     @property
     def inputs(self) -> int:
-        """How many messages, lines or pieces of them are in it."""
+        """Number of messages, lines or pieces of them."""
         return sum(step[0] == 'send' for step in self.steps)
 
     def as_text(self) -> str:
@@ -53,7 +53,7 @@ def _read(part: Any) -> Any:
 
 
 def reduced(case: Case, fails: Callable[[Case], bool], most: int = 400) -> Case:
-    """Return a smaller case that fails as well, after at most so many trials."""
+    """Return a smaller case that still fails, after at most `most` trials."""
     steps, share, trials = list(case.steps), 2, 0
     while share <= 2 * len(steps) and trials < most:
         size = max(len(steps) // share, 1)

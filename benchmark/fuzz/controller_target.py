@@ -26,30 +26,31 @@ from epson_driver.spel import Program, build
 
 INPUTS_PER_CASE = 200
 STEP_S = 0.02
-"""How much time passes at once; the controller's own timers act within."""
+"""Maximum time step, s. The controller's own timers act within it."""
 
 BRAKING_S = 10.0
-"""An arm whose E-stop is pressed must stand after this time, s."""
+"""Time in which the arm must come to rest after an E-stop, s."""
 
 ANSWER_S = 3.0
-"""How soon a controller answers the next client, s."""
+"""Maximum time until a controller answers the next client, s."""
 
 REOPENING_S = 4.0
-"""How soon a port has the next client, s. To a SPEL+ program one that came and left at once looks
-like none; it opens its ports again after 2 s, which it sees when a wait of 1 s is over."""
+"""Maximum time until a port accepts the next client, s. A SPEL+ program does not notice a client
+that connects and leaves immediately. It reopens its ports after 2 s, checked after each wait of 1
+s."""
 
 MAX_TIMERS = 2_000
 MAX_ANSWER_BYTES = 1_000_000
-"""What one input may cause to be sent at once, bytes."""
+"""Maximum size of the data sent after one input, bytes."""
 
 PUSH = b'disturb'
-"""A person's push moves the arm, and shall: lines with this word are left out."""
+"""A person's push moves the arm on purpose, so lines with this word are omitted."""
 
 NAMES = (*COMMANDS, *(f'Sim,{name}' for name in SIM_COMMANDS if name != PUSH.decode()), 'Nonsense')
 
 
 class _Planner:
-    """Plans in the call that asks."""
+    """Plans synchronously, in the calling thread."""
 
     ready = True
 
@@ -58,7 +59,7 @@ class _Planner:
 
 
 class _Client:
-    """What came to a client, and whether it was hung up on."""
+    """The data received by a client, and whether it was disconnected."""
 
     local = True
 
@@ -88,10 +89,10 @@ def _program(profile_name: str) -> Program:
 
 
 class ControllerTarget:
-    """A controller of one profile, whose clients send what `ports` says.
+    """A controller of one profile with fuzzing clients on the given ports.
 
-    `armed`: its motors are on, so that points which are good move the arm: within its limits.
-    Otherwise nothing moves, unless somebody switches the motors on by the protocol.
+    `armed`: its motors are on, so that valid points move the arm, within its limits. Otherwise
+    nothing moves, unless a client switches the motors on through the protocol.
     """
 
     def __init__(
@@ -106,7 +107,7 @@ class ControllerTarget:
         self._order = self.profile.byte_order.value
 
     def case(self, chance: Chance, corpus: list[bytes]) -> Case:
-        """Return a new case, of new messages and of some that were interesting before."""
+        """Return a new case from new messages and from earlier interesting ones."""
         steps: list[Step] = []
         sequence = 0
         while len(steps) < INPUTS_PER_CASE:
@@ -118,7 +119,7 @@ class ControllerTarget:
                     data = b'$Login\r\n'
                 elif draw < 0.3:
                     data = messages.mutated(chance, data)
-            elif port == 'motion' and draw < 0.3:  # a motion that goes on, so that it has a middle
+            elif port == 'motion' and draw < 0.3:  # inputs must also meet a moving arm
                 sequence = chance.choice((0, 0, sequence, sequence, -1, -2, -3, -4))
                 data = self._point(chance, sequence)
                 sequence = max(sequence + 1, 0)
@@ -145,7 +146,7 @@ class ControllerTarget:
         return messages.point(chance, sequence, self._order, duration=0.4)
 
     def run(self, case: Case) -> None:
-        """Do it. Raises FoundError, or whatever the controller raises."""
+        """Run the case. Raises FoundError, or any exception of the controller."""
         world = _World(self)
         for step in case.steps:
             world.take(step)
@@ -153,7 +154,7 @@ class ControllerTarget:
 
 
 class _World:
-    """One controller, and what its clients did to it."""
+    """One controller and its clients."""
 
     def __init__(self, target: ControllerTarget) -> None:
         profile = target.profile
@@ -174,7 +175,7 @@ class _World:
         self._stood: Array = self.controller.servo.actual.copy()
 
     def take(self, step: Step) -> None:
-        """Do a step."""
+        """Perform a step."""
         word, *rest = step
         if word == 'send':
             self._send(*rest)
@@ -213,7 +214,7 @@ class _World:
             session.closed()
 
     def _step(self, seconds: float) -> None:
-        """Let time pass and look at the arm."""
+        """Advance the time and check the arm."""
         limits = self.controller.model.limits
         while seconds > 1e-9:
             part = min(seconds, STEP_S)
@@ -233,7 +234,7 @@ class _World:
             client.got.clear()
 
     def _look(self) -> None:
-        """See that an arm without power stands."""
+        """Check that an arm without power is at rest."""
         self._powered |= self.controller.condition.powered
         if self._powered:
             return
@@ -241,7 +242,7 @@ class _World:
             raise FoundError('an arm without power has moved')
 
     def end(self) -> None:
-        """See that it serves the next clients, and comes to rest when the E-stop is pressed."""
+        """Check that it serves the next clients, and comes to rest after an E-stop."""
         self._step(0.1)
         self._look()
         for port in tuple(self._clients):
@@ -259,7 +260,7 @@ class _World:
             raise FoundError(f'the arm still moves {BRAKING_S:g} s after the E-stop')
 
     def _question(self) -> bytes:
-        """Return what the controller's motion port answers: STOP, or a PING."""
+        """Return a request that the controller's motion port answers: STOP, or a PING."""
         order = self._profile.byte_order.value
         if self._profile.program.kind == 'motoman':
             return messages.frame(1, messages.REQUEST, 0, b'', order)
@@ -267,7 +268,7 @@ class _World:
         return messages.frame(messages.POINT, messages.REQUEST, 0, stop, order)
 
     def _next(self, port: str, ask: bytes) -> None:
-        """See that the next client of a port hears something."""
+        """Check that the next client of a port receives data."""
         client = _Client()
         try:
             session = self.controller.connect(port, client)

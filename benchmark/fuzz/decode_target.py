@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Framer and decoder on bytes of any kind: nothing but their own errors, and bounded memory."""
+"""Framer and decoder on arbitrary bytes: bounded memory, and no errors but their own."""
 
 from benchmark.fuzz import messages
 from benchmark.fuzz.cases import Case, FoundError, Step
@@ -23,13 +23,13 @@ MAX_HELD_BYTES = 65_535 + 4 + 4_096
 
 
 class _Decoder:
-    """Takes bytes; after an error of the stream it begins anew, as the next connection does."""
+    """Decodes bytes. After a stream error it is reset, like for a new connection."""
 
     def __init__(self) -> None:
         self._framer = Framer()
 
     def take(self, data: bytes) -> None:
-        """Take a piece. Raises FoundError if something does not hold."""
+        """Decode a piece. Raises FoundError if a check fails."""
         self._framer.receive_data(data)
         if len(self._framer.unread) > MAX_HELD_BYTES:
             raise FoundError(f'{len(self._framer.unread)} bytes are held')
@@ -46,19 +46,19 @@ class _Decoder:
 
 
 def _same(packet: Packet, body: bytes) -> None:
-    """See that a message which was understood is written in the same bytes."""
+    """Check that a decoded message is encoded to the same bytes."""
     if isinstance(packet.message, Opaque) or packet.msg_type == 12:
         return
     try:
         again = encode(packet, packet.dialect)[16:]
     except FieldError as error:
         raise FoundError(f'{packet.message} was read and cannot be written: {error}') from error
-    if again != body and 'nan' not in repr(packet.message):  # of a NaN only that it is one counts
+    if again != body and 'nan' not in repr(packet.message):  # payloads of NaN may differ
         raise FoundError(f'{packet.message}: {body.hex()} was read, {again.hex()} is written')
 
 
 class DecodeTarget:
-    """Framer and decoder alone: what they take, they write again in the same bytes."""
+    """Framer and decoder alone. They must encode each decoded message to the same bytes."""
 
     name = 'framer and decoder'
 
@@ -81,7 +81,7 @@ class DecodeTarget:
         return Case(self.name, tuple(steps))
 
     def run(self, case: Case) -> None:
-        """Feed it. Raises FoundError, or whatever they raise."""
+        """Decode the stream. Raises FoundError, or any exception of framer and decoder."""
         decoder = _Decoder()
         for step in case.steps:
             decoder.take(step[2])

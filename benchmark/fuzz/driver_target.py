@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The driver against a fuzzing controller, in virtual time and without sockets.
 
-The controller has an arm of a kind: it is where the last point was, its state says so, and it
-answers points, unless the case has it do something else. What the case sends comes in between.
+The controller has a minimal arm: its position is the last point received, its state messages
+report that, and it answers points unless the case changes this. The case's data is inserted in
+between.
 """
 
 import asyncio
@@ -50,10 +51,10 @@ NUMBERS = {'motion': 1, 'state': 2, 'io': 3, 'remote': 4}
 INPUTS_PER_CASE = 150
 STATE_PERIOD_S = 0.02
 RECOVERY_S = 30.0
-"""How long the driver has to come back when the controller is good again, s."""
+"""Time for the driver to recover once the controller works again, s."""
 
 BURST_LINES, LINES_PER_S = 60, 20.0
-"""How much the log may say: some lines at once, and then so many a second."""
+"""Maximum number of log lines: a burst, and a rate."""
 
 MAX_HELD_BYTES = 70_000
 
@@ -61,7 +62,7 @@ MOVING = (JointTrajPt, JointTrajPtFull, JointTraj)
 
 
 class DriverTarget:
-    """A driver as a profile says, with `used` or without a user who enables, and sends goals."""
+    """A driver with a profile. `used`: with a user who enables and sends goals."""
 
     def __init__(self, profile: str, *, used: bool) -> None:
         self.profile = load_controller_profile(profile)
@@ -97,7 +98,7 @@ class DriverTarget:
         return Case(self.name, tuple(steps))
 
     def run(self, case: Case) -> None:
-        """Do it. Raises FoundError, or what a part of the driver raised."""
+        """Run the case. Raises FoundError, or an exception of a part of the driver."""
         loop = MemoryLoop()
         world = _World(self, loop)
         try:
@@ -130,14 +131,14 @@ USER = (
 
 
 class _Lines(logging.Handler):
-    """Counts what is logged."""
+    """Counts log records."""
 
     def __init__(self) -> None:
         super().__init__(logging.INFO)
         self.count = 0
 
     def emit(self, record: logging.LogRecord) -> None:
-        record.getMessage()  # what it says can be said
+        record.getMessage()  # its text can be formatted
         self.count += 1
 
 
@@ -163,7 +164,7 @@ class _World:
         self._began = loop.now
 
     async def run(self, case: Case) -> None:
-        """Do the steps of a case, and see that all goes well afterwards."""
+        """Perform the steps of a case, and check that the driver works after them."""
         log = logging.getLogger('epson_driver')
         log.addHandler(self._lines)
         try:
@@ -190,7 +191,7 @@ class _World:
             raise FoundError(f'tasks are left: {left}')
 
     def check_log(self) -> None:
-        """See that the log was paced."""
+        """Check that the log was paced."""
         seconds = self._loop.now - self._began
         if self._lines.count > BURST_LINES + LINES_PER_S * seconds:
             raise FoundError(f'{self._lines.count} lines in {seconds:.1f} s')
@@ -208,7 +209,7 @@ class _World:
             options['motors'] = 'motoman'
         return options
 
-    # --- what the case does ---
+    # --- the case's actions ---
 
     async def _take(self, step: Step, harness: Any) -> None:
         word, *rest = step
@@ -261,7 +262,7 @@ class _World:
                 await getattr(harness.commands, what)()
         except (CommandError, IoUnavailableError):
             return
-        except Exception as error:  # noqa: BLE001 - that is what is looked for
+        except Exception as error:  # noqa: BLE001 - this is the failure searched for
             self._found.append(f'{what}: {type(error).__name__}: {error}')
 
     # --- the controller ---
@@ -282,10 +283,10 @@ class _World:
             del self._ends[port]
 
     def _motion(self, data: bytes, transport: MemoryTransport) -> None:
-        """Take what the driver sends to the motion port; answer as a controller would.
+        """Process the driver's data on the motion port, and answer like a controller.
 
-        Each message is read by itself: what answers a request is in the request's byte order, and
-        a case sends requests in either.
+        Each message is decoded separately. The answer is in the byte order of the request, and a
+        case sends requests in either.
         """
         framer = Framer()
         framer.receive_data(data)
@@ -341,7 +342,7 @@ class _World:
                     + messages.frame(13, messages.TOPIC, 0, status, order)
                 )
 
-    # --- what must hold ---
+    # --- checks ---
 
     def _on_exception(self, _loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         self._found.append(f'{context["message"]}: {context.get("exception")!r}')
@@ -359,7 +360,7 @@ class _World:
                 raise FoundError(f'a goal ended twice: {goal.outcomes}')
 
     async def _recovers(self, harness: Any) -> None:
-        """See that the driver works with a controller that is good again."""
+        """Check that the driver works with a controller that has recovered."""
         self._takes = self._shows = True
         self._answers = 1
         self._joints = [

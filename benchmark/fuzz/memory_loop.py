@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""An event loop in virtual time whose connections are in memory: thousands of messages a second.
+"""An event loop in virtual time with connections in memory: thousands of messages a second.
 
-A connection leads to whatever `accept` was set to. Nothing else is waited for: no sockets, no
-threads, no other processes.
+A connection is passed to the function `accept`. The loop has no sockets, threads or processes to
+wait for.
 """
 
 import asyncio
@@ -13,11 +13,11 @@ from typing import Any
 
 START_S = 1000.0
 TURN_S = 1e-6
-"""What a turn of the loop takes, so that no timer is due again and again."""
+"""Duration of a turn of the loop, s, so that no timer is due repeatedly without progress."""
 
 
 class MemoryTransport(asyncio.Transport):
-    """One end of a connection; at the other one are `on_bytes` and `on_end`."""
+    """One end of a connection. `on_bytes` and `on_end` represent the other end."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, protocol: Any) -> None:
         super().__init__()
@@ -27,19 +27,22 @@ class MemoryTransport(asyncio.Transport):
         self._paused = False
         self._hung_up = False
         self._waiting: list[bytes | None] = []
-        """What has not been read yet; None: the end."""
+        """Data that has not been read yet. None: EOF."""
         self.on_bytes: Callable[[bytes], None] = lambda data: None
         self.on_end: Callable[[], None] = lambda: None
 
     # the controller's end
 
     def feed(self, data: bytes) -> None:
-        """Let bytes arrive; after `hang_up` none can."""
+        """Deliver bytes, unless the connection was closed by `hang_up`."""
         if data and not self._hung_up:
             self._arrive(data)
 
     def hang_up(self, error: Exception | None = None) -> None:
-        """Let the connection end from the controller's side: after what was sent, or at once."""
+        """Close the connection from the controller's side.
+
+        An error takes effect immediately. Otherwise the data sent before is delivered first.
+        """
         if error is not None:
             self._end(error)
         elif not self._hung_up:
@@ -71,38 +74,38 @@ class MemoryTransport(asyncio.Transport):
     # what asyncio calls
 
     def write(self, data: Any) -> None:
-        """Hand bytes to the other end."""
+        """Pass bytes to the other end."""
         if not self._closing:
             self.on_bytes(bytes(data))
 
     def close(self) -> None:
-        """End the connection."""
+        """Close the connection."""
         self._end(None)
 
     def abort(self) -> None:
-        """End the connection."""
+        """Close the connection."""
         self._end(None)
 
     def is_closing(self) -> bool:
-        """Return whether it has ended."""
+        """Return whether it is closed."""
         return self._closing
 
     def get_write_buffer_size(self) -> int:
-        """Return 0: the other end has everything at once."""
+        """Return 0: the other end has read everything."""
         return 0
 
     def pause_reading(self) -> None:
-        """Keep what arrives."""
+        """Pause reading and store further data."""
         self._paused = True
 
     def resume_reading(self) -> None:
-        """Hand on what was kept."""
+        """Resume reading and deliver the stored data."""
         self._paused = False
         while self._waiting and not self._paused:
             self._hand_over(self._waiting.pop(0))
 
     def is_reading(self) -> bool:
-        """Return whether what arrives is handed on."""
+        """Return whether received data is delivered."""
         return not self._paused
 
     def _end(self, error: Exception | None) -> None:
@@ -113,7 +116,7 @@ class MemoryTransport(asyncio.Transport):
 
 
 class _Selector(selectors.DefaultSelector):
-    """Lets the time pass that would be waited."""
+    """Advances the time instead of waiting."""
 
     loop: 'MemoryLoop'
 
@@ -125,7 +128,7 @@ class _Selector(selectors.DefaultSelector):
 
 
 class MemoryLoop(asyncio.SelectorEventLoop):
-    """The loop; `accept` gets the port and the transport, or raises ConnectionRefusedError."""
+    """The loop. `accept` receives the port and the transport, or raises ConnectionRefusedError."""
 
     def __init__(self) -> None:
         self.now = START_S

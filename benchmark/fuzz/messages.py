@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Messages and lines as they should be, and what a fuzzer makes of them.
+"""Valid messages and lines, and their mutations.
 
-The bytes are made with struct alone, by a table of its own: an error of the package's layouts
-would otherwise be in the inputs, too. A mutation keeps most of the structure, because bytes at
-random are refused by their first four.
+The bytes are made with struct alone, from a separate table. Otherwise an error in the package's
+layouts would be in the inputs, too. A mutation keeps most of the structure, because random bytes
+would be rejected by their first four.
 """
 
 import random
@@ -55,7 +55,7 @@ REALS = (
 )  # fmt: skip
 
 STATES = (10, 13, 15)
-"""What a state server sends by itself."""
+"""Message types sent unrequested by a state server."""
 
 Chance = random.Random
 
@@ -66,7 +66,7 @@ def frame(kind: int, comm: int, code: int, body: bytes, order: str = '<') -> byt
 
 
 def body_of(chance: Chance, form: str, order: str, real: str, *, calm: bool) -> bytes:
-    """Return a body of that form; `calm`: with numbers that a controller could mean."""
+    """Return a body of the given form. `calm`: with plausible numbers."""
     parts = []
     number = ''
     for sign in form:
@@ -86,7 +86,7 @@ def body_of(chance: Chance, form: str, order: str, real: str, *, calm: bool) -> 
 
 
 def message(chance: Chance, kinds: tuple[int, ...] = (), order: str = '<') -> bytes:
-    """Return a message of one of the kinds, by default any, that keeps the protocol's rules."""
+    """Return a valid message of one of the kinds, by default of any kind."""
     kind = chance.choice(kinds or tuple(BODIES))
     comm = TOPIC if kind in STATES and chance.random() < 0.8 else chance.choice((1, 2, 2, 2, 3))
     code = chance.choice((1, 2)) if comm == REPLY else 0
@@ -106,7 +106,7 @@ def point(chance: Chance, sequence: int, order: str = '<', *, duration: float = 
 
 
 def full_point(chance: Chance, sequence: int, seconds: float, order: str = '<') -> bytes:
-    """Return a point as a Motoman takes it."""
+    """Return a point in the form for a Motoman."""
     joints = [round(chance.uniform(-0.1, 0.1), 3) if sequence else 0.0 for _ in range(6)]
     body = struct.pack(order + '3i31f', 0, sequence, 7, seconds, *joints, *[0.0] * 24)
     return frame(POINT_FULL, REQUEST, 0, body, order)
@@ -128,7 +128,7 @@ def _flip(chance: Chance, data: bytes) -> bytes:
 
 
 def _word(chance: Chance, data: bytes) -> bytes:
-    """Put an int or a real of another kind in the place of a word, the header's included."""
+    """Replace a word, possibly of the header, by an int or a real."""
     if len(data) < 4:
         return data
     at = 4 * chance.randrange(len(data) // 4)
@@ -141,7 +141,7 @@ def _word(chance: Chance, data: bytes) -> bytes:
 
 
 def _header(chance: Chance, data: bytes) -> bytes:
-    """Give it another kind, or another way to be meant; its length stays true."""
+    """Change the message type, communication type or reply code, with a correct length."""
     if len(data) < 16:
         return data
     words = list(struct.unpack_from('<4i', data))
@@ -165,7 +165,7 @@ def _cut(chance: Chance, data: bytes) -> bytes:
 
 
 def _resized(chance: Chance, data: bytes) -> bytes:
-    """Make the body longer or shorter, and say so in the length."""
+    """Lengthen or shorten the body, and correct the length field."""
     if len(data) < 16:
         return data
     body = data[16:]
@@ -212,11 +212,11 @@ WORDS = (
     'high', 'low', 'DI', 'DO', 'AI', 'flag', 'list', 'clear', 'cut', 'delay', 'for=1',
     'port=state', 'seconds=1e9', ' ', 'é', '\x00', '$', '#', '!', 'why',
 )  # fmt: skip
-"""Parameters of commands, right and wrong."""
+"""Parameters of commands, valid and invalid."""
 
 
 def command(chance: Chance, names: tuple[str, ...]) -> bytes:
-    """Return a line of Remote Ethernet, right or nearly so."""
+    """Return a line of Remote Ethernet, valid or nearly so."""
     words = [chance.choice(names), *chance.choices(WORDS, k=chance.randrange(4))]
     line = '$' + ','.join(words)
     end = chance.choice(('\r\n', '\r\n', '\r\n', '\n', '\r', '', '\r\r\n'))
@@ -224,7 +224,7 @@ def command(chance: Chance, names: tuple[str, ...]) -> bytes:
 
 
 def answer(chance: Chance, line: bytes) -> bytes:
-    """Return an answer to a line of Remote Ethernet, right or nearly so."""
+    """Return an answer to a line of Remote Ethernet, valid or nearly so."""
     name = line.removeprefix(b'$').split(b',')[0].strip()
     value = chance.choice(
         (b'0', b'1,1,1', b'00100000001,0000', b'', b'20', b'99', b'9' * 40, b'\xff\xfe', b'-1')

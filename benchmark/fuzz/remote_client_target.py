@@ -16,12 +16,12 @@ TIMEOUT_S = 5.0
 
 
 class RemoteClientTarget:
-    """Commands to a server that answers, cuts its answers, or hangs up."""
+    """Commands to a server that answers, truncates its answers, or disconnects."""
 
     name = 'client of Remote Ethernet'
 
     def case(self, chance: Chance, corpus: list[bytes]) -> Case:
-        """Return what is answered, one after the other."""
+        """Return the sequence of answers."""
         steps: list[Step] = []
         for _ in range(INPUTS_PER_CASE):
             draw = chance.random()
@@ -37,7 +37,7 @@ class RemoteClientTarget:
         return Case(self.name, tuple(steps))
 
     def run(self, case: Case) -> None:
-        """Give commands as long as there are answers. Raises what no caller expects."""
+        """Send commands until all answers are used. Raises exceptions that no caller expects."""
         loop = MemoryLoop()
         answers = list(reversed(case.steps))
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Runs a target's cases: the corpus that grows meanwhile, hangs, memory, and what is found."""
+"""Runs a target's cases, with a growing corpus and checks for hangs, memory and failures."""
 
 import contextlib
 import logging
@@ -18,14 +18,15 @@ from benchmark.fuzz.cases import Case, reduced
 from benchmark.fuzz.targets import Target
 
 HANG_S = 30.0
-"""A case that computes so long hangs, s of this process: it takes a tenth of a second."""
+"""CPU time of this process after which a case counts as hung, s. A normal one takes a tenth of a
+second."""
 
 CORPUS_SIZE = 500
 FOUND_AT_MOST = 5
-"""Of one target: more of them would be the same."""
+"""Maximum number of findings per target: more would be similar."""
 
 MAX_GROWTH_BYTES = 60_000_000
-"""By how much this process may grow, once each target had its first cases."""
+"""Maximum growth of this process, bytes, after the first cases of each target."""
 
 PAGE_BYTES = os.sysconf('SC_PAGE_SIZE')
 
@@ -36,7 +37,7 @@ class HangError(Exception):
 
 @dataclass
 class Figures:
-    """What became of a target so far."""
+    """Results of a target."""
 
     inputs: int = 0
     cases: int = 0
@@ -46,7 +47,7 @@ class Figures:
 
 
 class Novelty(logging.Handler):
-    """Notes which lines of code log: an input that makes another one speak is worth keeping."""
+    """Records which lines of code log. An input that triggers a new one is added to the corpus."""
 
     def __init__(self) -> None:
         super().__init__(logging.DEBUG)
@@ -54,7 +55,7 @@ class Novelty(logging.Handler):
         self.new = False
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Look at a record, not at its text."""
+        """Record the location of a log call, without formatting its text."""
         place = (record.pathname, record.lineno)
         if place not in self.seen:
             self.seen.add(place)
@@ -63,7 +64,7 @@ class Novelty(logging.Handler):
 
 @contextlib.contextmanager
 def listening(novelty: Novelty) -> Iterator[None]:
-    """Have the package's log go to `novelty`, and nowhere else, within the block."""
+    """Redirect the package's log to `novelty` within the block."""
     log = logging.getLogger('epson_driver')
     level, propagate = log.level, log.propagate
     log.addHandler(novelty)
@@ -79,10 +80,10 @@ def listening(novelty: Novelty) -> Iterator[None]:
 
 @contextlib.contextmanager
 def no_longer_than(seconds: float) -> Iterator[None]:
-    """Raise HangError if the block computes longer; only in the main thread.
+    """Raise HangError if the block computes longer. Only in the main thread.
 
-    Counted is what this process computes: on a busy machine a case takes longer, but hangs no more
-    than elsewhere. Nothing in a case waits for anything but this process.
+    The limit applies to this process's CPU time, so a busy machine causes no false alarm. Nothing
+    in a case waits for another process.
     """
 
     def ring(_number: int, _frame: FrameType | None) -> None:
@@ -98,16 +99,16 @@ def no_longer_than(seconds: float) -> Iterator[None]:
 
 
 def seeded(seed: int, name: str, number: int) -> random.Random:
-    """Return the chance of a case: the same seed, target and number give the same one."""
+    """Return the random generator of a case, determined by seed, target and number."""
     return random.Random(f'{seed}/{name}/{number}')
 
 
 def why_it_fails(target: Target, case: Case) -> str:
-    """Run a case; return what did not hold, '' if all did."""
+    """Run a case and return the failed check, or ''."""
     try:
         with no_longer_than(HANG_S):
             target.run(case)
-    except Exception as error:  # noqa: BLE001 - that is what is looked for
+    except Exception as error:  # noqa: BLE001 - this is the failure searched for
         where = traceback.extract_tb(error.__traceback__)[-1]
         place = f'{Path(where.filename).name}:{where.lineno}'
         return f'{type(error).__name__}: {error} ({place})'
@@ -115,9 +116,9 @@ def why_it_fails(target: Target, case: Case) -> str:
 
 
 class Fuzzer:
-    """Fuzzes one target with a seed; found cases are made smaller and written to `folder`.
+    """Fuzzes one target with a seed. Failing cases are reduced and written to `folder`.
 
-    Each case is drawn from its own chance and a corpus that depends on the cases before it: the
+    Each case is drawn from its own generator and a corpus that depends on the previous cases. The
     same seed repeats the whole run.
     """
 
@@ -153,7 +154,7 @@ class Fuzzer:
             self._found(case, why)
 
     def _keep(self, chance: random.Random, case: Case) -> None:
-        """Put inputs of a case that was new into the corpus."""
+        """Add inputs of a new kind of case to the corpus."""
         sent = [step[2] for step in case.steps if step[0] == 'send' and step[2]]
         self._corpus += chance.sample(sent, min(len(sent), 10))
         del self._corpus[:-CORPUS_SIZE]

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fuzzing through real sockets: the processes `sim_controller` and `client`, and the panel's page.
 
-What only processes have is looked at here: resident memory, lines of the log, the exit code.
+Properties of whole processes are checked here: resident memory, log lines, the exit code.
 """
 
 import asyncio
@@ -35,7 +35,8 @@ HERE = '127.0.0.1'
 PATIENCE_S = 120.0
 MAX_GROWTH_BYTES = 25_000_000
 LINES_AT_ONCE, LINES_PER_S = 2_000, 60.0
-"""A place in the code logs 20 lines, then one a second; there are some dozens of places."""
+"""Maximum log lines of a process. A log call is limited to 20 lines, then one a second, and some
+dozens of them exist."""
 
 PER_CONNECTION = 60
 SAFE_COMMANDS = (
@@ -48,18 +49,18 @@ SAFE_COMMANDS = (
     'Sim,io',
     'Nonsense',
 )
-"""Those that switch no motors on."""
+"""Commands that switch no motors on."""
 
 
 def controller(inputs: int, seed: int) -> Figures:
-    """Fuzz the process sim_controller, whose motors are off; its arm must not move."""
+    """Fuzz the process sim_controller with its motors off. Its arm must not move."""
     chance, figures = random.Random(f'{seed}/controller'), Figures()
     with tempfile.TemporaryDirectory() as folder:
         process = processes.sim_controller(Path(folder, 'log'), '--motion=ptp')
         with processes.ended_at_exit(process):
             ports = process.ports()
             stood = _joints(ports.state)
-            _flood(ports, chance, max(inputs // 10, 200), Figures())  # what a first use allocates
+            _flood(ports, chance, max(inputs // 10, 200), Figures())  # first-use allocations
             before, began = _resident(process), time.monotonic()
             _flood(ports, chance, inputs, figures)
             figures.seconds = time.monotonic() - began
@@ -106,7 +107,7 @@ def _joints(port: int) -> bytes:
 
 
 def client(inputs: int, seed: int) -> Figures:
-    """Fuzz the process client, which nobody commands; it must send no point."""
+    """Fuzz the process client without any command. It must send no point."""
     figures = Figures()
     with tempfile.TemporaryDirectory() as folder:
         asyncio.run(_fuzz_client(inputs, random.Random(f'{seed}/client'), figures, Path(folder)))
@@ -130,7 +131,7 @@ async def _fuzz_client(inputs: int, chance: Chance, figures: Figures, folder: Pa
         async with asyncio.timeout(PATIENCE_S):
             await peer.came.wait()
         warm = max(inputs // 10, 200)
-        while figures.inputs < warm:  # noqa: ASYNC110 - there is nothing to wait for but a count
+        while figures.inputs < warm:  # noqa: ASYNC110 - only a count to wait for
             await asyncio.sleep(0.05)
         before, figures.inputs, began = _resident(process), 0, time.monotonic()
         while figures.inputs < inputs and process.returncode is None:  # noqa: ASYNC110
@@ -144,7 +145,7 @@ async def _fuzz_client(inputs: int, chance: Chance, figures: Figures, folder: Pa
 
 
 class _FuzzingController:
-    """Serves a driver what it does not expect."""
+    """Serves unexpected data to a driver."""
 
     def __init__(self, chance: Chance, figures: Figures) -> None:
         self.came = asyncio.Event()
@@ -152,7 +153,7 @@ class _FuzzingController:
         self._figures = figures
 
     async def state(self, _reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Send states, good ones, others, and mutated ones."""
+        """Send states: valid, of other types, and mutated."""
         self.came.set()
         chance = self._chance
         with suppress(OSError):
@@ -166,7 +167,7 @@ class _FuzzingController:
         writer.close()
 
     async def motion(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Send replies that nobody asked for; look for points that nobody commanded."""
+        """Send unrequested replies, and check for points without a command."""
         framer, chance = Framer(), self._chance
         with suppress(OSError, SimpleMessageError):
             for _ in range(chance.choice((5, 50, 500))):
@@ -188,7 +189,7 @@ class _FuzzingController:
             self._figures.found.append(f'nobody commanded it, and the client sent {message}')
 
     async def remote(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Answer lines, more or less."""
+        """Answer lines, validly or not."""
         with suppress(OSError):
             while line := await reader.readline():
                 self._figures.inputs += 1
@@ -202,7 +203,7 @@ def _resident(process: Process) -> int:
 
 
 def _check(process: Process, before: int, figures: Figures) -> None:
-    """See that a process lives, has not grown, and has not written too much."""
+    """Check that a process is alive, has not grown, and has not logged too much."""
     if process.returncode is not None:
         text = process.log_text()[-2000:]
         figures.found.append(f'{process.name} ended with {process.returncode}:\n{text}')
@@ -232,7 +233,7 @@ TEXTS = (
 
 
 def panel(inputs: int, seed: int) -> Figures:
-    """Fuzz the panel's web server: HTTP requests and frames of a websocket, nearly right."""
+    """Fuzz the panel's web server with nearly valid HTTP requests and websocket frames."""
     figures = Figures()
     try:
         from epson_driver.panel.requests import message_of
@@ -253,7 +254,7 @@ def panel(inputs: int, seed: int) -> Figures:
                 sock.sendall(_web_request(chance, server.port))
                 with suppress(TimeoutError):
                     sock.recv(65_536)
-                if chance.random() < 0.5:  # frames: a length, a mask, and what is said
+                if chance.random() < 0.5:  # a frame: length, mask and payload
                     size = chance.choice((0, 1, 125, 126, 127))
                     head = struct.pack('BB', chance.randrange(256), 128 | size)
                     sock.sendall(head + chance.randbytes(chance.choice((4, 200, 5000))))
@@ -274,24 +275,24 @@ def panel(inputs: int, seed: int) -> Figures:
 
 
 class _Visitors:
-    """Reads what windows send, and remembers what has failed."""
+    """Decodes the windows' messages, and records failures."""
 
     def __init__(self, read: Callable[[str | bytes], object]) -> None:
         self.failed: list[tuple[str, BaseException]] = []
         self._read = read
 
     def came(self, window: Any) -> None:
-        """Take note of nothing."""
+        """Ignore the window."""
 
     def gone(self, window: Any) -> None:
-        """Take note of nothing."""
+        """Ignore the window."""
 
     def received(self, _window: Any, text: str | bytes) -> None:
-        """Read a request."""
+        """Decode a request."""
         self._read(text)
 
     def fail(self, what: str, error: BaseException) -> None:
-        """Remember what has failed."""
+        """Record a failure."""
         self.failed.append((what, error))
 
 

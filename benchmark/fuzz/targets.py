@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is fuzzed, and how large a share of all inputs each target gets."""
+"""The targets of the fuzzer, and each target's share of all inputs."""
 
 from typing import Protocol
 
@@ -13,22 +13,22 @@ from benchmark.fuzz.remote_client_target import RemoteClientTarget
 
 
 class Target(Protocol):
-    """Something that is fuzzed."""
+    """A target of the fuzzer."""
 
     name: str
 
     def case(self, chance: Chance, corpus: list[bytes]) -> Case:
-        """Return a new case: the same chance and corpus give the same one."""
+        """Return a new case, determined by the random generator and the corpus."""
 
     def run(self, case: Case) -> None:
-        """Do it; raise if anything does not hold."""
+        """Run the case. Raises an exception if a check fails."""
 
 
 MESSAGES = ('motion', 'state', 'io')
 
 
 def in_process() -> dict[Target, float]:
-    """Return the targets that need no process of their own, with their shares of the inputs."""
+    """Return the targets within this process, with their shares of the inputs."""
     targets: dict[Target, float] = {DecodeTarget(): 20.0, RemoteClientTarget(): 4.0}
     for armed in (False, True):
         for name in ('simulated', 'generic', 'fanuc', 'abb', 'motoman'):
