@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""ROS 2 driver for EPSON and other simple-message robot controllers, with a simulated one.
+"""ROS 2 driver for EPSON and other simple-message robot controllers, with a simulated controller.
 
-`from epson_driver import Robot` is the Python API, loaded when it is asked for: nothing else is.
+`from epson_driver import Robot` imports the Python API. Other imports do not load it.
 """
 
 from typing import TYPE_CHECKING

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Meanings of a controller's error numbers, from config/errors/NAME.yaml, for both ends.
 
-The simulated controller shows these numbers; the client says what they mean and what helps.
+The simulated controller reports these numbers. The client adds their meanings and remedies.
 """
 
 from collections.abc import Iterator, Mapping
@@ -15,14 +15,14 @@ from epson_driver.share import share_file
 
 NO_ERROR = 0
 NO_TEXTS = 'none'
-"""The name of the empty table, for controllers whose error numbers are not listed."""
+"""Name of the empty table, for controllers whose error numbers are not listed."""
 
 
 class ErrorText(NamedTuple):
-    """The meaning of an error number, the advice, and whether both are certain.
+    """Meaning and remedy of an error number, and whether both are certain.
 
-    `confirmed` False: from memory only; no document at hand confirms it. `source` is a word that
-    the head of the file explains.
+    `confirmed` False: from memory, not confirmed by an available document. `source`: a keyword
+    explained at the top of the file.
     """
 
     meaning: str
@@ -32,7 +32,7 @@ class ErrorText(NamedTuple):
 
 
 class ErrorTexts(Mapping[int, ErrorText]):
-    """The texts of one kind of controller, by number."""
+    """The texts for one kind of controller, by number."""
 
     def __init__(self, texts: Mapping[int, ErrorText]) -> None:
         self._texts = dict(texts)
@@ -49,7 +49,7 @@ class ErrorTexts(Mapping[int, ErrorText]):
     def phrase(self, number: int) -> str:
         """Return the number with its meaning, for use in a sentence: `4031 (motion attempted …)`.
 
-        A number without a text is returned alone; a text that is not confirmed says so.
+        A number without a text is returned alone. An unconfirmed text is marked.
         """
         text = self._texts.get(number)
         if text is None or number == NO_ERROR:
@@ -58,16 +58,16 @@ class ErrorTexts(Mapping[int, ErrorText]):
         return f'{number} ({text.meaning}{doubt})'
 
     def advice(self, number: int, otherwise: str) -> str:
-        """Return what to do about it, or `otherwise` if that is not known."""
+        """Return the remedy for an error, or `otherwise` if it is unknown."""
         text = self._texts.get(number)
         return text.remedy if text is not None and text.remedy else otherwise
 
 
 @cache
 def load_error_texts(name: str = 'epson') -> ErrorTexts:
-    """Load config/errors/NAME.yaml, or for 'none' a table without texts.
+    """Load config/errors/NAME.yaml, or an empty table for 'none'.
 
-    Raises FileNotFoundError that lists the files that are there, InputError for a bad file.
+    Raises FileNotFoundError with the available files, InputError for an invalid file.
     """
     if name == NO_TEXTS:
         return ErrorTexts({})
@@ -77,7 +77,7 @@ def load_error_texts(name: str = 'epson') -> ErrorTexts:
 
 
 def read_error_texts(path: Path) -> ErrorTexts:
-    """Read a file of error texts. Raises InputError that names the file and what is wrong."""
+    """Read a file of error texts. Raises InputError with the file and the error in it."""
     data = read_yaml(path)
     file = printable(path)
     rows = data.get('errors') if isinstance(data, dict) else None
@@ -93,7 +93,7 @@ def read_error_texts(path: Path) -> ErrorTexts:
 
 
 _KEYS = {'number': int, 'meaning': str, 'remedy': str, 'confirmed': bool, 'source': str}
-_NUMBER = count(-(2**31), 2**31 - 1)  # as on the wire
+_NUMBER = count(-(2**31), 2**31 - 1)  # int32 on the wire
 
 
 def _row(where: str, row: Any) -> tuple[int, ErrorText]:

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Log lines that a peer can cause as often as it likes, and whose text it chooses.
+"""Log lines whose rate and text a peer can control.
 
-Both are dealt with where lines are written: `LogThrottle` bounds their rate, and
-`PrintableFormatter` escapes everything that would act on the reader's terminal.
+`LogThrottle` limits their rate. `PrintableFormatter` escapes characters that would affect the
+reader's terminal.
 """
 
 import logging
@@ -11,13 +11,13 @@ import logging
 from epson_driver.inputs import printable
 
 PERIOD_S = 1.0
-"""The least time between two lines of a kind, after the burst, s."""
+"""Minimum time between two lines of a kind, after the burst, s."""
 
 
 class LogThrottle:
-    """Lets `burst` lines pass, then one per period with the number held back before it.
+    """Passes `burst` lines, then one per period, with the number of suppressed lines before it.
 
-    Periods without a line are saved up for the next burst.
+    Unused periods are saved for the next burst.
     """
 
     def __init__(self, burst: int = 1) -> None:
@@ -26,7 +26,7 @@ class LogThrottle:
         self._held = 0
 
     def passes(self, now: float) -> int | None:
-        """Return how many lines were held back before this one, or None to hold it back as well.
+        """Return the number of lines suppressed before this one, or None to suppress it, too.
 
         `now`: the time on any monotonic clock, s.
         """
@@ -39,13 +39,13 @@ class LogThrottle:
         return held
 
     def line(self, text: str, now: float) -> str | None:
-        """Return the line to log at this time, s, or None to hold it back."""
+        """Return the line to log at time `now`, s, or None to suppress it."""
         held = self.passes(now)
         return None if held is None else counted(text, held)
 
 
 def counted(text: str, held: int) -> str:
-    """Return the line with the number of lines held back before it."""
+    """Return the line with the number of suppressed lines before it."""
     return f'{text} (and {held} like it before)' if held else text
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where this package's data files are: in the source tree, or installed beside the code."""
+"""Location of this package's data files: in the source tree, or installed next to the code."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ _SOURCE_TREE = _PACKAGE.parent
 
 
 def share_folder(*parts: str) -> Path:
-    """Return the path of a folder of data files, as in `share_folder('config', 'robots')`."""
+    """Return the path of a folder of data files, such as `share_folder('config', 'robots')`."""
     if (_SOURCE_TREE / 'package.xml').is_file():
         root = _SOURCE_TREE
     else:  # <prefix>/lib/python3.x/site-packages/epson_driver, for pip as for colcon
@@ -18,14 +18,14 @@ def share_folder(*parts: str) -> Path:
 
 
 def share_file(*parts: str) -> Path:
-    """Return the path of a data file, as in `share_file('config', 'robots', 'c3.yaml')`.
+    """Return the path of a data file, such as `share_file('config', 'robots', 'c3.yaml')`.
 
-    Raises FileNotFoundError that says where it was looked for and what is there instead.
+    Raises FileNotFoundError with the folder and the available files.
     """
     folder, name = share_folder(*parts[:-1]), parts[-1]
     suffix = Path(name).suffix
     there = {path.name: path for path in _files(folder) if path.suffix == suffix or not suffix}
-    if name not in there:  # a name can be anything at all: too long, with a slash or a NUL in it
+    if name not in there:  # a name may be anything: too long, or with a slash or a NUL
         names = ', '.join(sorted(path.stem for path in there.values())) or 'nothing'
         raise FileNotFoundError(f'no {_one_line(name)} in {folder} (there is: {names})')
     return there[name]

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Taught points as a pendant shows them, and by name in files: of RC+ (.pts), our own (.yaml).
+"""Taught points in the pendant's form, and by name in files: RC+ (.pts) or this package's (.yaml).
 
-A .pts file keeps what is not understood here, and every byte of it while nothing is changed. Our
-own holds X Y Z U V W, mm and degrees, by name:
+Unknown content of a .pts file is preserved, and every byte of an unchanged file. The .yaml file
+has X Y Z U V W, mm and degrees, by name:
 
     pick: {x: 350.0, y: 20.0, z: -30.0, u: 45.0, v: 0.0, w: 0.0}
 """
@@ -43,10 +43,10 @@ _ANGLE = number(-36000.0, 36000.0, 'degrees')
 
 @dataclass(frozen=True)
 class EpsonPoint:
-    """A point as a teach pendant shows it: X, Y, Z in mm, and U, V, W in degrees.
+    """A point as shown on a teach pendant: X, Y, Z in mm, and U, V, W in degrees.
 
-    Its frame is EPSON's world, unless another one is named where it is used. On a SCARA V and W
-    are 0.
+    Its frame is EPSON's world, unless the user of the point specifies another. V and W are 0 on a
+    SCARA.
     """
 
     x: float
@@ -71,14 +71,14 @@ class EpsonPoint:
     def moved(
         self, *, x: float = 0.0, y: float = 0.0, z: float = 0.0, u: float = 0.0
     ) -> 'EpsonPoint':
-        """Return the point moved by mm and degrees, as SPEL+'s `P1 +Z(50)`."""
+        """Return the point moved by mm and degrees, like SPEL+'s `P1 +Z(50)`."""
         for name, value in (('x', x), ('y', y), ('z', z)):
             _LENGTH.checked(plain(value), name)
         _ANGLE.checked(plain(u), 'u')
         return replace(self, x=self.x + x, y=self.y + y, z=self.z + z, u=self.u + u)
 
     def before(self, distance: float) -> 'EpsonPoint':
-        """Return where the tool approaches it from, mm back along its own Z axis."""
+        """Return the approach point, `distance` mm back along the point's Z axis."""
         pose = self.pose
         pose[:3, 3] -= pose[:3, 2] * (_LENGTH.checked(plain(distance), 'distance') / 1e3)
         return EpsonPoint.of(pose)
@@ -93,20 +93,20 @@ class EpsonPoint:
 
 
 def plain(value: object) -> object:
-    """Return a number of numpy's as Python's own."""
+    """Convert a numpy number to a Python number."""
     return value.item() if isinstance(value, np.generic) else value
 
 
 Posture = dict[str, int]
-"""The flags of a point by their keys in a .pts file. Those that are not there are 0."""
+"""Flags of a point by their keys in a .pts file. Missing flags are 0."""
 
 
 def posture(model: RobotModel, joints: Array) -> Posture:
-    """Return the flags of an arm at joints, shape (n,). Raises ValueError with why it cannot.
+    """Return the flags of an arm at joints, shape (n,). Raises ValueError if they are unknown.
 
-    As RC+ writes them in .pts files: hand 1 is right, 2 left; elbow 1 above, 2 below; wrist 1 as
-    at home with the tool down, 2 flipped. Found in public files and programs that write them, not
-    at a controller: where those disagree or are silent, nothing is said.
+    Values in .pts files of RC+: hand 1 is right, 2 left; elbow 1 above, 2 below; wrist 1 like
+    the home pose with the tool down, 2 flipped. Derived from public files and the programs that
+    write them, not from a controller. Where these disagree or lack data, the flags are unknown.
     """
     low, high = (-pi / 2.0, pi) if model.name.startswith('rs') else (-pi, pi)
     if not low <= joints[0] <= high:
@@ -144,7 +144,7 @@ def posture(model: RobotModel, joints: Array) -> Posture:
 
 
 def taught(arm: Kinematics, joints: Array) -> tuple[EpsonPoint, Posture | str]:
-    """Return where the tool is, and the arm's posture or why it is not known."""
+    """Return the tool's point, and the arm's posture or why it is unknown."""
     point = EpsonPoint.of(arm.in_base(arm.forward(joints)))
     try:
         return point, posture(arm.model, joints)
@@ -153,14 +153,14 @@ def taught(arm: Kinematics, joints: Array) -> tuple[EpsonPoint, Posture | str]:
 
 
 def _half_turns(angle: float) -> int:
-    """Return how many half turns an angle, rad, is beyond the first, either way."""
+    """Return the number of half turns of an angle, rad, beyond the first, in either direction."""
     return max(ceil(abs(angle) / pi) - 1, 0)
 
 
 LAST_NUMBER = 999
 MOST_LABEL_CHARACTERS = 16
 MOST_BYTES = 4_000_000
-"""A file of 1000 points has a tenth of it."""
+"""Maximum file size. A file of 1000 points has a tenth of it."""
 
 _NAME = re.compile(r'(?!p\d+$)[A-Za-z_]\w{0,31}', re.ASCII | re.IGNORECASE)
 _AXES = 'XYZUVW'
@@ -174,10 +174,10 @@ _ONLY_PLACE = '448'
 
 @dataclass(frozen=True)
 class _Held:
-    """A point: its place, or None for a label without one, and its block of a .pts file.
+    """A point: its position, or None for a label without one, and its block of a .pts file.
 
-    posture: of the arm that taught it, or why that is not known; None: what the block says. why:
-    why it cannot be used.
+    posture: of the arm that taught it, or why it is unknown; None: as in the block. why: the
+    reason that it cannot be used.
     """
 
     name: str
@@ -197,7 +197,7 @@ class TaughtPoints:
         self._changed = False
 
     def get(self, name: str) -> EpsonPoint:
-        """Return a point. Raises KeyError, and InputError for a label without a place."""
+        """Return a point. Raises KeyError, and InputError for a label without a position."""
         held = self._find(name)
         if held is None:
             raise KeyError(f'{name}: the points are {", ".join(self) or "none"}')
@@ -206,7 +206,7 @@ class TaughtPoints:
         return held.point
 
     def set(self, name: str, point: EpsonPoint, taught: Posture | str | None = None) -> None:
-        """Set a point, also a new one. taught: the arm's posture there, or why it is not known.
+        """Set or add a point. taught: the arm's posture at the point, or why it is unknown.
 
         Raises InputError.
         """
@@ -228,7 +228,7 @@ class TaughtPoints:
         self._changed = True
 
     def remove(self, name: str) -> None:
-        """Forget a point. Raises KeyError."""
+        """Delete a point. Raises KeyError."""
         held = self._find(name)
         if held is None:
             raise KeyError(name)
@@ -240,23 +240,23 @@ class TaughtPoints:
         return iter([held.name for held in self._points.values()])
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of points."""
         return len(self._points)
 
     def __contains__(self, name: object) -> bool:
-        """Return whether there is such a point, with a place or without."""
+        """Return whether a point exists, with or without a position."""
         return isinstance(name, str) and self._find(name) is not None
 
     @property
     def places(self) -> dict[str, EpsonPoint]:
-        """Those that can be gone to."""
+        """The points that the arm can move to."""
         held = self._points.values()
         return {each.name: each.point for each in held if each.point and not each.why}
 
     def load(self, path: str | PathLike[str]) -> int:
-        """Read a .pts or .yaml file in place of all points and return how many it has.
+        """Replace all points by those in a .pts or .yaml file, and return their number.
 
-        Raises OSError, and ValueError that names the file and what is wrong in it.
+        Raises OSError, and ValueError with the file and the error in it.
         """
         file = Path(path)
         read = _READERS.get(file.suffix.lower())
@@ -269,8 +269,8 @@ class TaughtPoints:
     def save(self, path: str | PathLike[str]) -> None:
         """Write all points to a .pts or .yaml file.
 
-        What was read from a .pts file and not changed is written as it was. Raises OSError, and
-        InputError for a point that such a file cannot hold.
+        Unchanged content of a .pts file is preserved. Raises OSError, and InputError for a point
+        that the file format does not support.
         """
         file = Path(path)
         if file.suffix.lower() == '.pts':
@@ -370,7 +370,7 @@ _Read = tuple[dict[str, _Held], tuple[bytes, Block] | None]
 
 
 def _from_pts(file: Path) -> _Read:
-    """Raises ValueError, OSError."""
+    """Read a .pts file. Raises ValueError, OSError."""
     content = read_file(file, MOST_BYTES)
     top = parsed(file.name, content.decode('latin-1'))
     points: dict[str, _Held] = {}
@@ -392,7 +392,7 @@ def _from_pts(file: Path) -> _Read:
 
 
 def _from_yaml(file: Path) -> _Read:
-    """Raises ValueError, OSError."""
+    """Read a .yaml file. Raises ValueError, OSError."""
     data = read_yaml(file)
     if not isinstance(data, dict):
         raise InputError(f'{printable(file)}: must be a mapping of names to points')
@@ -419,7 +419,7 @@ _READERS: dict[str, Callable[[Path], _Read]] = {
 
 
 def _yaml_line(held: _Held) -> str:
-    """Raises InputError for a point that has no name or no place of its own."""
+    """Return a line for a point. Raises InputError for a point without a name or position."""
     if held.point is None or held.why or not _NAME.fullmatch(held.name):
         why = held.why or ('has no label' if held.point else 'has no place yet')
         raise InputError(f'point {held.name} {why}: it cannot be saved as .yaml')

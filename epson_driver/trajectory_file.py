@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Trajectories in files: trajectory_msgs/JointTrajectory as YAML (`ros2 topic echo`)."""
+"""Trajectory files: trajectory_msgs/JointTrajectory as YAML (`ros2 topic echo`)."""
 
 from pathlib import Path
 from typing import Any
@@ -23,16 +23,16 @@ MAX_FILE_BYTES = 64_000_000
 """180,000 points of six joints with velocities and accelerations."""
 
 MAX_DURATION_S = 1_000_000
-"""Latest time of a point, s (11 days); beyond it, a float does not resolve nanoseconds."""
+"""Latest time of a point, s (11 days). Above it, a float does not resolve nanoseconds."""
 
 MAX_VALUE = 1e6
-"""Of positions, velocities and accelerations (rad or m); a robot's limits are checked later."""
+"""Limit for positions, velocities and accelerations (rad or m). Robot limits are checked later."""
 
 FORM = (
     'must have joint_names: [joint_1, …] and points: [{positions: […], time_from_start: {sec: 0, '
     'nanosec: 0}}, …]'
 )
-"""What a file must be like, for whoever has an empty one."""
+"""Required content, for the error about an empty file."""
 
 _SECONDS = count(0, MAX_DURATION_S)
 _NANOSECONDS = count(0, 2**32 - 1)
@@ -41,12 +41,12 @@ _VALUE = number(-MAX_VALUE, MAX_VALUE)
 
 
 def read_trajectory(path: Path, *, timed: bool = True) -> Trajectory:
-    """Return the trajectory in a file, the first one of several YAML documents.
+    """Return the trajectory in a file. Only the first of several YAML documents is read.
 
     A `time_from_start` is a mapping of `sec` and `nanosec`, or a number of seconds.
 
-    `timed`: whether every point must have a time; if not, one without a time is at 0 s. Raises
-    InputError that names the file, the point and the key.
+    `timed`: whether every point must have a time; otherwise a missing time is 0 s. Raises
+    InputError with the file, the point and the key.
     """
     data = read_yaml(path, largest=MAX_FILE_BYTES, several=True)
     file = printable(path)
@@ -69,7 +69,7 @@ def read_trajectory(path: Path, *, timed: bool = True) -> Trajectory:
 
 
 def write_trajectory(path: Path, trajectory: Trajectory, comment: str) -> None:
-    """Write a trajectory as a file that `read_trajectory` reads, under a line of comment.
+    """Write a trajectory, with a comment line, as a file for `read_trajectory`.
 
     Raises OSError if it cannot be written.
     """

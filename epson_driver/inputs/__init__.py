@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Checks of user input: files, parameters and arguments.
 
-Input that breaks a rule is refused with one sentence that names its place, the value and the rule
-(InputError). No other exception is raised, whatever the bytes are.
+Invalid input raises InputError, whose text is one sentence with place, value and rule. No other
+exception is raised for any content.
 """
 
 from collections.abc import Sequence
@@ -51,9 +51,9 @@ __all__ = [
 
 
 def read_yaml(path: Path, *, largest: int = MEGABYTE, several: bool = False) -> Any:
-    """Return the data of a YAML file, as `yaml_file.read_yaml` does.
+    """Return the data of a YAML file. See `yaml_file.read_yaml`.
 
-    PyYAML is loaded by the first file: many who import this package read none.
+    PyYAML is imported with the first file, because many importers of this package read none.
     """
     from epson_driver.inputs import yaml_file
 
@@ -61,7 +61,7 @@ def read_yaml(path: Path, *, largest: int = MEGABYTE, several: bool = False) -> 
 
 
 def yaml_line(path: Path, keys: Sequence[str]) -> int | None:
-    """Return the line of a key, as `yaml_file.yaml_line` does."""
+    """Return the line of a key. See `yaml_file.yaml_line`."""
     from epson_driver.inputs import yaml_file
 
     return yaml_file.yaml_line(path, keys)

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Read regular files of bounded size, and write files as a whole without following a link.
+"""Reads regular files of bounded size, and writes files atomically without following links.
 
-A pipe or a device may block or never end. The target of a link may have another owner.
+A pipe or a device may block or be endless. The target of a link may have another owner.
 """
 
 import os
@@ -22,11 +22,11 @@ MEGABYTE = 1_000_000
 def open_file(path: Path) -> Iterator[BinaryIO]:
     """Open a regular file for reading.
 
-    Raises InputError for a file that does not exist or may not be read, a folder, a pipe, a device
-    and an invalid path.
+    Raises InputError for a missing or unreadable file, a folder, a pipe, a device and an invalid
+    path.
     """
     try:
-        # O_NONBLOCK: opening a pipe would wait for somebody to write into it
+        # O_NONBLOCK: otherwise opening a pipe waits for a writer
         number = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except (OSError, ValueError) as error:
         raise InputError(_sentence(path, error)) from error
@@ -41,10 +41,10 @@ def open_file(path: Path) -> Iterator[BinaryIO]:
 
 
 def read_file(path: Path, largest: int) -> bytes:
-    """Return the content of a file of at most `largest` bytes. Raises InputError, as open_file."""
+    """Return the content of a file of at most `largest` bytes. Raises as `open_file`."""
     with open_file(path) as file:
         size = os.fstat(file.fileno()).st_size
-        # None: a file of the kernel that has nothing yet
+        # None: a kernel file without data
         content = b'' if size > largest else file.read(min(largest, size + MEGABYTE) + 1) or b''
     if max(size, len(content)) > largest:
         raise InputError(f'{printable(path)}: is larger than {largest / MEGABYTE:g} MB')
@@ -52,10 +52,10 @@ def read_file(path: Path, largest: int) -> bytes:
 
 
 def write_file(path: Path, content: str | bytes) -> None:
-    """Write a file as a whole or not at all, in place of an old one, whose permissions it keeps.
+    """Write a file atomically. An existing file is replaced, and its permissions are preserved.
 
-    Text is written as UTF-8. Raises OSError that names the file, also for a link, a folder,
-    a pipe or a device.
+    Text is written as UTF-8. Raises OSError with the file, also for a link, a folder, a pipe or
+    a device.
     """
     data = content.encode('utf-8', 'backslashreplace') if isinstance(content, str) else content
     part = path.parent / f'.{secrets.token_hex(8)}.part'
@@ -63,7 +63,7 @@ def write_file(path: Path, content: str | bytes) -> None:
         old = path.lstat().st_mode if os.path.lexists(path) else None
         if old is not None:
             _check_kind(old)
-        # O_EXCL follows no link
+        # O_EXCL does not follow links
         number = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         try:
             with os.fdopen(number, 'wb') as file:
@@ -88,6 +88,6 @@ def _check_kind(mode: int) -> None:
 
 
 def _sentence(path: Path, error: OSError | ValueError) -> str:
-    """Return the sentence about a file. ValueError: a NUL, or characters without an encoding."""
+    """Return an error text for a file. ValueError: a NUL, or characters that cannot be encoded."""
     why = error.strerror or error if isinstance(error, OSError) else 'cannot be the path of a file'
     return f'{printable(path)}: {why}'

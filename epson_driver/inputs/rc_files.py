@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Files of RC+ projects (.sprj, .pts, IOLabels.dat, UserErrors.dat): blocks of values, a header.
+"""Files of RC+ projects (.sprj, .pts, IOLabels.dat, UserErrors.dat): a header and value blocks.
 
-Found by comparing 399 files of 52 public projects: the header has the size of the file, in bytes
-with CR LF, and the XOR of the little-endian words behind the header's line.
+Derived from 399 files of 52 public projects. The header contains the size of the file, in bytes
+with CR LF, and the XOR of the little-endian words after the header's line.
 """
 
 import re
@@ -17,14 +17,14 @@ from operator import xor
 from epson_driver.inputs import InputError, decimal, printable, shown
 
 MAC = '02-00-00-00-00-00'
-"""Of the PC that has written a file: locally administered, nobody's."""
+"""MAC address of the PC that has written a file: locally administered, not assigned."""
 
 CRLF = '\r\n'
 _DEEPEST = 8
 
 
 class RcFileError(InputError):
-    """What cannot be read in a file: its line, and what it must be."""
+    """An error in a file, with the line and the rule."""
 
     def __init__(self, file: str, line: int, said: str) -> None:
         super().__init__(f'{printable(file)}:{line}: {said}')
@@ -34,16 +34,16 @@ class RcFileError(InputError):
 
 @dataclass
 class Block:
-    """A named block: pairs of key and text as it is written, and blocks, in their order."""
+    """A named block: pairs of key and unparsed text, and nested blocks, in file order."""
 
     name: str
     items: list['tuple[str, str] | Block'] = field(default_factory=list)
     file: str = field(default='', compare=False)
     lines: dict[str, int] = field(default_factory=dict, compare=False)
-    """Where its keys stand in the file; '' is itself."""
+    """Line number of each key in the file; '' is the block itself."""
 
     def blocks(self, prefix: str) -> Iterator['Block']:
-        """Yield the blocks within whose names are a prefix and a number."""
+        """Yield the nested blocks whose name is the prefix and a number."""
         for each in self.items:
             if isinstance(each, Block) and each.name.removeprefix(prefix).isdigit():
                 yield each
@@ -62,7 +62,7 @@ class Block:
             raise self.fault(key, f'{key}={shown(value)}: must be a number') from None
 
     def fault(self, key: str, said: str) -> RcFileError:
-        """Return what to raise for what a key holds."""
+        """Return an error about the value of a key."""
         return RcFileError(self.file, self.lines.get(key, self.lines.get('', 1)), said)
 
     def _value(self, key: str) -> str | None:
@@ -71,7 +71,7 @@ class Block:
 
 
 def parsed(name: str, text: str) -> Block:
-    """Return a file's content as one block, with any header as its first item.
+    """Return a file's content as one block. A header becomes its first item.
 
     Raises RcFileError.
     """
@@ -101,7 +101,7 @@ def parsed(name: str, text: str) -> Block:
 
 
 def rendered(block: Block) -> str:
-    """Return the text of what `parsed` returned, with CR LF."""
+    """Return the text of a block from `parsed`, with CR LF."""
     return ''.join(f'{line}{CRLF}' for line in _lines(block, ''))
 
 
@@ -116,7 +116,7 @@ def _lines(block: Block, indent: str) -> Iterator[str]:
 
 
 def sealed(body: Block, modified: datetime, mac: str = MAC) -> str:
-    """Return a file's text with a header that has its size and checksum."""
+    """Return a file's text with a header that contains its size and checksum."""
     text = rendered(body)
     content = text.encode('latin-1')
     stamp = f'{modified.astimezone(UTC):%Y/%m/%d %H:%M:%S}:{modified.microsecond // 1000:03}'
@@ -129,7 +129,7 @@ def sealed(body: Block, modified: datetime, mac: str = MAC) -> str:
 
 
 def header_fault(content: bytes) -> str:
-    """Return what is wrong with a file's header, whose line ends may be LF, or ''."""
+    """Return the error in a file's header, or ''. Its line ends may be LF."""
     first, _, rest = content.replace(b'\r\n', b'\n').partition(b'\n')
     found = re.match(rb'ENVT0100,LM:[^,]*,DS:([0-9]{10}),CS:([0-9]{5}),', first)
     if found is None:
@@ -147,6 +147,6 @@ def checksum(content: bytes) -> int:
 
 
 def quoted(text: str) -> str:
-    """Return a string as it is written: a backslash is doubled."""
+    """Return a string in file syntax, with doubled backslashes."""
     doubled = text.replace('\\', '\\\\')
     return f'"{doubled}"'

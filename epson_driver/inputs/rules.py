@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Rules that a value must satisfy, and the sentence for one that does not."""
+"""Rules for values, and the error text for an invalid value."""
 
 import ipaddress
 import math
@@ -13,24 +13,24 @@ from reprlib import Repr
 from typing import Any
 
 MAX_SHOWN_CHARACTERS = 200
-"""A longer value is shown in a sentence by its beginning and its end."""
+"""Maximum length of a value in an error text. Longer ones are shortened in the middle."""
 
 MAX_JOINT_NAME_CHARACTERS = 100
-"""Characters of a joint's name."""
+"""Maximum length of a joint's name."""
 
 MAX_HOST_CHARACTERS = 253
-"""Characters of a host's name (RFC 1035)."""
+"""Maximum length of a host's name (RFC 1035)."""
 
 MIN_LIKENESS = 0.8
-"""How much two names must have in common, as difflib counts it: 1 is the same."""
+"""Minimum similarity of two names, as computed by difflib. 1 is identical."""
 
 
 ADDRESS = re.compile('add?ress|host(name)?')
-"""Words for what our names call ip."""
+"""Common synonyms for `ip`."""
 
 
 def near_name(name: str, known: Iterable[str]) -> str | None:
-    """Return the known name that is nearest to one, underscores and case aside, or None."""
+    """Return the most similar known name, ignoring underscores and case, or None."""
     plain = {_plain(each): each for each in known}
     near = get_close_matches(_plain(name), plain, 1, MIN_LIKENESS)
     return plain[near[0]] if near else None
@@ -41,7 +41,7 @@ def _plain(name: str) -> str:
 
 
 class InputError(ValueError):
-    """Input that cannot be used. The text is one sentence: place, value and rule."""
+    """Invalid input. The text is one sentence with place, value and rule."""
 
 
 class _Shortened(Repr):
@@ -54,14 +54,14 @@ class _Shortened(Repr):
         self.maxlist = self.maxtuple = self.maxdict = 8
 
     def repr_int(self, value: int, level: int) -> str:
-        """Return the digits, or how many there are if Python refuses to write them."""
+        """Return the digits, or their number if Python refuses to convert them."""
         try:
             return super().repr_int(value, level)
         except ValueError:
             return f'a number of {math.ceil(value.bit_length() * math.log10(2.0))} digits'
 
     def repr_dict(self, value: dict[Any, Any], level: int) -> str:
-        """Return the items in the order of the dict, which Repr would sort."""
+        """Return the items in the dict's order. Repr would sort them."""
         if level <= 0 and value:
             return '{...}'
         items = list(value.items())
@@ -73,7 +73,7 @@ class _Shortened(Repr):
 
 
 def shown(value: object) -> str:
-    """Return a value as text for a sentence: its `repr`, shortened in the middle."""
+    """Return a value's `repr` for an error text, shortened in the middle."""
     text = _Shortened().repr(value)
     if len(text) <= MAX_SHOWN_CHARACTERS:
         return text
@@ -114,7 +114,7 @@ def number(low: float, high: float, unit: str = '') -> Rule:
     def read(value: Any) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise TypeError
-        if not low <= value <= high:  # also refuses NaN
+        if not low <= value <= high:  # also rejects NaN
             raise ValueError
         return float(value)
 
@@ -125,7 +125,7 @@ DECIMAL = re.compile(r'[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?')
 
 
 def decimal(text: str) -> float:
-    """Return the finite number that a text is in ASCII digits. Raises ValueError."""
+    """Return the finite number in a text of ASCII digits. Raises ValueError."""
     if not DECIMAL.fullmatch(text) or not math.isfinite(value := float(text)):
         raise ValueError(text)
     return value
@@ -145,7 +145,7 @@ def count(low: int, high: int) -> Rule:
 
 
 def choice(*values: str | int) -> Rule:
-    """Return the rule for one of several values."""
+    """Return the rule for a value from a fixed set."""
 
     def read(value: Any) -> Any:
         if value not in values:
@@ -156,7 +156,7 @@ def choice(*values: str | int) -> Rule:
 
 
 def list_of(rule: Rule) -> Rule:
-    """Return the rule for a list that is not empty and whose values all satisfy a rule."""
+    """Return the rule for a nonempty list whose values all satisfy a rule."""
 
     def read(value: Any) -> list[Any]:
         if not isinstance(value, list) or not value:
@@ -184,7 +184,7 @@ JOINT_NAMES = Rule(
     'must be a list of names that differ, each of letters, digits, _, - and /, not beginning with '
     f'a digit, of at most {MAX_JOINT_NAME_CHARACTERS} characters',
 )
-"""Dots are not allowed: joint names are parts of parameter names."""
+"""Dots are not allowed, because joint names are parts of parameter names."""
 
 _FRAME_NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_]*', re.ASCII)
 

@@ -1,12 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""YAML files as plain data, or one sentence that says what is wrong in which line.
+"""Reads YAML files as plain data. Errors are one sentence with the line.
 
-The scalars are those of YAML 1.2's core schema (https://yaml.org/spec/1.2.2/#103-core-schema), as
-ROS 2 reads them too: 1e3 is a number, and 1:30, 010, yes and 2026-01-01 are not 90, 8, true and a
-date. Keys are strings. Features that these files do not need are refused: aliases (nine lines of
-them can stand for a billion values), tags, duplicate keys (of which YAML takes the last), and
-deep nesting.
+Scalars follow YAML 1.2's core schema (https://yaml.org/spec/1.2.2/#103-core-schema), like ROS 2:
+1e3 is a number, and 1:30, 010, yes and 2026-01-01 are not 90, 8, true and a date. Keys are
+strings. Features that these files do not need are rejected: aliases (nine lines can expand to a
+billion values), tags, duplicate keys (YAML would use the last), and deep nesting.
 """
 
 import re
@@ -20,9 +19,9 @@ from epson_driver.inputs.files import MEGABYTE, read_file
 from epson_driver.inputs.rules import DECIMAL, InputError, printable, shown
 
 MAX_NESTING = 20
-"""Levels; no file of this package has more than 5."""
+"""Maximum nesting levels. Files of this package have at most 5."""
 
-_Loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # ten times as fast, where there is one
+_Loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # ten times as fast, if available
 
 _WORDS: dict[str, object] = {
     **dict.fromkeys(('', '~', 'null', 'Null', 'NULL')),
@@ -42,9 +41,9 @@ _BASED = re.compile(r'0o[0-7]+|0x[0-9a-fA-F]+', re.ASCII)
 def read_yaml(path: Path, *, largest: int = MEGABYTE, several: bool = False) -> Any:
     """Return the data of a YAML file of at most `largest` bytes.
 
-    Mappings with texts as keys, lists, texts, numbers, true, false and None, without anything
-    shared. `several`: of several documents the first; otherwise there must be one. Raises
-    InputError that names the file, and the line, for anything else.
+    The data consists of mappings with string keys, lists, strings, numbers, true, false and None,
+    without shared objects. `several`: use the first of several documents; otherwise exactly one is
+    required. Raises InputError with the file and the line for anything else.
     """
     file = printable(path)
     content = read_file(path, largest)
@@ -62,10 +61,10 @@ def read_yaml(path: Path, *, largest: int = MEGABYTE, several: bool = False) -> 
 
 
 def yaml_line(path: Path, keys: Sequence[str]) -> int | None:
-    """Return the line, from 1, of a key that keys lead to in a file that `read_yaml` has read."""
+    """Return the line, from 1, of a nested key in a file already read by `read_yaml`, or None."""
     try:
         node: Any = yaml.compose(read_file(path, MEGABYTE).decode('utf-8-sig'), Loader=_Loader)
-    except (InputError, UnicodeDecodeError, yaml.YAMLError):  # it has changed meanwhile
+    except (InputError, UnicodeDecodeError, yaml.YAMLError):  # the file has changed
         return None
     line = None
     for key in keys:
@@ -78,7 +77,7 @@ def yaml_line(path: Path, keys: Sequence[str]) -> int | None:
 
 
 class _WrongError(Exception):
-    """What is wrong, with the line."""
+    """A violated rule, with the line."""
 
     def __init__(self, event: Any, what: str) -> None:
         super().__init__(f'line {event.start_mark.line + 1}: {what}')
@@ -92,14 +91,14 @@ def _sentence(error: yaml.YAMLError) -> str:
 
 
 class _Open:
-    """A mapping or a list that is being read."""
+    """A mapping or list that is not complete."""
 
     def __init__(self, value: dict[str, Any] | list[Any]) -> None:
         self.value = value
         self._key: str | None = None
 
     def take(self, value: Any, event: Any) -> None:
-        """Add a value, or keep it as the key of the next one."""
+        """Add a value, or store it as the key of the next one."""
         if isinstance(self.value, list):
             self.value.append(value)
         elif self._key is not None:
@@ -114,7 +113,7 @@ class _Open:
 
 
 def _built(text: str, *, several: bool) -> Any:
-    """Return the value that the parser's events stand for. Not recursive."""
+    """Build the value from the parser's events, without recursion."""
     result: Any = None
     levels: list[_Open] = []
     documents = 0

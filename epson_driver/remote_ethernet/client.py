@@ -1,11 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A client of EPSON's Remote Ethernet: motors, reset and status from afar.
+"""A client of EPSON's Remote Ethernet, for motors, reset and status.
 
     flags, code = (await execute(host, 5000, ['GetStatus'], timeout=2.0))[0].split(',')
 
-It works with RC700-A, RC90 and later controllers, and with the simulated one; the RC620 itself
-has no such port.
+It supports RC700-A, RC90 and later controllers, and the simulated controller. The RC620 has no
+such port.
 """
 
 import asyncio
@@ -19,35 +19,34 @@ from epson_driver.socket_errors import reason
 
 _MAX_LINE_BYTES = 65_536
 _MAX_SHOWN_CHARACTERS = 100
-"""How much of a wrong answer an error text shows, characters."""
+"""Maximum length of an invalid reply in an error text, characters."""
 MAX_ERROR_DIGITS = 5
-"""At most, of an error number. (`int` raises ValueError for more than 4,300.)"""
+"""Maximum number of digits of an error number. (`int` raises ValueError above 4,300.)"""
 
 MAX_LOGINS = 5
-"""How often a login is tried on a controller that hangs up: its places may all be taken."""
+"""Maximum login attempts if the controller closes the connection: all its slots may be in use."""
 
 LOGIN_RETRY_PERIOD_S = 0.2
-"""How long after a controller hung up the next login is tried, s."""
+"""Delay before the next login attempt, s."""
 
 LOGIN_TIMEOUT_S = 5.0
-"""How long a login may take before it is tried on another connection, s. The system repeats ever
-more rarely what a full queue of connections did not take."""
+"""Timeout of a login, s, after which a new connection is tried. The operating system retries a
+connection that was dropped by a full queue at increasing intervals."""
 
 Ask = Callable[[str], Awaitable[str]]
-"""Gives a command without its `$`; returns the value of the answer, or raises RemoteError.
+"""Sends a command without its `$` and returns the value of the reply, or raises RemoteError.
 
-The value is printable, as `inputs.printable` has it, whatever the controller sends.
-"""
+The value is always made printable by `inputs.printable`."""
 
 
 Login = Callable[[float], AbstractAsyncContextManager[Ask]]
-"""Lets one ask for so long, s, as `logged_in` does."""
+"""Opens a session that is limited to a timeout, s, such as `logged_in`."""
 
 
 class RemoteError(Exception):
-    """The controller's refusal: `command` as it was sent, `number`, and its `meaning` in words.
+    """The controller refused a command. `command`: as sent, `number`: error, `meaning`: its text.
 
-    Of a login only the name is kept, not the password.
+    The command of a login is stored without the password.
     """
 
     def __init__(self, command: str, number: int) -> None:
@@ -61,11 +60,11 @@ class RemoteError(Exception):
 async def execute(
     host: str, port: int, commands: Sequence[str], timeout: float, password: str = ''
 ) -> list[str]:
-    """Log in, give the commands in order, log out, and return the value of each answer.
+    """Log in, send the commands in order, log out, and return the value of each reply.
 
-    Without the login if all of them are for a simulation (`Sim,…`). Commands are written without
-    their `$`, as in `'SetMotorsOn,1'`. Raises what `logged_in` does; nothing is given any more
-    after the first command that is refused.
+    The login is omitted if all commands are for a simulation (`Sim,…`). Commands are written
+    without their `$`, for example `'SetMotorsOn,1'`. The first refused command ends the sequence.
+    Raises the same errors as `logged_in`.
     """
     if all(command.startswith('Sim,') for command in commands):
         session = connected(host, port, timeout)
@@ -77,10 +76,10 @@ async def execute(
 
 @asynccontextmanager
 async def connected(host: str, port: int, timeout: float) -> AsyncIterator[Ask]:
-    """Be connected without a login, which `$Sim` does not need. As `logged_in` otherwise."""
+    """Connect without a login, which `$Sim` does not need. Otherwise like `logged_in`."""
 
     async def greet(ask: Ask) -> None:
-        with suppress(RemoteError):  # as of a real controller: it answers
+        with suppress(RemoteError):  # a real controller refuses the command, so it also answers
             await ask('Sim,joints')
 
     async with asyncio.timeout(timeout):
@@ -95,15 +94,16 @@ async def connected(host: str, port: int, timeout: float) -> AsyncIterator[Ask]:
 async def logged_in(
     host: str, port: int, timeout: float, password: str = '', max_logins: int = MAX_LOGINS
 ) -> AsyncIterator[Ask]:
-    """Be logged in for several commands with one `timeout`, s, for all.
+    """Log in for several commands, with one `timeout`, s, for the whole session.
 
-    A controller that hangs up before the login is answered, or takes LOGIN_TIMEOUT_S for it, is
-    tried again, `max_logins` times in all: nothing was asked of it yet. One that hangs up at the
-    logout, or refuses it while it executes what another client gave, has answered everything.
+    If the controller closes the connection before it answers the login, or needs longer than
+    LOGIN_TIMEOUT_S, the login is repeated, `max_logins` times in total. This is safe because no
+    command has been sent. A closed connection or a refusal at the logout, for example during
+    another client's command, is ignored, because all commands have been answered.
 
-    Raises RemoteError for a command that is refused, TimeoutError if all together took longer
-    than `timeout`, HungUpError if the controller hangs up, and ConnectionError if it cannot be
-    reached or answers something else.
+    Raises RemoteError for a refused command, TimeoutError if the session exceeds `timeout`,
+    HungUpError if the controller closes the connection, and ConnectionError if it is unreachable
+    or sends an invalid reply.
     """
 
     async def login(ask: Ask) -> None:
@@ -122,7 +122,7 @@ async def logged_in(
 async def _answering(
     host: str, port: int, greet: Callable[[Ask], Awaitable[None]], tries: int
 ) -> tuple[Ask, asyncio.StreamWriter]:
-    """Return a connection on which a greeting, which moves nothing, was answered."""
+    """Return a connection whose greeting, which causes no motion, was answered."""
     while True:
         tries -= 1
         writer: asyncio.StreamWriter | None = None
@@ -141,7 +141,7 @@ async def _answering(
 
 
 class HungUpError(ConnectionError):
-    """The controller closed the connection, whether or not it did what was asked last."""
+    """The controller closed the connection. The last command may or may not have been executed."""
 
 
 async def _connected(host: str, port: int) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
@@ -191,6 +191,6 @@ async def _ask(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, comma
 
 
 def without_password(command: str) -> str:
-    """Return a command as it may be shown."""
+    """Return a command without a password, for display."""
     name = command.partition(',')[0]
     return name if name.lower() == 'login' else command

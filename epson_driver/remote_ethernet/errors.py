@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The error numbers of EPSON's Remote Ethernet: what both ends of that protocol share.
+"""The error numbers of EPSON's Remote Ethernet, shared by both ends of the protocol.
 
 Source: EPSON RC+ 5.0 and 8.0 user's guides, Remote Ethernet.
 """

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a person does at a controller, in words: the table of `pendant`, panel and Python API.
+"""Operator actions at a controller: the command table of `pendant`, panel and Python API.
 
-`$Sim,…` is for the simulated controller only: a hand at the real one does the same.
+`$Sim,…` is for the simulated controller only. An operator performs these actions at a real one.
 """
 
 from collections.abc import Sequence
@@ -12,29 +12,28 @@ from epson_driver.remote_ethernet.client import Ask, RemoteError
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 
 MAX_ECHO_CHARACTERS = 200
-"""Error texts repeat no more characters of the words given."""
+"""Maximum number of characters of the input in an error text."""
 
 
 class UsageError(ValueError):
-    """Words that have no meaning, with those allowed in its text."""
+    """Unknown words. The text lists the valid ones."""
 
 
 class RefusedError(Exception):
-    """The controller refuses, for the reason in its text; `number`: the error that it told."""
+    """The controller refused an action. The text is the reason; `number`: the error number."""
 
     def __init__(self, text: str, number: int = 0, *, explained: bool = True) -> None:
         super().__init__(text)
         self.number = number
         self.explained = explained
-        """Whether the text is more than the number's meaning."""
+        """Whether the text contains more than the number's meaning."""
 
 
 class Action(NamedTuple):
-    """Equivalent remote commands, of which the first that the controller knows is used.
+    """Equivalent remote commands. The controller gets the first that it supports.
 
-    `done`: what to say afterwards; empty: what the controller answers. `moves`: it lets the arm
-    move. `stops`: it only stops, so it is given again where a controller that hung up may have
-    done it or not.
+    `done`: text after success; empty: the controller's reply. `moves`: the arm may move. `stops`:
+    it can only stop the arm, so it is repeated if the connection closed before the reply.
     """
 
     commands: tuple[str, ...]
@@ -68,7 +67,7 @@ ACTIONS = {
     'io': Action(('Sim,io',)),
     'fault': Action(('Sim,fault,list',)),
 }
-"""What takes no further words."""
+"""Actions without further words."""
 
 FORMS = {
     'io KIND INDEX': 'read a point; KIND is DI, DO, AI, AO or flag',
@@ -78,20 +77,20 @@ FORMS = {
     'disturb JOINT DEGREES': 'push a joint',
     'reboot [SECONDS]': 'switch off and on again',
 }
-"""What does, and what it does."""
+"""Actions with further words, and their descriptions."""
 
 POINTS = {
     'DI': ('GetIO,{}', ''),
     'DO': ('Execute,"Print Oport({})"', 'SetIO,{},{}'),
     'flag': ('GetMemIO,{}', 'SetMemIO,{},{}'),
 }
-"""How a real controller's points are read and written, where they can be."""
+"""Commands that read and write a real controller's points; '' if unsupported."""
 
 SWITCH = {'off': '0', 'on': '1'}
 
 
 def action(text: str) -> Action:
-    """Return what the words stand for. Raises UsageError."""
+    """Return the action for the words. Raises UsageError."""
     words = text.split()
     said = ' '.join(words)
     if said in ACTIONS:
@@ -106,7 +105,7 @@ def action(text: str) -> Action:
 
 
 def _point(words: Sequence[str]) -> Action:
-    """Return how a point is read or set."""
+    """Return the action that reads or sets a point."""
     kind, index, value = (*words, '', '', '')[:3]
     number = SWITCH.get(value, value)
     if len(words) not in (2, 3) or not index.isdecimal() or (number and not _is_number(number)):
@@ -123,7 +122,7 @@ def _is_number(text: str) -> bool:
 
 
 async def do(ask: Ask, asked: Action) -> str:
-    """Have it done, and return what the controller answers. Raises RefusedError."""
+    """Run an action and return the controller's reply. Raises RefusedError."""
     for command in asked.commands:
         try:
             return await ask(command)
@@ -136,7 +135,7 @@ async def do(ask: Ask, asked: Action) -> str:
 
 
 async def told(ask: Ask, command: str) -> str:
-    """Return the value of the answer, or nothing if the controller does not know or refuses."""
+    """Return the value of the reply, or '' if the controller refuses the command."""
     try:
         return await ask(command)
     except RemoteError:

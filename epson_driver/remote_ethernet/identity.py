@@ -1,9 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whom one talks to over the remote port: what kind of controller, which robot, where.
+"""Identifies the controller at a remote port: its type, robot and address.
 
-The simulated controller says all of it (`$Sim,identity`). A real one is asked what it is called
-(`$GetContType`, `$GetRobotInfo`); an older one that does not know these is known by its address.
+The simulated controller reports everything (`$Sim,identity`). A real one is queried for its type
+and robot (`$GetContType`, `$GetRobotInfo`). An older one without these commands is identified by
+its address.
 """
 
 import re
@@ -15,10 +16,10 @@ _NAME = re.compile(r'(?=.*[A-Za-z])[A-Za-z0-9 ._+/-]{1,64}')
 
 
 async def identity(ask: Ask, address: str) -> str:
-    """Return who answers, such as `spel (simulated), c3_a601s, 127.0.0.1:5000`.
+    """Return the identity of a controller: `spel (simulated), c3_a601s, 127.0.0.1:5000`.
 
-    What it does not tell, or what cannot be a name, is left out; `address` is always there.
-    Raises what `ask` does, but for RemoteError.
+    Missing or malformed fields are omitted. `address` is always included. Raises the exceptions of
+    `ask` except RemoteError.
     """
     found = _SIMULATED.fullmatch(await _told(ask, 'Sim,identity'))
     if found:
@@ -30,7 +31,7 @@ async def identity(ask: Ask, address: str) -> str:
 
 
 async def _told(ask: Ask, command: str) -> str:
-    """Return the value of the answer, or '' if the controller refuses the command."""
+    """Return the value of the reply, or '' if the controller refuses the command."""
     try:
         return await ask(command)
     except RemoteError:

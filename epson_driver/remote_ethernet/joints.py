@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Joint positions from a controller without a program: `$Execute,"Print Agl(1), …, Motor"`.
 
-It takes statements only in AUTO, while it executes nothing, without E-stop, error or open door.
+The controller only accepts statements in AUTO, while it executes nothing, without E-stop, error or
+open door.
 """
 
 from collections.abc import Sequence
@@ -14,13 +15,13 @@ _SHOWN_CHARACTERS = 60
 
 
 def joints_question(count: int) -> str:
-    """Return the command that has joints and motors printed, without its `$`."""
+    """Return the command that prints joints and motors, without its `$`."""
     angles = ', '.join(f'Agl({joint})' for joint in range(1, count + 1))
     return f'Execute,"Print {angles}, Motor"'
 
 
 def joints_of(value: str, count: int) -> list[float]:
-    """Return what was printed: degrees and mm, and the motors. Raises ConnectionError."""
+    """Return the printed numbers: degrees and mm, then the motors. Raises ConnectionError."""
     try:
         numbers = [decimal(word) for word in value.strip('" ').split()]
     except ValueError:
@@ -32,6 +33,6 @@ def joints_of(value: str, count: int) -> list[float]:
 
 
 def joints_in_si(values: Sequence[float], units: Sequence[str]) -> tuple[float, ...]:
-    """Return joint positions in rad or m, by their units."""
+    """Convert joint positions from degrees or mm to rad or m, by their units."""
     scales = {'rad': radians(1.0), 'm': 1e-3}
     return tuple(value * scales[unit] for value, unit in zip(values, units, strict=True))

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What Remote Ethernet tells of a controller's condition: GetStatus, and who has control.
+"""Controller status over Remote Ethernet: GetStatus, and the device that has control.
 
 Sources: RC+ 5.0 user's guide, Remote Ethernet (ten flags); EPSON's node for Node-RED (the eleven
 flags of the RC700 generation, GetContDev).
@@ -24,7 +24,7 @@ FLAGS = (
 """The flags of GetStatus, from left to right."""
 
 REMOTE_ETHERNET = 26
-"""The control device that Remote Ethernet is, as SPEL+'s CtrlInfo(5) numbers them."""
+"""Number of Remote Ethernet as a control device, as returned by SPEL+'s CtrlInfo(5)."""
 
 CONTROL_DEVICES = {
     20: 'the teach pendant',
@@ -35,14 +35,14 @@ CONTROL_DEVICES = {
 }
 
 _MAX_ERROR_DIGITS = 5
-"""An error number has no more digits."""
+"""Maximum number of digits of an error number."""
 
 
 async def ask_flags(ask: Ask) -> tuple[tuple[str, ...], int]:
-    """Return the names of the flags that are set, and the error number.
+    """Return the names of the set flags, and the error number.
 
-    RC+ 5 sends ten flags, without Test, so they are counted from the end. Raises ConnectionError
-    for an answer that is not a status.
+    RC+ 5 sends ten flags, without Test. Flags are therefore aligned at the end. Raises
+    ConnectionError for a reply that is not a status.
     """
     value = await ask('GetStatus')
     bits, _, number = value.partition(',')
@@ -54,9 +54,9 @@ async def ask_flags(ask: Ask) -> tuple[tuple[str, ...], int]:
 
 
 async def ask_control_device(ask: Ask) -> int | None:
-    """Return the number of the device that has control, or None if it is not told.
+    """Return the number of the device that has control, or None if it is unknown.
 
-    That GetContDev answers with the numbers of CtrlInfo(5) is not confirmed; others are None.
+    It is unconfirmed that GetContDev uses the numbers of CtrlInfo(5). Other numbers become None.
     """
     try:
         value = (await ask('GetContDev')).strip()

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Who talks to a controller's remote port: it serves one client at a time. Motors go first."""
+"""Serializes dialogues on a controller's remote port, which serves one client. Motors go first."""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable, Coroutine
@@ -11,14 +11,14 @@ T = TypeVar('T')
 
 
 class GaveWayError(ConnectionError):
-    """Something more urgent needed the remote port before all was done."""
+    """A more urgent dialogue needed the remote port."""
 
     def __init__(self) -> None:
         super().__init__('the remote port was needed for the motors')
 
 
 class RemoteTurns:
-    """Lets one dialogue at a time have the port. For one event loop."""
+    """Allows one dialogue at a time on the port. For one event loop."""
 
     def __init__(self) -> None:
         self._lock = asyncio.Lock()
@@ -27,7 +27,7 @@ class RemoteTurns:
 
     @asynccontextmanager
     async def urgent(self) -> AsyncIterator[None]:
-        """Have the port at once, breaking off a patient dialogue but no urgent one."""
+        """Acquire the port. A patient dialogue is cancelled, an urgent one is awaited."""
         self._urgent += 1
         try:
             if self._patient is not None:
@@ -38,9 +38,9 @@ class RemoteTurns:
             self._urgent -= 1
 
     async def patient(self, dialogue: Callable[[], Coroutine[Any, Any, T]]) -> T:
-        """Return what a dialogue returns, when it is its turn.
+        """Wait for the port, run a dialogue, and return its result.
 
-        Raises what it raises, and GaveWayError if the port is needed, before or meanwhile.
+        Raises the dialogue's exceptions, and GaveWayError if an urgent dialogue needs the port.
         """
         async with self._lock:
             if self._urgent:
@@ -51,7 +51,7 @@ class RemoteTurns:
                 await asyncio.wait([task])
             finally:
                 self._patient = None
-                task.cancel()  # nothing, unless who waits was cancelled
+                task.cancel()  # has an effect only if the waiting caller was cancelled
                 await asyncio.gather(task, return_exceptions=True)
             if task.cancelled():
                 raise GaveWayError

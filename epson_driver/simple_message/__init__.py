@@ -1,14 +1,14 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The wire protocol: bytes in, messages out. No sockets, no clock, no ROS.
+"""The wire protocol: converts bytes to messages, without sockets, clock or ROS.
 
     framer = PacketFramer()
     framer.receive_data(chunk)
     while (packet := framer.next_packet()) is not None:
         ...
 
-or in two steps with `Framer`, `next_frame` and `decode`; and back with
-`encode(request(JointTrajPt(...)), dialect)`.
+`Framer`, `next_frame` and `decode` do this in two steps. `encode(request(JointTrajPt(...)),
+dialect)` is the reverse.
 """
 
 from epson_driver.simple_message.constants import (

@@ -9,7 +9,7 @@ MAX_JOINTS = 10
 
 
 class MessageType(IntEnum):
-    """Message ids with a known layout: every other one is carried as `Opaque`."""
+    """Message ids with a known layout. Any other message is carried as `Opaque`."""
 
     PING = 1
     GET_VERSION = 2
@@ -40,7 +40,7 @@ class MessageType(IntEnum):
 
 
 class CommType(IntEnum):
-    """Second header word: how a message is meant."""
+    """Second header word: topic, request or reply."""
 
     INVALID = 0
     TOPIC = 1
@@ -57,7 +57,7 @@ class ReplyCode(IntEnum):
 
 
 class SpecialSequence(IntEnum):
-    """Negative sequence numbers with a meaning of their own: the others are reserved."""
+    """Negative sequence numbers with a special meaning. The others are reserved."""
 
     START_TRAJECTORY_DOWNLOAD = -1
     START_TRAJECTORY_STREAMING = -2

@@ -1,20 +1,20 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""How a controller writes numbers: byte order and width of reals are its own, not negotiated."""
+"""Number format of a controller: byte order and width of reals, which are not negotiated."""
 
 from dataclasses import dataclass, field
 from enum import Enum
 
 
 class ByteOrder(Enum):
-    """Order of the bytes of every int and real, with `struct`'s prefix as its value."""
+    """Byte order of every int and real. The value is `struct`'s prefix."""
 
     LITTLE = '<'
     BIG = '>'
 
 
 class Real(Enum):
-    """Width of `shared_real`, with `struct`'s code as its value."""
+    """Width of `shared_real`. The value is `struct`'s code."""
 
     FLOAT32 = 'f'
     FLOAT64 = 'd'
@@ -27,7 +27,7 @@ class Dialect:
     byte_order: ByteOrder = ByteOrder.LITTLE
     real: Real = Real.FLOAT32
     number: int = field(init=False, repr=False, compare=False)
-    """0 to 3: its place in what is kept for each dialect (`DIALECTS`)."""
+    """Index, 0 to 3, for values stored per dialect (`DIALECTS`)."""
 
     def __post_init__(self) -> None:
         number = 2 * (self.byte_order is ByteOrder.BIG) + (self.real is Real.FLOAT64)
@@ -41,4 +41,4 @@ LITTLE_ENDIAN = Dialect()
 BIG_ENDIAN = Dialect(ByteOrder.BIG)
 
 DIALECTS = tuple(Dialect(order, real) for order in ByteOrder for real in Real)
-"""All there are, by their number."""
+"""All dialects by number."""

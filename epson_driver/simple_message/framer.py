@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Bytes to frames, in any segmentation.
+"""Splits received bytes into frames, for any segmentation.
 
 One frame on the wire, every word an int32 in the controller's byte order:
 
@@ -8,10 +8,10 @@ One frame on the wire, every word an int32 in the controller's byte order:
     | length | msg_type | comm_type | reply_code | body (length-12 bytes) |
     +--------+----------+-----------+------------+------------------------+
 
-`length` counts what follows it. There is no magic number, no version and no checksum.
+`length` is the number of bytes after it. Frames have no magic number, version or checksum.
 
-The byte order is detected from the first length: a length that makes sense in one order is at
-least 2**16 in the other, so that exactly one order can be right.
+The byte order is detected from the first length. A length that is valid in one order is at least
+2**16 in the other, so exactly one order can be correct.
 """
 
 import struct
@@ -24,15 +24,15 @@ from epson_driver.simple_message.errors import FrameError
 PREFIX_SIZE = 4
 HEADER_SIZE = 12
 MAX_LENGTH = 0xFFFF
-"""Longest frame accepted. The longest standard message (JOINT_TRAJ, 200 points, float64) needs
-20,016; staying below 2**16 keeps the detection of the byte order unambiguous."""
+"""Maximum length of a frame. The longest standard message (JOINT_TRAJ, 200 points, float64) needs
+20,016. A limit below 2**16 makes the detection of the byte order unambiguous."""
 
 _PREFIX = {order: struct.Struct(order.value + 'i') for order in ByteOrder}
 _HEADER = {order: struct.Struct(order.value + 'iii') for order in ByteOrder}
 
 
 class Frame(NamedTuple):
-    """One message as it came: the header's words, unchecked, and the body's bytes."""
+    """One received message: the header words, unchecked, and the bytes of the body."""
 
     msg_type: int
     comm_type: int
@@ -42,15 +42,15 @@ class Frame(NamedTuple):
 
     @property
     def heartbeat(self) -> bool:
-        """Whether it is a heartbeat: a PING as a topic, which nobody answers."""
+        """Whether it is a heartbeat, which is a PING sent as a topic and has no reply."""
         return self.msg_type == MessageType.PING and self.comm_type == CommType.TOPIC
 
 
 class Framer:
-    """Collects bytes and gives out whole frames.
+    """Collects bytes and returns complete frames.
 
-    `byte_order` None detects it from the first frame; `max_length` (≤ 65,535) bounds the memory
-    that a peer can make this object hold to `max_length + 4` bytes plus the chunk given last.
+    `byte_order`: None detects it from the first frame. `max_length` (≤ 65,535) bounds the memory
+    that a peer can occupy to `max_length + 4` bytes plus the most recent chunk.
     """
 
     def __init__(self, byte_order: ByteOrder | None = None, max_length: int = MAX_LENGTH) -> None:
@@ -60,24 +60,24 @@ class Framer:
         self._max_length = max_length
         self._buffer: bytes | bytearray = b''
         self._start = 0
-        """Where in the buffer the first frame that was not given out begins."""
+        """Position in the buffer of the first frame that has not been returned."""
         self._needed = PREFIX_SIZE
-        """Bytes from there on without which nothing can be given out."""
+        """Number of bytes, from this position, that the next frame needs."""
         self._bad_length: int | None = None
 
     @property
     def unread(self) -> bytes:
-        """The bytes that were received and not given out as a frame."""
+        """Received bytes that were not returned as a frame."""
         return bytes(self._buffer[self._start :])
 
     def receive_data(self, data: bytes) -> None:
-        """Append bytes from the stream. Nothing is parsed before `next_frame`.
+        """Append bytes from the stream. They are parsed in `next_frame`.
 
-        After a FrameError bytes are dropped: the memory stays bounded whatever the peer sends.
+        After a FrameError bytes are dropped, so the memory stays bounded for any input.
         """
         if self._bad_length is not None:
             return
-        if self._start == len(self._buffer):  # as a rule: what comes are whole frames
+        if self._start == len(self._buffer):  # the usual case: only complete frames arrive
             self._buffer = data if type(data) is bytes else bytes(data)
         elif self._start or not isinstance(self._buffer, bytearray):
             self._buffer = bytearray(memoryview(self._buffer)[self._start :])
@@ -87,10 +87,10 @@ class Framer:
         self._start = 0
 
     def next_frame(self) -> Frame | None:
-        """Return the next whole frame, or None until more bytes have come.
+        """Return the next complete frame, or None until more bytes are received.
 
-        Raises FrameError for an impossible length, now and at every later call: what follows it
-        cannot be told apart from anything else.
+        Raises FrameError for an impossible length, and again at every later call, because the
+        start of the next frame is unknown.
         """
         if self._bad_length is not None:
             raise self._error(self._bad_length)
@@ -131,6 +131,7 @@ class Framer:
         return self._error(length)
 
     def _error(self, length: int) -> FrameError:
-        # A new one each time: an error that is raised again grows its traceback for ever.
+        # A new object each time: raising one error repeatedly would grow its traceback without
+        # limit.
         rule = f'must be {HEADER_SIZE} … {self._max_length}; is the byte order right?'
         return FrameError('length', length, rule)

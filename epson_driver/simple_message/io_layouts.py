@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Layouts of the I/O messages: bodies of int32 whose number of items is one of the fields."""
+"""Layouts of the I/O messages. Bodies consist of int32, and one field is the number of items."""
 
 import struct
 from collections.abc import Iterator, Sequence
@@ -34,17 +34,17 @@ from epson_driver.simple_message.io_messages import (
 from epson_driver.simple_message.messages import Message
 
 MAX_ITEMS = 1024
-"""Items in one message: the longest reply has 16,412 bytes, so that it fits the longest frame."""
+"""Maximum items in one message. The longest reply then has 16,412 bytes and fits the frame."""
 
 MAX_VALUES = 8192
-"""Values in one IO_STREAM_PUB, over all its items: with MAX_ITEMS it fits the longest frame."""
+"""Maximum values in one IO_STREAM_PUB, in all items. With MAX_ITEMS it fits the longest frame."""
 
 _INT32 = 4
 _COUNT = 'num_items'
 
 
 class ItemsLayout:
-    """The message's fields before `items`, the number of items, the items."""
+    """Layout of the fields before `items`, the number of items, and the items."""
 
     def __init__(self, msg_type: int, message_class: type[Message], item_class: type[Any]) -> None:
         self.msg_type = int(msg_type)
@@ -55,7 +55,7 @@ class ItemsLayout:
         self._head = _head(message_class)
 
     def encode(self, message: Message, dialect: Dialect) -> bytes:
-        """Return the body. Raises FieldError for too many items, or one that is no int32."""
+        """Return the body. Raises FieldError for too many items, or if a value is not an int32."""
         items: Sequence[Any] = message.items  # type: ignore[attr-defined]
         _check_number(len(items))
         named = [(name, getattr(message, name)) for name in self._head]
@@ -65,7 +65,7 @@ class ItemsLayout:
         return _pack(named, dialect.byte_order)
 
     def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
-        """Return the message. Raises BodyError for a length that its items do not have."""
+        """Return the message. Raises BodyError for a length that does not match its items."""
         words = _unpack(body, byte_order, self.message_class, len(self._head) + 1)
         head = words[: len(self._head)]
         rest = words[len(self._head) + 1 :]
@@ -82,13 +82,13 @@ class ItemsLayout:
 
 
 class PublishLayout:
-    """IO_STREAM_PUB: its items have a number of values of their own."""
+    """Layout of IO_STREAM_PUB, whose items have a variable number of values."""
 
     msg_type = int(MessageType.IO_STREAM_PUB)
     message_class: type[Message] = IoPublish
 
     def encode(self, message: Message, dialect: Dialect) -> bytes:
-        """Return the body. Raises FieldError for too many values, or one that is no int32."""
+        """Return the body. Raises FieldError for too many values, or if one is not an int32."""
         items: Sequence[IoValues] = message.items  # type: ignore[attr-defined]
         _check_number(len(items))
         total = sum(len(item.values) for item in items)
@@ -105,7 +105,7 @@ class PublishLayout:
         return _pack(named, dialect.byte_order)
 
     def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
-        """Return the message. Raises BodyError for numbers that do not fit the length."""
+        """Return the message. Raises BodyError for counts that do not match the length."""
         timestamp, count, *rest = _unpack(body, byte_order, IoPublish, 2)
         if not 0 <= count <= MAX_ITEMS:
             raise BodyError(_COUNT, count, f'must be 0 to {MAX_ITEMS}')
@@ -141,7 +141,7 @@ def _check_number(count: int) -> None:
 
 
 def _pack(named: Sequence[tuple[str, int]], order: ByteOrder) -> bytes:
-    """Return the values as int32. Raises FieldError that names the one which is none."""
+    """Pack values as int32. Raises FieldError with the name of an invalid one."""
     try:
         return struct.pack(f'{order.value}{len(named)}i', *(value for _, value in named))
     except struct.error as cause:
@@ -159,7 +159,7 @@ def _errors(named: Sequence[tuple[str, int]]) -> Iterator[FieldError]:
 def _unpack(
     body: bytes, order: ByteOrder, message_class: type[Message], least: int
 ) -> tuple[int, ...]:
-    """Return the body's words. Raises BodyError unless there are `least` whole ones."""
+    """Return the words of a body. Raises BodyError unless it has at least `least` whole words."""
     count, rest = divmod(len(body), _INT32)
     if rest or count < least:
         rule = f'{message_class.__name__} has {least * _INT32} bytes, and 4 for each further field'
@@ -175,7 +175,7 @@ IO_ROWS = (
     ItemsLayout(MessageType.IO_STREAM_UNSUB, IoUnsubscribe, IoAddress),
     PublishLayout(),
 )
-"""Requests and topics."""
+"""Layouts of requests and topics."""
 
 IO_REPLY_ROWS = (
     ItemsLayout(MessageType.IO_INFO, IoInfoReply, IoRange),

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The I/O messages (port 11003) as values: the draft "Generic Robot IO" in its deployed form.
 
-docs/io.md has the bytes. Every field is an int32; a list of items travels as its length and the
-items. A request and its reply have classes of their own, because their bodies differ. `message_id`
-is the client's, copied into the reply; `timestamp` is the controller's own clock in ms.
+docs/io.md specifies the bytes. Every field is an int32. A list of items is sent as its length and
+the items. A request and its reply have separate classes, because their bodies differ. `message_id`
+is chosen by the client and copied into the reply. `timestamp` is the controller's clock in ms.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from epson_driver.simple_message.messages import Message
 
 
 class IoType(IntEnum):
-    """The first half of an address, before the index within the type, from 0."""
+    """Type of a point: the first part of its address, followed by the index, from 0."""
 
     DIGITAL_INPUT = 1
     DIGITAL_OUTPUT = 2
@@ -26,7 +26,7 @@ class IoType(IntEnum):
 
 
 class IoResult(IntEnum):
-    """The result of one item. TOO_MUCH is ours, from the draft's freely assignable range."""
+    """Result of one item. TOO_MUCH is specific to this package, from the draft's free range."""
 
     SUCCESS = 1
     TYPE_UNSUPPORTED = 1001
@@ -57,7 +57,7 @@ ALL = -1
 
 @dataclass(frozen=True, slots=True)
 class IoAddress:
-    """One point, or the first one of a subscribed range."""
+    """One point, or the start of a subscribed range."""
 
     io_type: int
     index: int
@@ -65,7 +65,7 @@ class IoAddress:
 
 @dataclass(frozen=True, slots=True)
 class IoSpan:
-    """`count` points of one type from `start` on."""
+    """`count` points of one type, starting at `start`."""
 
     io_type: int
     start: int
@@ -84,7 +84,7 @@ class IoRange:
 
 @dataclass(frozen=True, slots=True)
 class IoSetting:
-    """A point and the value it is to have."""
+    """A point and its requested value."""
 
     io_type: int
     index: int
@@ -93,7 +93,7 @@ class IoSetting:
 
 @dataclass(frozen=True, slots=True)
 class IoOutcome:
-    """A point (or the first one of a range) and the `IoResult` of its request."""
+    """A point (or the start of a range) and the `IoResult` of its request."""
 
     io_type: int
     index: int
@@ -121,7 +121,7 @@ class IoValues:
 
 @dataclass(frozen=True, slots=True)
 class IoInfo(Message):
-    """IO_INFO (65200), the request for the points that there are."""
+    """IO_INFO (65200), the request for the list of existing points."""
 
     message_id: int = 0
 
@@ -145,7 +145,7 @@ class IoRead(Message):
 
 @dataclass(frozen=True, slots=True)
 class IoReadReply(Message):
-    """IO_READ, the reply: one reading per item of the request, in its order."""
+    """IO_READ, the reply: one reading per item of the request, in the same order."""
 
     message_id: int = 0
     timestamp: int = 0
@@ -162,7 +162,7 @@ class IoWrite(Message):
 
 @dataclass(frozen=True, slots=True)
 class IoWriteReply(Message):
-    """IO_WRITE, the reply: one outcome per item of the request, in its order."""
+    """IO_WRITE, the reply: one outcome per item of the request, in the same order."""
 
     message_id: int = 0
     timestamp: int = 0
@@ -171,7 +171,7 @@ class IoWriteReply(Message):
 
 @dataclass(frozen=True, slots=True)
 class IoReset(Message):
-    """IO_RESET (65203), the request for safe values. `ALL` is an index, and a type."""
+    """IO_RESET (65203), the request to set safe values. `ALL` may be an index or a type."""
 
     message_id: int = 0
     items: tuple[IoAddress, ...] = ()
@@ -203,7 +203,7 @@ class IoSubscribeReply(Message):
 
 @dataclass(frozen=True, slots=True)
 class IoUnsubscribe(Message):
-    """IO_STREAM_UNSUB (65205), the request: no longer publish the ranges that start there."""
+    """IO_STREAM_UNSUB (65205), the request to stop publishing the ranges with these starts."""
 
     message_id: int = 0
     items: tuple[IoAddress, ...] = ()
@@ -219,7 +219,7 @@ class IoUnsubscribeReply(Message):
 
 @dataclass(frozen=True, slots=True)
 class IoPublish(Message):
-    """IO_STREAM_PUB (65206), a topic: the values of all ranges that the client subscribed to."""
+    """IO_STREAM_PUB (65206), a topic with the values of all ranges the client has subscribed."""
 
     timestamp: int = 0
     items: tuple[IoValues, ...] = ()

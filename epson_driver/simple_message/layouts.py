@@ -1,12 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One table from message type to body layout. A vendor's message is a class and a row here.
+"""The table from message type to body layout. A vendor's message needs a class and a row here.
 
-A row names the class's fields in the order of the wire with their width: `i` int32, `r` real,
-`10r` ten reals, `0|10i` either none or ten ints (the length of the body tells which).
+A row lists the class's fields in wire order with their width: `i` int32, `r` real, `10r` ten
+reals, `0|10i` either none or ten ints (the length of the body decides).
 
-A type whose replies have a body of their own has a second row, with a class of its own, in
-REPLY_ROWS.
+A type whose replies have a different body has a second row, with a separate class, in REPLY_ROWS.
 """
 
 import struct
@@ -51,25 +50,25 @@ MAX_TRAJECTORY_POINTS = 200
 
 
 class Layout(Protocol):
-    """How one message type's body is written and read."""
+    """Encoder and decoder of the body of one message type."""
 
     msg_type: int
     message_class: type[Message]
 
     def encode(self, message: Message, dialect: Dialect) -> bytes:
-        """Return the body. Raises FieldError where a value does not fit the wire."""
+        """Return the body. Raises FieldError if a value does not fit the wire."""
 
     def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
-        """Return the message and the real width its length shows (FLOAT32 if it has none).
+        """Return the message and the real width implied by its length (FLOAT32 if it has none).
 
         Raises BodyError for a length that the type does not have.
         """
 
 
 class BodyReader:
-    """Reads bodies of one class, form and dialect where they lie in a buffer.
+    """Reads bodies of one class, form and dialect directly from a buffer.
 
-    `make` is what `_writable` returns for the class.
+    `make`: the result of `_writable` for the class.
     """
 
     __slots__ = ('_fields_of', '_make', '_message_class', '_unpack_from', 'dialect')
@@ -89,7 +88,7 @@ class BodyReader:
         self._fields_of = _fields_of(tuple(places))
 
     def read(self, buffer: bytes | bytearray, start: int = 0) -> Message:
-        """Return the message whose body begins at `start` and is complete."""
+        """Return the message whose complete body is at `start`."""
         values = self._unpack_from(buffer, start)
         if self._fields_of is not None:
             values = self._fields_of(values)
@@ -99,10 +98,10 @@ class BodyReader:
 
 
 def _writable(message_class: type[Message]) -> Callable[..., Message]:
-    """Return a subclass whose instances can be written until they get their own class.
+    """Return a subclass whose instances are writable until their class is set to the original.
 
-    A frozen class goes round its own `__setattr__` for each field: its `__init__` takes four
-    times as long as one that assigns. This is a subclass that adds nothing, but is not frozen.
+    The `__init__` of a frozen class bypasses its `__setattr__` for each field, which takes four
+    times as long as plain assignment. This subclass only removes the frozen behavior.
     """
     names = [field.name for field in fields(message_class)]  # type: ignore[arg-type]
     assign = '; '.join(f'self.{name} = {name}' for name in names)
@@ -127,7 +126,7 @@ def _fields_of(
 class _Form:
     """One possible shape of a body: its field counts, and compiled structs by dialect number.
 
-    codes: per field, as `struct` has them, `r` for a real. scalar: is a field one value?
+    codes: `struct` code per field, `r` for a real. scalar: whether a field is one value.
     """
 
     def __init__(
@@ -146,9 +145,9 @@ class _Form:
         ]
         frames = [struct.Struct(f'{body.format[0]}4i{body.format[1:]}') for body in self.bodies]
         self.frames = [(frame.pack, frame.size - PREFIX_SIZE) for frame in frames]
-        """What packs a frame, its header first, and the length that the header begins with."""
+        """Packer of a frame including its header, and the value of the length prefix."""
         self.places: list[int | slice] = []
-        """Where the values of each field are among all the values of a body."""
+        """Index or slice of each field in the values of a body."""
         at = 0
         for count, one in zip(counts, scalar, strict=True):
             self.places.append(at if one else slice(at, at + count))
@@ -156,7 +155,7 @@ class _Form:
 
 
 class FixedLayout:
-    """A body of fixed fields, of which some may be left out as a whole."""
+    """A body of fixed fields. Some may be omitted entirely."""
 
     def __init__(self, msg_type: int, message_class: type[Message], spec: str) -> None:
         self.msg_type = msg_type
@@ -172,13 +171,13 @@ class FixedLayout:
         self._forms = [_Form(counts, self._codes, self._scalar) for counts in product(*choices)]
         self._frame = _frame_packer(names, self._scalar)
         self._several = tuple(index for index, one in enumerate(self._scalar) if not one)
-        """The fields that have several values."""
+        """Indices of the fields with several values."""
         self._form_of_counts = {
             tuple(form.counts[index] for index in self._several): form for form in self._forms
         }
         only = len(self._forms) == 1 and len(self._several) <= 1
         self._only_form = self._forms[0] if only else None
-        """Where that is all: a wrong count is then a wrong number of values."""
+        """The form if it is unique. A wrong count is then a wrong number of values."""
         self._readers: dict[tuple[int, ByteOrder], BodyReader] = {}
         make = _writable(message_class)
         for form, dialect in product(self._forms, DIALECTS):
@@ -191,11 +190,11 @@ class FixedLayout:
         return self._forms[0].bodies[dialect.number].size
 
     def encode(self, message: Message, dialect: Dialect) -> bytes:
-        """Return the body. Raises FieldError where a value does not fit the wire."""
+        """Return the body. Raises FieldError if a value does not fit the wire."""
         return self.frame(message, 0, 0, dialect)[PREFIX_SIZE + HEADER_SIZE :]
 
     def frame(self, message: Message, comm_type: int, reply_code: int, dialect: Dialect) -> bytes:
-        """Return header and body. Raises FieldError where a value does not fit the wire."""
+        """Return header and body. Raises FieldError if a value does not fit the wire."""
         form = self._only_form or self._form_of_counts.get(self._counts(message))
         if form is None:
             raise self._count_error(message)
@@ -206,7 +205,7 @@ class FixedLayout:
             raise self._error(message, dialect) from cause
 
     def reader(self, size: int, byte_order: ByteOrder) -> BodyReader:
-        """Return a reader of bodies of `size` bytes, with the real width that the size implies.
+        """Return a reader of bodies of `size` bytes, with the real width implied by the size.
 
         Raises BodyError for a size that the type does not have.
         """
@@ -221,12 +220,12 @@ class FixedLayout:
         return found
 
     def decode(self, body: bytes, byte_order: ByteOrder) -> tuple[Message, Real]:
-        """Return the message and the real width its length shows. Raises BodyError."""
+        """Return the message and the real width implied by its length. Raises BodyError."""
         reader = self.reader(len(body), byte_order)
         return reader.read(body), reader.dialect.real
 
     def _counts(self, message: Message) -> tuple[int, ...]:
-        """Return how many values the fields have that have several."""
+        """Return the number of values of each field with several values."""
         return tuple([len(getattr(message, self._names[index])) for index in self._several])
 
     def _error(self, message: Message, dialect: Dialect) -> FieldError:
@@ -258,8 +257,8 @@ class FixedLayout:
 def _frame_packer(names: tuple[str, ...], scalar: tuple[bool, ...]) -> Callable[..., bytes]:
     """Return a packer of a header's words and a message's fields: frame(pack, *words, message).
 
-    It is compiled from source, as the methods of a dataclass are: to get the fields and to make
-    one flat tuple of them would take as long again as to pack them.
+    It is compiled from source, like the methods of a dataclass. Collecting the fields in one flat
+    tuple would take as long as packing them.
     """
     words = 'length, msg_type, comm_type, reply_code'
     values = (
@@ -271,22 +270,22 @@ def _frame_packer(names: tuple[str, ...], scalar: tuple[bool, ...]) -> Callable[
 
 
 class PingLayout(FixedLayout):
-    """PING, whose body says nothing, of any number of words.
+    """PING. Its body may have any number of words and has no meaning.
 
-    A program that uses a message object of the C++ library again sends what was in it before.
+    A program that reuses a message object of the C++ library sends the object's previous content.
     """
 
     def reader(self, size: int, byte_order: ByteOrder) -> BodyReader:
-        """Return a reader that ignores a body which no source describes. Raises BodyError."""
+        """Return a reader that ignores a body of unspecified size. Raises BodyError."""
         known = size % 4 or size == 40
         return super().reader(size if known else 0, byte_order)
 
 
 class TrajectoryLayout:
-    """JOINT_TRAJ, of which two forms are described.
+    """JOINT_TRAJ, for which two forms are specified.
 
-    The C++ library writes the points, then their number; REP-I0006 the number, then always ten
-    points. Both are read; the library's form, which exists in code, is written.
+    The C++ library writes the points, then their number. REP-I0006 has the number, then always ten
+    points. Both are read. The library's form is written, because implementations of it exist.
     """
 
     msg_type = int(MessageType.JOINT_TRAJ)

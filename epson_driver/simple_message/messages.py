@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The messages' bodies as values. Joint data is in rad (or m), always ten numbers, time in s.
+"""The message bodies as values. Joint data is in rad (or m), always ten numbers, time in s.
 
-A class lists its fields in the order of the wire; `layouts.py` says how wide each is.
+A class lists its fields in wire order. `layouts.py` defines their widths.
 """
 
 from collections.abc import Sequence
@@ -14,21 +14,21 @@ ZEROS: tuple[float, ...] = (0.0,) * MAX_JOINTS
 
 
 def joint_data(values: Sequence[float]) -> tuple[float, ...]:
-    """Fill joint values up to the ten that the wire carries, with 0.0."""
+    """Pad joint values with 0.0 to the ten values of a message."""
     if len(values) > MAX_JOINTS:
         raise ValueError(f'{len(values)} joints: a message carries at most {MAX_JOINTS}')
     return tuple(values) + ZEROS[len(values) :]
 
 
 class Message:
-    """Base of every message body, for types only. A vendor's message is one more subclass."""
+    """Base of every message body, for types only. A vendor's message is another subclass."""
 
     __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Ping(Message):
-    """PING (1). The C++ library sends no body, REP-I0006 ten zeros: both are `Ping`."""
+    """PING (1). The C++ library sends no body, REP-I0006 ten zeros. Both are a `Ping`."""
 
     padding: tuple[int, ...] = ()
 
@@ -42,7 +42,7 @@ class GetVersion(Message):
 
 @dataclass(frozen=True, slots=True)
 class JointPosition(Message):
-    """JOINT_POSITION (10): where the joints are, and the usual body of a reply."""
+    """JOINT_POSITION (10): the joint positions, and the usual body of a reply."""
 
     sequence: int = 0
     joints: tuple[float, ...] = ZEROS
@@ -52,8 +52,8 @@ class JointPosition(Message):
 class JointTrajPt(Message):
     """JOINT_TRAJ_PT (11): one point of a trajectory.
 
-    `velocity` is a fraction of the joints' maximum speed, (0, 1]; `duration` is the time from the
-    point before, s. A negative `sequence` is a `SpecialSequence`.
+    `velocity`: fraction of the joints' maximum speed, (0, 1]. `duration`: time from the previous
+    point, s. A negative `sequence` is a `SpecialSequence`.
     """
 
     sequence: int
@@ -97,7 +97,7 @@ class JointTrajPtFull(Message):
 
 @dataclass(frozen=True, slots=True)
 class JointFeedback(Message):
-    """JOINT_FEEDBACK (15): like JOINT_TRAJ_PT_FULL, as measured, without a sequence."""
+    """JOINT_FEEDBACK (15): measured values like JOINT_TRAJ_PT_FULL, without a sequence."""
 
     robot_id: int
     valid_fields: int
@@ -111,7 +111,7 @@ class JointFeedback(Message):
 class MotionCtrl(Message):
     """MOTION_CTRL (2001), Motoman: a command to the controller (`motoman.Command`).
 
-    `sequence` is the client's number for it, which comes back in the reply; `data` is reserved.
+    `sequence`: number chosen by the client and returned in the reply. `data` is reserved.
     """
 
     robot_id: int
@@ -122,10 +122,10 @@ class MotionCtrl(Message):
 
 @dataclass(frozen=True, slots=True)
 class MotionReply(Message):
-    """MOTION_REPLY (2002), Motoman: the answer to MOTION_CTRL and JOINT_TRAJ_PT_FULL.
+    """MOTION_REPLY (2002), Motoman: the reply to MOTION_CTRL and JOINT_TRAJ_PT_FULL.
 
-    `command` is the command that it answers, or the message type of a point; `result` is a
-    `motoman.Result`, `subcode` says more of it; `data` is reserved.
+    `command`: the answered command, or the message type of a point. `result`: a `motoman.Result`.
+    `subcode`: its details. `data` is reserved.
     """
 
     robot_id: int
@@ -138,7 +138,7 @@ class MotionReply(Message):
 
 @dataclass(frozen=True, slots=True)
 class Opaque(Message):
-    """Any other message, or a reply whose body is not a message of its type: bytes, untouched."""
+    """Any other message, or a reply whose body does not match its type, as unmodified bytes."""
 
     msg_type: int
     body: bytes = b''

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motoman's own messages, as MotoROS 1.9 has them: motion (MOTION_CTRL, MOTION_REPLY) and I/O."""
+"""Motoman's messages of MotoROS 1.9: motion (MOTION_CTRL, MOTION_REPLY) and I/O."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -35,7 +35,7 @@ class Result(IntEnum):
 
 
 class Invalid(IntEnum):
-    """Values of `MotionReply.subcode` where the result is INVALID: what is wrong."""
+    """Values of `MotionReply.subcode` for the result INVALID: the invalid part."""
 
     UNSPECIFIED = 3000
     MSGSIZE = 3001
@@ -55,9 +55,9 @@ class Invalid(IntEnum):
 
 
 class NotReady(IntEnum):
-    """Values of `MotionReply.subcode` where the result is NOT_READY: what is missing.
+    """Values of `MotionReply.subcode` for the result NOT_READY: the missing condition.
 
-    CHECK_MOTION_READY has them with the result FAILURE, too.
+    CHECK_MOTION_READY also returns them with the result FAILURE.
     """
 
     UNSPECIFIED = 5000
@@ -79,7 +79,7 @@ GROUP_BITS = 8
 
 GENERAL_INPUTS = 1
 GENERAL_OUTPUTS = 1001
-"""The first group of each."""
+"""First group of the inputs and of the outputs."""
 
 
 class MotomanIoResult(IntEnum):
@@ -94,7 +94,7 @@ class MotomanIoResult(IntEnum):
 
 
 def bit_address(first_group: int, index: int) -> int:
-    """Return the address of a bit, counted from 0 at the first bit of a group."""
+    """Return the address of a bit, with index 0 for the first bit of a group."""
     group, bit = divmod(index, GROUP_BITS)
     return (first_group + group) * 10 + bit
 
@@ -131,14 +131,14 @@ class WriteIoBitReply(Message):
 
 @dataclass(frozen=True, slots=True)
 class ReadIoGroup(Message):
-    """READ_IO_GROUP (2007): eight bits, whose address lacks its last digit."""
+    """READ_IO_GROUP (2007): eight bits. The address is a bit address without its last digit."""
 
     address: int
 
 
 @dataclass(frozen=True, slots=True)
 class ReadIoGroupReply(Message):
-    """READ_IO_GROUP_REPLY (2008): the lowest bit of `value` is the first one of the group."""
+    """READ_IO_GROUP_REPLY (2008). The lowest bit of `value` is the group's first bit."""
 
     value: int
     result: int
@@ -161,7 +161,7 @@ class WriteIoGroupReply(Message):
 
 @dataclass(frozen=True, slots=True)
 class IoCtrlReply(Message):
-    """IOCTRL_REPLY (2011): the answer to what is none of these messages.
+    """IOCTRL_REPLY (2011): the reply to an unknown message.
 
     `result` is a `motoman.Result`, `subcode` a `motoman.Invalid`.
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Messages with their header: packets to bytes, frames to packets."""
+"""Messages with their header: converts packets to bytes, and frames to packets."""
 
 import struct
 from typing import NamedTuple
@@ -26,7 +26,7 @@ from epson_driver.simple_message.messages import Message, Opaque
 
 
 class Packet(NamedTuple):
-    """A message and how it is meant. `dialect` is how a received packet was written."""
+    """A message with its header fields. `dialect`: number format of a received packet."""
 
     message: Message
     comm_type: CommType
@@ -52,14 +52,14 @@ def request(message: Message) -> Packet:
 
 
 def reply(message: Message, code: ReplyCode) -> Packet:
-    """Return an answer to a request."""
+    """Return the reply to a request."""
     return Packet(message, CommType.SERVICE_REPLY, code)
 
 
 def encode(packet: Packet, dialect: Dialect) -> bytes:
-    """Return the whole frame in the given dialect, length prefix included.
+    """Return the complete frame in the given dialect, including the length prefix.
 
-    Raises FieldError where a value does not fit the wire.
+    Raises FieldError if a value does not fit the wire.
     """
     message = packet.message
     layout = LAYOUT_OF_CLASS.get(type(message))
@@ -80,7 +80,7 @@ def encode(packet: Packet, dialect: Dialect) -> bytes:
 
 
 def _opaque_body(message: Opaque) -> bytes:
-    """Return its bytes. Raises FieldError for a type or a length that no frame can have."""
+    """Return the body's bytes. Raises FieldError for a type or length that no frame can have."""
     if not -(2**31) <= message.msg_type < 2**31:
         raise FieldError('msg_type', message.msg_type, 'must be an int32')
     if HEADER_SIZE + len(message.body) > MAX_LENGTH:
@@ -90,7 +90,7 @@ def _opaque_body(message: Opaque) -> bytes:
 
 
 def check_header(frame: Frame) -> tuple[CommType, ReplyCode]:
-    """Apply the header rules of REP-I0006. Raises HeaderError, which names the field."""
+    """Check the header rules of REP-I0006. Raises HeaderError with the field."""
     if frame.msg_type <= 0:
         raise HeaderError('msg_type', frame.msg_type, 'must be positive (0 is reserved)')
     if frame.comm_type not in (CommType.TOPIC, CommType.SERVICE_REQUEST, CommType.SERVICE_REPLY):
@@ -111,9 +111,9 @@ def check_header(frame: Frame) -> tuple[CommType, ReplyCode]:
 def decode(frame: Frame) -> Packet:
     """Return the packet of a frame.
 
-    A message type without a layout becomes `Opaque`. So does the body of a reply that is not a
-    message of its type: replies with no body are common, and REP-I0006 gives the body of a
-    FAILURE no meaning. In topics and requests a wrong body is a BodyError.
+    A message type without a layout becomes `Opaque`. The same applies to the body of a reply that
+    does not match its type: replies without a body are common, and REP-I0006 leaves the body of a
+    FAILURE undefined. In topics and requests an invalid body is a BodyError.
     """
     comm_type, reply_code = check_header(frame)
     layout = LAYOUT_OF_TYPE.get(frame.msg_type)
@@ -131,26 +131,26 @@ def decode(frame: Frame) -> Packet:
 
 
 _Header = tuple[int, CommType, ReplyCode, BodyReader]
-"""What a header says that was found right once; first the size of its frame, with the prefix."""
+"""Contents of a valid header: the frame's size including the prefix, and the decoded fields."""
 
 
 class PacketFramer(Framer):
-    """A framer that gives out packets.
+    """A framer that returns packets.
 
-    A controller sends few different headers, over and over. What one of them says is worked out
-    when it comes for the first time; after that its bytes alone tell how to read what follows.
+    A controller sends few different headers repeatedly. Each is decoded on its first arrival.
+    Later frames with the same header bytes reuse the result.
     """
 
     def __init__(self, byte_order: ByteOrder | None = None, max_length: int = MAX_LENGTH) -> None:
         super().__init__(byte_order, max_length)
         self._headers: dict[tuple[bytes], _Header] = {}
-        """By their bytes: some for each layout, and none that were wrong."""
+        """Decoded headers by their bytes: several for each layout, only valid ones."""
 
     def next_packet(self) -> Packet | None:
-        """Return the packet of the next whole frame, or None until more bytes have come.
+        """Return the packet of the next complete frame, or None until more bytes are received.
 
-        Raises FrameError as `next_frame` does, and for a frame that is no packet what `decode`
-        raises: then the next call returns the one after it.
+        Raises FrameError as `next_frame`. For a frame that is not a valid packet it raises the
+        errors of `decode`, and the next call returns the packet after it.
         """
         buffer, start = self._buffer, self._start
         received = len(buffer) - start
@@ -168,7 +168,7 @@ class PacketFramer(Framer):
         return _NEW(Packet, (message, comm_type, reply_code, reader.dialect))
 
     def _unknown(self) -> Packet | None:
-        """Return the next packet, with only its header if its body is unknown."""
+        """Return the next packet and store its header for reuse."""
         frame = self.next_frame()
         if frame is None:
             return None
@@ -190,4 +190,4 @@ _NEW = tuple.__new__
 _REQUEST = (CommType.SERVICE_REQUEST, ReplyCode.INVALID, LITTLE_ENDIAN)
 _WHOLE_HEADER = PREFIX_SIZE + HEADER_SIZE
 _HEADER_BYTES = struct.Struct(f'{_WHOLE_HEADER}s').unpack_from
-"""Faster than a slice, and `bytes` of it, in case it is one of a bytearray."""
+"""Faster than a slice and the conversion of a bytearray slice to `bytes`."""
