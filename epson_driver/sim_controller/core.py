@@ -87,7 +87,7 @@ MAX_PUSH = {'rad': np.radians(1.0), 'm': 0.001}
 
 
 class Clients(Protocol):
-    """The clients of the ports, as the core needs them."""
+    """The interface of the core to the clients of the ports."""
 
     def connect(self, port: str, client: Client) -> Session:
         """Start to serve a client. Raises ConnectionRefusedError with the reason."""

@@ -93,7 +93,7 @@ class ProgramPorts(Protocol):
         """Return why a client of a port cannot be served now, or None."""
 
     def session(self, port: str, send: Send, close: Callable[[], None]) -> Session:
-        """Serve a client that is not rejected, until `close` ends its connection."""
+        """Serve an accepted client, until `close` ends its connection."""
 
 
 Answer = Callable[[str | SpelError], None]

@@ -71,7 +71,7 @@ class WaitingConsole(Console):
     """The same terminal, except that the time stops while it waits for input."""
 
     def read_line(self) -> str | None:
-        """Wait for a line, or None at the end of the input."""
+        """Wait for a line. Return None at the end of the input."""
         return sys.stdin.readline().removesuffix('\n') or None
 
 

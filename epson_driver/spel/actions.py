@@ -37,13 +37,13 @@ _MOST_ELEMENTS = {False: (2_000, 200), True: (100_000, 10_000)}
 
 
 def seconds(task: Task, time: float) -> float:
-    """Return a time as the controller waits it: whole ticks, rounded up."""
+    """Return the time that the controller waits: whole ticks, rounded up."""
     tick = task.world.timing.granularity
     return math.ceil(time / tick - 1e-9) * tick if tick else time
 
 
 def within(name: str, number: int, least: int, most: int) -> int:
-    """Return a number in its range. Raises SpelError."""
+    """Return the number. Raises SpelError if it is out of range."""
     if not least <= number <= most:
         raise bad(name, f'{shown(number)} is not in {least}..{most}')
     return number
@@ -69,12 +69,12 @@ def wait_condition(task: Task, test: Test, time: float | None) -> None:
 
 
 def set_default_timeout(task: Task, time: float) -> None:
-    """TMOut s, where 0 is never."""
+    """TMOut s. 0 disables the timeout."""
     task.default_timeout = seconds(task, time) or None
 
 
 def wait_signal(task: Task, number: int, time: float | None = None) -> None:
-    """WaitSig n[, s]: for the next Signal."""
+    """WaitSig n[, s]: wait for the next Signal."""
     number, signals = nearest(number), task.world.signals
     before = signals.get(number, 0)
     limit = None if time is None else seconds(task, time)
@@ -103,7 +103,7 @@ def sync_lock(task: Task, number: int, time: float | None = None) -> None:
 
 
 def sync_unlock(task: Task, number: int) -> None:
-    """SyncUnlock n: by the task that has locked it."""
+    """SyncUnlock n. Only the task that holds the lock may release it."""
     number = nearest(number)
     if task.world.locks.get(number) != task.number:
         raise SpelError(ErrorNumber.SYNC, f'SyncUnlock {number}: this task has not locked it')
@@ -136,7 +136,7 @@ def _other(task: Task, which: int | str) -> Task:
 
 
 def quit_task(task: Task, which: int | str | None) -> None:
-    """Quit n|f|All: All leaves the background tasks. A task that has ended has (p65)."""
+    """Quit n|f|All. All excludes background tasks. A task that has ended is no error (p65)."""
     world = task.world
     if which is not None:
         if (found := world.task(which)) is not None:
@@ -159,14 +159,14 @@ def resume(task: Task, which: int | str | None) -> None:
 
 
 def task_wait(task: Task, which: int | str | None) -> None:
-    """TaskWait n: until that task is over."""
+    """TaskWait n: wait until the task is over."""
     found = task.world.task(which) if which is not None else None
     if found is not None:
         task.wait(None, lambda: found.frame is None)
 
 
 def start_main(task: Task, which: int | str | None) -> None:
-    """StartMain main: by background tasks only, as task 1."""
+    """StartMain main: start task 1. Only background tasks may execute it."""
     task.may('startmain')
     if not isinstance(which, str):
         raise bad('StartMain', 'needs the name of a main function')
@@ -176,7 +176,7 @@ def start_main(task: Task, which: int | str | None) -> None:
 
 
 def pause_all(task: Task) -> None:
-    """Pause: all tasks that can be, and any motion."""
+    """Pause: pause all Normal tasks and any motion."""
     for each in task.world.tasks.values():
         each.paused = each.type is TaskType.NORMAL
     task.world.host.paused(True)
@@ -246,7 +246,7 @@ def store_condition(task: Task, name: str, test: Test) -> None:
 
 
 def _may_write(task: Task, name: str, memory: Memory, words: tuple[str, ...]) -> None:
-    """Refuse an output at an E-stop or open door without Forced (p560, p567). Raises SpelError."""
+    """Raise SpelError for an output at an E-stop or open door without Forced (p560, p567)."""
     if memory is not Memory.OUTPUT or 'forced' in words:
         return
     host = task.world.host
@@ -294,7 +294,7 @@ def _decimal_out(task: Task, port: float, given: float, words: tuple[str, ...] =
 
 
 def reset_counter(task: Task, bit: float) -> None:
-    """CTReset bit: the input counts from 0."""
+    """CTReset bit: start to count the input from 0."""
     counters, number = task.world.counters, nearest(bit)
     if number not in counters and len(counters) == _MOST_COUNTERS:
         raise bad('CTReset', f'{_MOST_COUNTERS} inputs count already')

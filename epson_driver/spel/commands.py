@@ -45,7 +45,7 @@ NOT_AFTER_ESTOP = frozenset({TaskType.NO_EMG_ABORT, TaskType.BACKGROUND})
 _FORBIDDEN = {
     'Xqt': frozenset({TaskType.NO_EMG_ABORT, TaskType.TRAP}),
     'StartMain': frozenset(TaskType) - {TaskType.BACKGROUND},
-    **dict.fromkeys(('JumpTLZ', 'PTran'), NOT_AFTER_ESTOP),  # not in that list, but they move
+    **dict.fromkeys(('JumpTLZ', 'PTran'), NOT_AFTER_ESTOP),  # unlisted, but they move
 }
 
 

@@ -682,7 +682,7 @@ class Compiler:
         inside, behind = self._mark(), self._mark()
         self._jump(behind)
         self._set(inside)
-        if motion.name.lower().startswith('jump'):  # once it has risen (p57)
+        if motion.name.lower().startswith('jump'):  # after the rise (p57)
             self._suspend('v[0].wait_share(0)')
         self._block(motion.parallel)
         self._suspend('v[0].leave()')
@@ -720,7 +720,7 @@ def _spelled(shape: str) -> str:
 
 
 def _gives_value(function: Function) -> bool:
-    """Return whether a value is assigned to a function's name."""
+    """Return whether a function assigns a value to its name."""
     return any(
         isinstance(node, Assign) and node.target.name.lower() == function.name.lower()
         for node in walk(function.body)
@@ -728,7 +728,7 @@ def _gives_value(function: Function) -> bool:
 
 
 def _form_kind(form: str, number: int) -> str:
-    """Return the kind of an argument by the table: 'n', 's', 'p', 'a' or 'v'."""
+    """Return the kind of an argument from the table: 'n', 's', 'p', 'a' or 'v'."""
     if form.startswith('@'):
         return 'n'
     kinds = [kind for kind in form.split(',') if not kind.startswith('w(')]

@@ -31,7 +31,7 @@ def is_condition(expression: Expression, scope: Scope) -> bool:
 
 
 def condition(expression: Expression, made: Expressions) -> tuple[str, str]:
-    """Return Python lines to run once, and the test. Raises SyntaxProblem."""
+    """Return the Python lines that run once, and the test. Raises SyntaxProblem."""
     before: list[str] = []
     test = _test(expression, made, before)
     return ''.join(f'{line}\n' for line in before), test

@@ -97,7 +97,7 @@ class Expressions:
         self._temporaries = 0
 
     def temporary(self) -> str:
-        """Return a name of Python that is not used in this function yet."""
+        """Return a Python name that is not yet used in this function."""
         self._temporaries += 1
         return f'_{self._temporaries}'
 
@@ -263,7 +263,7 @@ class Expressions:
         return f'{array}.d', f'{name} if ({name} := {index}) >= 0 else INDEX({name})'
 
     def place(self, target: Target) -> tuple[str, str]:
-        """Return the code that can be assigned to, and its type."""
+        """Return the code of an assignment target, and its type."""
         variable = self._stored_in(target)
         if isinstance(target, Apply):
             container, index = self._element(variable, target)
@@ -588,7 +588,7 @@ _QUOTED = re.compile(r"'(?:[^'\\]|\\.)*'" + r'|"(?:[^"\\]|\\.)*"')
 
 
 def check_depth(text: str, at: Position) -> None:
-    """Refuse an instruction with more brackets than Python's compiler takes."""
+    """Raise SyntaxProblem for an instruction with too many brackets for Python's compiler."""
     depth = deepest = 0
     for sign in _QUOTED.sub('', text):
         if sign in '([{':

@@ -102,7 +102,7 @@ class Reader:
         return ahead
 
     def step(self) -> Token:
-        """Take the next token."""
+        """Read the next token."""
         token = self.here
         self._next += 1
         return token
@@ -135,13 +135,13 @@ class Reader:
         return False
 
     def need(self, text: str) -> Token:
-        """Take this name or sign, or refuse."""
+        """Read this name or sign. Raises SyntaxProblem for another token."""
         if not self.sees(text):
             raise self.wrong('a comma' if text == ',' else text)
         return self.step()
 
     def name(self, what: str) -> Token:
-        """Take any name."""
+        """Read any name."""
         if self.here.kind != NAME:
             raise self.wrong(what)
         return self.step()
@@ -156,7 +156,7 @@ class Reader:
         return read
 
     def expressions(self) -> tuple[Expression, ...]:
-        """Read expressions with commas between."""
+        """Read expressions separated by commas."""
         read = [self.expression()]
         while self.takes(','):
             read.append(self.expression())

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Places in space: offsets along the tool, turns, frames of Local (p592), Pallets (p596-602)."""
+"""Places in space: tool offsets, rotations, frames of Local (p592), Pallets (p596-602)."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -56,7 +56,7 @@ def changed(point: Point, operator: str, axis: str, value: float) -> Point:
 
 
 def added(left: Point, right: Point, sign: float = 1.0) -> Point:
-    """Return P1 + P2, or - (p593): coordinate by coordinate, posture and local of the first."""
+    """Return P1 + P2, or P1 - P2 (p593), by coordinate, with posture and local of the first."""
     if left.kind != 'xy' or right.kind != 'xy':
         raise SpelError(ErrorNumber.ARGUMENT, '+ and - take places in space')
     values = (a + sign * b for a, b in zip(left.values, right.values, strict=True))
@@ -88,7 +88,7 @@ def local_of(point: Point) -> int:
 
 
 def in_local(point: Point, number: int, locals_: Mapping[int, Point]) -> Point:
-    """Return a point translated into another local (@n). Raises SpelError 7007."""
+    """Return a point converted to another local (@n). Raises SpelError 7007."""
     world = in_world(point, locals_)
     if number:
         world = within(_frame(number, locals_), world)
@@ -265,7 +265,7 @@ class Pallet:
 
 
 def new_pallet(given: tuple[Point, ...], columns: int, rows: int, out: bool) -> Pallet:
-    """Return a pallet between corners that are places in space. Raises SpelError."""
+    """Return a pallet between corners given as places in space. Raises SpelError."""
     for name, count in (('columns', columns), ('rows', rows)):
         if not 1 <= count <= MOST_PLACES:
             raise bad('Pallet', f'{count} {name} are not in 1..{MOST_PLACES}')

@@ -111,7 +111,7 @@ class Network(Protocol):
     """Ports 201 to 216 of SPEL+. The interpreter checks which task may use a port."""
 
     def open_net(self, port: int, settings: NetSettings, server: bool) -> None:
-        """Listen, or connect. Does not wait for the peer. Raises SpelError."""
+        """Listen or connect, without waiting for the peer. Raises SpelError."""
 
     def close_net(self, port: int) -> None:
         """Close a port if it is open."""

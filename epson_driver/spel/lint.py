@@ -203,7 +203,7 @@ class _Root:
 
 
 class _Lint:
-    """The rules, on one program."""
+    """The rules, applied to one program."""
 
     def __init__(self, program: Program, version: int, files: Mapping[str, str]) -> None:
         self.program = program
@@ -254,7 +254,7 @@ class _Lint:
     # The call graph
 
     def _called(self, function: Function) -> set[str]:
-        """Return the functions that a function calls, in lower case."""
+        """Return the functions that a function calls directly, in lower case."""
         found = set()
         named = set(map(id, _task_names(function.body)))
         for node in walk(function.body):

@@ -87,7 +87,7 @@ _EVENT_TRAPS = {
 
 
 def all_statements() -> dict[str, Callable[..., None]]:
-    """Return the statements that the interpreter executes itself, by name in lower case."""
+    """Return the statements of the interpreter, by name in lower case."""
     tables = (STATEMENTS, NET_STATEMENTS, POINT_STATEMENTS, FILE_STATEMENTS, AREA_STATEMENTS)
     return {name: run for table in tables for name, run in table.items()}
 

@@ -292,7 +292,7 @@ class Parser(Statements):
         """Read an If of several lines, or of one."""
         condition = reader.expression()
         reader.need('then')
-        if not reader.at_end() or self._queue:  # `If c Then; a; b` is one line as well
+        if not reader.at_end() or self._queue:  # `If c Then; a; b` is also one line
             return self._one_line_if(reader, first, condition)
         branches = [(condition, self._block(('elseif', 'else', 'endif')))]
         otherwise: Block = ()
@@ -335,7 +335,7 @@ class Parser(Statements):
             pending = [each for each in part if each]
             while pending:
                 tokens = pending.pop(0)
-                self._queue = pending  # an If within takes the rest of the line
+                self._queue = pending  # a nested If uses the rest of the line
                 body.extend(self._inline(tokens))
                 pending = self._queue
             self._queue = []

@@ -18,7 +18,7 @@ from epson_driver.spel.values import Point, nearest
 
 
 def set_coordinate(task: Task, number: int, axis: str, value: float) -> None:
-    """CX(P1) = …, and its like."""
+    """CX(P1) = …, CY, CZ and the others."""
     task.world.points[number] = changed(point(task, number), ':', axis, value)
 
 
@@ -50,7 +50,7 @@ def label_of(task: Task, number: int) -> str:
 
 
 def _written_labels(task: Task) -> dict[int, str]:
-    """Return labels as they were written, by the numbers of their points."""
+    """Return point number → original spelling of its label."""
     world = task.world
     return {number: world.spelling.get(key, key) for key, number in world.point_labels.items()}
 
@@ -72,7 +72,7 @@ def list_points(task: Task, first: int | None = None, last: int | None = None) -
 
 
 def load_points(task: Task, name: str, words: tuple[str, ...] = ()) -> None:
-    """LoadPoints name[, Merge]: of the project, or what SavePoints has written (p513)."""
+    """LoadPoints name[, Merge]: a file of the project, or one written by SavePoints (p513)."""
     world = task.world
     file = world.program.data.point_files.get(name.lower())
     saved = world.files.read(name)
@@ -133,7 +133,7 @@ def _first(name: str) -> int:
 
 
 def _least_motion(task: Task, of: Point, near: Point | None = None, number: int = 1) -> Point:
-    """Return LJM: the point in the posture of the least motion (p508), in its local."""
+    """Return LJM: the point in the posture of the least motion (p508), in its own local."""
     here = near or task.value('here', ())
     assert isinstance(here, Point)  # noqa: S101 - Here is one
     found = task.value('ljm', (of, here, number))

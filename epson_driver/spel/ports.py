@@ -202,7 +202,7 @@ def write_bin(task: Task, number: int, what: Array | int, count: int | None) -> 
 
 
 def read(task: Task, number: int, into: Reference, count: int | None) -> None:
-    """Read #n, s$[, count]: a byte 0 ends the string."""
+    """Read #n, s$[, count]: a zero byte ends the string."""
     wanted = within('Read', 1 if count is None else count, 1, LONGEST_STRING)
     container, index, type_name = into
 

@@ -220,7 +220,7 @@ def _points(block: Block) -> PointFile:
             raise each.fault('nNumber', f'point number {number} is not in 0..{LAST_POINT}')
         if label := each.text('sLabel'):
             labels[label.lower()], spelling[label.lower()] = number, label
-        if int(each.number('nUndefined')) & 0xF:  # X, Y, Z, U: a label without a place
+        if int(each.number('nUndefined')) & 0xF:  # X, Y, Z, U undefined: a label without a place
             continue
         values = tuple(each.number(f'r{axis}') for axis in 'XYZUVW')
         points[number] = Point('xy', values, tuple(_flags(each)))

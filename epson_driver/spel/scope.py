@@ -99,7 +99,7 @@ class Scope:
         return Scope(self._shared, self.functions, self.libraries, self.data, module)
 
     def for_function(self) -> 'Scope':
-        """Return the scope inside a function, without locals yet."""
+        """Return the scope inside a function, initially without locals."""
         return self.for_file(self._module)
 
     def point_number(self, name: str) -> int | None:
@@ -137,7 +137,7 @@ class Scope:
 def check_size(
     name: str, type_name: str, scope: str, bounds: tuple[int, ...], at: Position
 ) -> None:
-    """Refuse an array that is larger than its scope allows. Raises SyntaxProblem."""
+    """Raise SyntaxProblem for an array larger than its scope allows."""
     numbers, strings = LIMITS[scope]
     most = strings if TYPES[type_name].kind == 's' else numbers
     if size(bounds) > most:

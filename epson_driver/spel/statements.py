@@ -368,7 +368,7 @@ class Statements:
         return Command(first.text, (*given, local), first.position, words)
 
     def read_open(self, reader: Reader, first: Token) -> Command:
-        """Read WOpen name As #n, and its like."""
+        """Read WOpen name As #n, and the other statements that open a file."""
         name = reader.expression()
         reader.need('as')
         reader.takes('#')
@@ -557,7 +557,7 @@ def _is_pair(reader: Reader) -> bool:
 
 
 def _point_range(reader: Reader) -> Iterator[Expression]:
-    """Read P(1:5), or P(5:1): the points by two numbers."""
+    """Read P(1:5), or P(5:1), as a list of points."""
     at = reader.step().position
     reader.need('(')
     first = reader.expression()

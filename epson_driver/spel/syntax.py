@@ -336,7 +336,7 @@ class Transfer:
 
 @dataclass(frozen=True, slots=True)
 class Xqt:
-    """Xqt: a task with a number or without."""
+    """Xqt: a task with or without a number."""
 
     number: Expression | None
     function: str
@@ -488,5 +488,5 @@ def walk(node: Any) -> Iterator[Any]:
 
 @cache
 def _parts(kind: type) -> list[str]:
-    """Return the fields of a kind of node, the last one first."""
+    """Return the fields of a type of node, in reverse order."""
     return [each.name for each in reversed(fields(kind))] if is_dataclass(kind) else []

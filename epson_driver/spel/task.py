@@ -133,7 +133,7 @@ class Waiting:
 
 @dataclass(slots=True)
 class Port:
-    """A network port: its settings, and the task that opened it (0: it is not open)."""
+    """A network port: its settings, and the task that opened it (0: not open)."""
 
     settings: NetSettings = field(default_factory=lambda: NetSettings('', 0))
     owner: int = 0
@@ -587,7 +587,7 @@ class Task:
     def command(
         self, name: str, arguments: tuple[Value | Point | None, ...], words: tuple[str, ...]
     ) -> None:
-        """Execute a statement of the robot."""
+        """Execute a robot statement on the host."""
         self.may(name, words)
         try:
             completion = self.world.host.command(name, arguments, words)

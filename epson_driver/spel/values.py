@@ -95,7 +95,7 @@ class Array:
                     self.d[self.at(*indices)] = old.d[place]
 
     def indices(self, place: int) -> list[int]:
-        """Return the indices of the element at a place."""
+        """Return the indices of the element at a position in `d`."""
         found = []
         for bound in reversed(self.bounds):
             place, index = divmod(place, bound + 1)
@@ -112,7 +112,8 @@ def size(bounds: Sequence[int]) -> int:
 class Point:
     """A point of the robot: six numbers of a kind, and flags.
 
-    `kind` 'xy': x, y, z in mm, u, v, w in degrees; 'angles': joints in degrees (or mm); 'pulses'.
+    `kind` 'xy': x, y, z in mm and u, v, w in degrees. 'angles': joints in degrees (or mm).
+    'pulses': encoder pulses.
     """
 
     kind: str
@@ -120,7 +121,7 @@ class Point:
     flags: tuple[str, ...] = ()
 
     def flagged(self, flag: str) -> 'Point':
-        """Return it with an orientation flag, or a local, in place of the one it had."""
+        """Return the point with an orientation flag or a local, which replaces the old one."""
         kept = (each for each in self.flags if subject(each) != subject(flag))
         return replace(self, flags=(*kept, flag))
 

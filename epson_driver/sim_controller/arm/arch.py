@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Up, across and down, as SPEL+'s `Jump` and `Jump3`: legs that overlap in time at the corners."""
+"""Arch motions of SPEL+'s `Jump` and `Jump3`: up, across and down, overlapping at the corners."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -74,7 +74,7 @@ class Arch:
         self._across: Part | None = None
 
     def __call__(self, start: Array, low_power: bool) -> JointMoves:
-        """Return the motion from where the arm is."""
+        """Return the motion from the current position."""
         if np.array_equal(start, self._legs[0].begin):
             parts = self._overlapping(low_power)
         else:
@@ -130,7 +130,7 @@ class Arch:
         return parts
 
     def check(self) -> None:
-        """Raise ValueError if a joint might leave its range where two legs are under way."""
+        """Raise ValueError if a joint could leave its range while two legs overlap."""
         rise, span, *falls = self._legs
         corners = [
             (rise, self._leave, 1.0, rise.end),
@@ -139,7 +139,7 @@ class Arch:
         for leg, first, last, corner in corners:
             shares = np.linspace(first, last, CHECKS).tolist()
             ways = np.array([leg.curve.at(share)[0] for share in shares]), span.curve.samples
-            away = [way - corner for way in ways]  # each of them 0 at the corner
+            away = [way - corner for way in ways]  # each is 0 at the corner
             least = corner + sum(np.min(each, axis=0) for each in away)
             most = corner + sum(np.max(each, axis=0) for each in away)
             check_range(self._limits, np.array([least, most]))
@@ -152,6 +152,6 @@ def on(leg: Leg, position: Array) -> bool:
 
 
 def changed(limits: JointLimits, by: Callable[[str, Array], Array]) -> JointLimits:
-    """Return limits whose velocity, acceleration and jerk `by` has changed."""
+    """Return limits with `by` applied to velocity, acceleration and jerk."""
     velocity, acceleration, jerk = (by(kind, getattr(limits, kind)) for kind in _KINDS)
     return replace(limits, velocity=velocity, acceleration=acceleration, jerk=jerk)

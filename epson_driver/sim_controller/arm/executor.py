@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The interface between motion program and arm: points in, motion out.
 
-There are two executors. `PointToPoint` goes from point to point, as SPEL+'s `Go`. `Streaming`
-takes points ahead of the arm and goes through them smoothly.
+There are two executors. `PointToPoint` moves from point to point, like SPEL+'s `Go`. `Streaming`
+accepts points ahead of the arm and moves through them smoothly.
 """
 
 from collections.abc import Callable
@@ -73,7 +73,7 @@ class Executor(Protocol):
 
     @property
     def moving(self) -> bool:
-        """Whether the arm moves or has points to go to, held or not."""
+        """Whether the arm moves or has points to execute, even during a hold."""
 
     @property
     def still(self) -> bool:

@@ -18,7 +18,7 @@ LOW_POWER = 0.05
 """Fraction of Speed and Accel that Power Low allows."""
 
 LOW_POWER_TOOL_SPEED = 0.25
-"""The tool's speed that Power Low allows, m/s."""
+"""Maximum tool speed at Power Low, m/s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ class LowPower:
         self._check(limits)
         velocity = self.fraction * limits.velocity
         tool = float(velocity @ self.reach)
-        if tool > self.tool_speed:  # a joint that does not move the tool need not be slower
+        if tool > self.tool_speed:  # a joint that does not move the tool is not slowed down
             velocity = np.where(self.reach > 0.0, velocity * (self.tool_speed / tool), velocity)
         return replace(
             limits,
@@ -84,8 +84,8 @@ class LowPower:
 
 
 def low_power_caps(reach: Array, share: float = 1.0) -> LowPower:
-    """Return the caps of a robot whose joints have these reaches, shape (n,), m.
+    """Return the caps of a robot with these joint reaches, shape (n,), m.
 
-    share: of the tool's speed.
+    share: fraction of the tool speed.
     """
     return LowPower(LOW_POWER, share * LOW_POWER_TOOL_SPEED, reach)

@@ -18,7 +18,7 @@ from epson_driver.processes.worker import answer_file, read_value, write_value
 
 def main() -> None:
     """Plan until stdin closes, so that the process ends with the controller."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the controller's to handle
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the controller handles it
     answers = answer_file()
     requests = sys.stdin.buffer
     limits = read_value(requests, PASSED_TYPES)
@@ -47,5 +47,5 @@ def _warm_up(limits: JointLimits) -> None:
 if __name__ == '__main__':
     try:
         main()
-    except BrokenPipeError:  # the controller is gone
+    except BrokenPipeError:  # the controller has ended
         os._exit(0)

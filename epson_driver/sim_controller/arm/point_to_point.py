@@ -168,7 +168,7 @@ class PointToPoint:
 
     @property
     def moving(self) -> bool:
-        """Whether the arm moves or has points to go to, held or not."""
+        """Whether the arm moves or has points to execute, even during a hold."""
         return bool(self._segments or self._queue or self._brake)
 
     @property
@@ -353,7 +353,7 @@ class PointToPoint:
             ended.statement.executed = True
 
     def _skip(self, position: Array) -> None:
-        """Skip moves to where the arm is, within the resolution of messages (float32)."""
+        """Skip moves to the current position, within the resolution of messages (float32)."""
         while self._queue and np.array_equal(
             position.astype(np.float32), self._queue[0].target.astype(np.float32)
         ):
@@ -426,7 +426,7 @@ class PointToPoint:
         )
 
     def _begin_brake(self) -> None:
-        """Leave the lines, and brake."""
+        """Replace the current motions by a stop."""
         if not self._segments:
             return
         begun = [

@@ -62,7 +62,7 @@ class Servo:
 
     @property
     def velocity(self) -> Array:
-        """The velocities of the joints by the encoders, shape (n,), rad/s."""
+        """The joint velocities that the encoders report, shape (n,), rad/s."""
         velocity = self._velocity.copy()
         for joint in self._frozen:
             velocity[joint] = 0.0
@@ -75,7 +75,7 @@ class Servo:
 
     @property
     def actual(self) -> Array:
-        """The true positions of the joints, shape (n,), rad, whatever the encoders report."""
+        """The true joint positions, shape (n,), rad, independent of the encoders."""
         return self._actual
 
     def step(self, commanded: Array, dt: float) -> None:

@@ -31,7 +31,7 @@ class Recovery:
 
     @property
     def still(self) -> bool:
-        """Whether the recovery is over: complete, or stopped."""
+        """Whether the recovery has ended: complete, or stopped."""
         return self._time >= self._motion.duration
 
     def stop(self) -> None:
@@ -88,7 +88,7 @@ class SimulatedArm:
         command.
         """
         if self._recovery is not None:
-            if not self.executor.moving:  # its points are gone: there is nothing to go back for
+            if not self.executor.moving:  # its points were discarded, so no return is needed
                 self.brake_recovery()
             self._recovery.step(dt)
         else:

@@ -190,7 +190,7 @@ class Streaming:
 
     @property
     def moving(self) -> bool:
-        """Whether the arm moves, has points to go to, or rests for a commanded time."""
+        """Whether the arm moves, has points to execute, or rests for a commanded time."""
         return self._smoother.moving
 
     @property

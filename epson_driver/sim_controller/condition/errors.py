@@ -36,7 +36,7 @@ ERRORS = load_error_texts('epson')
 """Error numbers with their texts, including errors that only a real controller shows."""
 
 TEXTS: dict[int, str] = {number: text.meaning for number, text in ERRORS.items()}
-"""What each error number means."""
+"""Error number → its meaning."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class Rejection:
     sentence: str
 
     def about(self, what: str) -> 'Rejection':
-        """Return the rejection with its subject in front."""
+        """Return the rejection with a subject before its sentence."""
         return Rejection(self.number, f'{what}: {self.sentence}')
 
 
@@ -68,13 +68,13 @@ class ErrorRegister:
         _log.warning('refused (%d): %s', rejection.number, rejection.sentence)
 
     def clear(self, only: int | None = None) -> None:
-        """Clear the error shown, or with `only`, that one alone."""
+        """Clear the error, or with `only`, clear it only if it has this number."""
         if only in (None, self.number):
             self.number = ErrorNumber.NONE
 
 
 def angles_rejection(angles: Array, limits: JointLimits) -> Rejection | None:
-    """Return which of the angles, shape (n,), rad, is outside its limits, or None."""
+    """Return a rejection for the first angle of shape (n,), rad, outside its limits, or None."""
     low, high = limits.position_min, limits.position_max
     inside = (angles >= np.minimum(low, low.astype(np.float32))) & (
         angles <= np.maximum(high, high.astype(np.float32))

@@ -281,7 +281,7 @@ REGIONS: Tables = {
     'mode': MODE,
     'power': POWER,
 }
-"""The field of `Condition`, and its table."""
+"""Field of `Condition` → its table."""
 
 STARTED_BY_A_PERSON: Tables = {
     **REGIONS,

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The SPEL+ tasks of the controller's program, and their state in each condition.
 
-A Normal task pauses with pause and door, and is aborted by an E-stop and by errors. A NoEmgAbort
-task survives all of that. (SPEL+ language reference, Xqt and TaskState.)
+Pause and door pause a Normal task, and an E-stop and errors abort it. None of them affects a
+NoEmgAbort task. (SPEL+ language reference, Xqt and TaskState.)
 """
 
 from collections.abc import Iterator

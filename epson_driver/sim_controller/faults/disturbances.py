@@ -72,7 +72,7 @@ def bit_errors(outgoing: OutgoingMessage, fault: Fault, chance: random.Random) -
 def wrong_length(outgoing: OutgoingMessage, fault: Fault, _chance: random.Random) -> None:
     """Overwrite the length field with `value`, or with the true length plus `add`."""
     order = byte_order(outgoing.data)
-    if order is None:  # another fault has been here before
+    if order is None:  # already disturbed by another fault
         return
     value = fault.values['value']
     length = len(outgoing.data) - _WORD_BYTES + fault.number('add') if value is None else value
@@ -113,7 +113,7 @@ def byte_order(message: bytes) -> ByteOrder | None:
 
 
 def is_reply(message: bytes) -> bool:
-    """Return whether a whole message answers a request, by its header."""
+    """Return whether a whole message is a reply, according to its header."""
     order = byte_order(message)
     if order is None or len(message) < _HEADER_BYTES:
         return False

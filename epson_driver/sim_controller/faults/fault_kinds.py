@@ -56,7 +56,7 @@ class Parameter:
         if self.choices:
             return self.choices.index(text)
         value = int(text) if self.whole else float(text)
-        if not self.low <= value <= self.high:  # nor is it for a value that is not finite
+        if not self.low <= value <= self.high:  # also false for a value that is not finite
             raise ValueError
         return value
 

@@ -100,8 +100,8 @@ class ActiveFault:
         return self._points == 0
 
     def chance(self, port: str, serial: int) -> random.Random:
-        """Return the random generator for a connection, the same for the same seed."""
-        # Made of a text: a text's hash is the same in every process only for this use.
+        """Return the random generator of a connection, which is reproducible for the same seed."""
+        # Seeded by a text, because only then is the seed the same in every process.
         return random.Random(f'{self._seed} {self.fault.name} {port} {serial}')  # noqa: S311
 
     def text(self, now: float) -> str:

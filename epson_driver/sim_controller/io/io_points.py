@@ -209,7 +209,7 @@ class IoPoints:
             _log.warning('the last I/O client that wrote outputs is gone: safe values')
             self._make_safe(self.profile.outputs - self.profile.keep_on_link_loss)
 
-    # Inside.
+    # Internals.
 
     def _checked(self, io_type: int, index: int) -> tuple[_Kind, IoType]:
         if io_type not in _KINDS:

@@ -354,7 +354,7 @@ class MotionProgram:
             return
         if frame.msg_type > 0:
             self._send(failure(frame.msg_type))
-        else:  # a reply of that type would be as invalid
+        else:  # a reply of that type would also be invalid
             self._answer(0, ReplyCode.FAILURE)
 
     def _reject(self, sequence: int | None, rejection: Rejection) -> None:

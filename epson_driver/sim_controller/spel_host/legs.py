@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Legs of motion statements, along lines of the tool or of the joints, and arches of them."""
+"""Legs of motion statements: lines of the tool or of the joints, and arches."""
 
 import logging
 import math

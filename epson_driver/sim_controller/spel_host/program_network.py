@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 
 
 class PortObject(Session):
-    """One open port object of the program, and its client if it has one."""
+    """One open port object of the program, and its client if connected."""
 
     def __init__(
         self, settings: NetSettings, name: str, news: Callable[[], None], client: bool = False
@@ -129,7 +129,7 @@ class ProgramNetwork:
         return None
 
     def session(self, port: str, send: Send, close: Callable[[], None]) -> Session:
-        """Serve a client that is not rejected."""
+        """Serve an accepted client."""
         found = self._open(port)
         if found is None:
             raise ConnectionRefusedError(self.rejection(port))

@@ -91,7 +91,7 @@ def _usual(robot: RobotContext) -> None:
 def _power(robot: RobotContext, _: Arguments, words: Words) -> None:
     high = 'high' in words
     if high and robot.controller.condition.motors is not Motors.ON:
-        return  # it would be low again with the motors
+        return  # switching the motors on sets low power again
     apply(robot.controller, Event.PROGRAM_POWER_HIGH if high else Event.PROGRAM_POWER_LOW)
 
 

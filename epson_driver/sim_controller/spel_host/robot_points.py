@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Points of a SPEL+ program as joint angles of the arm, and back."""
+"""Conversion between points of a SPEL+ program and joint angles of the arm."""
 
 import logging
 import math

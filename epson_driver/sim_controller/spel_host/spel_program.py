@@ -372,7 +372,7 @@ class SpelProgram:
         """Resume after a pause, and start main if a person has started the program."""
         tasks = self._controller.condition.tasks
         if tasks in ENDED:
-            if tasks is Tasks.STOPPED:  # by a reset, perhaps
+            if tasks is Tasks.STOPPED:  # possibly by a reset
                 self._after_tasks(self._machine.clear_errors)
             return
         if self._ended:
