@@ -15,8 +15,8 @@ from benchmark.limit_sets import limit_set
 from epson_driver.motion import Array, JointLimits
 
 WORK_SEEDS, MEASURED_SEEDS = range(8), range(11000, 11008)
-"""Seeds for development, and separate ones for the reported figures, which influenced no choice.
-"""
+"""Seeds for development, and separate ones for the reported figures, which influenced no
+choice."""
 
 MAX_BORDER_DISTANCE_RAD = 0.1
 """Maximum distance of points from the border of the range."""

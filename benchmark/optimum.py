@@ -72,7 +72,7 @@ class Optimum:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The m segments between waypoints (m + 1, n): segment index per step (N,), step length, s."""
+    """Segments between m + 1 waypoints (m + 1, n): index per step (N,), step length in each, s."""
 
     waypoints: Array
     way: Index

@@ -31,8 +31,8 @@ WARM_UP_S = 75.0
 """The driver stores goals for 60 s."""
 
 MAX_GROWTH_BYTES = 1_000_000
-"""Maximum growth of either process, from the first tenth after the warm-up to the last one, bytes.
-"""
+"""Maximum growth of either process, from the first tenth after the warm-up to the last one,
+bytes."""
 
 SAMPLE_S = 2.0
 """Minimum time between two measurements, s, which are made between episodes."""

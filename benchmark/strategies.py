@@ -91,7 +91,7 @@ def run(
     limits: JointLimits,
     cut: bool = False,
 ) -> Record:
-    """Return the sampled motion of the smoother, which is told of the end unless `cut`.
+    """Return the sampled motion of the smoother. Its stream is finished unless `cut`.
 
     Raises RuntimeError if it does not end within PATIENCE_S more than any motion needs.
     """

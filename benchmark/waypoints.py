@@ -10,8 +10,8 @@ from benchmark.motion_record import Index, Mask, Record
 from epson_driver.motion import Array
 
 NEAR_RAD = 0.02
-"""Maximum distance of a passage from its waypoint, rad, to be a candidate besides the nearest one.
-"""
+"""Maximum distance of a passage from its waypoint, rad, to be a candidate besides the nearest
+one."""
 CLOSE_RAD = 2e-3
 """Distance within which a waypoint may be passed at the same time as the previous one, rad."""
 GRID_PARTS = 16

@@ -162,7 +162,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
             self._add(call)
 
     def kill(self, process: str) -> None:
-        """Drop all callbacks of a process for good. The system closes its connections."""
+        """Never run a callback of a process again. The system closes its connections."""
         self.hanging.discard(process)
         self.dead.add(process)
         self._take_away()

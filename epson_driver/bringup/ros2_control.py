@@ -41,7 +41,7 @@ def ros2_control_arguments(namespace: str) -> dict[str, str]:
 
 
 def first_joint_state(namespace: str) -> list[str]:
-    """Return the command that ends at the first joint state."""
+    """Return a command that exits once the first joint state has arrived."""
     topic = ros2_control_arguments(namespace)['joint_states_topic']
     words = ('ros2', 'topic', 'echo', '--once', '--qos-reliability', 'best_effort', '--field')
     return [*words, 'header', topic, 'sensor_msgs/msg/JointState']

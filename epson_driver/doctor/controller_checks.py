@@ -54,8 +54,8 @@ LATE_S = 0.05
 
 BUSY_S = 0.25
 """Timer delay above which silence is no evidence against the controller, s. A process that was
-delayed for half a second may be delayed for seconds, and a simulated controller is such a process.
-"""
+delayed for half a second may be delayed for seconds, and a simulated controller is such a
+process."""
 
 LONGEST_GAP_S = 0.3
 CLOCK_JUMP_S = 0.1

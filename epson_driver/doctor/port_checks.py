@@ -26,8 +26,8 @@ FELL_SILENT_S = 1.0
 """Silence after which a port that had sent data counts as silent, s."""
 
 HTTP_QUESTION = b'HEAD / HTTP/1.0\r\n\r\n'
-"""As a message it would be 1 GB long in either byte order, so it cannot be mistaken for a point.
-"""
+"""As a message it would be 1 GB long in either byte order, so it cannot be mistaken for a
+point."""
 
 HTTP_ANSWER_S = 2.0
 
@@ -69,7 +69,7 @@ async def tell_of_no_state(
     findings: Findings,
     may_ask: bool,
 ) -> bool:
-    """Report what answers at a port that is not a state port. Returns whether it is not.
+    """Return whether a port is not a state port, and report the service found there.
 
     `motion`: host and port of the motion port, which is checked if this port is silent.
     """

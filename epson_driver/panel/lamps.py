@@ -102,7 +102,7 @@ def _tri(name: str, value: Tri, yes: tuple[str, str], no: tuple[str, str]) -> La
 
 
 def advice(state: RobotState, now: float) -> Advice:
-    """Return the first obstacle to motion that has to be removed, with its remedy."""
+    """Return the first obstacle to motion with its remedy, or that the arm is ready or moving."""
     if not state.fresh('diagnostics', now):
         remedy = 'STOP may not reach it: use the E-stop. Start it, or look whether it still runs'
         return Advice('the driver does not report', remedy, UNKNOWN)

@@ -62,8 +62,8 @@ ANSWER_TIMEOUT_S = 15.0
 """Longer than the driver needs to switch the motors on, s."""
 
 PARAMETERS_TIMEOUT_S = 3.0
-"""Timeout, s. A driver that has died in between never answers, and another may have replaced it.
-"""
+"""Timeout, s. A driver that has died in between never answers, and another may have replaced
+it."""
 
 PARAMETERS = ('robot_model', 'joint_names', 'robot_ip', 'remote_port', 'controller')
 

@@ -162,7 +162,7 @@ def save_picture(path: Path, figure: Any) -> None:
 
 
 def _shown(study: Study) -> list[float]:
-    """Return the upper ends of the velocity, acceleration and jerk axes, per limit."""
+    """Return the ends of the velocity, acceleration and jerk axes, as multiples of the limits."""
     figures = [each.figures for each in study.columns]
     worst = np.max([(each.velocity, each.acceleration, each.jerk) for each in figures], axis=0)
     return [float(value) for value in np.clip(1.08 * worst, 1.25, MAX_AXIS_RATIOS)]
