@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Exact extrema of a smoother's executed motion, at every instant instead of at samples.
 
-They are independent of the package's own verification. The executed pieces are split at the
-passages of the knots (by bisection), each derivative is interpolated at Chebyshev nodes, which is
-exact for a polynomial, and evaluated at the zeros of its own derivative.
+Samples could miss a peak between two of them. The extrema are independent of the package's own
+verification. The executed pieces are split at the passages of the knots (by bisection), each
+derivative is interpolated at Chebyshev nodes, which is exact for a polynomial, and evaluated at
+the zeros of its own derivative.
 """
 
 from collections.abc import Callable

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Invariants of every world, judged independently of the driver's own state.
 
-Requests are known from the users' actions and the answers to them. The result is judged from the
-commanded positions of the simulated arm. The numbers are from docs/invariants.md.
+An error in the driver's state would otherwise hide its own effect. Requests are known from the
+users' actions and the answers to them, and the result is judged from the commanded positions of
+the simulated arm. The numbers are from docs/invariants.md.
 """
 
 from collections import deque

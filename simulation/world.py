@@ -1,6 +1,12 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One world: a driver, its controller, the network between them, and all users."""
+"""One world: a driver, its controller, the network between them, and all users.
+
+A world draws its profile, delays and timing from the seed and plays the events. Then it ends all
+faults and acts like a person until the arm executes a small motion again. Everything runs in one
+virtual loop, and garbage is collected at fixed moments, so that the same events give the same log
+in every process. So a violation can be replayed, and its event list shortened.
+"""
 
 import asyncio
 import contextlib

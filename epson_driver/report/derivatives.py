@@ -1,6 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Velocities and accelerations from positions that arrive at uneven times."""
+"""Velocities and accelerations from positions that arrive at uneven times.
+
+Differences of neighbouring samples would turn the jitter of arrival times into spikes, so a
+polynomial is fitted to a window around each sample.
+"""
 
 import math
 
