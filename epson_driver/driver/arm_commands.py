@@ -23,7 +23,7 @@ from epson_driver.driver.tasks import wait_for_fresh_state
 from epson_driver.simple_message import Status, TriState
 
 ANSWER_TIMEOUT_S = 2.0
-"""How long a service waits for the controller, s."""
+"""Time for the controller to respond to a service call, s."""
 
 
 STOPPED = 'stopped on request'
@@ -31,7 +31,7 @@ DISABLED = 'disabled on request'
 
 
 class CommandError(RuntimeError):
-    """A command that failed: the reason as its text, and the remedy."""
+    """A failed command, with the reason as its text, and the remedy."""
 
     def __init__(self, text: str, remedy: Remedy = Remedy.NONE) -> None:
         super().__init__(text)
@@ -39,13 +39,13 @@ class CommandError(RuntimeError):
 
 
 async def _nothing_waits() -> None:
-    """Return at once, for callers that submit goals directly."""
+    """Return immediately, for callers that submit goals directly."""
 
 
 class ArmCommands:
-    """The commands for the arm: each returns a sentence, or raises CommandError.
+    """The commands for the arm. Each returns a sentence, or raises CommandError.
 
-    `all_taken` waits until the driver has got the goals that were sent before.
+    `all_taken` waits until the driver has received all goals that were sent before.
     """
 
     def __init__(
@@ -56,15 +56,16 @@ class ArmCommands:
         self._one_enables = asyncio.Lock()
         self._disabling = 0
         self._disabled = 0
-        """How often `disable` was called."""
+        """Number of calls of `disable`."""
 
     async def stop(self) -> str:
-        """Stop the arm, abort a running goal, and return a sentence when the arm stands.
+        """Stop the arm, abort a running goal, and return a sentence when the arm is at rest.
 
-        So do goals that come before it returns: they may have been sent before, and waited.
+        Goals that arrive before this returns are also aborted, because they may have been sent
+        earlier and delayed.
 
-        Raises CommandError unless the controller acknowledged STOP and the state shows that the
-        arm stands; the arm gate is closed then.
+        Raises CommandError, with the arm gate closed, unless the controller acknowledged STOP and
+        the state shows that the arm is at rest.
         """
         with self._driver.goal_queue.stopping(f'{STOPPED} before it could start'):
             try:
@@ -78,7 +79,7 @@ class ArmCommands:
         said = 'no motion was running; the controller acknowledged STOP'
         source = self._driver.servo.source
         if goals.busy:
-            self._driver.servo.stop(STOPPED)  # one that waits for its turn
+            self._driver.servo.stop(STOPPED)  # a stream may be waiting for its turn
             outcome = await goals.stop(STOPPED, ANSWER_TIMEOUT_S)
             if outcome is not None:
                 said = f'the running motion ended: {outcome.text}'
@@ -97,12 +98,12 @@ class ArmCommands:
         return said
 
     async def enable(self) -> str:
-        """Open the arm gate, after switching the motors on where the driver can.
+        """Open the arm gate, after switching the motors on if the driver can do that.
 
-        What counts is the next STATUS, not the last one: motors may have gone off since. Whatever
-        closes the gate while this is under way, or would have closed it, ends it.
+        It relies on the next STATUS, not the last one, because the motors may have gone off since.
+        Any event during this call that closes the gate, or would close an open one, cancels it.
 
-        Raises CommandError that says what is in the way and what to do about it.
+        Raises CommandError with the reason and the remedy if the arm cannot be enabled.
         """
         self._check(Purpose.COMMAND)
         if self._disabling:
@@ -143,7 +144,7 @@ class ArmCommands:
             )
             self._check(Purpose.ENABLE)
             await self._wait_for_first_stop()
-            if driver.stopper.delivery.keeps_points:  # with the motors, it would go on with them
+            if driver.stopper.delivery.keeps_points:  # with motors on, it would execute them
                 await self._clear_motion()
             closed = driver.gate.reason is not None
             restarts = driver.motors.restarts and (closed or driver.robot.main_ended)
@@ -168,7 +169,7 @@ class ArmCommands:
             robot = driver.robot
             fresh = wait_for_fresh_state(robot.why_not_ready, driver.changed, ANSWER_TIMEOUT_S)
             self._check(Purpose.OPEN, await fresh)
-            driver.look_for_namesakes()  # once more, in the moment in which the gate opens
+            driver.look_for_namesakes()  # again, immediately before the gate opens
             if closed:
                 robot.enabled()
                 driver.stopper.enabled()
@@ -182,7 +183,7 @@ class ArmCommands:
             return 'the arm is enabled' + ('' if held is None else f', but {held.text}')
 
     async def _wait_for_first_stop(self) -> None:
-        """STOP goes out before anything else on a motion connection that needs it."""
+        """Wait until STOP is sent, on a motion connection that needs it first."""
         if self._driver.stop_due:
             await self._wait_for_status(
                 lambda _: not self._driver.stop_due,
@@ -190,7 +191,7 @@ class ArmCommands:
             )
 
     async def _clear_motion(self) -> None:
-        """Stop, so that the controller drops points it may still have, and see the arm stand."""
+        """Send STOP so that the controller drops remaining points, and wait for rest."""
         driver = self._driver
         stopper = driver.stopper
         if driver.busy or (stopper.over and not stopper.ours and not stopper.kept):
@@ -200,10 +201,10 @@ class ArmCommands:
             raise CommandError(f'after the last motion {stopper.doubt}; {stopper.stands}')
 
     async def disable(self) -> str:
-        """Close the arm gate, stop, and switch the motors off where the driver can.
+        """Close the arm gate, stop, and switch the motors off if the driver can do that.
 
-        Raises CommandError unless the state shows that the arm stands and, where the driver can
-        switch them and STATUS tells, that the motors are off. The gate is closed in any case.
+        Raises CommandError unless the state shows that the arm is at rest and that the motors are
+        off, if the driver can switch them and STATUS reports them. The gate is closed in any case.
         """
         driver = self._driver
         driver.disable(DISABLED)
@@ -229,7 +230,7 @@ class ArmCommands:
         return text
 
     async def _bring_to_rest(self) -> str:
-        """Stop the arm, and return what went wrong, or ''."""
+        """Stop the arm, and return the problem, or ''."""
         goals, stopper = self._driver.goal_queue, self._driver.stopper
         if goals.busy:
             await goals.stop(DISABLED, ANSWER_TIMEOUT_S)
@@ -242,7 +243,7 @@ class ArmCommands:
         return f'{stopper.doubt}: {stopper.stands}'
 
     async def _motors_off(self) -> tuple[bool, str]:
-        """Switch the motors off, and return whether they may be taken to be off, and a clause."""
+        """Switch the motors off. Return whether they are presumably off, and a clause."""
         driver = self._driver
         try:
             await driver.motors.act(Action.MOTORS_OFF, ANSWER_TIMEOUT_S)
@@ -270,10 +271,10 @@ class ArmCommands:
     async def reset_error(self) -> str:
         """Reset the controller's error. The arm stays disabled.
 
-        Where that stops the controller's program, an enabled arm is disabled: to enable it
-        starts the program again.
+        If the reset stops the controller's program, an enabled arm is disabled. Enabling it starts
+        the program again.
 
-        Raises CommandError if it cannot be done, or if no STATUS shows that it was.
+        Raises CommandError if the reset fails, or if no STATUS confirms it.
         """
         await self._wait_for_first_stop()
         if self._driver.motors.restarts:
@@ -304,9 +305,9 @@ class ArmCommands:
         return 'the controller was reset; the arm stays still until it is enabled'
 
     async def recover(self) -> str:
-        """Reset the controller's error, then enable the arm, unless it was disabled meanwhile.
+        """Reset the controller's error and enable the arm, unless it is disabled in between.
 
-        Raises as both.
+        Raises CommandError like `reset_error` and `enable`.
         """
         before = self._disabled
         await self.reset_error()
@@ -316,13 +317,13 @@ class ArmCommands:
         return await self.enable()
 
     def _check(self, purpose: Purpose, now: float | None = None) -> None:
-        """Raise CommandError for what forbids a purpose at `now`, s, or at present."""
+        """Raise CommandError if a purpose is inhibited at `now`, s, or currently."""
         found = self._driver.why_not(purpose, _now() if now is None else now)
         if found is not None:
             raise _inhibited(found)
 
     async def _check_what_took_the_motors(self, status: Status) -> None:
-        """Raise CommandError for what has switched them off, such as a door, if that is told."""
+        """Raise CommandError if a cause of the motors being off, such as a door, is reported."""
         found = status_inhibit(status, self._driver.robot.errors)
         if found is None or found.cause is not Cause.MOTORS_OFF:
             return
@@ -331,14 +332,14 @@ class ArmCommands:
             raise _inhibited(found)
 
     async def _act(self, action: Action) -> None:
-        """Send an action to the controller. Raises CommandError that says what to do instead."""
+        """Send an action to the controller. Raises CommandError with a remedy if it fails."""
         try:
             await self._driver.motors.act(action, ANSWER_TIMEOUT_S)
         except MotorsError as error:
             raise self._refused(action, error) from error
 
     def _refused(self, action: Action, error: MotorsError) -> CommandError:
-        """Return why an action was refused: what the controller tells of itself, or the error."""
+        """Return why an action was refused: the controller's reported condition, or the error."""
         robot, found = self._driver.robot, None
         if error.told is not None:
             found = refusal_inhibit(*error.told, robot.errors)

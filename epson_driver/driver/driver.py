@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The driver without ROS: links, robot state, arm gate and the running goal, in one event loop.
 
-Everything here runs in the loop's thread. The ROS node calls in with `call_soon_threadsafe` and is
-told what happened through `DriverEvents`.
+Everything here runs in the loop's thread. The ROS node calls in with `call_soon_threadsafe`, and
+is notified of events through `DriverEvents`.
 """
 
 import asyncio
@@ -45,11 +45,11 @@ from epson_driver.trace import Trace
 from epson_driver.trace.trace import END_TIMEOUT_S
 
 SHUT_DOWN_TIMEOUT_S = 0.5
-"""How long the arm may take to stop before the process ends all the same, s."""
+"""Time for the arm to stop before the process exits in any case, s."""
 
 MAX_MIXED_POSITIONS = 2
-"""At most this many JOINT_POSITIONs come between two JOINT_FEEDBACKs of a controller that sends
-both at once; they say the same then. With more, they are what tells where the arm is."""
+"""Maximum number of JOINT_POSITIONs between two JOINT_FEEDBACKs of a controller that sends both
+together. They then contain the same positions. With more, JOINT_POSITIONs are used."""
 
 WORST_FIRST = (
     LinkState.DISCONNECTED,
@@ -57,7 +57,7 @@ WORST_FIRST = (
     LinkState.CONNECTING,
     LinkState.CONNECTED,
 )
-"""The state of the links together is the worse of the two."""
+"""Order of link states. The combined state of the links is the worse of the two."""
 
 _log = logging.getLogger(__name__)
 
@@ -66,13 +66,13 @@ class DriverEvents(Protocol):
     """Callbacks to the driver's owner, in the loop's thread."""
 
     def on_joints(self, sample: JointSample) -> None:
-        """A state message with joints came: one call for each."""
+        """Called for each state message with joints."""
 
     def on_status(self, status: Status) -> None:
-        """A status came, which is all unknown once none can be had any more."""
+        """Called for each status. All its fields are unknown once none is available any more."""
 
     def on_link_state(self, name: str, why: str) -> None:
-        """The state of the links together changed."""
+        """Called when the combined state of the links has changed."""
 
 
 class Driver:
@@ -85,13 +85,13 @@ class Driver:
         limits, timeout = configuration.limits, configuration.state_timeout
         self.gate = ArmGate()
         self.changed = changed = Notification()
-        """Notified when a status came, a goal or a stop ended, or STOP was answered."""
+        """Notified when a status arrived, a goal or a stop ended, or STOP was answered."""
         self.namesakes: Callable[[], str] = str
-        """Returns the other processes that take this driver's requests as a clause, or ''."""
+        """Returns the other processes that receive this driver's requests as a clause, or ''."""
         self.namesakes_known = 0.0
-        """Until then, in the loop's time, some may not be found yet: no enable."""
+        """Loop time until which some of them may not be discovered yet. No enable before it."""
         self.stop_due = False
-        """STOP waits for the byte order, on a motion connection that needs it first."""
+        """True while STOP waits for the byte order, on a motion connection that needs it first."""
         channel = make_channel(
             configuration,
             self._on_state_packet,
@@ -137,9 +137,9 @@ class Driver:
         self._reports = {link.name: LinkReports(link, kind) for link in self.links}
 
     async def run(self) -> None:
-        """Keep the links alive until cancelled. On the way out the arm is stopped.
+        """Run the links until cancelled, then stop the arm.
 
-        Raises what a part of it raised, after the arm was stopped over the links that are left.
+        Raises the exception of a failed part, after stopping the arm over the remaining links.
         """
         try:
             self.goal_queue.make_ready()
@@ -167,9 +167,9 @@ class Driver:
             await self.goal_queue.close()
 
     async def shut_down(self) -> None:
-        """Stop the arm and end the running goal when it stands, or after half a second.
+        """Stop the arm and end the running goal when it is at rest, or after half a second.
 
-        An arm that moves on then has its motors switched off, where there is a way to.
+        The motors are then switched off if the arm still moves and the driver can do that.
         """
         self.gate.close('the driver is shutting down')
         ends = self._now() + SHUT_DOWN_TIMEOUT_S
@@ -184,7 +184,7 @@ class Driver:
     def fault(self, why: str, *, motors_off: bool = False) -> None:
         """Close the arm gate and end every goal and stream.
 
-        `motors_off`: only that the motors are off is wrong.
+        `motors_off`: the only reason is that the motors are off.
         """
         self.disable(why, motors_off=motors_off)
         self.goal_queue.fault(why)
@@ -195,11 +195,11 @@ class Driver:
         return self.goal_queue.busy or self.servo.active
 
     def why_not(self, purpose: Purpose, now: float) -> Inhibit | None:
-        """Return what forbids a purpose at `now`, s: the first fact to deal with, or None."""
+        """Return the first reason that inhibits a purpose at `now`, s, or None."""
         return self._why_not(purpose, now)
 
     def look_for_namesakes(self) -> None:
-        """Stop and disable the arm while another process takes this driver's requests, too."""
+        """Stop and disable the arm while another process also receives this driver's requests."""
         who, before = self.namesakes(), self._why_not.second
         found = self._why_not.second = second_driver(who) if who else None
         if found is not None:
@@ -215,22 +215,22 @@ class Driver:
 
     def _on_broken_off(self, outcome: Outcome, unanswered: bool) -> None:
         self.disable(outcome.text, unexplained=outcome.unexplained)
-        if unanswered:  # what comes late now must not be taken for the answer to something newer
+        if unanswered:  # a late reply must not be mistaken for the reply to a newer request
             self.motion_link.reconnect('a reply is missing')
 
     def _on_alarm(self, why: str, unanswered: bool) -> None:
-        """Disable the arm, as STOP does not work."""
+        """Disable the arm because STOP failed."""
         _log.error('the arm was not stopped as asked: %s; %s', why, self.stopper.stands)
         self.disable(why)
         self.goal_queue.end_waiting(why)
-        if unanswered and not self.goal_queue.busy:  # a goal that runs does so when it breaks off
+        if unanswered and not self.goal_queue.busy:  # a running goal reconnects when it breaks off
             self.motion_link.reconnect('no reply to STOP')
 
     def disable(self, why: str, *, motors_off: bool = False, unexplained: bool = False) -> None:
-        """Close the arm gate without ending a goal. `motors_off` is as in `fault`.
+        """Close the arm gate without ending a goal. `motors_off` is like in `fault`.
 
-        A stream of setpoints ends. `unexplained`: the controller has not said why so far; the log
-        waits for the status that does.
+        A stream of setpoints ends. `unexplained`: the controller has not reported a cause yet, so
+        the log entry waits for the status that contains it.
         """
         was_open = self.gate.close(why, motors_off=motors_off, unexplained=unexplained)
         if was_open and unexplained:
@@ -250,9 +250,9 @@ class Driver:
             _log.warning('arm disabled: %s', self.gate.reason)
 
     def _on_state_packet(self, packet: Packet) -> None:
-        if packet.comm_type is not CommType.TOPIC:  # nobody waits for it (REP-I0006)
+        if packet.comm_type is not CommType.TOPIC:  # an unexpected reply (REP-I0006)
             return
-        # What was read at once came at once: this process may be held up while it goes through it.
+        # Use one arrival time for the whole batch: decoding it may be delayed.
         came = self.state_link.last_received
         message = packet.message
         if isinstance(message, DIALECT_MESSAGES):
@@ -338,7 +338,7 @@ class Driver:
             self.servo.withdraw()
 
     def _on_link(self, name: str, state: LinkState, why: str) -> None:
-        """Process that a link has come or gone: of state, of motion, or the one that is both."""
+        """Handle a change of a link: state, motion, or the one that is both."""
         if name != 'motion' and state is not LinkState.CONNECTED:
             self.robot.clear()
             self.heartbeat.forget()
@@ -354,7 +354,7 @@ class Driver:
         self._tell_link(self.state_link if name == 'state' else self.motion_link, why)
 
     async def _before_motion_link(self) -> None:
-        """Wait until STOP can leave at once, if the arm may go on as soon as a client connects."""
+        """Wait until STOP can be sent first, if the arm may resume when a client connects."""
         if self._connects_later():
             await self._dialect_known.wait()
 
@@ -362,11 +362,12 @@ class Driver:
         return self.stopper.delivery.keeps_points and not self._dialect_known.is_set()
 
     def _stop_first(self) -> None:
-        """Send STOP on a new motion connection, before anything else, if the arm may go on.
+        """Send STOP first on a new motion connection, if the arm may resume its motion.
 
-        Before the byte order is known, what a message says is not: STOP waits for the first joints
-        then, which show it. So does all else, as nothing is sent to a controller without a state.
-        If the joints show another one later, the connection is opened again (Link.follow).
+        Messages cannot be encoded before the byte order is known, so STOP waits for the first
+        joints, which show it. Other messages wait as well, because nothing is sent to a controller
+        without a state. If the joints later show another byte order, the connection is reopened
+        (Link.follow).
         """
         if not self._dialect_known.is_set():
             return
@@ -375,7 +376,7 @@ class Driver:
             self.stopper.stop()
 
     def _tell_link(self, link: Link, why: str) -> None:
-        """End all motion if a link was lost, and tell people and the owner."""
+        """End all motion if a link was lost, and report the change to the log and the owner."""
         if link.state is LinkState.BACKING_OFF and link.statistics.connections:
             self.fault(f'the {link.name} link was lost: {why}')
         self._reports[link.name].tell(why)
@@ -387,7 +388,7 @@ class Driver:
                 self._events.on_status(Status())
 
     async def _watch_status(self) -> None:
-        """Drop a status that is too old, and report it once a second while there is none."""
+        """Discard a status that is too old, and report it once a second until a new one comes."""
         while True:
             await silent(self._status_missing)
             if self.robot.status is not None:
@@ -396,7 +397,7 @@ class Driver:
             self._events.on_status(Status())
 
     async def _watch_joints(self) -> None:
-        """Drop joints that are too old: the link may be up and the STATUS go on without them."""
+        """Discard joints that are too old: link and STATUS may continue without them."""
         while True:
             await silent(self._joints_missing)
             if self.robot.sample is not None:

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Why the arm does not move: a cause, a remedy, and a clause.
+"""Reasons why the arm does not move: a cause, a remedy, and a clause.
 
-The driver works it out in one place (why_not.py). What is to be called or pressed for a remedy,
-the node, the Python API, the panel and the doctor each say in words of their own.
+The driver determines the reason in one place (why_not.py). The node, the Python API, the panel and
+the doctor describe the remedy in their own terms: which service to call or button to press.
 """
 
 from collections.abc import Collection
@@ -17,14 +17,14 @@ from epson_driver.simple_message import Mode, Status, TriState
 
 
 class Purpose(Flag):
-    """What something asks for that may be forbidden.
+    """A request that may be inhibited.
 
-    REPORT: to say why the arm does not move when it is asked to. COMMAND: to command the
-    controller. ENABLE: to begin to enable the arm; OPEN: to open the arm gate; RUN: to keep it
-    open, and what runs. GOAL: to take a goal while the arm moves; READY: to take one whose
-    motion is still to be planned; ALONE: to replace no other goal; START: to start one.
-    STREAM: to begin a stream of setpoints, FOLLOW: to send the next, LET_GO: to keep one after
-    its STOP. RESUME: to resume a paused goal.
+    REPORT: report why the arm would not move. COMMAND: send a command to the controller.
+    ENABLE: start to enable the arm; OPEN: open the arm gate; RUN: keep the gate open and the
+    motion running. GOAL: accept a goal while the arm moves; READY: accept a goal whose motion is
+    still to be planned; ALONE: replace no other goal; START: start a goal. STREAM: start a stream
+    of setpoints; FOLLOW: send its next setpoint; LET_GO: keep a stream after its STOP. RESUME:
+    resume a paused goal.
     """
 
     REPORT = auto()
@@ -43,7 +43,7 @@ class Purpose(Flag):
 
 
 class Cause(Enum):
-    """What keeps the arm from moving. Those from NO_STREAMS on forbid a goal or a stream alone."""
+    """Why the arm may not move. From NO_STREAMS on, only goals or streams are inhibited."""
 
     NO_STATE_LINK = auto()
     NO_JOINTS = auto()
@@ -71,9 +71,9 @@ class Cause(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Inhibit:
-    """What keeps the arm from moving. `text`: a clause.
+    """A reason why the arm may not move. `text`: a clause.
 
-    `advice`: what helps first, as the controller's maker says it, or ''.
+    `advice`: the first remedy from the manufacturer's documentation, or ''.
     """
 
     cause: Cause
@@ -100,12 +100,12 @@ MANUAL = Inhibit(Cause.MANUAL_MODE, Remedy.TURN_TO_AUTO, 'the key switch is at M
 
 
 def second_driver(who: str) -> Inhibit:
-    """Return that another process obeys the same requests, as it has the same names."""
+    """Return the inhibit for another process with the same names, which receives the requests."""
     return Inhibit(Cause.SECOND_DRIVER, Remedy.RENAME, f'a second driver has its names: {who}')
 
 
 def main_ended(status: Status, errors: ErrorTexts) -> Inhibit:
-    """Return that the controller's program has ended, as the error of a status says."""
+    """Return the inhibit for a controller program that has ended (STATUS error)."""
     text = f'the controller says that motion is not possible, {_error(status, errors)}'
     return Inhibit(Cause.MAIN_ENDED, Remedy.START_MAIN, text)
 
@@ -115,12 +115,12 @@ def _error(status: Status, errors: ErrorTexts) -> str:
 
 
 def not_enabled(reason: str) -> Inhibit:
-    """Return that the arm gate is closed for a reason."""
+    """Return the inhibit for an arm gate that is closed for `reason`."""
     return Inhibit(Cause.NOT_ENABLED, Remedy.ENABLE, f'the arm is not enabled ({reason})')
 
 
 def controller_error(status: Status, errors: ErrorTexts) -> Inhibit:
-    """Return the error that a status shows, with its text from `errors`."""
+    """Return the inhibit for a controller error, with its text from `errors`."""
     number = status.error_code
     return Inhibit(
         Cause.ERROR,
@@ -131,9 +131,9 @@ def controller_error(status: Status, errors: ErrorTexts) -> Inhibit:
 
 
 def status_inhibit(status: Status, errors: ErrorTexts) -> Inhibit | None:
-    """Return why the controller's status forbids motion, or None if it does not.
+    """Return why the controller's status inhibits motion, or None if it does not.
 
-    Fields that the controller reports as unknown forbid nothing. `errors` has the texts of its
+    Fields that the controller reports as unknown inhibit nothing. `errors` has the texts of its
     error numbers.
     """
     number = status.error_code
@@ -149,15 +149,15 @@ def status_inhibit(status: Status, errors: ErrorTexts) -> Inhibit | None:
 
 
 def manual_inhibit(status: Status) -> Inhibit | None:
-    """Return that the key switch is at MANUAL, and that nothing says that the arm moves there."""
+    """Return MANUAL if the key switch is at MANUAL and motion is not reported as possible."""
     manual = status.mode == Mode.MANUAL and status.motion_possible != TriState.TRUE
     return MANUAL if manual else None
 
 
 def seen_inhibit(status: Status, errors: ErrorTexts) -> Inhibit | None:
-    """Return why the arm cannot move, judged by a STATUS alone.
+    """Return why the arm cannot move, from a STATUS alone.
 
-    None: what the status tells does not keep it from moving.
+    Returns None if the status does not prevent motion.
     """
     found = status_inhibit(status, errors)
     if found is None or found.cause is Cause.MOTORS_OFF:
@@ -172,9 +172,9 @@ def seen_inhibit(status: Status, errors: ErrorTexts) -> Inhibit | None:
 
 
 def flags_inhibit(flags: Collection[str], number: int, errors: ErrorTexts) -> Inhibit | None:
-    """Return why the arm cannot move, by the flags of Remote Ethernet's GetStatus that are set.
+    """Return why the arm cannot move, from the active flags of Remote Ethernet's GetStatus.
 
-    `number`: the error that came with them. None: they do not keep it from moving.
+    `number`: the error reported with them. Returns None if they do not prevent motion.
     """
     error = f'error {errors.phrase(number)}'
     advice = errors.advice(number, 'remove the cause')
@@ -195,12 +195,12 @@ def flags_inhibit(flags: Collection[str], number: int, errors: ErrorTexts) -> In
 def refusal_inhibit(
     flags: Collection[str], number: int, device: int | None, errors: ErrorTexts
 ) -> Inhibit | None:
-    """Return why Remote Ethernet refuses a command, by what it tells of the condition, or None."""
+    """Return why Remote Ethernet refuses a command, from the reported condition, or None."""
     return flags_inhibit(flags, number, errors) or device_inhibit(device)
 
 
 def device_inhibit(device: int | None) -> Inhibit | None:
-    """Return that another device than Remote Ethernet has control, or None."""
+    """Return the inhibit if a device other than Remote Ethernet has control, or None."""
     if device is None or device == REMOTE_ETHERNET:
         return None
     text = f'the control device is {CONTROL_DEVICES[device]}: motors and main obey nobody else'

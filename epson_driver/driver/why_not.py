@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Why the arm may not move: one ordered table for enabling, goals, streams, diagnostics and API.
 
-Who asks has a purpose, and gets the first fact in WhyNot.ROWS that counts for it.
+A caller passes a purpose, and receives the first fact in WhyNot.ROWS that applies to it.
 """
 
 from collections.abc import Callable
@@ -32,18 +32,18 @@ from epson_driver.link.remote_link import RemoteLink
 from epson_driver.simple_message import Status
 
 STATUS_TIMEOUT_S = 1.0
-"""A status that is older says nothing any more, s. (The thesis' controller sends one in 55 ms.)"""
+"""Maximum age of a status, s. (The thesis' controller sends one every 55 ms.)"""
 
 Fact = Callable[['WhyNot', float], Inhibit | None]
-"""Returns a fact that forbids something at the loop's time, s, or None."""
+"""Returns the inhibit that applies at the loop's time, s, or None."""
 
 
 @dataclass(eq=False)
 class WhyNot:
-    """What decides whether the arm may move.
+    """Determines whether the arm may move.
 
-    `connects_later`: whether the motion link waits for the byte order. `second`: the other process
-    that takes this driver's requests, if there is one.
+    `connects_later`: whether the motion link waits for the byte order. `second`: another process
+    that receives this driver's requests, or None.
     """
 
     channel: Channel
@@ -57,7 +57,7 @@ class WhyNot:
     second: Inhibit | None = None
 
     def __call__(self, purpose: Purpose, now: float) -> Inhibit | None:
-        """Return the first fact that forbids a purpose at `now`, the loop's time in s, or None."""
+        """Return the first fact that inhibits a purpose at `now` (the loop's time, s), or None."""
         facts = (fact(self, now) for fact, purposes in self.ROWS if purpose in purposes)
         return next((found for found in facts if found is not None), None)
 
@@ -109,7 +109,7 @@ class WhyNot:
         return Inhibit(Cause.STOP_FAILED, Remedy.KEEP_AWAY, text)
 
     def _condition(self, _now: float) -> Inhibit | None:
-        """Return what is to be mended at the controller or in ROS before the arm is enabled."""
+        """Return the problem to fix at the controller or in ROS before the arm is enabled."""
         if self.second is not None:
             return self.second
         status, errors = self._status, self.robot.errors
@@ -125,7 +125,7 @@ class WhyNot:
         return None if reason is None else manual_inhibit(self._status) or not_enabled(reason)
 
     def _closed(self, now: float) -> Inhibit | None:
-        """Return what closed the arm gate, with what is to be mended now."""
+        """Return why the arm gate was closed, with the problem to fix now."""
         if self.gate.reason is None:
             return None
         closed, found = not_enabled(self.gate.reason), self(Purpose.REPORT, now)
@@ -150,7 +150,7 @@ class WhyNot:
         return _said(Cause.NO_POSE, self.robot.why_not_ready(now))
 
     def _denied(self, _now: float) -> Inhibit | None:
-        """Return why a controller that the arm is enabled at denies motion."""
+        """Return why the controller denies motion although the arm is enabled."""
         if self.robot.main_ended:
             return main_ended(self._status, self.robot.errors)
         return PAUSED if self.robot.paused else None
@@ -159,12 +159,12 @@ class WhyNot:
         return None if self.stopper.delivery.resumes else self._denied(now)
 
     def _ended(self, now: float) -> Inhibit | None:
-        """Return that main has ended: what was sent may come after a person has started it."""
+        """Return the inhibit if main has ended: sent points may be executed after its restart."""
         ended = self.robot.main_ended and (self.goals.busy or self.servo.active)
         return self._denied(now) if ended else None
 
     def _moves(self, _now: float) -> Inhibit | None:
-        """Return that the arm moves: it brakes after a fault, or others move it."""
+        """Return the inhibit if the arm moves: it brakes after a fault, or is moved externally."""
         why = self.robot.why_not_standing(self.stopper.stopped_velocity)
         return _said(Cause.MOVES, why and f'the arm moves ({why}): wait until it stands')
 
@@ -192,13 +192,13 @@ class WhyNot:
         (_denied_to_goals, Purpose.READY | _START),
         (_moves, _START),
     )
-    """Each fact, and for which purposes it counts; the first to deal with comes first."""
+    """Each fact, and the purposes that it inhibits, in the order in which to deal with them."""
 
 
 def _silence(
     cause: Cause, what: str, now: float, newest: float | None, timeout: float
 ) -> Inhibit | None:
-    """Return that the newest of a state is too old: what it says then says nothing."""
+    """Return the inhibit if a state is missing or older than `timeout` s."""
     if newest is None:
         return Inhibit(cause, Remedy.CHECK_STATE_SERVER, f'no {what}')
     if now - newest < timeout:

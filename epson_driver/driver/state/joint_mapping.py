@@ -1,11 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Joints as the controller counts them, and as ROS does: coupling, signs, offsets.
+"""Conversion between the controller's joint convention and ROS: coupling, signs, offsets.
 
-FANUC and ABB count the third joint against the second one. ROS-Industrial's factor says how:
-joint 3 of ROS is that of the controller plus `j23_factor` times its joint 2 (FANUC's J23_factor;
-ABB's coupling is -1). After that each joint is `sign` times the controller's plus `offset`. The
-way to the controller is the exact inverse. Velocities go the same ways, without the offset.
+FANUC and ABB count the third joint relative to the second one. ROS-Industrial's factor defines the
+coupling: joint 3 in ROS is the controller's joint 3 plus `j23_factor` times its joint 2 (FANUC's
+J23_factor; -1 for ABB). Then each joint is `sign` times the controller's joint plus `offset`. The
+conversion to the controller is the exact inverse. Velocities are converted without the offset.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from epson_driver.motion import Array
 
 SIGNS = list_of(choice(1, -1))
 OFFSETS = list_of(number(-1000.0, 1000.0))
-"""What the parameter joint_offsets may hold, rad or m."""
+"""Range of the parameter joint_offsets, rad or m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,23 +35,23 @@ class JointMapping:
 
     @cached_property
     def identity(self) -> bool:
-        """Whether controller and ROS count joints alike, so that values pass bit by bit."""
+        """Whether the mapping is the identity, so values can be passed unchanged."""
         return not self.j23_factor and bool(np.all(self.signs == 1.0) and not self.offsets.any())
 
     def positions_to_ros(self, values: Array) -> Array:
-        """Return the controller's positions as ROS's."""
+        """Convert the controller's positions to ROS."""
         return values if self.identity else self.velocities_to_ros(values) + self.offsets
 
     def velocities_to_ros(self, values: Array) -> Array:
-        """Return the controller's velocities as ROS's."""
+        """Convert the controller's velocities to ROS."""
         return values if self.identity else self.signs * self._coupled(values, self.j23_factor)
 
     def positions_to_controller(self, values: Array) -> Array:
-        """Return ROS's positions as the controller's."""
+        """Convert ROS positions to the controller's."""
         return values if self.identity else self.velocities_to_controller(values - self.offsets)
 
     def velocities_to_controller(self, values: Array) -> Array:
-        """Return ROS's velocities as the controller's."""
+        """Convert ROS velocities to the controller's."""
         return values if self.identity else self._coupled(self.signs * values, -self.j23_factor)
 
     def _coupled(self, values: Array, factor: int) -> Array:
@@ -65,9 +65,9 @@ class JointMapping:
 def joint_mapping(
     joints: int, signs: Sequence[int], offsets: Sequence[float], j23_factor: int
 ) -> JointMapping:
-    """Return the mapping that the parameters ask for: one number for all joints, or one for each.
+    """Return the mapping from the parameters: one number for all joints, or one for each.
 
-    Raises ValueError that names the parameter and its value.
+    Raises ValueError, naming the parameter and its value, if one is invalid.
     """
     for name, values in (('joint_signs', signs), ('joint_offsets', offsets)):
         if len(values) not in (1, joints):
@@ -86,5 +86,5 @@ def joint_mapping(
 
 
 def unmapped(joints: int) -> JointMapping:
-    """Return the mapping that changes nothing."""
+    """Return the identity mapping."""
     return JointMapping(np.ones(joints), np.zeros(joints))

@@ -1,19 +1,19 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""How fast joints move, from where they were and when, by the sender's clock."""
+"""Velocities of joints, from their positions and the sender's clock."""
 
 from collections import deque
 from collections.abc import Sequence
 
 VELOCITY_WINDOW_S = 0.04
-"""Time over which a velocity is the mean, s: it is how fast the joint was half of it ago.
-A single period would show how regularly the sender's program runs rather than the arm."""
+"""Time over which a velocity is averaged, s. The mean is the velocity half this time ago. A single
+period would show the regularity of the sender's program rather than the arm."""
 
 Values = Sequence[float]
 
 
 class JointVelocity:
-    """Differences over a window: a few steps a message, however many are in it.
+    """Velocities by differences over a window, at a constant cost per message.
 
     Positions in rad or m, times in s, velocities in rad/s or m/s.
     """
@@ -23,12 +23,12 @@ class JointVelocity:
         self._velocities: Values | None = None
 
     def measured(self, time: float, positions: Values, velocities: Values) -> None:
-        """Take joints whose velocities the controller measured."""
+        """Add joints whose velocities the controller measured."""
         self._add(time, positions)
         self._velocities = velocities
 
     def shift(self, since: float, shift: float) -> bool:
-        """Shift the time stamps of later samples. Returns False if there are none."""
+        """Shift the time stamps of later samples. Returns False if none exist."""
         moved = []
         while self._history and self._history[-1][0] >= since:
             time, positions = self._history.pop()
@@ -39,9 +39,9 @@ class JointVelocity:
     def fitted(
         self, time: float, positions: Values, gap: float | None, elapsed: float
     ) -> Values | None:
-        """Take joints of the sender's `time`, and return how fast they move, or None at first.
+        """Add joints at the sender's `time`, and return their velocities, or None at first.
 
-        `gap`: see SenderClock. `elapsed`: the longest time since the joints before.
+        `gap`: see SenderClock. `elapsed`: maximum time since the previous joints, s.
         """
         history = self._history
         self._add(time, positions)

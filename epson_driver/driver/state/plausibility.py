@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Plausibility of joint positions: within range, and reachable in the time since the last ones.
 
-Such values come from a wrong robot model, wrong units, a lost encoder or a damaged message. Where
-the arm is, nobody knows then: it must not be moved.
+Implausible values come from a wrong robot model, wrong units, a lost encoder or a damaged message.
+The arm's position is then unknown, so it must not be moved.
 """
 
 from collections.abc import Sequence
@@ -13,15 +13,15 @@ from operator import ge, le, sub
 from epson_driver.motion import JointLimits
 
 MIN_JUMP = 0.05
-"""A change that is never called a jump, rad or m: what a few ms of wrong time make of a speed."""
+"""Change that is never a jump, rad or m: a speed multiplied by a time error of a few ms."""
 
 
 @dataclass(frozen=True, slots=True)
 class Margins:
     """How far beyond its limits a joint may be reported.
 
-    position: rad or m beyond the range: joints can be moved past the limits of the software, up
-    to their stops. velocity: a factor of the limit, which is that of commanded motion.
+    position: rad or m beyond the range, because joints can be moved past the software limits, up
+    to their stops. velocity: a factor on the velocity limit, which applies to commanded motion.
     """
 
     position: float = 0.1
@@ -32,10 +32,10 @@ DEFAULT_MARGINS = Margins()
 
 
 class JointBounds:
-    """Says whether reported joints are possible. Without `limits` everything is.
+    """Checks whether reported joints are possible. All values are if `limits` is None.
 
-    As a rule they are, two hundred times a second: that is seen for all of them at once, and only
-    what is not is looked at joint by joint.
+    Values arrive two hundred times a second and are almost always possible. All joints are
+    therefore checked together first, and individually only if that check fails.
     """
 
     def __init__(self, joints: int, limits: JointLimits | None, margins: Margins) -> None:
@@ -51,7 +51,7 @@ class JointBounds:
         self.fastest = (limits.velocity * margins.velocity).tolist()
 
     def bounded(self, velocities: Sequence[float]) -> list[float]:
-        """Return velocities, rad/s or m/s, none faster than the joint can be."""
+        """Return velocities, rad/s or m/s, limited to the joints' maximum."""
         pairs = zip(velocities, self.fastest, strict=True)
         return [min(max(value, -fastest), fastest) for value, fastest in pairs]
 
@@ -74,7 +74,7 @@ class JointBounds:
     def why_not_from(
         self, before: Sequence[float], positions: Sequence[float], elapsed: float
     ) -> str | None:
-        """Return why the joints cannot have got there in `elapsed` s, or None if they can."""
+        """Return why the joints cannot have moved there in `elapsed` s, or None if they can."""
         if max(map(abs, map(sub, positions, before))) <= MIN_JUMP:
             return None
         for joint, value in enumerate(positions):

@@ -19,22 +19,23 @@ from epson_driver.simple_message import Status, TriState
 
 
 class PauseDetector:
-    """Reads it from STATUS: motion was possible and now is not, without an error.
+    """Detects a pause from STATUS: motion was possible and now is not, without an error.
 
-    A controller that has never said that motion is possible does not tell, and is never paused.
+    A controller that has never reported motion as possible does not report pauses either, and
+    never counts as paused.
     """
 
     def __init__(self) -> None:
         self.interrupted = False
-        """Whether the controller denies motion; the arm may still brake."""
+        """Whether the controller denies motion. The arm may still brake."""
         self.paused = False
-        """Whether the controller denies motion and the arm stands."""
+        """Whether the controller denies motion and the arm is at rest."""
         self.main_ended = False
-        """Whether it denies motion and tells an error that is over: its program has ended."""
+        """Whether it denies motion and reports a past error: its program has ended."""
         self._was_possible = False
 
     def see(self, status: Status) -> None:
-        """Take the next status."""
+        """Process the next status."""
         self._was_possible |= status.motion_possible == TriState.TRUE
         denied = (
             self._was_possible
@@ -48,33 +49,33 @@ class PauseDetector:
 
 
 MAX_ARRIVALS = 2048
-"""Arrival times that are kept for diagnostics: two seconds at 1 kHz."""
+"""Maximum number of arrival times stored for diagnostics: two seconds at 1 kHz."""
 
 MAX_POSE_AGE_S = 0.3
 MAX_POSE_AGE_SLOTS = 6
-"""A pose that is older, in s or in slots of the controller's clock, whichever is longer, says
-nothing about where the arm is: nothing may begin there. Bursts of 0.2 s, as networks make them,
-are within it; the slots are for controllers that send a few times a second."""
+"""Maximum age of a pose, in s or in slots of the controller's clock, whichever is longer. An older
+pose does not show where the arm is, so no motion may start. Network bursts of 0.2 s are within
+this age. The slots are for controllers that send a few times a second."""
 
 CALM_MESSAGES = 10
-"""So many messages after one that came late joints may have been measured when that was due: what
-holds up a controller's program may do so between measuring and sending."""
+"""Number of messages after a late one in which joints may have been measured when the late one was
+due: a controller's program may be delayed between measuring and sending."""
 
 DISTRUST_TIME_S = 1.0
-"""How long nothing may begin after something impossible was reported, s."""
+"""Time after an implausible joint state in which no motion may start, s."""
 
 WITHHELD = 'the controller tells no joints now, as it moves the arm or cannot move it: '
 
 MAX_TIME_RESOLUTION_S = 0.0004
-"""The coarsest time that a controller may tell, s: 1 % of the window of velocities."""
+"""Coarsest resolution of a controller's time stamps, s: 1 % of the velocity window."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointSample:
     """Measured joints. positions, velocities: shape (n,), rad and rad/s. Times are monotonic, s.
 
-    time: when they came. measured: when they were measured, but for the least delay of the
-    network (see SenderClock for how well that is known).
+    time: arrival. measured: time of measurement, apart from the network's minimum delay (see
+    SenderClock for the accuracy).
     """
 
     time: float
@@ -85,12 +86,12 @@ class JointSample:
 
 @dataclass(frozen=True, slots=True)
 class StateRules:
-    """Expectations of the state: a message each `period` s, and joints within limits.
+    """Expectations of the state: a message every `period` s, and joints within limits.
 
-    Every message takes a slot of the controller's clock, those with a STATUS, too. The period is
-    what to begin with; it follows what comes. Without `limits` joints may be anything. A pose that
-    is older than `timeout` s says nothing, however seldom one comes. `asked`: the controller tells
-    its state when it is asked, and not while the arm moves.
+    Every message occupies a slot of the controller's clock, including each STATUS. The period is
+    an initial value, which follows the arrivals. Without `limits` all joint values are accepted. A
+    pose older than `timeout` s is stale, even if the controller sends rarely. `asked`: the
+    controller reports its state only on request, and not while the arm moves.
     """
 
     period: float = 0.005
@@ -104,15 +105,17 @@ NO_RULES = StateRules()
 
 
 class RobotState:
-    """The newest joints and status, for `joints` joints. Times are the event loop's, s.
+    """The newest state of `joints` joints and the controller. Times are the event loop's, s.
 
-    Emptied when the link is lost: nothing stale can be taken for fresh (docs/invariants.md, 6).
-    `errors` says what the controller's error numbers mean; EPSON's, unless it is given.
-    What comes in is counted as the controller does, `sample` as ROS does, by `mapping`. `withheld`
-    returns whether the controller tells no joints now, as while it moves the arm.
+    It is cleared when the link is lost, so that stale values cannot be mistaken for fresh ones
+    (docs/invariants.md, 6).
+    `errors`: texts of the controller's error numbers, EPSON's by default. Inputs use the
+    controller's joint convention, and `sample` uses the ROS convention, converted by `mapping`.
+    `withheld` returns whether the controller currently reports no joints, for example while it
+    moves the arm.
 
-    There is no `sample` until it is known how fast the joints move: of joints that came once
-    nobody can say that they stand.
+    There is no `sample` until the joints' velocities are known, because a single position does not
+    show that the arm is at rest.
     """
 
     def __init__(
@@ -132,17 +135,17 @@ class RobotState:
         self.clear()
 
     def clear(self) -> None:
-        """Forget everything: the link is gone."""
+        """Clear the state because the link is lost."""
         self.sample: JointSample | None = None
         self.status: Status | None = None
         self.status_time = 0.0
         self.status_measured = 0.0
-        """When the newest status was made, as `JointSample.measured`."""
+        """Time at which the newest status was created, with the accuracy of `measured`."""
         self.arrivals: deque[float] = deque(maxlen=MAX_ARRIVALS)
-        """When joints came, the newest last; only since the link was established."""
+        """Arrival times of joints since the link was established, the newest last."""
         self.bounded = 0
-        """How often positions and times gave more than a joint can do, and it was published as
-        moving as fast as it can."""
+        """Number of velocity estimates beyond a joint's capability, which were published as its
+        maximum velocity."""
         self._pause = PauseDetector()
         clock = QuestionClock if self._rules.asked else SenderClock
         self._clock: SenderClock | QuestionClock = clock(self._rules.period)
@@ -161,11 +164,11 @@ class RobotState:
         velocities: tuple[float, ...] | None = None,
         told: float | None = None,
     ) -> JointSample | None:
-        """Take the ten joint values of a message, and velocities if it measured them.
+        """Process the ten joint values of a message, and its measured velocities if any.
 
-        `told`: the controller's time of it, s, if it has one. Returns None for the first joints
-        of a link: they have no velocity yet. Raises ValueError that names the joint, its value
-        and what is possible, if they cannot be true; they count for nothing then.
+        `told`: the controller's time stamp, s, if it has one. Returns None for the first joints of
+        a link, which have no velocity yet. Raises ValueError, naming the joint, its value and the
+        possible range, if the values are implausible. They are then ignored.
         """
         self._step(now, self._passed(told, now - self._measured + MAX_POSE_AGE_S))
         elapsed = longest = max(now - self._measured, self._clock.period)
@@ -193,9 +196,9 @@ class RobotState:
         return self.sample
 
     def on_status(self, status: Status, now: float) -> None:
-        """Take a STATUS message."""
+        """Process a STATUS message."""
         self._step(now, None)
-        if self.withheld:  # nobody knows how the arm moves meanwhile
+        if self.withheld:  # the arm's motion during this time is unknown
             self._velocity = JointVelocity()
         self.status = status
         self.status_time = now
@@ -203,28 +206,28 @@ class RobotState:
         self._pause.see(status)
 
     def enabled(self) -> None:
-        """Forget what the controller allowed before, as the arm was enabled."""
+        """Forget earlier permissions of the controller because the arm was enabled."""
         self._pause = PauseDetector()
         if self.status is not None:
             self._pause.see(self.status)
 
     @property
     def paused(self) -> bool:
-        """The controller, without an error, denies motion that it allowed since enabling."""
+        """Whether the controller, without an error, denies motion that it allowed before."""
         return self._pause.interrupted
 
     @property
     def main_ended(self) -> bool:
-        """The controller denies motion since enabling, and tells an error that is over."""
+        """Whether the controller denies motion since enabling, and reports a past error."""
         return self._pause.main_ended
 
     @property
     def in_motion(self) -> int:
-        """`TriState`: does the controller say that the arm moves? UNKNOWN without a status."""
+        """Whether the controller reports motion, a `TriState`; UNKNOWN without a status."""
         return TriState.UNKNOWN if self.status is None else self.status.in_motion
 
     def why_not_ready(self, now: float) -> str | None:
-        """Return why the arm's position is not known now, or None."""
+        """Return why the arm's position is unknown, or None if it is known."""
         if self._impossible is not None and now - self._impossible[0] < DISTRUST_TIME_S:
             return self._impossible[1]
         if self.sample is None:
@@ -236,11 +239,11 @@ class RobotState:
 
     @property
     def withheld(self) -> bool:
-        """Whether the controller reports no joints in its present condition."""
+        """Whether the controller reports no joints in its current condition."""
         return self._withheld()
 
     def stale(self, now: float) -> bool:
-        """Return whether there are joints, but too old ones to say where the arm is."""
+        """Return whether joints are available but too old to show where the arm is."""
         usual = max(MAX_POSE_AGE_S, MAX_POSE_AGE_SLOTS * self._clock.period)
         allowed = min(usual, self._rules.timeout)
         if self.sample is None:
@@ -248,9 +251,9 @@ class RobotState:
         return self.withheld or now - self.sample.measured > allowed
 
     def why_not_standing(self, stopped_velocity: float) -> str | None:
-        """Return the evidence that the arm moves, as a clause, or None if it stands.
+        """Return the evidence that the arm moves, as a clause, or None if it is at rest.
 
-        `stopped_velocity`: rad/s or m/s, below which a joint counts as standing.
+        `stopped_velocity`: velocity below which a joint counts as stopped, rad/s or m/s.
         """
         sample, bounds = self.sample, self._bounds
         if sample is None:
@@ -283,10 +286,10 @@ class RobotState:
             self._measured += shift
 
     def _passed(self, told: float | None, longest: float) -> float | None:
-        """Return the time between the last two joints by the controller's clock, if plausible.
+        """Return the time between the last two joint messages by the controller, if plausible.
 
-        On the wire it has seven digits, and who knows its unit: too coarse, or too long for the
-        time that has passed here, and slots are counted instead.
+        On the wire the time stamp has seven digits, and its unit is not guaranteed. Slots are
+        counted instead if it is too coarse, or longer than the time that has passed here.
         """
         before, self._told = self._told, told
         if told is None or before is None or abs(told) * 2.0**-23 > MAX_TIME_RESOLUTION_S:
@@ -295,7 +298,7 @@ class RobotState:
         return passed if self._clock.period / 10 <= passed <= longest else None
 
     def _possible(self, data: tuple[float, ...], longest: float) -> Values:
-        """Return positions as ROS counts them. Raises ValueError if they cannot be true."""
+        """Return positions in the ROS convention. Raises ValueError if they are implausible."""
         positions = _finite('position', data[: self._joints])
         if not self._mapping.identity:
             positions = self._mapping.positions_to_ros(np.array(positions)).tolist()
@@ -307,7 +310,7 @@ class RobotState:
         return positions
 
     def _possible_velocities(self, data: tuple[float, ...]) -> Values:
-        """Return velocities as ROS counts them. Raises ValueError if they cannot be true."""
+        """Return velocities in the ROS convention. Raises ValueError if they are implausible."""
         velocities = _finite('velocity', data[: self._joints])
         if not self._mapping.identity:
             velocities = self._mapping.velocities_to_ros(np.array(velocities)).tolist()
