@@ -325,7 +325,7 @@ class Controller:
     def planner_failed(self, reason: str) -> None:
         """Brake and end the trajectory because no planner is available.
 
-        A profile whose STATUS shows only alarms gets an error if the arm moved, because
+        If STATUS shows only alarms in this profile, a moving arm also sets an error, because
         acknowledged points are lost.
         """
         self.timing.planner_failures += 1

@@ -135,9 +135,10 @@ class Program(Protocol):
         """Discard the disconnected client, but keep its acknowledged points."""
 
     def pause(self) -> None:
-        """Give the arm no more points and answer none, until `resume`. Twice is allowed.
+        """Give the arm no more points and answer none, until `resume`.
 
-        Invalid points are still refused, and STOP still works. The caller pauses the arm itself.
+        Calling it twice is allowed. Invalid points are still refused, and STOP still works. The
+        caller pauses the arm itself.
         """
 
     def resume(self) -> None:

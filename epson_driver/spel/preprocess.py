@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""#define, #undef, #ifdef, #ifndef, #else, #endif and #include: text lines to token lines.
+"""Converts text lines to token lines: #define, #undef, #ifdef, #ifndef, #else, #endif, #include.
 
 A definition is valid from its line to the end of the file being built, including its included
 files.

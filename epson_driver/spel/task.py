@@ -66,7 +66,7 @@ class TaskState(IntEnum):
 class Timing:
     """Times on the controller, in s.
 
-    statement: one simple statement. granularity: to which Wait rounds up. scan: period of
+    statement: one simple statement. granularity: unit to which Wait rounds up. scan: period of
     condition checks. turn: maximum time of a task before the next one runs. endless: number of
     statements without a wait that raises error 2556. extra: additional time of some statements, by
     name in lower case ('print', 'writebin', 'go', …).
@@ -387,7 +387,7 @@ class Task:
     def evaluate(self, text: str, slot: int) -> None:
         """Execute the text of Eval, and store its error number in a variable.
 
-        It takes a turn, and counts as that many statements. Raises SpelError.
+        It takes a turn, and counts as EVALUATED_AS statements. Raises SpelError.
         """
         self.world.time += self.world.timing.turn
         self.since_wait += EVALUATED_AS

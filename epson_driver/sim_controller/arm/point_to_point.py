@@ -222,9 +222,10 @@ class PointToPoint:
         return self._state()[1]
 
     def take(self, point: Point) -> None:
-        """Accept a point, to be executed after the earlier ones. No motion if the arm is there.
+        """Accept a point, to be executed after the earlier ones.
 
-        Raises ValueError like `motion.go`, and RuntimeError if there is no room.
+        A point at the current position causes no motion. Raises ValueError like `motion.go`, and
+        RuntimeError without room for a point.
         """
         if not self.has_room:
             raise RuntimeError('there is no room for a point')

@@ -101,14 +101,16 @@ class Streaming:
     Points are accepted while less than `look_ahead` s and fewer than `look_ahead_points` points
     are known ahead of the arm, and none during a hold or while it brakes. With `acknowledge`
     'done' the arm knows one point at a time and stops at each.
+
     `uses` selects the fields of a point. The duration is respected within the limits. Without one,
     the velocity is a fraction of the joints' speed in (0, 1). Without either, the arm is as fast
     as the limits allow. If neither field is used, each move has the duration that it needs at the
-    fraction `speed`. SPEL+'s Speed and Accel are for point-to-point motion. In all other cases
-    `speed` has no effect, and `accel` never has one.
+    fraction `speed`. Otherwise `speed` has no effect. `accel` never has an effect, because SPEL+'s
+    Speed and Accel belong to point-to-point motion.
 
     `low_power_limits` replace `limits` in every motion that starts from rest while `low_power` is
     set. Their position limits must be the same. None: low power has the same limits.
+
     `failed` gets the reason when repeatedly no plan is found at rest, and when the smoother
     prevents the violation of a limit. Raises ValueError unless `start` consists of n finite angles
     within the limits, and for other values of `acknowledge` and `uses`.

@@ -95,9 +95,9 @@ class SpareDescriptor:
 class PortRules(NamedTuple):
     """The rules of one port.
 
-    max_clients: one further client waits for a place, and is refused if none becomes free soon.
-    None: every client is accepted, if necessary in place of another one, even without a free file
-    descriptor.
+    max_clients: further clients wait HANDOVER_S for a place, at most MAX_WAITING_CLIENTS of them,
+    and are then refused. None: every client is accepted, if necessary in place of another one,
+    even without a free file descriptor.
     max_unsent: a client that leaves more unread bytes is disconnected. send_buffer: size of the
     system's additional buffer, None for its default.
     half_closed: a client that has shut its side down is still sent data, for HALF_CLOSED_S.
@@ -135,8 +135,8 @@ def port_rules(server: ServerProfile) -> tuple[PortRules, ...]:
 class PortServer:
     """Accepts clients of one port and serves each in a separate task.
 
-    A client beyond the maximum is closed immediately without an effect on the others, unless the
-    rules let it replace one of them. All ports share the same `turn`: the loop reads from one
+    A client that gets no place is closed, which does not affect the others. If the rules allow it,
+    it replaces one of them instead. All ports share the same `turn`: the loop reads from one
     client per turn. This bounds the input between two clock updates, however many clients send
     continuously.
     """

@@ -22,7 +22,7 @@ of this process are therefore still read.
 class ClientWatchdog:
     """Calls `silent` when a client that has sent a heartbeat sends nothing for `timeout` s.
 
-    Once for each silence, and up to a slice later. `hear` gets every message of the client.
+    It is called once per silence, up to one slice late. `hear` gets every message of the client.
 
     A heartbeat is a PING as a topic, which is not answered (REP-I0006). A client that has sent
     none on its connection may be silent indefinitely, like the clients of ROS 1.

@@ -9,9 +9,9 @@ The rules (MotoROS 1.9):
 * Points are only accepted in trajectory mode. START_TRAJ_MODE enters it, and for this resets an
   alarm and switches the servos on. The E-stop, a pause and the key switch need an operator. The
   mode ends with STOP_TRAJ_MODE and when the servos switch off, but not with the connection.
-* Without a client the arm stops, with its servos on, the mode and the points already entered. Only
-  the waiting point is discarded. The arm resumes when the next client connects, until this client
-  sends STOP_MOTION.
+* Without a client the arm stops and keeps its servos on, the mode and the points already entered.
+  Only the waiting point is discarded. The arm resumes when the next client connects, unless that
+  client sends STOP_MOTION.
 * Point 0 must match the current position, and moves nothing. Each later point has the next
   sequence and a later time, at which the arm reaches it. All have time, position and velocity.
 * BUSY: no room for the point now. The point has no effect, and the client sends it again.
@@ -26,7 +26,7 @@ Approximations:
 * CHECK_QUEUE_CNT counts the waiting points, plus one while the arm moves, instead of the
   interpolation steps. It is 0 when no motion is left.
 * STOP_SERVOS is answered immediately. MotoROS waits until the power is off.
-* After a pause the arm resumes to the same points. MotoROS needs START_TRAJ_MODE again.
+* After a pause the arm continues to the same points. MotoROS needs START_TRAJ_MODE again.
 * Only group 0 exists. Sequences that skip or repeat, which MotoROS does not check, are INVALID,
   and so are messages that are not requests.
 * RESET_ALARM also resets an E-stop that was released, like a reset on this controller.

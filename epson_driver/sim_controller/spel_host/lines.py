@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Joint angles along a line or an arc of the tool, including singularities, as AvoidSingularity.
+"""Joint angles along a line or an arc of the tool, with AvoidSingularity in its initial mode.
 
 The N series stays on the path and turns its joints as far as necessary (SING_VSD, p158). Other
 six-axis arms pass a singularity of the wrist or the hand on a different path (SING_THRU, p158),

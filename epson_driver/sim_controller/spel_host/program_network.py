@@ -15,10 +15,7 @@ from epson_driver.sim_controller.ports import ClientSession, Send, Session
 from epson_driver.spel import NetSettings, SpelError
 
 MAX_UNREAD_BYTES = 65_536
-"""Maximum bytes from a client that the program has not read.
-
-A client that exceeds it is closed.
-"""
+"""Maximum unread bytes from a client. A client that exceeds it is disconnected."""
 
 OPEN_FAILED = 2900
 NO_PEER = 2902
