@@ -1,18 +1,18 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Follows a stream quietly, inside every limit, each joint by itself.
+"""Follows a stream smoothly within every limit, each joint independently.
 
-The law is a linear one with its three poles in one place: the jerk, constant over a step, that
-lets position, velocity and acceleration come to those of the stream as a critically damped filter
-would. Velocity and acceleration of the stream are fed forward, so a steady motion needs no jerk
-and costs no lag.
+The control law is linear with a triple pole: position, velocity and acceleration converge to the
+stream like the output of a critically damped filter, by a jerk that is constant over a step. The
+velocity and acceleration of the stream are fed forward, so a steady motion needs no jerk and has
+no lag.
 
-Limits do not rest on the law. What is executed at any moment is a whole motion: a step of
-constant jerk, and the fastest stop after it. The jerk is so near to the law's, or lasts so long,
-that this stop keeps within the range, and does not pass what the stream has shown. The motion is
-checked by its exact extrema before it counts; if it fails, the one before goes on, which is a
-stop by then. So there is nothing to verify later, and nothing to do when no setpoint comes any
-more.
+The limits do not depend on the law. The executed motion is always a complete motion: a step of
+constant jerk, followed by the fastest stop. Its jerk is as close to the law's jerk, and lasts as
+long, as this stop permits: the stop must stay within the range and must not pass the positions
+that the stream has shown. The exact extrema of the motion are checked before it is accepted. If
+the check fails, the previous motion continues, which is a stop from then on. So no later check is
+needed, and the arm stops safely without any action if the setpoints end.
 """
 
 import math
@@ -24,39 +24,40 @@ from epson_driver.motion.joint_motion import JointMotion, State, fastest_move, f
 from epson_driver.motion.limits import Array, JointLimits
 
 RANGE_MARGIN = 1e-9
-"""Nothing is aimed nearer than this to the end of a joint's range, rad or m: for rounding."""
+"""Minimum distance of a target from the end of a joint's range, rad or m, against rounding."""
 
 ROUNDING = 1e-10
-"""Where it rests it does not go so little further, rad or m."""
+"""A joint at rest ignores a target closer than this, rad or m."""
 
 MIN_SPEED_SHARE = 1e-4
-"""A smaller share of a joint's velocity limit is standing still."""
+"""A velocity below this share of a joint's velocity limit counts as zero."""
 
 POLE = 25.0
-"""Of the law, 1/s: how fast it comes back to the stream. Noise costs jerk with its third power."""
+"""Pole of the law, 1/s: the rate of convergence to the stream. Noise costs jerk with its cube."""
 
 VELOCITY_POLE = 40.0
-"""The same where a velocity is followed: there is no position to be noisy."""
+"""Pole for following a velocity. It may be faster, as no position noise is fed back."""
 
 BISECTIONS = 12
-"""Halvings, where a limit holds the law back."""
+"""Bisection steps when a limit restricts the law."""
 
 RETURN_S = 0.3
 """Maximum extra time over a stop for an end at the last setpoint, s: the return from where the
 lead over the setpoints takes the arm, up to the fastest streams."""
 
 LANDING_SHARE = 0.2
-"""Of the jerk: the last bit to a standing setpoint is a motion that ends there, so gentle."""
+"""Share of the acceleration and jerk limits for the final motion to a constant setpoint. It is
+gentle, since it ends there."""
 
 LANDING_S = 0.15
-"""And not longer than this, s."""
+"""Maximum duration of this final motion, s."""
 
 
 def servo_limits(limits: JointLimits, share: float, stop_within: float) -> JointLimits:
     """Return the limits for setpoints: a share (0, 1] of velocity, acceleration and jerk.
 
-    Joints are never so fast that a stop with the whole limits would take more than `stop_within`
-    s: whoever executes the setpoints knows only so much ahead.
+    The velocity is also bounded so that a stop with the full limits takes at most `stop_within` s,
+    because the controller that executes the setpoints knows them only this far ahead.
     """
     a, j = limits.acceleration, limits.jerk
     ramps = a / j
@@ -72,7 +73,7 @@ def servo_limits(limits: JointLimits, share: float, stop_within: float) -> Joint
 
 
 def stopping_way(limits: JointLimits, velocity: Array) -> Array:
-    """Return the way of a stop from velocities, with their sign, shape (n,)."""
+    """Return the signed stopping distance from velocities, shape (n,)."""
     speed = np.abs(velocity)
     a, j = limits.acceleration, limits.jerk
     time = np.where(speed <= a * a / j, 2.0 * np.sqrt(speed / j), speed / a + a / j)
@@ -86,10 +87,10 @@ _State = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Aim:
-    """Where a stream has the joints be at the end of a step, shapes (n,).
+    """Target state of the joints at the end of a step, shapes (n,).
 
-    position, velocity, acceleration: there. low, high: what the joints do not pass, where they can
-    still stop before it. Beyond the range, its end is meant.
+    low, high: bounds that the joints must not pass, if they can still stop before them. A target
+    beyond the range is clipped to its end.
     """
 
     position: Array
@@ -99,23 +100,23 @@ class Aim:
     high: Array
 
     def before(self, time: float) -> 'Aim':
-        """Return where the stream has them be so long before, s."""
+        """Return the stream's target `time` s earlier."""
         a = self.acceleration
         position = self.position - time * (self.velocity - time * a / 2.0)
         return replace(self, position=position, velocity=self.velocity - time * a)
 
     @property
     def stands(self) -> bool:
-        """Whether it asks to rest at the position."""
+        """Whether the target is at rest."""
         return not (np.any(self.velocity) or np.any(self.acceleration))
 
 
 class SetpointTracker:
     """The motion of n joints after setpoints, from rest at `position`, shape (n,), rad or m.
 
-    `follow`, `move` and `brake` say where to in the next step; time passes with `step` only.
-    Without a word it comes to rest. Raises ValueError for a start that is not n finite numbers
-    within the range.
+    `follow`, `move` and `brake` set the motion of the next step. Only `step` advances time. The
+    arm comes to rest without a further call. Raises ValueError if the start is not n finite
+    numbers within the range.
     """
 
     def __init__(self, limits: JointLimits, position: Array) -> None:
@@ -136,10 +137,10 @@ class SetpointTracker:
         rest = np.zeros_like(start)
         none = np.zeros((len(start), 1))
         self.motion = JointMotion((start, rest, rest), none, none)
-        """What is executed, since `time` s."""
+        """The executed motion, which started `time` s ago."""
         self.time = 0.0
         self._ending = True
-        """Whether the motion is one to rest for good: a stop, or to a standing setpoint."""
+        """Whether the motion is final: a stop, or a motion to a constant setpoint."""
 
     @property
     def state(self) -> State:
@@ -148,24 +149,23 @@ class SetpointTracker:
 
     @property
     def remaining(self) -> float:
-        """In how many s it rests if nothing else is asked for."""
+        """Time until rest without further commands, s."""
         return max(self.motion.duration - self.time, 0.0)
 
     @property
     def at_rest(self) -> bool:
-        """Whether it rests."""
+        """Whether the executed motion has ended."""
         return self.time >= self.motion.duration
 
     def step(self, dt: float) -> State:
-        """Let `dt` ≥ 0 s pass and return the state then."""
+        """Advance time by `dt` ≥ 0 s and return the new state."""
         self.time += dt
         return self.state
 
     def follow(self, dt: float, aim: Aim, speed: float | Array = 1.0) -> None:
-        """Go towards a finite aim in the next `dt` > 0 s.
+        """Move towards a finite aim in the next `dt` > 0 s.
 
-        `speed`: the share (0, 1] of the velocity limits that may be used, of all joints or of
-        each, shape (n,).
+        `speed`: share (0, 1] of the velocity limits, for all joints or per joint, shape (n,).
         """
         target = np.clip(aim.position, self._low, self._high)
         if aim.stands and self._lands(target, aim):
@@ -173,7 +173,7 @@ class SetpointTracker:
         fastest = self.limits.velocity * speed
         state = position, velocity, acceleration = self.state
         wanted = np.clip(aim.velocity, -fastest, fastest)
-        # how far it is from the stream, as that was when the step begins
+        # errors relative to the stream's state at the start of the step
         faster = acceleration - aim.acceleration
         ahead = velocity - (wanted - dt * aim.acceleration)
         beyond = position - (target - dt * (wanted - dt * aim.acceleration / 2.0))
@@ -183,10 +183,10 @@ class SetpointTracker:
             + ahead * share**2 * (3.0 - share) / dt**2
             + faster * share * (18.0 - share * (9.0 - 2.0 * share)) / (6.0 * dt)
         )
-        # a joint that is beyond what it should not pass only goes no farther
+        # a joint that is already past a bound must only not move farther
         low, high = np.minimum(aim.low, position), np.maximum(aim.high, position)
-        # one that needs more jerk than it may have would swing: it goes as fast as it can to where
-        # a stop from the stream would end
+        # a joint beyond its jerk limit would oscillate, so it moves with full jerk to the position
+        # at which a stop from the stream would end
         rest = target + stopping_way(self.limits, wanted)
         most = np.where(rest > self.motion.end, self.limits.jerk, -self.limits.jerk)
         hard = np.abs(jerk) > self.limits.jerk
@@ -198,7 +198,7 @@ class SetpointTracker:
         self._take(self._stepped(state, dt, jerk, fastest, low, high), ending=False)
 
     def move(self, dt: float, velocities: Array) -> None:
-        """Move with finite velocities, shape (n,), up to the end of the range, for `dt` > 0 s."""
+        """Move with finite velocities, shape (n,), within the range, for `dt` > 0 s."""
         fastest = self.limits.velocity
         wanted = np.clip(velocities, -fastest, fastest)
         if np.all(np.abs(wanted) < MIN_SPEED_SHARE * fastest):
@@ -209,7 +209,7 @@ class SetpointTracker:
         self._take(self._stepped(state, dt, jerk, fastest, self._low, self._high), ending=False)
 
     def brake(self, target: Array | None = None, speed: float = 1.0) -> None:
-        """Come to rest: at a target, shape (n,), unless a stop is faster by more than RETURN_S.
+        """Come to rest: at a target, shape (n,), unless a plain stop is faster by over RETURN_S.
 
         `speed`: share (0, 1] of the velocity limits for the motion to the target.
         """
@@ -226,7 +226,7 @@ class SetpointTracker:
         self._take(motion, ending=True)
 
     def _lands(self, target: Array, aim: Aim) -> bool:
-        """Return whether it rests at a target, or is on its last bit to it."""
+        """Return whether it rests at a target, or has started the final motion to it."""
         if self._ending and float(np.abs(target - self.motion.end).max()) < ROUNDING:
             return True
         motion = fastest_move(self._gentle, self.state, target)
@@ -241,7 +241,7 @@ class SetpointTracker:
     def _stepped(
         self, state: State, dt: float, jerks: Array, fastest: Array, low: Array, high: Array
     ) -> JointMotion:
-        """Return a step with jerks as near to these as may be, shape (n,), and the stop after."""
+        """Return a step with jerks as close as possible to `jerks`, shape (n,), and the stop."""
         durations, used = [], []
         rows = (*state, self.limits.acceleration, self.limits.jerk, fastest, low, high, jerks)
         for p, v, a, most_a, most_j, speed, lowest, highest, wanted in zip(
@@ -255,7 +255,7 @@ class SetpointTracker:
         return JointMotion(state, np.array(durations), np.array(used))
 
     def _take(self, motion: JointMotion, *, ending: bool) -> bool:
-        """Execute a motion from now on if it keeps every limit and ends at rest."""
+        """Execute a motion from now on if it respects every limit and ends at rest."""
         if not motion.within(self.limits):
             return False
         self.motion, self.time, self._ending = motion, 0.0, ending
@@ -263,7 +263,7 @@ class SetpointTracker:
 
 
 def _towards(wanted: Array, state: State, dt: float) -> Array:
-    """Return the jerks of a step that let the velocities come to others, shape (n,)."""
+    """Return the jerks of a step that makes the velocities converge to `wanted`, shape (n,)."""
     _, velocity, acceleration = state
     share = -math.expm1(-VELOCITY_POLE * dt)
     jerk: Array = -(
@@ -276,7 +276,7 @@ def _towards(wanted: Array, state: State, dt: float) -> Array:
 class _Joint:
     """One joint in a step of `dt` s with constant jerk: how long it may last before a stop.
 
-    acceleration, jerk, speed: how much it may have of each.
+    acceleration, jerk, speed: its limits.
     """
 
     dt: float
@@ -285,9 +285,9 @@ class _Joint:
     speed: float
 
     def step(self, state: _State, jerk: float, low: float, high: float) -> tuple[float, float]:
-        """Return the jerk nearest to one that it may have, and how long, s.
+        """Return the allowed jerk nearest to `jerk` and its duration, s.
 
-        For a whole step, or else as long as there is time for a stop.
+        The duration is the whole step, or shorter if the joint must start to stop earlier.
         """
         a = state[2]
         least = max(-self.jerk, (-self.acceleration - a) / self.dt)
@@ -307,9 +307,9 @@ class _Joint:
                     bad = middle
             if self._side(*_after(*state, self.dt, good)[1:]) == self._side(*state[1:]):
                 return good, self.dt
-            break  # so long a step would have to turn back
+            break  # with this jerk for a whole step the joint would have to turn back
         if not self._keeps(0.0, 0.0, state, low, high) and jerk * self._side(*state[1:]) < 0.0:
-            return jerk, self.dt  # it goes too far anyway, and is on its way back
+            return jerk, self.dt  # it passes the bound in any case and already returns
         short, long = 0.0, self.dt
         for _ in range(BISECTIONS):
             middle = (short + long) / 2.0
@@ -320,7 +320,7 @@ class _Joint:
         return jerk, short
 
     def _keeps(self, time: float, jerk: float, state: _State, low: float, high: float) -> bool:
-        """Return whether speed and place are allowed with such a jerk, and a stop after it."""
+        """Return whether this jerk and the stop after it respect the speed and position limits."""
         p, v, a = state
         _, v1, a1 = _after(p, v, a, time, jerk)
         speeds = [v1, v1 + a1 * abs(a1) / (2.0 * self.jerk)]
@@ -339,11 +339,11 @@ class _Joint:
         return True
 
     def _side(self, velocity: float, acceleration: float) -> float:
-        """Return to which side a stop goes, 1 or -1."""
+        """Return the direction of a stop, 1 or -1."""
         return math.copysign(1.0, velocity + acceleration * abs(acceleration) / (2.0 * self.jerk))
 
     def stop(self, velocity: float, acceleration: float) -> tuple[tuple[float, float], ...]:
-        """Return the fastest stop: three times, s, each with its jerk."""
+        """Return the fastest stop: three (duration in s, jerk) pairs."""
         most = self.jerk
         side = self._side(velocity, acceleration)
         v, a = side * velocity, side * acceleration
@@ -355,13 +355,13 @@ class _Joint:
 
 
 def _after(p: float, v: float, a: float, t: float, j: float) -> tuple[float, float, float]:
-    """Return the state a time after another, with constant jerk."""
+    """Return the state after time `t` with constant jerk."""
     return p + t * (v + t * (a / 2.0 + t * j / 6.0)), v + t * (a + t * j / 2.0), a + t * j
 
 
 def _turn(p: float, v: float, a: float, j: float) -> float:
-    """Return where a joint turns that does so at its next standstill."""
+    """Return the position at the next standstill of a joint that reverses there."""
     root = math.copysign(math.sqrt(max(a * a - 2.0 * j * v, 0.0)), v)
-    # of the two forms of the root that which takes no difference
+    # use the form of the root without cancellation
     time = -(a + root) / j if a * v > 0.0 else 2.0 * v / (root - a)
     return _after(p, v, a, time, j)[0]

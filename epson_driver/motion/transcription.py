@@ -2,21 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fastest motion through knots as one problem in time, and an interior-point method for it.
 
-Each of m ways between two knots has STEPS steps of constant jerk, all as long as each other.
-Unknown are the state of each joint at the knots, the jerks, the duration h of each way, and of
-each node (an end of a step) which place of the chord it is beside. The sum of all h is minimised,
-subject to
+Each of the m intervals between two knots (`ways` in the code) has STEPS steps of constant jerk and
+equal duration. The unknowns are the state of each joint at the knots, the jerks, the duration h of
+each interval, and the place on the chord of each node (an end of a step), next to which the node
+should be. The sum of all h is minimised, subject to
 
-    state at the next knot = what the jerks make of the state at this one
+    state at the next knot = state at this knot, integrated with the jerks
     |jerk| ≤ J in each step, |acceleration| ≤ A at each node, |velocity| ≤ V
     |position - place on the chord| ≤ bend at each node, in each joint
 
-The equations are linearised, the jerks eliminated by them but for what has no effect on the next
-knot. Primal and dual variables go their own step lengths (Nocedal, Wright: Numerical Optimization,
-2006, chapter 19). What belongs to a single way is eliminated there, joint by joint, which leaves a
-block-tridiagonal system with the states at one knot and one h in each block.
+The equations are linearised and used to eliminate the jerks, except the jerks without effect on
+the next knot. Primal and dual variables have separate step lengths (Nocedal, Wright: Numerical
+Optimization, 2006, chapter 19). The unknowns of a single interval are eliminated within it, joint
+by joint, which leaves a block-tridiagonal system with the states at one knot and one h per block.
 
-Joints are measured in what they move in a second at their velocity limit: V is 1.
+Joint positions are scaled by the distance per second at the velocity limit, so that V is 1.
 """
 
 from dataclasses import dataclass
@@ -28,46 +28,47 @@ from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother.banded import solve_block_tridiagonal
 
 STEPS = 4
-"""Of a way: with three, its ends would leave no choice."""
+"""Steps per interval. With three, the states at its ends would determine every jerk."""
 
 LEAST_SHARE = 0.02
-"""No way is shorter than so much of what it was at first."""
+"""Minimum duration of an interval, as a share of its initial duration."""
 
 FIRST_JERK_SHARE = 0.9
-"""Of the limit: the most in the jerks to begin with."""
+"""Maximum initial jerk, as a share of the limit."""
 
 GAP, ROW_TOLERANCE, STATE_TOLERANCE = 1e-2, 2e-3, 1e-2
-"""When to stop: at so much time that could be gained, relative; at rows exceeded by this share;
-and at states that are missed by what this share of the jerk limit makes of them."""
+"""Convergence tolerances: the relative time that could still be gained, the excess of a row, and
+the defect of a state, as the share of the jerk limit that corrects it."""
 
 MAX_CHANGE = 0.3
-"""By what share a duration may change at most in one step."""
+"""Maximum relative change of a duration in one step."""
 
 STIFFNESS = 1.0
-"""Cost of changing all durations in one step, against the time that is to be gained: many changes
-of them are as good as each other."""
+"""Cost of changing all durations in one step, relative to the time to be gained. It is needed
+because many changes of them are equally good."""
 
 PLACE_STIFFNESS = 1e-4
-"""The same for the places on the chord, which may be of no account."""
+"""The same cost for the places on the chord, which may have no effect."""
 
 BORDER = 1e-6
-"""A joint at a waypoint as near as this to the border of its range, in s, rests there."""
+"""A joint at a waypoint closer than this to the limit of its range, in s, rests there."""
 
 _EPSILON = 1e-6
 _FREE = 1e3
-"""Width of a row that does not count."""
+"""Width of an inactive row."""
 
 _OWN = 7
-"""Columns of a way's tangents: the states at both knots, h; then places on the chord, jerks."""
+"""Number of columns for the states at both knots and h. The places on the chord and the jerks
+follow them."""
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """m ways of n joints, in rad (or m).
+    """m intervals of n joints, in rad (or m).
 
-    start, chord: the straight way from one waypoint to the next that a way is on, shape (m, n);
-    bend: how far from it, shape (m,). tolerance: how far a knot may be from where it is at first,
-    shape (m + 1,); np.inf for those that are no waypoints.
+    start, chord: the straight line between two waypoints that contains the interval, shape (m, n).
+    bend: maximum distance from this line, shape (m,). tolerance: maximum distance of a knot from
+    its initial position, shape (m + 1,), and np.inf at knots that are no waypoints.
     """
 
     limits: JointLimits
@@ -78,12 +79,13 @@ class Problem:
 
 
 class _Nodes:
-    """How the rows of a way follow from the state at its begin and its jerks, for h = 1.
+    """Linear map from the state at the start of an interval and its jerks to its rows, for h = 1.
 
-    With another h, each coefficient counts h to the power of its exponent. Rows: accelerations at
-    the inner nodes; the inner Bernstein coefficient of the velocity in each step, whose hull it
-    does not leave; positions at all nodes but the first; where the range is near, both inner
-    coefficients of the position; then position, velocity and acceleration at the last node.
+    For another h, each coefficient is multiplied by h to the power of its exponent. The rows are,
+    in this order: accelerations at the inner nodes, the inner Bernstein coefficient of the
+    velocity in each step (the velocity stays in the hull of these), positions at all nodes except
+    the first, both inner coefficients of the position if the range is near, and position,
+    velocity and acceleration at the last node.
     """
 
     def __init__(self, bounded: bool) -> None:
@@ -110,15 +112,15 @@ class _Nodes:
         self.state_exponents = np.where(self.by_state != 0.0, np.arange(3) - order, 0)
         self.jerk_exponents = np.repeat(3 - order, STEPS, axis=1)
         self.inverse = np.linalg.pinv(nodes[-1][:, 3:])
-        """From the state at the end to the least jerks that make it."""
+        """Map from the state at the end to the smallest jerks that cause it."""
         self.neutral = np.linalg.svd(nodes[-1][:, 3:])[2][3:].T
-        """Jerks without effect on it, shape (STEPS, STEPS - 3)."""
+        """Jerks without effect on the state at the end, shape (STEPS, STEPS - 3)."""
 
 
 class Search:
-    """The state of the search, and its steps.
+    """The current iterate and its Newton steps.
 
-    knots: shape (m + 1, n, 3); durations: shape (m,); jerks: shape (m, n, STEPS).
+    knots: shape (m + 1, n, 3). durations: shape (m,). jerks: shape (m, n, STEPS).
     """
 
     def __init__(self, problem: Problem, knots: Array, durations: Array) -> None:
@@ -169,7 +171,7 @@ class Search:
         self._knot_centre[:, :, 0] = self._x[1:, :, 0]
         own = np.arange(n)[:, None] * 3 + np.arange(3)
         self._at_knot, self._at_both = own, np.concatenate([own, 3 * n + 1 + own], axis=1)
-        """Where in the system of a way each joint's states are."""
+        """Indices of each joint's states in the system of an interval."""
         self._changes = np.ones((m + 1, n, 3), dtype=bool)
         self._changes[[0, -1]] = False
         self._changes[problem.tolerance == 0.0, :, 0] = False
@@ -183,7 +185,7 @@ class Search:
 
     @property
     def converged(self) -> bool:
-        """Whether there is little more to gain, and all rows and states are nearly kept."""
+        """Whether the gap, the excess of the rows and the state defects are within tolerance."""
         return (
             self._gap < 1.5 * GAP
             and self._excess < ROW_TOLERANCE
@@ -201,7 +203,7 @@ class Search:
         return jerks * self._scale[:, None], self._h
 
     def _follow(self) -> None:
-        """Compute the states at the nodes, their change with h, and what is missing at knots."""
+        """Compute the states at the nodes, their derivatives by h, and the defects at the knots."""
         nodes, h = self._nodes, self._h[:, None, None]
         self._by_state = nodes.by_state * h**nodes.state_exponents
         self._by_jerk = nodes.by_jerk * h**nodes.jerk_exponents
@@ -212,7 +214,7 @@ class Search:
         self._missing = self._states[:, :, nodes.count :] - self._x[1:]
 
     def _nearest(self, chord: Array) -> Array:
-        """Return which place of the chord each node is nearest to, shape (m, STEPS), 0 … 1."""
+        """Return the place on the chord nearest to each node, shape (m, STEPS), 0 … 1."""
         positions = slice(self._nodes.positions.start - STEPS, self._nodes.positions.stop - STEPS)
         since = (self._states[:, :, positions] - self._start[:, :, None]) * self._scale[:, None]
         along: Array = (since * chord[:, :, None]).sum(axis=1) / (chord**2).sum(axis=1)[:, None]
@@ -236,9 +238,9 @@ class Search:
         )
 
     def step(self) -> bool:
-        """Make a Newton step and return whether that was possible.
+        """Take a Newton step and return whether that was possible.
 
-        Raises LinAlgError where a system has no solution.
+        Raises LinAlgError if a system has no solution.
         """
         m, n = self._size
         jerks, missing = self._by_unknowns()
@@ -257,7 +259,7 @@ class Search:
         solved = self._at_knots(ways, sums, weights[1], forces[1])
         if solved is None:
             return False
-        # and back again
+        # back substitution
         of_h = 3 * n
         by_x, by_h = solved[:, self._at_knot], solved[:-1, of_h]
         known = np.concatenate([solved[:-1], solved[1:, :of_h]], axis=1)[..., None]
@@ -281,12 +283,12 @@ class Search:
         return True
 
     def _inverse(self) -> Array:
-        """Return the least jerks for what is missing at the knots, shape (m, STEPS, 3)."""
+        """Return the map from the defects at the knots to the least jerks, shape (m, STEPS, 3)."""
         powers: Array = self._h[:, None, None] ** -np.array([3.0, 2.0, 1.0])
         return self._nodes.inverse * powers
 
     def _by_unknowns(self) -> tuple[Array, Array]:
-        """Return how the jerks change with the unknowns of a way, and what they miss now."""
+        """Return the derivatives of the jerks by an interval's unknowns, and their corrections."""
         m, n = self._size
         end, inverse, neutral = (
             slice(self._nodes.count, None),
@@ -301,7 +303,7 @@ class Search:
         return jerks, -self._missing @ _turned(inverse)
 
     def _tangents(self, jerks: Array, missing: Array) -> tuple[Array, Array]:
-        """Return how the rows of the ways change with the unknowns, and with what is missing."""
+        """Return the derivatives of the rows by the unknowns, and the change by the defects."""
         (m, n), count, positions = self._size, self._nodes.count, self._nodes.positions
         tangents = np.empty((m, n, STEPS + count, jerks.shape[3]))
         tangents[:, :, :STEPS] = jerks
@@ -317,7 +319,7 @@ class Search:
     def _without_neutral(
         self, tangents: Array, weights: Array, forces: Array
     ) -> tuple[Array, Array, Array]:
-        """Return the system of each joint of a way without its neutral jerks, and these."""
+        """Eliminate the neutral jerks per joint. Return the reduced system and their solution."""
         shape, shared = (*tangents.shape[:3], 1), _OWN + STEPS
         across = _turned(tangents)
         own = across @ (tangents * weights.reshape(shape))
@@ -338,7 +340,7 @@ class Search:
     def _without_places(
         self, own: Array, right: Array, weights: list[Array], forces: list[Array]
     ) -> tuple[Array, Array, Array]:
-        """Return the system of all joints of a way without the places on its chord, and these."""
+        """Eliminate the places on the chord. Return the system of all joints and their solution."""
         (m, n), at, reach = self._size, self._at_both, self._least / self._h**2
         size, of_h, place = 6 * n + 1, 3 * n, np.arange(STEPS)
         ways, sums = np.zeros((m, size, size)), np.zeros((m, size))
@@ -382,7 +384,7 @@ class Search:
         return solved if np.all(np.isfinite(solved)) else None
 
     def _go(self, rows: Array, of_rows: Array, change: tuple[Array, Array, Array, Array]) -> None:
-        """Go as far along a step as the slacks, the duals and the durations allow."""
+        """Advance along a step as far as the slacks, the duals and the durations allow."""
         slack, dual = self._slack, self._dual
         d_slack = np.stack([1.0 - rows - of_rows, 1.0 + rows + of_rows]) - slack
         d_dual = (self._mu - slack * dual - dual * d_slack) / slack
@@ -413,5 +415,5 @@ def _longest(values: Array, changes: Array) -> float:
 
 
 def _turned(matrices: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return matrices with rows for columns."""
+    """Return the matrices transposed."""
     return matrices.swapaxes(-1, -2)

@@ -3,8 +3,7 @@
 """A controller profile: what one kind of controller does differently, as data.
 
 It is read from config/controllers/NAME.yaml by `load_controller_profile`. The sections and keys of
-the file have the names of the sections and fields here; what each may hold is in
-profile_rules.py.
+the file have the names of the sections and fields here. profile_rules.py lists the allowed values.
 """
 
 import logging
@@ -54,13 +53,13 @@ class PortsProfile:
 
 @dataclass(frozen=True, slots=True)
 class MotionProfile:
-    """How the arm is moved.
+    """Motion of the simulated arm.
 
     `speed` and `accel` are fractions (0, 1] of the robot's limits, for point-to-point motion.
-    `power` is what the program sets when a trajectory begins. `cp`: point-to-point moves blend
-    into the next one if that is known in time. `statement_overhead` s pass before each move. In
-    smooth motion points are taken while less than `look_ahead` s and fewer than
-    `look_ahead_points` are ahead; at most `pending_limit` points wait.
+    `power` is the motor power that the program sets at the start of a trajectory. `cp`:
+    point-to-point moves blend into the next one if it is known in time. `statement_overhead` s
+    pass before each move. Smooth motion accepts points while less than `look_ahead` s and fewer
+    than `look_ahead_points` are ahead. At most `pending_limit` points are pending.
     """
 
     speed: float
@@ -75,9 +74,9 @@ class MotionProfile:
 
 @dataclass(frozen=True, slots=True)
 class ServoProfile:
-    """How the real joints follow the commanded ones.
+    """Response of the real joints to commanded positions.
 
-    They come `lag` s later, 0 for at once; `encoder`: what is reported are whole pulses.
+    They follow `lag` s later (0: immediately). `encoder`: positions are reported in whole pulses.
     """
 
     lag: float
@@ -86,10 +85,10 @@ class ServoProfile:
 
 @dataclass(frozen=True, slots=True)
 class DownloadProfile:
-    """How a trajectory is taken that comes as a whole, before the arm moves.
+    """Trajectories that are downloaded whole before the arm moves.
 
-    At most `buffer` points are kept; with more, `overflow` refuses all or drops those beyond. The
-    program spends `dead_time` s on each.
+    The buffer holds `buffer` points. `overflow` refuses a longer trajectory or drops its points
+    beyond the buffer. The program spends `dead_time` s on each point.
     """
 
     buffer: int
@@ -99,32 +98,34 @@ class DownloadProfile:
 
 @dataclass(frozen=True, slots=True)
 class ProgramProfile:
-    """The program on the motion port: which messages it takes, and how it answers.
+    """The program on the motion port: accepted messages and replies.
 
     * `kind`: JOINT_TRAJ_PT ('points'), or Motoman's messages.
-    * `interface`: how a driver hands trajectories over unless it is told otherwise; 'statements':
-      by Remote Ethernet, as no program is loaded, and no port but that one is served.
+    * `interface`: default trajectory interface of a driver. 'statements': by Remote Ethernet, for
+      a controller without a loaded program, which serves only that port.
     * `reply`: JOINT_POSITION with the request's sequence, or only a header of the request's type.
-    * `acknowledge`: when a streamed point is answered: when the arm has taken it, when it is
-      there ('done'), or 'default': done point to point, taken in smooth motion.
-    * `check_sequence`, `check_limits`: whether a point is refused for them. A point outside the
-      limits that is not refused ends the motion with error 4001 when its turn comes.
-    * `uses`: which of a point's velocity and duration count.
+    * `acknowledge`: when a streamed point is answered: once the arm has accepted it ('taken'),
+      once it has been reached ('done'), or 'default': done point to point, taken in smooth motion.
+    * `check_sequence`, `check_limits`: whether a point with a wrong sequence number, or outside
+      the limits, is refused. A point outside the limits that is not refused ends the motion with
+      error 4001 when its turn comes.
+    * `uses`: which of a point's velocity and duration are used.
     * `late_failure`: a point outside the limits is answered with SUCCESS, then with FAILURE too,
-      and the connection is closed; the arm finishes the points before it.
-    * `accepts`: which messages are points: a JOINT_TRAJ_PT of its exact length ('exact'); one that
-      may be longer ('longer'), whose STOP may be a topic, too; every message that is long enough
-      for the joints ('any'), whatever its type, and shorter ones are not answered.
-    * `special_sequences`: 'stop': only STOP is obeyed, the other negative ones are not answered.
-    * `skip_first`: a first point so near to where the arm stands, rad or m, each joint, is left
-      out; 0: none is.
+      and the connection is closed. The arm finishes the points before it.
+    * `accepts`: which messages are points. 'exact': a JOINT_TRAJ_PT of its exact length. 'longer':
+      also a longer one, and STOP may be sent as a topic. 'any': every message long enough for the
+      joints, whatever its type. Shorter ones are not answered.
+    * `special_sequences`: 'stop': only STOP is obeyed; other negative sequence numbers are not
+      answered.
+    * `skip_first`: a first point is skipped if each joint is within this distance, rad or m, of
+      the arm's position (0: never).
     * `motors`: how a driver switches the motors and resets errors: not at all, by Remote Ethernet
-      if it is given a port, by that but with main stopped before and started after ('restart'), or
-      by Motoman's commands.
-    * `smoothing`, `resample_period` (s), `thin_deviation` (rad, m): what a driver sends of a plan
-      unless it is told otherwise, as its parameters of these names.
-    * `setpoint_period`: time between two points that a driver makes of a stream, s, as its
-      parameter `servo.period`.
+      if a port is configured, by Remote Ethernet with main stopped before and started after
+      ('restart'), or by Motoman's commands.
+    * `smoothing`, `resample_period` (s), `thin_deviation` (rad, m): defaults of a driver's
+      parameters of these names, which select the points of a plan to send.
+    * `setpoint_period`: time between two points that a driver makes of a stream, s. It is the
+      default of its parameter `servo.period`.
     """
 
     kind: Literal['points', 'motoman']
@@ -147,19 +148,19 @@ class ProgramProfile:
 
     @property
     def point_message(self) -> Literal['joint_traj_pt', 'joint_traj_pt_full']:
-        """The message that carries a point, unless a driver is told otherwise."""
+        """Default message for points."""
         return 'joint_traj_pt_full' if self.kind == 'motoman' else 'joint_traj_pt'
 
 
 @dataclass(frozen=True, slots=True)
 class StateProfile:
-    """What the state port sends: one message per slot of `period` s.
+    """Messages on the state port: one per slot of `period` s.
 
-    After `joint_positions_per_status` slots with the joints comes one with a STATUS, or it comes
-    together with the last of them (`status_with_joints`). `in_motion`, `motion_possible`: whether
-    the STATUS fills these fields; UNKNOWN otherwise. `feedback_time`: whether a JOINT_FEEDBACK
-    carries the controller's time. `errors`: 'alarms': it shows the errors that
-    need a reset, not what was rejected or an E-stop.
+    After `joint_positions_per_status` slots with the joints, a STATUS follows in its own slot, or
+    together with the last joint message (`status_with_joints`). `in_motion`, `motion_possible`:
+    whether the STATUS fills these fields (otherwise UNKNOWN). `feedback_time`: whether a
+    JOINT_FEEDBACK carries the controller's time. `errors`: 'alarms' reports only the errors that
+    need a reset, not rejected requests or an E-stop.
     """
 
     period: float
@@ -174,17 +175,18 @@ class StateProfile:
 
 @dataclass(frozen=True, slots=True)
 class ServerProfile:
-    """How the ports treat their clients, of which they serve `…_clients` at once.
+    """Client handling of the ports.
 
-    `lost_client` is what the arm does when the motion client is gone: 'brake', and its motors go
-    off; 'finish' the points it has, motors on; 'keep' them: it stands, motors on, and goes on when
-    the next client connects.
+    `lost_client` is the reaction of the arm to a lost motion client. 'brake': it brakes and the
+    motors are switched off. 'finish': it finishes its points, motors on. 'keep': it stops with
+    the motors on, keeps its points, and resumes when the next client connects.
 
-    `client_timeout`: the arm stops when a motion client that sends heartbeats is silent for so
-    long, s, and a driver sends them; 0: neither.
+    `client_timeout`: the arm stops when a motion client that sends heartbeats is silent for this
+    time, s. A driver sends heartbeats if this is not 0. 0 disables both.
 
-    `full` is what happens to a motion or state client too many: 'refuse' it, or let it 'replace'
-    the one that came first, unless the arm has somewhere to go.
+    `full` is the reaction to a motion or state client beyond the maximum: 'refuse' it, or
+    'replace' the first client, unless the arm has points left. `state_clients` and `io_clients`
+    are the maximum numbers of simultaneous clients.
     """
 
     lost_client: Literal['brake', 'finish', 'keep']
@@ -196,9 +198,10 @@ class ServerProfile:
 
 @dataclass(frozen=True, slots=True)
 class RemoteProfile:
-    """The Remote Ethernet port. A session ends `session_timeout` s after the last word, 0: never.
+    """The Remote Ethernet port. A session times out `session_timeout` s after its last command.
 
-    An empty `password`: any is taken. `clients`: how many may be logged in at once.
+    A `session_timeout` of 0 disables the time-out. An empty `password` accepts any password.
+    `clients` is the maximum number of simultaneous logins.
     """
 
     session_timeout: float
@@ -210,8 +213,8 @@ class RemoteProfile:
 class SpelProfile:
     """The SPEL+ project that the simulation runs instead of a built-in program.
 
-    `project`: a folder of this package, or an absolute path; empty: none. `config`: what a person
-    has changed in its #define lines; an empty value turns one off.
+    `project`: a folder of this package, or an absolute path (empty: none). `config`: the user's
+    changes to its #define lines. An empty value turns a definition off.
     """
 
     project: str
@@ -220,10 +223,10 @@ class SpelProfile:
 
 @dataclass(frozen=True, slots=True)
 class ControllerProfile:
-    """Data of one kind of controller.
+    """Data of one type of controller.
 
-    `approximate` holds sentences on what is only approximated. `error_texts` names the file of
-    config/errors that its error numbers are in.
+    `approximate` lists the known approximations as sentences. `error_texts` is the name of the
+    file in config/errors with its error numbers.
     """
 
     name: str
@@ -244,7 +247,7 @@ class ControllerProfile:
 
 
 ALIKE = dict.fromkeys(('rc700', 'rc90', 'rc90b', 'rc800', 't', 'vt'), 'rc700a')
-"""Controllers that do as another one, of which nothing else is known: name → profile."""
+"""Controllers with the profile of another one, as no differences are known: name → profile."""
 
 OLD_NAMES = {'rc620': 'simulated'}
 """Former names of profiles."""
@@ -255,10 +258,11 @@ _log = logging.getLogger(__name__)
 def load_controller_profile(name: str) -> ControllerProfile:
     """Read config/controllers/NAME.yaml, or the file itself if `name` is a path to a .yaml file.
 
-    Names are taken as EPSON writes them, too (RC700-A), and those of controllers that are ALIKE.
+    EPSON's spelling (RC700-A) and the controllers in ALIKE are also accepted.
 
-    A profile that says `like: OTHER` holds only what differs from that one: a name, or a .yaml
-    file beside it. Raises FileNotFoundError (which lists the profiles there are) or InputError.
+    A profile with `like: OTHER` contains only its differences from OTHER: a profile name, or a
+    .yaml file in the same folder. Raises FileNotFoundError, which lists the available profiles,
+    or InputError.
     """
     path = _path(name, Path())
     values = checked(_read(path), printable(path))
@@ -294,7 +298,7 @@ def _path(name: str, folder: Path) -> Path:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Return what the file says, over what the one says that it is like."""
+    """Return the file's settings merged over the profile that its `like` key names."""
     layers: list[dict[str, Any]] = []
     read: list[str] = []
     like: str | None = None
@@ -324,7 +328,7 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _merged(base: dict[str, Any], over: dict[str, Any], place: str = '') -> dict[str, Any]:
-    """Return `base` with what `over` says, section by section."""
+    """Return `base` overridden by `over`, section by section."""
     merged = dict(base)
     for key, value in over.items():
         held = base.get(key)

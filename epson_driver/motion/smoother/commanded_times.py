@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a request's clock asks for: the speeds that keep it, and how lost time is made up for."""
+"""The speeds that follow a request's clock, and how lost time is made up."""
 
 import numpy as np
 
@@ -12,39 +12,40 @@ from epson_driver.motion.smoother.request import Request
 from epson_driver.motion.smoother.speed_bounds import SpeedBounds, SpeedProfile
 
 UNBOUND_SPEED = 1e6
-"""Where no time is commanded: a speed that no limit of a joint allows."""
+"""Speed without a commanded time: more than any joint limit allows."""
 
 SMOOTHED_S, LEAST_SHARE = 0.03, 0.9
-"""So far from their times the commanded speeds pass the knots, s, to be smooth; and they are at
-least this share of the least."""
+"""Time before and after a knot over which the commanded speed may be smoothed, s, and the minimum
+smoothed speed as a share of the lowest commanded speed."""
 
 IN_TIME_S = 0.01
-"""What is late or early by less is not made up for, s: the motion would be uneven for it."""
+"""Delay that is not corrected, s, because the correction would make the motion uneven."""
 
 CATCH_UP_RATIO, MAX_CATCH_UP_RATIO, CATCH_UP_BISECTIONS = 1.25, 6.0, 4
-"""How much faster than commanded the motion may be to make up for lost time; at most, where it
-would reach the trajectory's end too late so; and how closely that ratio is looked for."""
+"""Ratio to the commanded speed for making up lost time, its maximum if the motion would otherwise
+be late at the trajectory's end, and the bisection steps that find this higher ratio."""
 
 LATE_END_SHARE = 0.02
-"""What is too late, of the time that is left for the way there."""
+"""Tolerated delay at the end, as a share of the remaining time."""
 
 LATER_SHARE, LATER_AT_REST_SHARE = 0.3, 0.5
-"""By how much of A/J a plan is later than the speed profile, which knows no jerk, after a start
-from rest (and of less time than A/J by the same share), and by how much more at its end."""
+"""Delay of a plan relative to the speed profile, which ignores jerk, as a share of A/J: after a
+start from rest (for a time shorter than A/J, as a share of that time), and additionally at its
+end."""
 
 FULL_CATCH_UP_DELAY_S, MAX_DELAY_RATIO = 0.05, 2.4
-"""A delay (s) from which on this is used in full; up to so many times of it, in proportion, where
-the delay is longer: what is late by more than a little has stood or crawled."""
+"""Delay from which the full ratio is used, s, and the maximum multiple of the ratio's excess for
+longer delays, in proportion. A long delay comes from a standstill or very slow motion."""
 
 HORIZON_SHARE = 0.8
-"""The path is cut where the speed profile, which is faster than any plan, is after this share of
-the horizon."""
+"""The path is cut at the point that the speed profile, which is faster than any plan, reaches
+after this share of the horizon."""
 
 
 def within_horizon(
     request: Request, path: Path, limits: JointLimits, effort: Effort
 ) -> tuple[Path, Problem, SpeedBounds]:
-    """Return the path as far as it is looked at now, and the problem on it."""
+    """Return the path up to the planning horizon, and the problem on it."""
     effort.spend(OUTSET_US)
     problem = problem_of(request, path, limits, _ratio(request), effort)
     bounds = SpeedBounds(problem)
@@ -71,12 +72,12 @@ def within_horizon(
 
 
 def _ratio(request: Request) -> float:
-    """Return how much faster than commanded the motion may be to make up for lost time."""
+    """Return the maximum ratio to the commanded speed for making up lost time."""
     return min(CATCH_UP_RATIO, request.catch_up)
 
 
 def _late_end(request: Request, path: Path, limits: JointLimits, profile: SpeedProfile) -> bool:
-    """Return whether a plan about as fast as a profile reaches the end of the path too late."""
+    """Return whether a plan about as fast as a profile is late at the end of the path."""
     now, end = np.interp([request.state[0], path.end], path.knots.u, request.clock)
     left = float(end - now)
     taken = float(_arrivals(request, profile, np.array([path.end]), limits)[0])
@@ -102,7 +103,7 @@ def _catch_up(request: Request, path: Path, limits: JointLimits, profile: SpeedP
     knots = path.knots.u
     clock = request.clock[: len(knots)]
     now = float(np.interp(request.state[0], knots, clock))
-    # faster where the profile, which is faster all the way, is not in time
+    # faster where even the profile, which is faster everywhere, is late
     ahead = knots > request.state[0]
     arrival = _arrivals(request, profile, knots[ahead], limits)
     late = np.zeros(len(knots))
@@ -110,15 +111,15 @@ def _catch_up(request: Request, path: Path, limits: JointLimits, profile: SpeedP
     late[~ahead] = np.maximum(max(request.lag - IN_TIME_S, 0.0), late[ahead][:1])
     lag = request.lag + IN_TIME_S
     if lag < 0.0:
-        # too early: slower until that is given back
+        # too early: slower until the lead is gone
         early = clock - now <= -lag / (CATCH_UP_RATIO - 1.0)
         late[early & (late == 0.0)] = lag
     spare = float(request.clock[-1]) - now
-    # with less known than a stop takes, the time that was lost would be lost again in a stop
+    # if less is known than a stop takes, a stop would lose the time again
     share = np.clip((spare / stopping_time(limits) - 1.0) / 0.5, 0.0, 1.0)
     share = np.clip(late / FULL_CATCH_UP_DELAY_S, -1.0, MAX_DELAY_RATIO * share)
     factor = 1.0 + share * (CATCH_UP_RATIO - 1.0)
-    # no more than that on the ways beside a knot, of each of which it has a half
+    # no more than needed within the adjacent halves of the intervals at a knot
     ways = np.diff(clock)
     beside = (np.append(ways[:1], ways) + np.append(ways, ways[-1:])) / 2.0
     left = beside - late
@@ -131,7 +132,7 @@ def _catch_up(request: Request, path: Path, limits: JointLimits, profile: SpeedP
 def _arrivals(
     request: Request, profile: SpeedProfile, places: Array, limits: JointLimits
 ) -> Array:
-    """Return about when a plan is at places of which the last is its end, s, shape (k,)."""
+    """Return a plan's approximate times at places, s, shape (k,). The last place is its end."""
     ramp = float(np.max(limits.acceleration / limits.jerk))
     times: Array = np.interp(places, profile.positions, profile.times)
     if request.state[1] == 0.0:
@@ -141,7 +142,7 @@ def _arrivals(
 
 
 def stopping_time(limits: JointLimits) -> float:
-    """Return about how long a stop from full speed takes, s: V/A + A/J of the slowest joint."""
+    """Return the approximate time of a stop from full speed, s: V/A + A/J of the slowest joint."""
     slowing = np.max(limits.velocity / limits.acceleration)
     return float(slowing + np.max(limits.acceleration / limits.jerk))
 
@@ -149,14 +150,14 @@ def stopping_time(limits: JointLimits) -> float:
 def problem_of(
     request: Request, path: Path, limits: JointLimits, factor: Array | float, effort: Effort
 ) -> Problem:
-    """Return the problem on a path, with so many times the commanded speed (at each knot)."""
+    """Return the problem on a path at `factor` times the commanded speed (per knot or overall)."""
     return Problem(path, request.state, limits, _commanded(request, path, factor), effort)
 
 
 def _commanded(request: Request, path: Path, factor: Array | float) -> tuple[Array, Array] | None:
-    """Return places u, and u̇² there as the clock commands it (linear between them), or None.
+    """Return places u and the commanded u̇² there (linear between them), or None.
 
-    factor: on the speeds; at each knot, shape (k,), or everywhere.
+    factor: multiplies the speeds, per knot with shape (k,), or everywhere.
     """
     u = path.knots.u
     clock = request.clock[: len(u)]
@@ -177,11 +178,12 @@ def _commanded(request: Request, path: Path, factor: Array | float) -> tuple[Arr
 
 
 def _smooth_speeds(u: Array, clock: Array) -> tuple[Array, Array]:
-    """Return places and the speeds there that pass knots at times, shapes (k,), nearly.
+    """Return places and the speeds there that pass knots approximately at their times, (k,).
 
-    The mean speeds of the ways between the knots, with constant acceleration from one to the next
-    around each knot. It takes all of the shorter way if the knot is reached within SMOOTHED_S of
-    its time so; where the ways are short, the speeds are means over that to both sides.
+    They are the mean speeds between the knots, joined by a constant acceleration around each knot.
+    The acceleration lasts for the whole shorter interval if the knot is then passed within
+    SMOOTHED_S of its time. Where the intervals are shorter than this, speeds are averaged over
+    SMOOTHED_S to both sides.
     """
     ways = np.diff(clock)
     mean = np.diff(u) / ways

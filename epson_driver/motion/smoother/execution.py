@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the arm does now (it follows a plan, moves off the path, or rests), and what comes next."""
+"""The executed motion (along a plan, off the path, or at rest) and the changes to the next one."""
 
 import dataclasses
 import math
@@ -18,18 +18,18 @@ from epson_driver.motion.smoother.time_parametrisation import TimeParametrisatio
 from epson_driver.motion.smoother.waypoints import MIN_MOVE, Waypoint, Waypoints
 
 JUST_BEGUN_S = 1e-6
-"""A motion that has begun so recently has not left its rest."""
+"""Time after a start from rest during which the arm counts as still at rest, s."""
 
 Observer = Callable[[float, ActivePlan | JointMotion | None], None]
-"""Told when, s, and what is executed from then on; None: rest."""
+"""Called with the time, s, and the motion that is executed from then on (None: rest)."""
 
 
 class Execution:
-    """The motion of the arm over time. It tells the waypoints where it has arrived.
+    """The motion of the arm over time. It reports the arrival at waypoints to `waypoints`.
 
-    At most one of `plan` and `joint_motion` is there; with none the arm rests. `next` is a plan
-    whose time has not come. `now` is in s, and passes as the caller says. `observer` is told of
-    every change of what is executed.
+    At most one of `plan` and `joint_motion` is set. Without either the arm rests. `next` is a plan
+    that starts later. `now`, in s, is advanced by the caller. `observer` is called with every new
+    executed motion.
     """
 
     def __init__(self, waypoints: Waypoints, observer: Observer | None = None) -> None:
@@ -42,13 +42,13 @@ class Execution:
         self._joint_motion_begin = 0.0
         self.next: ActivePlan | None = None
         self.stopping = False
-        """On the way to a rest without points: told to stop, or braking."""
+        """Whether the arm comes to rest without points, after a stop or a braking."""
         self.paused = False
         """At rest on the path, with a plan that ends there."""
         self.held = False
-        """Whether to rest on the path until it is released."""
+        """Whether the arm must rest on the path until the hold is released."""
         self.clock_start: float | None = None
-        """When the clock of the points would have been 0, s, had the motion kept to it."""
+        """Time at which the clock of the points would have been 0 if the motion is on time, s."""
 
     @property
     def motion(self) -> Motion:
@@ -69,18 +69,18 @@ class Execution:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the arm stands now, be it with points to go to."""
+        """Whether the arm is at rest now, even if points are ahead."""
         return self.paused or not self.in_motion
 
     @property
     def beside_last(self) -> bool:
-        """Whether the arm rests beside the last point, by less than the merge tolerance."""
+        """Whether the arm rests within the merge tolerance of the last point."""
         return not self.in_motion and self._waypoints.beside_last(self._position)
 
-    # Time passes.
+    # Time.
 
     def next_change(self) -> float:
-        """Return when what is executed changes by itself, s."""
+        """Return the time of the next automatic change of the executed motion, s."""
         due = math.inf if self.next is None else self.next.begin
         if self.joint_motion is not None:
             return min(due, self._joint_motion_begin + self.joint_motion.duration)
@@ -89,7 +89,7 @@ class Execution:
         return due
 
     def change(self, due: float) -> None:
-        """Let time pass until the next change, and make it."""
+        """Advance time to the next change, and make it."""
         self.now = max(self.now, due)
         plan = self.plan
         if self.next is not None and self.next.begin <= self.now:
@@ -108,7 +108,7 @@ class Execution:
             self._arrive(plan.path.knots.position[-1], None if self.stopping else plan.route[-1])
 
     def pass_time(self, until: float) -> None:
-        """Let time pass without a change, and take off points that the arm has gone through."""
+        """Advance time without a change, and remove the points that the arm has passed."""
         self.now = until
         plan = self.plan
         if plan is None:
@@ -127,7 +127,7 @@ class Execution:
         self.paused = False
 
     def _arrive(self, position: Array, point: Waypoint | None = None) -> None:
-        """Come to rest at a position: at a point of the path, or where that was expected."""
+        """Come to rest at a position, which is a path point or the expected end."""
         self._position = position
         self._waypoints.arrived(self.now, point)
         self._execute(None)
@@ -135,12 +135,12 @@ class Execution:
         self.clock_start = None
 
     def rest_between(self, plan: ActivePlan, u: float) -> None:
-        """Rest between two points of a path, free to go on to the next one by another."""
+        """Rest between two points of a path, so that another path can lead to the next point."""
         position = plan.path.at(u)[0]
         segment = plan.path.segment(u)
         left = plan.path.knots.position[segment + 1] - position
         if np.max(np.abs(left)) <= MIN_MOVE:
-            segment += 1  # what is left is rounding, and no way
+            segment += 1  # the remainder is only rounding
         if segment == len(plan.route) - 1:
             self._arrive(position, plan.route[segment])
             return
@@ -153,10 +153,10 @@ class Execution:
         if self._observer is not None:
             self._observer(self.now, what)
 
-    # What is told to it.
+    # Commands.
 
     def stop(self) -> None:
-        """Come to rest, on the path if that can be verified. The points have been forgotten."""
+        """Come to rest, on the path if that can be verified. The points are already discarded."""
         state = self.motion
         if self.at_rest:
             self._waypoints.go_on_from(state.position)
@@ -176,14 +176,14 @@ class Execution:
         self.stopping = True
 
     def move_off_the_path(self, motion: JointMotion, elapsed: float = 0.0) -> None:
-        """Begin a motion, `elapsed` s ago, from whose end the next points go on."""
+        """Start a motion, `elapsed` s ago, with the next points following from its end."""
         self._execute(motion)
         self._joint_motion_begin = self.now - elapsed
         self.paused = self.stopping = False
         self._waypoints.go_on_from(motion.end)
 
     def pause(self) -> None:
-        """Stay at rest, or brake at once if that can be verified, or else go on as planned."""
+        """Stay at rest, brake immediately if that can be verified, or continue as planned."""
         plan = self.plan
         if plan is None or plan.pause or self.stopping:
             return
@@ -195,11 +195,11 @@ class Execution:
             self._execute(dataclasses.replace(plan, timing=timing, begin=self.now, pause=True))
 
     def _just_begun(self, plan: ActivePlan) -> bool:
-        """Return whether a plan has only begun now, out of a rest."""
+        """Return whether a plan has just started from rest."""
         from_rest = plan.timing.velocities[0] == 0.0 == plan.timing.accelerations[0]
         return bool(from_rest) and self.now - plan.begin < JUST_BEGUN_S
 
     def _stop_on(self, plan: ActivePlan) -> TimeParametrisation | None:
-        """Return the fastest verified stop on the path from now on, or None."""
+        """Return the fastest verified stop on the path from now, or None."""
         state = plan.timing.at(self.now - plan.begin)
         return ruckig_move.stop(Problem(plan.path, state, self._waypoints.limits))

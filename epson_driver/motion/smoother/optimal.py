@@ -6,8 +6,9 @@ For x(u) = u̇² the limits of a joint with derivatives q′, q″, q‴ by u ar
     velocity      |q′| √x ≤ V
     acceleration  |q′x′/2 + q″x| ≤ A
     jerk          |q′x″/2 + 3q″x′/2 + q‴x| ≤ J / √x
-and the time is ∫ du / √x (Verscheure et al. 2009; jerk: Debrouwere et al. 2013): convex but for
-the right side of the jerk limit. With a spline for x, `interior_point` finds the minimum.
+and the time is ∫ du / √x (Verscheure et al. 2009; jerk: Debrouwere et al. 2013). All of this is
+convex except the right side of the jerk limit. With a spline for x, `interior_point` finds the
+minimum.
 """
 
 import dataclasses
@@ -25,44 +26,46 @@ from epson_driver.motion.smoother.speed_spline import Ramp, SpeedSpline, basis
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
 NODE_SPACING_S = 0.008
-"""Time between the spline's nodes, s, of the timing to start from."""
+"""Time between the spline's nodes on the initial timing, s."""
 
 MAX_RAMP_TIME_S, SHORT_RAMP_TIME_S = 0.024, 0.008
-"""The longest ramp of constant jerk from or to rest, s; what to try when there is no timing so."""
+"""Longest ramp of constant jerk from or to rest, s, and the one to try if no timing is found."""
 
 RAMP_VIEW = 3.0
-"""How far from an end its path is looked at, in times of its ramp."""
+"""Length of path at an end that is checked for a ramp, in multiples of the ramp's time."""
 
 MIN_NODES, MAX_NODES = 8, 180
 
 VELOCITY_RESERVE_SHARE, ACCELERATION_RESERVE_SHARE, JERK_RESERVE_SHARE = 5e-4, 1e-2, 4e-2
-"""Of the limits: the spline keeps them at its samples, the timing must keep them everywhere."""
+"""Shares of the limits held in reserve. The spline respects the limits only at its samples, the
+timing must respect them everywhere."""
 
 MAX_KNOTS = 4
-"""So many of the path's knots between two nodes have rows of their own."""
+"""Maximum path knots per node interval that get constraint rows."""
 
 START_INTERVALS = 10
-"""Intervals without (jerk: with half) this reserve at the start."""
+"""Number of intervals at the start without this reserve (for jerk, with half of it)."""
 
 FINER_RATIO, COARSE_RATIO = 1.03, 1.3
-"""A limit exceeded by more than this shows that the nodes are too far apart there: after the first
-round there are more of them. From the second on it says nothing of what would be allowed."""
+"""A limit exceeded by more than FINER_RATIO after the first round shows that the nodes are too far
+apart there, so nodes are added. An excess above COARSE_RATIO in that round does not indicate the
+allowed speed."""
 
 FINAL_INTERVALS = 4
-"""Before so many from the end: the ramp to rest stays as it is, and so do those beside it."""
+"""Intervals at the end without added nodes: the ramp to rest and its neighbours stay unchanged."""
 
 MAX_ROUNDS = 4
-"""Each round begins with the timing of the one before and uses less where it exceeded a limit."""
+"""Maximum rounds. Each starts with the previous timing and reduces the speed at an excess."""
 
 EXCESS_MARGIN_RATIO, EXCESS_NEIGHBOURS, MAX_LESS_RATIO = 1.01, 2, 4.0
-"""How much less than what would just be allowed; in how many intervals to both sides; and the most
-that it may be less after a round."""
+"""Margin below the speed that would just be allowed, number of intervals to both sides that are
+reduced with it, and maximum reduction by one round."""
 
 MAX_GENTLER_RAMPS, GENTLER_RAMP_RATIO = 20, 0.7
-"""How often a ramp that exceeds a limit is made gentler, and by how much each time."""
+"""Maximum number of reductions of a ramp that exceeds a limit, and the jerk ratio of each."""
 
 Excess = tuple[Array, Array]
-"""u, and how many times a limit was used there."""
+"""u, and the ratio of usage to limit there."""
 
 _SAMPLES = np.array([0.02, 0.98])
 _WEIGHTS = np.array([0.5, 0.5])
@@ -76,10 +79,10 @@ def propose(
     ramp_time: float = MAX_RAMP_TIME_S,
     tolerance: float = RELATIVE_TOLERANCE,
 ) -> TimeParametrisation | None:
-    """Return a verified timing faster than most, or None if none was found.
+    """Return a verified, nearly optimal timing, or None if none was found.
 
-    ramp_time: the longest ramp of constant jerk from or to rest, s. tolerance: how much more time
-    it may take than the best one, relative.
+    ramp_time: the longest ramp of constant jerk from or to rest, s. tolerance: relative excess of
+    the time over the optimum that is accepted.
     """
     ramps = _ramps(problem, bounds, ramp_time)
     if ramps is None:
@@ -105,7 +108,7 @@ def propose(
             return timing
         places, ratios = _excess(result)
         if not result.inside and not len(places):
-            return None  # no lower speed helps
+            return None  # a lower speed does not help
         finer = places[(ratios > FINER_RATIO) & (places < spline.nodes[-1 - FINAL_INTERVALS])]
         if turn > 0 or not len(finer) or ratios.max() <= COARSE_RATIO:
             excess.append((places, ratios))
@@ -115,19 +118,19 @@ def propose(
 
 
 def _ramps(problem: Problem, bounds: SpeedBounds, ramp_time: float) -> tuple[Ramp, Ramp] | None:
-    """Return the ramps from the start (none if it moves) and to the end."""
+    """Return the ramps from the start (zero if it moves) and to the end."""
     way = problem.end - problem.start[0]
     ramps = []
     for end, inward in ((problem.start[0], 1.0), (problem.end, -1.0)):
         jerk = np.inf
-        for _ in range(2):  # at the end, and on the way there from as far as the ramp would begin
+        for _ in range(2):  # first at the end itself, then along the length of the ramp
             back = inward * min(jerk * (RAMP_VIEW * ramp_time) ** 3 / 6.0, way / 2.0)
             places = end + (0.0 if jerk == np.inf else back * _ALONG_RAMP)
             _, first, _, _ = problem.path.sample(np.atleast_1d(places))
             with np.errstate(divide='ignore'):
                 slopes = problem.limits.jerk / np.abs(first)
             jerk = (1.0 - JERK_RESERVE_SHARE) * float(np.min(slopes))
-        # what the ramp begins must end below the bounds that are near
+        # the speed at the end of the ramp must be below the bounds nearby
         near = np.abs(bounds.positions - end) < 2.0 * jerk * ramp_time**3
         speed = float(bounds.speeds[near].min(initial=np.inf))
         longest = min((0.4 * speed / jerk) ** 0.5, (0.6 * way / jerk) ** (1.0 / 3.0))
@@ -142,7 +145,7 @@ def _ramps(problem: Problem, bounds: SpeedBounds, ramp_time: float) -> tuple[Ram
 
 
 def _allowed_ramp(problem: Problem, ramp: Ramp, end: float, inward: float) -> Ramp:
-    """Return a ramp, gentler if it would exceed a limit where the path bends at its end."""
+    """Return a ramp, reduced if it would exceed a limit where the path bends at its end."""
     limits = problem.limits
     times = ramp.time * _ALONG_RAMP
     jerk = ramp.jerk
@@ -169,7 +172,7 @@ def _spline(
     end_ramp: Ramp,
     spacing: float = NODE_SPACING_S,
 ) -> SpeedSpline | None:
-    """Return a spline with nodes in equal times of a timing given by samples, a little slower."""
+    """Return a spline with nodes at equal times of a sampled timing, slightly slower."""
     begin, end = problem.start[0] + start_ramp.length, problem.end - end_ramp.length
     us = np.maximum.accumulate(us) + np.linspace(0.0, 1e-9, len(us))
     times = _slow_ends(us, times, start_ramp, end_ramp)
@@ -186,7 +189,7 @@ def _spline(
 def _finer(
     problem: Problem, spline: SpeedSpline, timing: TimeParametrisation, places: Array
 ) -> SpeedSpline | None:
-    """Return the spline of a timing with more nodes around some u."""
+    """Return the spline of a timing with additional nodes around the given u."""
     nodes = spline.nodes
     near = np.zeros(len(nodes) - 1, dtype=bool)
     interval = np.clip(nodes.searchsorted(places, side='right') - 1, 0, len(near) - 1)
@@ -200,7 +203,7 @@ def _finer(
 def _of_speeds(
     problem: Problem, nodes: Array, speeds: Array, start_ramp: Ramp, end_ramp: Ramp
 ) -> SpeedSpline | None:
-    """Return a spline with nodes, and about these speeds where each coefficient counts most."""
+    """Return a spline with the given nodes and about these speeds at the coefficients' centres."""
     h = np.diff(nodes)
     if np.min(h) <= _BESIDE:
         return None
@@ -215,7 +218,7 @@ def _of_speeds(
 
 
 def _slow_ends(us: Array, times: Array, start_ramp: Ramp, end_ramp: Ramp) -> Array:
-    """Return times with those that constant jerk needs from and to rest, where they are longer."""
+    """Return times, extended near the ends where constant jerk from and to rest needs longer."""
     steps = np.diff(times)
     if start_ramp.time > 0.0:
         steps = np.maximum(steps, np.diff(np.cbrt(6.0 * (us - us[0]) / start_ramp.jerk)))
@@ -224,12 +227,12 @@ def _slow_ends(us: Array, times: Array, start_ramp: Ramp, end_ramp: Ramp) -> Arr
 
 
 def _middles(nodes: Array) -> Array:
-    """Return where each coefficient has the most weight, shape (N + 2,)."""
+    """Return the place of each coefficient's maximum weight, shape (N + 2,)."""
     return np.concatenate((nodes[:1], (nodes[:-1] + nodes[1:]) / 2.0, nodes[-1:]))
 
 
 def _on_knots(nodes: Array, knots: Array) -> Array:
-    """Return nodes, the nearest to each knot of the path moved to it: jerk jumps there."""
+    """Return nodes, with the nearest one moved to each knot of the path, where jerk jumps."""
     knots = knots[(knots > nodes[0]) & (knots < nodes[-1])]
     if not len(knots):
         return nodes
@@ -242,28 +245,28 @@ def _on_knots(nodes: Array, knots: Array) -> Array:
 
 
 def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Program:
-    """Return the limits at both ends of every interval and beside every knot of the path.
+    """Return the limits at both ends of every interval and on both sides of every path knot.
 
-    The acceleration has no jumps there: one side of a node bounds it below, the other above.
+    The acceleration has no jumps there, so one side of a node bounds it below, the other above.
     """
     nodes, h, limits = spline.nodes, spline.lengths, problem.limits
     us = (nodes[:-1, None] + h[:, None] * _SAMPLES).ravel()
     weights = (h[:, None] * _WEIGHTS).ravel()
-    # jerk jumps at the knots of the path: both sides of those that are not nodes
+    # jerk jumps at the knots of the path: sample both sides of the knots that are not nodes
     knots = problem.path.knots.u
     knots = _few(np.setdiff1d(knots[(knots > nodes[0]) & (knots < nodes[-1])], nodes), nodes)
     us = np.concatenate((us, knots - _BESIDE, knots + _BESIDE))
     weights = np.append(weights, np.zeros(2 * len(knots)))
     interval = np.clip(nodes.searchsorted(us, side='right') - 1, 0, len(h) - 1)
     _, first, second, third = problem.path.sample(us)
-    # the state at the start may itself use all that is allowed
+    # the state at the start may itself use the whole limits
     starting = (us < nodes[min(START_INTERVALS, len(h))]) & (spline.start_ramp.time == 0.0)
     reserve = np.where(starting, 0.0, 1.0)
     a = np.stack([second, first / 2.0, np.zeros_like(first)], axis=2)
     a /= ((1.0 - reserve * ACCELERATION_RESERVE_SHARE)[:, None] * limits.acceleration)[:, :, None]
     j = np.stack([third, 1.5 * second, first / 2.0], axis=2)
     j /= ((1.0 - (0.5 + 0.5 * reserve) * JERK_RESERVE_SHARE)[:, None] * limits.jerk)[:, :, None]
-    # one of an interval's two samples stands for its middle
+    # one of an interval's two samples represents its middle
     back = np.zeros_like(us)
     back[1 : 2 * len(h) : 2] = (_SAMPLES[1] - 0.5) * h
     counted = problem.path.sample(us - back)[1]
@@ -285,7 +288,7 @@ def _program(problem: Problem, spline: SpeedSpline, excess: list[Excess]) -> Pro
 
 
 def _few(knots: Array, nodes: Array) -> Array:
-    """Return at most MAX_KNOTS of those between two nodes: the verification sees all."""
+    """Return at most MAX_KNOTS knots between two nodes. The verification checks all."""
     after = nodes.searchsorted(knots)
     counts = np.bincount(after, minlength=len(nodes))
     rank = np.arange(len(knots)) - (np.cumsum(counts) - counts)[after]
@@ -294,14 +297,14 @@ def _few(knots: Array, nodes: Array) -> Array:
 
 
 def _excess(result: LimitUsage) -> Excess:
-    """Return where a timing exceeds the limits, and by how much."""
+    """Return the places at which a timing exceeds the limits, and the ratios."""
     ratio = np.maximum(result.velocity, np.maximum(result.acceleration, result.jerk))
     where = ratio > 1.0
     return result.positions[where], ratio[where]
 
 
 def _share(excess: list[Excess], nodes: Array) -> Array:
-    """Return the share of the limits to use in each interval, after what was too much before."""
+    """Return the share of the limits to use in each interval after the given excesses."""
     share = np.ones(len(nodes) - 1)
     for us, ratio in excess:
         where = np.clip(nodes.searchsorted(us, side='right') - 1, 0, len(share) - 1)
@@ -309,7 +312,7 @@ def _share(excess: list[Excess], nodes: Array) -> Array:
         np.maximum.at(worst, where, ratio)
         for _ in range(EXCESS_NEIGHBOURS):
             worst[1:-1] = np.maximum(worst[1:-1], np.maximum(worst[:-2], worst[2:]))
-        # all of it a little: what is taken from one place comes up at another
+        # reduce everywhere slightly, as a reduction at one place increases the usage elsewhere
         less = np.where(worst > 1.0, EXCESS_MARGIN_RATIO, 1.0) * EXCESS_MARGIN_RATIO
         share /= np.minimum(less * worst, MAX_LESS_RATIO)
     return share

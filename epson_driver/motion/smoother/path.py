@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The geometry: a path with continuous curvature through knots in joint space.
 
-Its parameter u is the sum of the chords' lengths, each measured in seconds at full speed:
-‖Δq / v_max‖₂. A knot is a position with the first and the second derivative by u; between two
-knots the path is the quintic polynomial that has these at its ends. The derivatives come from a
-cubic spline through the knots, so where a knot and its neighbours come from the same spline, the
-path is this spline.
+Its parameter u is the sum of the chord lengths, each measured in seconds at full speed:
+‖Δq / v_max‖₂. A knot is a position with the first and the second derivative by u. Between two
+knots the path is the quintic polynomial with these values at its ends. The derivatives come from a
+cubic spline through the knots, so the path is identical to this spline wherever a knot and its
+neighbours come from the same spline.
 """
 
 from dataclasses import dataclass
@@ -21,11 +21,11 @@ from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.smoother.banded import solve_tridiagonal
 
 DEGREE = 5
-"""Of a segment."""
+"""Polynomial degree of a segment."""
 
 
 def _hull_of(begin: float, end: float) -> Array:
-    """Return what gives a quintic's Bernstein coefficients on begin ≤ s ≤ end, shape (6, 6)."""
+    """Return the matrix from a quintic's powers to its Bernstein form on [begin, end], (6, 6)."""
     matrix = np.zeros((DEGREE + 1, DEGREE + 1))
     for i in range(DEGREE + 1):  # the blossom of sⁿ with i arguments at the end, the others before
         polynomial = np.array([1.0])
@@ -37,7 +37,7 @@ def _hull_of(begin: float, end: float) -> Array:
 
 
 HULL_PARTS = 16
-"""In so many parts a segment is looked at for where it leaves the position limits."""
+"""Number of parts into which a segment is split for the check of the position limits."""
 
 _HULL = _hull_of(0.0, 1.0)
 _HULLS = np.concatenate(
@@ -49,31 +49,32 @@ _SHIFT_EXPONENTS = np.maximum(np.subtract.outer(range(DEGREE + 1), range(DEGREE 
 """(x + s)ⁿ has binomial(n, k) sⁿ⁻ᵏ with xᵏ: in row k, column n."""
 
 POSITION_TOLERANCE = 5e-13
-"""How far outside a position limit counts as on it, rad."""
+"""Distance beyond a position limit that still counts as on it, rad."""
 
 AT_LIMIT_DISTANCE = 1e-6
 """A joint closer than this to its position limit at a knot, rad, must not move there."""
 
 ONWARD_SHARE = 0.25
-"""The path past its last knot is given room to go on straight for this share of a segment.
+"""Share of a segment for which the path past its last knot must have room to continue straight.
 
 A quintic that leaves a knot with a slope and comes back overshoots by 0.19 of slope · length.
 """
 
 LONG_SEGMENT, LONGER_RATIO = 1.5, 10.0
-"""The segment that follows on the last one known may be so long (s at full speed), if it is no
-more than so many times longer than the longest that is known."""
+"""Maximum expected length of the segment after the last known one, s at full speed, and its
+maximum ratio to the longest known segment."""
 
 _FREE, _LEVEL, _TURNING = 0, 1, 2
-"""A joint at a knot: as the spline has it; with a slope of 0; and with the least curvature away
-from the border that keeps the segments beside the knot in the range, too."""
+"""State of a joint at a knot: derivatives from the spline, slope of 0, or slope of 0 with the
+least curvature away from the limit that keeps the adjacent segments in the range."""
 
 TURN_RATIO, LEAST_TURN_SHARE = 1.1, 0.25
-"""How much more than the least, so that the segments are found to be in the range; and how much
-at least, of what the segment's third Bernstein coefficient is outside of it."""
+"""Curvature of a turning joint relative to the least one, so that the segments pass the range
+check, and its minimum as a share of the excess of the segment's third Bernstein coefficient."""
 
 _TURN_SAMPLES = np.geomspace(0.02, 50.0, 128)
-"""Where a segment is looked at for it: ways s from its other knot (0 … 1) as s / (1 - s)."""
+"""Samples for that search: positions s measured from the segment's other knot (0 … 1), as
+s / (1 - s)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,12 +91,12 @@ class Knots:
     second: Array
 
     def __getitem__(self, part: slice) -> 'Knots':
-        """Return some of them."""
+        """Return the knots of a slice."""
         return Knots(self.u[part], self.position[part], self.first[part], self.second[part])
 
 
 class Path:
-    """The path through knots, two or more."""
+    """The path through two or more knots."""
 
     __slots__ = ('_by_exponent', '_coefficients', '_lengths', 'knots')
 
@@ -111,11 +112,11 @@ class Path:
 
     @property
     def end(self) -> float:
-        """The last knot's u."""
+        """Parameter u of the last knot."""
         return float(self.knots.u[-1])
 
     def segment(self, u: float) -> int:
-        """Return the index of the knot that begins the segment of u."""
+        """Return the index of the knot at the start of the segment that contains u."""
         index = int(self.knots.u.searchsorted(u, side='right')) - 1
         return min(max(index, 0), len(self._lengths) - 1)
 
@@ -138,12 +139,12 @@ class Path:
     def sample(self, us: Array, before: bool = False) -> tuple[Array, Array, Array, Array]:
         """Return position and three derivatives at every u, shapes (m, n).
 
-        At a knot the third derivative is that of the segment after it, or `before` it.
+        The third derivative at a knot is from the next segment, with `before` from the previous one.
         """
         after = self.knots.u.searchsorted(us, side='left' if before else 'right')
         index = np.clip(after - 1, 0, len(self._lengths) - 1)
         h = self._lengths[index]
-        # each coefficient, and s and h for every joint, in an array of its own: that is faster
+        # separate arrays for each coefficient, and s and h repeated for every joint, are faster
         c0, c1, c2, c3, c4, c5 = self._by_exponent.take(index, axis=1)
         s = ((us - self.knots.u[index]) / h)[:, None].repeat(c0.shape[1], axis=1)
         h = h[:, None].repeat(c0.shape[1], axis=1)
@@ -155,10 +156,10 @@ class Path:
         )
 
     def taylor(self, segment: npt.NDArray[np.intp], offset: Array) -> Array:
-        """Return the polynomials of given segments about a place in each, shape (m, 6, n).
+        """Return the polynomials of segments about a place in each, shape (m, 6, n).
 
-        offset: u of the place from the segment's first knot; both of shape (m,). The result has
-        the coefficients of (u - place)⁰, (u - place)¹ ….
+        offset: distance in u of the place from the segment's first knot. Both have shape (m,). The
+        result has the coefficients of (u - place)⁰, (u - place)¹ ….
         """
         h = self._lengths[segment]
         powers = np.vander(offset / h, DEGREE + 1, increasing=True)
@@ -168,12 +169,12 @@ class Path:
         return shifted
 
     def hulls(self) -> Array:
-        """Return six positions for each segment whose hull it does not leave, (k - 1, 6, n)."""
+        """Return the Bernstein hull of each segment, which contains it, shape (k - 1, 6, n)."""
         hulls: Array = _HULL @ self._coefficients
         return hulls
 
     def outside(self, limits: JointLimits) -> npt.NDArray[np.bool_]:
-        """Return which joints may leave their position limits where, shape (k - 1, n)."""
+        """Return which joints may leave their position limits in each segment, (k - 1, n)."""
         low, high = (
             limits.position_min - POSITION_TOLERANCE,
             limits.position_max + POSITION_TOLERANCE,
@@ -197,8 +198,8 @@ def chord_lengths(points: Array, limits: JointLimits) -> Array:
 def line(kept: Knots, point: Array, limits: JointLimits) -> Path:
     """Return the straight path from the last kept knot to a point, shape (n,).
 
-    It has no bends, and so no acceleration or jerk but those of u: slow enough, it keeps all
-    limits, and it leaves the range nowhere if its ends do not.
+    It has no bends, so acceleration and jerk come from the motion along u alone. If slow enough,
+    it respects all limits. It stays in the range if its ends are in the range.
     """
     begin = kept[len(kept.u) - 1 :]
     ends = np.stack([begin.position[0], point])
@@ -210,12 +211,12 @@ def line(kept: Knots, point: Array, limits: JointLimits) -> Path:
 def through(
     kept: Knots, points: Array, limits: JointLimits, clamped: bool = True, final: bool = False
 ) -> Path:
-    """Return the path along kept knots and on through points, shape (m, n), m ≥ 1.
+    """Return the path along kept knots and then through points, shape (m, n), m ≥ 1.
 
-    The kept knots (one or more) stay as they are, unless the path begins at rest in a single one:
-    not `clamped`, its derivatives are free. A joint that would leave its position limits between
-    two points inside of them is kept level there instead. The last point is approached so that the
-    path can go on from it within the limits, unless it is `final`: nothing follows without a rest.
+    The kept knots (one or more) stay unchanged. A path from rest at a single kept knot is not
+    `clamped`: its derivatives there are free. A joint that would leave its position limits between
+    two points within them gets a slope of 0 there instead. The last point is approached so that
+    the path can continue from it within the limits, unless it is `final`, with a rest after it.
     """
     chain = np.concatenate([kept.position[-1:], points])
     u = kept.u[-1] + np.concatenate(([0.0], np.cumsum(chord_lengths(chain, limits))))
@@ -228,7 +229,7 @@ def through(
     nearness = -np.minimum(chain - limits.position_min, limits.position_max - chain)
     held = np.zeros_like(chain)
     first, _ = _cubic_spline(u, chain, level, held, begin, low, high)
-    # what may come after the last point has to stay within the range, too
+    # a continuation after the last point must stay within the range, too
     room = np.where(
         first[-1] > 0.0, limits.position_max - chain[-1], chain[-1] - limits.position_min
     )
@@ -247,7 +248,7 @@ def through(
         for segment, joint in np.argwhere(path.outside(limits)):
             ends = [segment, segment + 1]
             ends.sort(key=lambda knot: -nearness[knot, joint])
-            # the knot that is nearer to the border first
+            # start with the knot nearer to the limit
             for step, knot in product((_LEVEL, _TURNING), ends):
                 if knot >= fixed and before[knot, joint] < step:
                     level[knot, joint] = step
@@ -276,11 +277,12 @@ def _cubic_spline(
 ) -> tuple[Array, Array]:
     """Return first and second derivatives at the knots of a cubic spline, shapes (k, n).
 
-    It is C2 at knots that are _FREE. Where a joint is kept level, the spline begins anew, with a
-    given `slope` (0 but at the end), and the curvature is the lesser one of both sides, or 0, as
-    it is where the joint is _TURNING; it does not bend out of the range at a knot on its border
-    (`low`, `high`). level, slope, low, high: shape (k, n). `begin`: the derivatives at the first
-    knot; None: the second derivative is 0 there, as it is at the end.
+    It is C2 at knots that are _FREE. A new spline starts where a joint is _LEVEL or _TURNING, with
+    the given `slope`, which is 0 except at the end. The curvature there is the smaller one of both
+    sides, 0 if their signs differ, and 0 if the joint is _TURNING. The spline does not bend out of
+    the range at a knot on its limit (`low`, `high`). level, slope, low, high: shape (k, n).
+    `begin`: the derivatives at the first knot. None: the second derivative is 0 there and, in
+    every case, at the end.
     """
     h = np.diff(u)[:, None]
     slopes = np.diff(points, axis=0) / h
@@ -326,10 +328,10 @@ def _turn(
     joint: int,
     limits: JointLimits,
 ) -> float:
-    """Return the curvature of a level joint at a knot that keeps it within the nearer border.
+    """Return the curvature of a level joint at a knot that keeps it within the nearer limit.
 
-    That is 0, or away from the border: where the knot before or after is kept, and points steeply
-    at the border. points, first, second: shape (k, n), as the path has them at its knots.
+    It is 0, or directed away from the limit if an adjacent knot is fixed with a steep slope towards
+    the limit. points, first, second: positions and derivatives at the knots, shape (k, n).
     """
     low, high = limits.position_min[joint], limits.position_max[joint]
     border, inward = low, 1.0
@@ -340,8 +342,8 @@ def _turn(
     for other in (knot - 1, knot + 1):
         if not 0 <= other < len(u):
             continue
-        h = u[knot] - u[other]  # negative for the one after: as if it were passed backwards
-        # Bernstein coefficients of the distance from the border, beginning at the other knot
+        h = u[knot] - u[other]  # negative for the next knot, as if traversed backwards
+        # Bernstein coefficients of the distance from the limit, starting at the other knot
         begin = inward * (points[other, joint] - border)
         slope = inward * first[other, joint] * h
         bend = inward * second[other, joint] * h**2

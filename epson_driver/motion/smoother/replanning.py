@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""When to plan anew, what to ask the planner for, and what becomes of its answer."""
+"""Decides when to replan, builds the planner's request, and applies its answer."""
 
 import logging
 from collections.abc import Callable
@@ -18,25 +18,25 @@ from epson_driver.motion.smoother.time_parametrisation import TimeParametrisatio
 from epson_driver.motion.smoother.waypoints import Waypoint, Waypoints
 
 START_PATIENCE_S = 0.03
-"""How long the first point waits at rest for more, before the motion begins with few."""
+"""Time at rest for which the first point waits for more points, before a short motion starts, s."""
 
 MAX_START_PATIENCE_S = 0.1
-"""How long at most, while timed points come that are over before another plan can follow."""
+"""Maximum waiting time while timed points arrive whose motion would end before the next plan, s."""
 
 MIN_PERIOD_S = 0.03
-"""Time between two plans at least."""
+"""Minimum time between two plans, s."""
 
 MIN_POINTS = 3
-"""How many points a plan looks ahead at least, if they are known."""
+"""Minimum number of points in a plan, if they are known."""
 
 RESERVE_IN_STOPPING_TIMES = 2.5
-"""A plan that rests later than in so many times the time of a stop need not be replaced yet."""
+"""A plan is replaced only if it ends within this time, in multiples of the stopping time."""
 
 URGENT_RESERVE_SHARE = 0.4
-"""A plan that rests within this share of the reserve should be replaced by any other."""
+"""A plan that ends within this share of the reserve is urgently replaced: by any other plan."""
 
 LATE_TOLERANCE_S = 1e-9
-"""A plan may begin so long ago."""
+"""Tolerance for a plan that starts slightly in the past, s."""
 
 Planner = Callable[[Request, JointLimits], Plan | None]
 """Returns a verified plan, or None if none was found."""
@@ -46,7 +46,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PendingRequest:
-    """A request, the waypoints that its knots are, and whether there are more behind them."""
+    """A request, the waypoints of its knots, and whether more waypoints follow."""
 
     request: Request
     route: list[Waypoint]
@@ -54,12 +54,12 @@ class PendingRequest:
 
 
 class Replanning:
-    """Replaces the plan that is executed by a better one, before it comes to its rest.
+    """Replaces the executed plan by a better one before it comes to its rest.
 
-    One request at a time: `request`, then `take` with the plan. With a `planner`, `plan_now` does
-    both; without one, somebody else has the request planned. A plan begins `latency` s after it
-    was asked for. `planner_errors` counts the times when the planner raised, `planner_error` is
-    the last one.
+    One request is pending at a time: call `request`, then `take` with the plan. With a `planner`,
+    `plan_now` does both. Without one, the caller plans the request. A plan starts `latency` s
+    after its request. `planner_errors` counts the planner's exceptions, `planner_error` is the
+    last one.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class Replanning:
         self.latency = latency
         self._catch_up = catch_up
         self.news = False
-        """Whether something has come since the last request that a plan could make use of."""
+        """Whether anything useful to a plan has arrived since the last request."""
         self.planner_errors = 0
         self.planner_error: Exception | None = None
         self._reserve = RESERVE_IN_STOPPING_TIMES * stopping_time(waypoints.limits)
@@ -84,25 +84,25 @@ class Replanning:
         self._asked_at = -np.inf
 
     def forget(self) -> None:
-        """Forget what was asked for and what was planned: it is for points that are no more."""
+        """Discard the pending request and the next plan, as their points are discarded."""
         self._pending = self._execution.next = None
         self.news = False
 
     def start_over(self) -> None:
-        """Forget what was asked for and planned, so that the points are planned anew."""
+        """Discard the pending request and the next plan, and replan the points."""
         self.forget()
         self.news = True
         self._reserve = RESERVE_IN_STOPPING_TIMES * stopping_time(self._waypoints.limits)
 
     def plan_now(self) -> None:
-        """Plan if it is time to, and if there is a planner."""
+        """Plan if it is time to and a planner exists."""
         if self._planner is not None:
             request = self.request()
             if request is not None:
                 self.take(self._planned(self._planner, request))
 
     def request(self) -> Request | None:
-        """Return what should be planned now, or None. `take` its plan before the next one."""
+        """Return the next planning request, or None. `take` its plan before the next one."""
         asked = self._pending is not None or self._execution.next is not None
         if asked or not self._worth_planning():
             return None
@@ -112,14 +112,14 @@ class Replanning:
         return self._pending.request
 
     def take(self, answer: Plan | None) -> bool:
-        """Take the plan for the last request and return whether it is used.
+        """Accept the plan for the last request and return whether it is used.
 
-        One that comes too late, or None, changes nothing.
+        None, or a plan that comes too late, changes nothing.
         """
         execution = self._execution
         pending, self._pending = self._pending, None
         if pending is None:
-            return False  # forgotten meanwhile
+            return False  # discarded in the meantime
         now = execution.now
         if answer is None or (answer.start is not None and answer.start < now - LATE_TOLERANCE_S):
             self.news = True
@@ -144,12 +144,12 @@ class Replanning:
         return True
 
     def _planned(self, planner: Planner, request: Request) -> Plan | None:
-        """Return what the planner found, or None, after which the plan so far ends at rest."""
+        """Return the planner's plan, or None if it raised. The current plan ends at rest."""
         try:
             return planner(request, self._waypoints.limits)
         except Exception as error:
             self.planner_errors += 1
-            if repr(error) != repr(self.planner_error):  # it may fail so again and again
+            if repr(error) != repr(self.planner_error):  # log a repeated failure only once
                 log.exception('the planner failed, and the motion goes on as planned before')
             self.planner_error = error
             return None
@@ -186,7 +186,7 @@ class Replanning:
             return True
         if not patient or waited >= MAX_START_PATIENCE_S:
             return patient
-        # a motion that is over before another plan can follow would be a stop on the way
+        # a motion that ends before the next plan can follow would stop between points
         followed = known >= self.latency + MIN_PERIOD_S or not waypoints.last.timed
         return followed or now >= waypoints.last.came + START_PATIENCE_S
 
@@ -224,10 +224,10 @@ class Replanning:
         reached = route[0].clock if plan is None else plan.clock(begin)
         more = self._extend(route, reached + horizon)
         if older is not None and len(older.u) > len(route):
-            older = former = None  # that plan goes on to points that are not planned for now
+            older = former = None  # the former plan includes points beyond this request
         points = [point.position for point in route[known:]]
         clocks = np.array([point.clock for point in route])
-        clocks[0] += route[0].rest or 0.0  # it has been rested there
+        clocks[0] += route[0].rest or 0.0  # the commanded rest there is over
         request = Request(
             start,
             state,
@@ -247,9 +247,9 @@ class Replanning:
         return PendingRequest(request, route, more)
 
     def _extend(self, route: list[Waypoint], end: float) -> bool:
-        """Add the waypoints to plan for, up to the next rest and return whether more are known.
+        """Add waypoints to the route up to the next rest. Return whether more are known.
 
-        end: how far at least, by their clock, s.
+        end: minimum clock to reach, s.
         """
         waypoints = self._waypoints
         known = len(route)

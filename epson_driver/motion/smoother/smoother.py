@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The smoother: points in as they come, one smooth motion out."""
+"""The smoother: makes one smooth motion of points while they arrive."""
 
 import logging
 import math
@@ -19,23 +19,23 @@ log = logging.getLogger(__name__)
 
 
 class Smoother:
-    """A smooth motion through streamed points, inside every limit.
+    """A smooth motion through streamed points, within every limit.
 
-    `position` is where the arm rests at first, shape (n,), rad. Time passes with `step`. Planning
-    takes a while: by default it is done in `step`, and a plan counts `latency` s later. With
-    `planner` None, whoever owns the smoother has each `request` planned elsewhere and calls
-    `take`; `latency` is how long that may take then.
+    The arm rests at `position`, shape (n,), rad, at first. `step` advances time. Planning takes
+    time. By default `step` plans, and a plan takes effect `latency` s later. With `planner` None,
+    the caller plans each `request` elsewhere and passes the plan to `take`. `latency` is the time
+    allowed for this.
 
-    Whatever happens to the stream, the arm comes to rest at the last point known, never beyond.
-    Should what `step` is about to give out break a limit, the arm brakes from what it gave out
-    last, all points are forgotten, an error is logged, and `violations` counts it: that is a
-    defect of this package. `violation` says what the last one was. A planner that raises has found
-    no plan: the plan so far, which ends at rest, goes on, an error is logged, `planner_errors`
-    counts it, and `planner_error` is the last one. `observer` is told of every change of what is
-    executed. A motion that is late is made about `catch_up` times as fast as commanded at most;
-    with 1 it stays late.
+    Whatever happens to the stream, the arm comes to rest at the last known point, never beyond.
+    If the next output of `step` would break a limit, the arm brakes from the last output, all
+    points are discarded, an error is logged, and `violations` is incremented. That is a defect of
+    this package. `violation` is the last one. An exception in the planner counts as no plan: the
+    current plan continues, which ends at rest, an error is logged, `planner_errors` is
+    incremented, and `planner_error` is the last exception. `observer` is called with every new
+    executed motion. A late motion catches up at most about `catch_up` times as fast as commanded.
+    With 1 it stays late.
 
-    Raises ValueError for a start that is not n finite numbers within the limits, or a `catch_up`
+    Raises ValueError if the start is not n finite numbers within the limits, or if `catch_up` is
     below 1.
     """
 
@@ -59,33 +59,33 @@ class Smoother:
         self.violations = 0
         self.violation: Violation | None = None
 
-    # What comes in.
+    # Input.
 
     def append(self, position: Array, duration: float | None = None) -> None:
-        """Go on to another point, shape (n,), rad.
+        """Append a point, shape (n,), rad.
 
-        `duration`: for the way from the point before, s; None: as fast as the limits allow. Raises
-        ValueError, and takes nothing, for numbers that are wrong or outside the position limits.
+        `duration`: time from the previous point, s, or None: as fast as the limits allow. Raises
+        ValueError, and changes nothing, if a number is invalid or outside the position limits.
         """
         execution = self._execution
         self._waypoints.append(position, duration, execution.now, in_motion=execution.in_motion)
         self._replanning.news = True
 
     def finish(self) -> None:
-        """Rest at the last point: the trajectory ends there. Points that follow begin another."""
+        """End the trajectory: rest at the last point. Later points start another trajectory."""
         if self._waypoints.finish():
             self._replanning.news = True
 
     def stop(self) -> None:
-        """Forget all points and come to rest, on the path if that can be verified."""
+        """Discard all points and come to rest, on the path if that can be verified."""
         self._forget()
         self._execution.stop()
 
     def replace(self, points: Array, durations: Sequence[float | None] | None = None) -> None:
-        """Forget all points and go through others, shape (k, n), from wherever the arm is.
+        """Discard all points and move through others, shape (k, n), from any state.
 
-        A moving arm goes to the first of them in joint space, straight out of its motion, and
-        rests there for an instant; one that is `held` comes to rest. Raises as `append`.
+        A moving arm leaves its motion for the first of them in joint space, and rests there for an
+        instant. An arm that is `held` comes to rest. Raises like `append`.
         """
         each = [None] * len(points) if durations is None else durations
         if len(each) != len(points):
@@ -106,14 +106,14 @@ class Smoother:
             self.append(point, duration)
 
     def change_limits(self, limits: JointLimits) -> None:
-        """Keep to other limits from now on, with the same ones of position.
+        """Replace the limits. The position limits must be the same.
 
-        The points are kept. Raises RuntimeError unless the arm is `at_rest`.
+        The points remain. Raises RuntimeError unless the arm is `at_rest`.
         """
         if not self.at_rest:
             raise RuntimeError('the limits of a motion cannot change: only at rest')
         paused = self._execution.plan
-        if paused is not None:  # its path is measured in the speeds so far
+        if paused is not None:  # its path is measured with the old velocity limits
             self._execution.rest_between(paused, paused.timing.end)
         self._waypoints.limits = limits
         self._replanning.start_over()
@@ -124,7 +124,7 @@ class Smoother:
         return self._execution.held
 
     def hold(self) -> None:
-        """Rest on the path, and keep the points. A second call is no error."""
+        """Rest on the path and keep the points. A second call has no effect."""
         if not self.held:
             self._execution.held = True
             self._execution.clock_start = None
@@ -132,20 +132,20 @@ class Smoother:
             self._execution.pause()
 
     def resume(self) -> None:
-        """Go on to the points after `hold`. The lost time is not made up for."""
+        """Continue to the points after `hold`. The lost time is not made up."""
         self._execution.held = False
 
     def _forget(self) -> None:
-        """Forget all points, and what is planned for them. The motion goes on."""
+        """Discard all points and the plans for them. The motion continues."""
         self._waypoints.forget()
         self._replanning.forget()
 
-    # What comes out.
+    # Output.
 
     def step(self, dt: float) -> Motion:
-        """Let `dt` s pass, and return the motion then.
+        """Advance time by `dt` s, and return the motion at the new time.
 
-        Raises ValueError for a time that is negative or no finite number.
+        Raises ValueError if `dt` is negative or not finite.
         """
         if not 0.0 <= dt < math.inf:  # NaN too
             raise ValueError(f'dt = {dt} s: must be 0 or more')
@@ -159,7 +159,7 @@ class Smoother:
         return self._guarded(dt)
 
     def _guarded(self, dt: float) -> Motion:
-        """Return the motion now if that can follow what was given out `dt` s ago, or a braking."""
+        """Return the motion now if it may follow the output `dt` s ago. Otherwise brake."""
         motion = self.motion
         violation = self._guard.violation(motion, dt, self.limits)
         if violation is None:
@@ -183,17 +183,17 @@ class Smoother:
 
     @property
     def now(self) -> float:
-        """How much time has passed, s."""
+        """Elapsed time, s."""
         return self._execution.now
 
     @property
     def at_rest(self) -> bool:
-        """Whether the arm stands now, be it with points to go to."""
+        """Whether the arm is at rest now, even if points are ahead."""
         return self._execution.at_rest
 
     @property
     def moving(self) -> bool:
-        """Whether the arm moves, has points to go to, or was told to rest for a time."""
+        """Whether the arm moves, has points ahead, or rests at a point for a commanded time."""
         execution, waypoints = self._execution, self._waypoints
         return (
             execution.in_motion
@@ -205,7 +205,7 @@ class Smoother:
 
     @property
     def look_ahead(self) -> float:
-        """How much is known ahead, s: commanded time, or time at full speed without one."""
+        """Known motion ahead, s: commanded time, or time at full speed without one."""
         execution, waypoints = self._execution, self._waypoints
         if execution.plan is None or execution.stopping:
             return waypoints.time_from_rest(execution.now)
@@ -213,24 +213,24 @@ class Smoother:
 
     @property
     def points_ahead(self) -> int:
-        """How many points lie ahead."""
+        """Number of points ahead."""
         return len(self._waypoints.ahead)
 
-    # What it keeps to, and how it is planned.
+    # Limits and planning.
 
     @property
     def limits(self) -> JointLimits:
-        """The limits of the joints, as `change_limits` set them."""
+        """Limits of the joints, as set by `change_limits`."""
         return self._waypoints.limits
 
     @property
     def mode(self) -> Mode:
-        """What the durations of the points mean."""
+        """Meaning of the points' durations."""
         return self._waypoints.mode
 
     @property
     def latency(self) -> float:
-        """How long planning may take, s."""
+        """Time allowed for planning, s."""
         return self._replanning.latency
 
     @latency.setter
@@ -238,19 +238,19 @@ class Smoother:
         self._replanning.latency = value
 
     def request(self) -> Request | None:
-        """Return what should be planned now, or None. `take` its plan before the next one."""
+        """Return the next planning request, or None. `take` its plan before the next one."""
         return self._replanning.request()
 
     def take(self, answer: Plan | None) -> bool:
-        """Take the plan for the last request and return whether it is used.
+        """Accept the plan for the last request and return whether it is used.
 
-        One that comes too late, or None, changes nothing.
+        None, or a plan that comes too late, changes nothing.
         """
         return self._replanning.take(answer)
 
     @property
     def planner_errors(self) -> int:
-        """How often the planner raised."""
+        """Number of exceptions in the planner."""
         return self._replanning.planner_errors
 
     @property
