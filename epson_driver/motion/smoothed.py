@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A whole trajectory through the smoother at once."""
+"""Smooths a whole trajectory in one call."""
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import chain, pairwise
@@ -19,12 +19,12 @@ from epson_driver.motion.smoother.waypoints import Waypoints
 from epson_driver.motion.trajectory import Trajectory
 
 MAX_STEP_S = 0.004
-"""The smoother is stepped at least so often, s: it plans between two steps."""
+"""Maximum step of the smoother, s. It plans between two steps."""
 
 MIN_WAYS = 2
 
 ROUNDING_SHARE = 1e-9
-"""How much longer than a number of periods counts as that."""
+"""Relative excess over a whole number of periods that counts as rounding."""
 
 Planner = Callable[[Request, JointLimits], Plan | None]
 
@@ -45,15 +45,15 @@ def smoothed(
 ) -> Trajectory:
     """Return the smooth motion through a trajectory's points, one point every `period` s.
 
-    It begins and ends at rest, at the first and the last point. Its joints are in the order of
-    the limits. The smoother is given points as long as less than `look_ahead` s are known to it.
-    TIME_OPTIMAL takes the positions only: with all of them known, the motion is the fastest one
-    that `fastest` finds, and may pass `path_tolerance` rad (or m) beside each but the ends, in
-    every joint. With `refine` False, or where it finds none, it is that on the spline. The
-    tolerance of TIME_PRESERVING, MIN_TOLERANCE or more, is for noise (`evened`).
-    `catch_up`, `observer`: as in `Smoother`. `look` is called with the time of each sample, s,
-    and may raise to end the work. Raises ValueError that names point, joint, value and
-    limit for a trajectory that cannot be smoothed, or if its motion would break a limit;
+    The motion starts and ends at rest, at the first and the last point. Its joints are in the
+    order of the limits. The smoother gets further points while less than `look_ahead` s are known
+    to it. TIME_OPTIMAL uses only the positions. With all of them known, the motion is the fastest
+    one that `fastest` finds, and may deviate from each point except the ends by `path_tolerance`
+    rad (or m) in every joint. With `refine` False, or if `fastest` finds none, it is the fastest
+    motion on the spline. The tolerance of TIME_PRESERVING, MIN_TOLERANCE or more, is for noise
+    (`evened`). `catch_up` and `observer` are passed to `Smoother`. `look` is called with the time
+    of each sample, s, and may raise to end the work. Raises ValueError, with point, joint, value
+    and limit, if a trajectory cannot be smoothed or its motion would break a limit, and
     RuntimeError if the planner raises.
     """
     if not period > 0.0:
@@ -110,7 +110,7 @@ def _fastest(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> J
         points.append(position, None, 0.0, in_motion=False)
     points.finish()
     if len(points.ahead) < MIN_WAYS:
-        return None  # of one way the smoother knows the optimum
+        return None  # the smoother is already optimal for a single segment
     waypoints = [points.origin.anchor, *(point.position for point in points.ahead)]
     return fastest(np.array(waypoints), limits, tolerance)
 
@@ -130,7 +130,7 @@ def _of_samples(
 
 
 def every(trajectory: Trajectory, parts: int) -> Trajectory:
-    """Return every `parts`-th point of a motion, and one at the end where it rests already."""
+    """Return every `parts`-th point of a motion, with one more at rest at the end if needed."""
     count = len(trajectory.times)
     chosen = np.arange(0, count + parts - 1, parts)
     period = float(trajectory.times[1] - trajectory.times[0])
@@ -148,9 +148,10 @@ def every(trajectory: Trajectory, parts: int) -> Trajectory:
 def retimed(trajectory: Trajectory, limits: JointLimits, longest: float = np.inf) -> Trajectory:
     """Return a trajectory's own points at the times of the time-optimal motion through them.
 
-    With the velocities there; points that repeat the one before are left out. Where two are
-    farther apart than `longest` s, others of the motion are between them. It is that on the
-    spline: who follows these times knows no other path. Raises as `smoothed`.
+    The points include velocities. A point that repeats the previous one is omitted. Between points
+    more than `longest` s apart, points of the motion are inserted. The motion is the one on the
+    spline, because a controller that follows these times knows no other path. Raises like
+    `smoothed`.
     """
     motion = smoothed(trajectory, limits, Mode.TIME_OPTIMAL, refine=False)
     times, positions = _own_points(trajectory, motion)
@@ -173,12 +174,12 @@ def thinned(
     *,
     refine: bool = True,
 ) -> Trajectory:
-    """Return few points whose straight joint-space ways keep near a trajectory's smooth motion.
+    """Return few points whose straight joint-space segments are close to the smooth motion.
 
-    They are `spacing` to twice that apart, s: of the trajectory's own points those that are far
-    enough apart, when the motion passes them, and others where there are too few. Where a way
-    would be farther than `deviation` (rad, m, any joint) from the motion they are nearer to each
-    other; the last two may be too. refine: as in `smoothed`, which says what it raises.
+    The points are `spacing` to twice `spacing` apart, s. They are the trajectory's own points that
+    the motion passes far enough apart, and points of the motion where these are too few. They are
+    closer where a segment would deviate more than `deviation` (rad, m, any joint) from the motion.
+    The last two may be closer, too. refine: as in `smoothed`. Raises like `smoothed`.
     """
     if not (spacing > 0.0 and deviation > 0.0):
         raise ValueError(f'spacing = {spacing} s, deviation = {deviation}: must be positive')
@@ -211,7 +212,7 @@ def thinned(
 def _ends_of_ways(
     motion: Trajectory, way: tuple[float, float], deviation: float
 ) -> Iterator[float]:
-    """Yield the ends of straight ways from way[0] to way[1], s, each near enough to a motion."""
+    """Yield the ends of straight segments from way[0] to way[1], s, each close to a motion."""
     begin, end = way
     inside = motion.positions[(motion.times > begin) & (motion.times < end)]
     first, last = _at(np.array(way), motion.times, motion.positions)
@@ -224,7 +225,7 @@ def _ends_of_ways(
 
 
 def _off_line(positions: Array, first: Array, last: Array) -> float:
-    """Return how far positions, shape (k, n), are from the line between two, in any joint."""
+    """Return the largest distance of positions, (k, n), from a line segment, in any joint."""
     along = last - first
     square = float(along @ along)
     offsets = positions - first
@@ -233,7 +234,10 @@ def _off_line(positions: Array, first: Array, last: Array) -> float:
 
 
 def _own_points(trajectory: Trajectory, motion: Trajectory) -> tuple[Array, Array]:
-    """Return when a motion passes a trajectory's points, and these without repeated ones."""
+    """Return the times at which a motion passes a trajectory's points, and the points.
+
+    Repeated points are omitted.
+    """
     positions = trajectory.in_order(motion.joint_names).positions
     apart = np.abs(np.diff(positions, axis=0)).max(axis=1) >= MERGE_TOLERANCE
     kept = np.concatenate([np.flatnonzero(apart), [len(positions) - 1]])  # the last of each run
@@ -246,6 +250,6 @@ def _own_points(trajectory: Trajectory, motion: Trajectory) -> tuple[Array, Arra
 
 
 def _at(times: Array, sampled: Array, values: Array | None) -> Array:
-    """Return the values of a motion, shape (k, n), between its samples, at times (m,): (m, n)."""
+    """Interpolate a motion's values, shape (k, n), linearly at times (m,): shape (m, n)."""
     assert values is not None  # noqa: S101 - for the type checker
     return np.stack([np.interp(times, sampled, column) for column in values.T], axis=1)

@@ -203,7 +203,7 @@ class Search:
         return jerks * self._scale[:, None], self._h
 
     def _follow(self) -> None:
-        """Compute the states at the nodes, their derivatives by h, and the defects at the knots."""
+        """Compute the states at the nodes, their derivatives by h, and the defects at knots."""
         nodes, h = self._nodes, self._h[:, None, None]
         self._by_state = nodes.by_state * h**nodes.state_exponents
         self._by_jerk = nodes.by_jerk * h**nodes.jerk_exponents
@@ -340,7 +340,7 @@ class Search:
     def _without_places(
         self, own: Array, right: Array, weights: list[Array], forces: list[Array]
     ) -> tuple[Array, Array, Array]:
-        """Eliminate the places on the chord. Return the system of all joints and their solution."""
+        """Eliminate the places on the chord. Return an interval's system and their solution."""
         (m, n), at, reach = self._size, self._at_both, self._least / self._h**2
         size, of_h, place = 6 * n + 1, 3 * n, np.arange(STEPS)
         ways, sums = np.zeros((m, size, size)), np.zeros((m, size))

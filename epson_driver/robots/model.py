@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A robot model read from config/robots/, or from a file of one's own, validated."""
+"""A robot model, read from config/robots/ or from a user's file, and validated."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,12 +23,12 @@ from epson_driver.robots.chain import (
 from epson_driver.robots.reader import MARKS, Provenance, Range, Reader
 
 POSITION_RANGE: Range = (-6e4, 6e4, 'degrees or mm')
-"""166 turns, or a rail of 120 m."""
+"""Corresponds to 166 turns, or to a rail of 60 m in each direction."""
 
 SPEED_RANGE: Range = (1e-3, 1e7, 'degrees/s or mm/s')
 LIMIT_RANGE: Range = (1e-6, 1e6, 'in its unit')
-"""Of accelerations and jerks (rad or m, per s² or s³). Below it, a move would take days; above it,
-there is no such machine, and the smoother's times would be lost to rounding."""
+"""Range of accelerations and jerks (rad or m, per s² or s³). Below it, a move would take days.
+Above it, no such machine exists, and the smoother's times would be lost to rounding."""
 
 LENGTH_RANGE: Range = (-1e5, 1e5, 'mm')
 ANGLE_RANGE: Range = (-600.0, 600.0, 'degrees')
@@ -37,32 +37,32 @@ PULSES_RANGE: Range = (-1e9, 1e9, 'pulses')
 WEIGHT_RANGE: Range = (1e-3, 1e5, 'kg')
 
 MOST_PAYLOAD_KG = 1000.0
-"""Of a model whose data say nothing."""
+"""Maximum payload if the model's data contain none."""
 
 XYZ = ('x', 'y', 'z')
 RADIANS = np.pi / 180.0
 
 JERK_PER_ACCELERATION = 10.0
-"""Of a model that says nothing of jerk, 1/s: a ramp of 0.1 s."""
+"""Assumed jerk of a model without jerk data, 1/s: a ramp of 0.1 s."""
 
 ASSUMED_JERK = Provenance(
     'ten times the acceleration per second, a ramp of 0.1 s; nothing is published', (MARKS[-1],)
 )
 
 MIN_PULSES_PER_DEGREE = 1e-3
-"""Per degree or mm; with fewer, a joint's whole range is less than one pulse."""
+"""Minimum per degree or mm. With fewer, a joint's whole range could be less than one pulse."""
 
 UNIT_TOLERANCE = 1e-9
-"""How far the length of an axis vector may be from 1."""
+"""Tolerance of the length of an axis vector, which must be 1."""
 
 MOST_IN_RADIANS = 26.0
-"""Degrees. Where no joint turns farther, its range is in radians: 26 are four turns."""
+"""Degrees. If no joint turns farther, its range is probably in radians: 26 are four turns."""
 
 LEAST_LENGTH_M = 0.02
-"""All lengths of a chain together. Shorter ones are in m, not in mm."""
+"""Minimum sum of all lengths of a chain. Shorter chains are probably in m, not in mm."""
 
 MIN_RANGE = 1e-4
-"""The smallest difference between the position limits of a joint, degrees or mm."""
+"""Minimum difference between the position limits of a joint, degrees or mm."""
 
 SIX_AXIS, SCARA = 'six-axis', 'SCARA'
 
@@ -76,13 +76,13 @@ _KINDS = {
 class RobotModel:
     """The data of one robot model, with joints in the controller's order.
 
-    pulses_per_degree: shape (n,), encoder pulses per degree, per mm for a prismatic joint; NaN
-    where it is not known.
+    pulses_per_degree: shape (n,), encoder pulses per degree, per mm for a prismatic joint, NaN
+    if unknown.
     joint_types: 'revolute' or 'prismatic'. chain: the joints, in base_link. tool0: the
     controller's Tool 0 in the last link's frame. base: EPSON's world in base_link. payload,
-    mass: of the heaviest load and of the arm itself, kg, None if unknown. provenance: the source
-    of each quantity, by its key in the file without the unit. file: what it was loaded by, a name
-    or a path.
+    mass: maximum payload and mass of the arm, kg, None if unknown. provenance: the source of each
+    quantity, by its key in the file without the unit. file: the name or path that it was loaded
+    from.
     """
 
     name: str
@@ -100,22 +100,22 @@ class RobotModel:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """The joints in the controller's order."""
+        """Names of the joints in the controller's order."""
         return self.limits.names
 
     @property
     def kind(self) -> str:
-        """The kind of arm, in words, by its joints."""
+        """Type of arm by its joints, in words."""
         return _KINDS.get(self.joint_types, f'{len(self.joint_types)} joints')
 
     @property
     def mark(self) -> str:
-        """The lowest mark of all quantities."""
+        """Lowest mark of all quantities."""
         return max((each.worst for each in self.provenance.values()), key=MARKS.index)
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Ranges, speeds and lengths that nobody has confirmed, a sentence for each."""
+        """Ranges, speeds and lengths that are not confirmed, one sentence each."""
         asked = {'range': 'ranges', 'speed': 'speeds', 'origins': 'lengths', 'heights': 'heights'}
         found = {words: self.provenance.get(key) for key, words in asked.items()}
         return tuple(
@@ -126,14 +126,14 @@ class RobotModel:
         )
 
     def checked_payload(self, payload: float, field: str = 'payload') -> float:
-        """Return a mass that the arm may carry, kg. Raises InputError."""
+        """Return a payload mass, kg. Raises InputError if the arm may not carry it."""
         rule = number(0.0, MOST_PAYLOAD_KG if self.payload is None else self.payload, 'kg')
         return float(rule.checked(payload, field))
 
     def bent(self, joints: Sequence[float]) -> Array:
-        """Return joints of six axes, shape (6,), rad, given for an arm that is upright at zero.
+        """Convert joints of a six-axis arm that is upright at zero, shape (6,), rad, to this arm.
 
-        The upper arm of one that folds points to the back there, its forearm to the front.
+        For a folding arm, the upper arm then points backwards at zero, and the forearm forwards.
         """
         x, _, z = self.chain.origins[2]
         lean = float(np.arctan2(x, abs(z)))
@@ -141,9 +141,10 @@ class RobotModel:
 
     @cached_property
     def reach(self) -> Array:
-        """How far Tool 0 moves at most per unit of each joint, shape (n,), from the chain.
+        """Maximum distance that Tool 0 moves per unit of each joint, shape (n,), from the chain.
 
-        For a revolute joint: Tool 0's largest distance from its axis, m; for a prismatic one 1.
+        It is Tool 0's largest distance from the axis for a revolute joint, m, and 1 for a
+        prismatic one.
         """
         limits = self.limits
         strokes = np.maximum(np.abs(limits.position_min), np.abs(limits.position_max))
@@ -156,14 +157,14 @@ class RobotModel:
 
     @cached_property
     def pulses_per_unit(self) -> Array:
-        """Encoder pulses per rad, or m for a prismatic joint, shape (n,), NaN if not known."""
+        """Encoder pulses per rad, or m for a prismatic joint, shape (n,), NaN if unknown."""
         return self.pulses_per_degree * self.shown_per_unit
 
 
 def load_robot_model(name: str) -> RobotModel:
     """Read a model of config/robots/, or the file itself if `name` is a path to a .yaml file.
 
-    Names are as for `model_name`. Raises FileNotFoundError, which says what is near, or
+    `model_name` lists the accepted names. Raises FileNotFoundError, with similar names, or
     InputError.
     """
     name = model_name(name)
@@ -196,7 +197,7 @@ QUANTITIES = (
     *('range', 'speed', 'acceleration', 'jerk', 'pulses'),
     *('origins', 'heights', 'tool0', 'world', 'payload', 'mass'),
 )
-"""What has a source: the keys without units; `heights`: of `origins_mm`, where they differ."""
+"""Quantities with a source: the keys without units. `heights`: `origins_mm` where it differs."""
 
 OTHER_KEYS = (
     *('name', 'description', 'like', 'sources', 'joint_names', 'joint_types', 'zero_outside'),
@@ -206,7 +207,7 @@ OTHER_KEYS = (
 
 
 def _keys(types: tuple[str, ...]) -> dict[str, str]:
-    """Return the keys of joint values with their units: degrees, or also mm."""
+    """Return the keys of joint values with their units: degrees, or degrees and mm."""
     mixed = PRISMATIC in types
     shown, si = ('deg_mm', 'rad_m') if mixed else ('deg', 'rad')
     return {
@@ -219,7 +220,7 @@ def _keys(types: tuple[str, ...]) -> dict[str, str]:
 
 
 def _si(values: Array, types: tuple[str, ...]) -> Array:
-    """Return degrees and mm of joints, shape (n, …), in rad and m as urdf/ does, to the bit."""
+    """Convert joint values from degrees and mm to rad and m, shape (n, …), bit-equal to urdf/."""
     turns = np.array([each != PRISMATIC for each in types]).reshape(-1, *[1] * (values.ndim - 1))
     return np.where(turns, values * RADIANS, values / 1e3)
 

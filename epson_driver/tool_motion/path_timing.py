@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""How fast to go along a run whose joints are known, and the points of it that are sent.
+"""Speed along a run whose joints are known, and the points of it to send.
 
-The path has limits of its own, part by part: those of the tool, say. The joints' limits are looked
-at all along it. Where a joint would exceed one, near a singularity above all, the motion is
-refused, or slower there if that is asked for.
+The path has its own limits in each part, e.g. the tool's. The joints' limits are checked along the
+whole path. If a joint would exceed one, mostly near a singularity, the motion is refused, or
+slowed down there if requested.
 """
 
 from collections.abc import Iterator, Sequence
@@ -27,26 +27,27 @@ from epson_driver.tool_motion.speed_profile import (
 
 PERIOD_S = 0.05
 MIN_PERIOD_S = 0.01
-"""Time between two points that are sent: at most, and at least."""
+"""Maximum and minimum time between two sent points."""
 
 REST_S = 0.2
-"""How long the arm rests between two runs: controllers that go smoothly through points take one
-that is repeated so much later for a rest, and others for a corner that may be rounded."""
+"""Rest between two runs, s. A controller with smooth motion treats a point repeated after this
+time as a rest. Without the rest, some controllers may round the corner."""
 
 MAX_STRETCH = 100.0
-"""A path that would have to be so much slower than asked, somewhere, is refused all the same."""
+"""Maximum slowdown anywhere on a path. A path that needs more is refused even if slowing down is
+allowed."""
 
 LEVELS = (1, 2, 3, 5, 8)
-"""In how many steps the speed is lowered to what the slowest place allows: each is tried. The more
-there are, the closer each place is to its own limit, and the shorter is what is left to
-change speed."""
+"""Numbers of steps in which the speed is lowered to the speed at the slowest place. Each number is
+tried. With more steps each place is closer to its own limit, but less distance is left for
+changing speed."""
 
 
 @dataclass(frozen=True, eq=False)
 class TimedRun:
     """Points from rest to rest: times, s from 0, shape (k,), positions and velocities, (k, n).
 
-    ends: when each segment of the run ends, s, shape (m,).
+    ends: end time of each segment of the run, s, shape (m,).
     """
 
     times: Array
@@ -69,12 +70,12 @@ def timed(
     accuracy: float,
     slow: bool,
 ) -> TimedRun:
-    """Return the fastest motion along a run inside the limits of its parts and of the joints.
+    """Return the fastest motion along a run within the limits of its parts and of the joints.
 
-    ends: distances at which its segments end, shape (m,). accuracy: how far the straight line in
-    joint space between two points may be from the path, m. slow: be slower than the parts' limits
-    where a joint limit asks for it. Raises PathError that says why not, where, and for
-    which joint.
+    ends: distances at which its segments end, shape (m,). accuracy: maximum distance of the
+    straight joint-space line between two points from the path, m. slow: move slower than the
+    parts' limits where a joint limit requires it. Raises PathError, with reason, place and joint,
+    if no motion is possible.
     """
     for motion, stretch in _motions(found, parts, slow=slow):
         period = PERIOD_S
@@ -91,9 +92,10 @@ def timed(
 
 
 def joined(names: tuple[str, ...], runs: Sequence[TimedRun]) -> tuple[Trajectory, Array]:
-    """Return runs, each from where the one before ends, with rests of REST_S between them.
+    """Return consecutive runs as one trajectory, with rests of REST_S between them.
 
-    And when each of their segments ends, s. Raises PathError for more than MAX_POINTS.
+    The second result is the end time of each of their segments, s. Raises PathError for more than
+    MAX_POINTS.
     """
     if (count := sum(len(run.times) for run in runs)) > MAX_POINTS:
         raise PathError(f'{count} points: must be at most {MAX_POINTS}, so send fewer motions')
@@ -101,7 +103,7 @@ def joined(names: tuple[str, ...], runs: Sequence[TimedRun]) -> tuple[Trajectory
     times, positions, velocities = [first.times], [first.positions], [first.velocities]
     ends = [first.ends]
     for run in runs[1:]:
-        begin = times[-1][-1] + REST_S  # its first point is the last one of the run before
+        begin = times[-1][-1] + REST_S  # its first point is the last point of the previous run
         times.append(begin + run.times)
         positions.append(run.positions)
         velocities.append(run.velocities)
@@ -115,9 +117,9 @@ def joined(names: tuple[str, ...], runs: Sequence[TimedRun]) -> tuple[Trajectory
 def _motions(
     found: JointPath, parts: Sequence[PartLimits], *, slow: bool
 ) -> list[tuple[SpeedProfile, float]]:
-    """Return motions, the fastest first, each with the factor by which it must take longer.
+    """Return motions, the fastest first, each with the factor by which it must be stretched.
 
-    Raises PathError unless that of the parts' own limits is 1, or `slow` allows it.
+    Raises PathError unless the factor for the parts' own limits is 1, or `slow` allows more.
     """
     slopes = _slopes(found)
     motion = fastest(parts)
@@ -133,7 +135,7 @@ def _motions(
 
 
 def _slopes(found: JointPath) -> Array:
-    """Return the first three derivatives by the distance, at each sample, shape (3, k, n)."""
+    """Return the first three derivatives by the distance at each sample, shape (3, k, n)."""
     first = np.gradient(found.joints, found.distances, axis=0, edge_order=2)
     second = np.gradient(first, found.distances, axis=0, edge_order=2)
     third = np.gradient(second, found.distances, axis=0, edge_order=2)
@@ -141,9 +143,9 @@ def _slopes(found: JointPath) -> Array:
 
 
 def _stretch(found: JointPath, slopes: Array, motion: SpeedProfile, *, slow: bool) -> float:
-    """Return the factor, 1 or more, by which the joint limits prolong the motion.
+    """Return the factor, 1 or more, by which the joint limits stretch the motion.
 
-    Raises PathError unless that is 1, or `slow` allows it.
+    Raises PathError unless it is 1, or `slow` allows more.
     """
     limits = found.kinematics.model.limits
     first, second, third = slopes
@@ -189,25 +191,26 @@ def _stretch(found: JointPath, slopes: Array, motion: SpeedProfile, *, slow: boo
 
 
 def _shares(found: JointPath, slopes: Array, parts: Sequence[PartLimits]) -> Array:
-    """Return the share of its part's speed that the joints allow between two looks, (k - 1,).
+    """Return the share of its part's speed that the joints allow between samples, (k - 1,).
 
-    With it all that a part allows at once, at its square and cube, keeps every joint limit.
+    With this share of the speed, its square of the acceleration and its cube of the jerk, the
+    part's limits may all be used at the same time within every joint limit.
     """
     limits = found.kinematics.model.limits
     of_part = np.array([(part.speed, part.acceleration, part.jerk) for part in parts])
     speed, acceleration, jerk = of_part[_part_of(found, parts)].T[:, :, None]
     first, second, third = np.maximum(np.abs(slopes[:, 1:]), np.abs(slopes[:, :-1]))
     share = share_of_limits(limits, (first, second, third), speed, acceleration, jerk)
-    beside = np.pad(share, 1, mode='edge')  # the derivatives are those of looks beside each other
+    beside = np.pad(share, 1, mode='edge')  # derivatives are differences of adjacent samples
     return np.asarray(np.min([beside[:-2], share, beside[2:]], axis=0))
 
 
 def _slower(
     found: JointPath, parts: Sequence[PartLimits], shares: Array, levels: int
 ) -> Iterator[PartLimits]:
-    """Yield the parts, cut where the share of their speed changes, with the speed each has then.
+    """Yield the parts, split where the share of their speed changes, with their reduced limits.
 
-    The shares are lowered to the next of so many levels.
+    The shares are rounded down to the next of `levels` levels.
     """
     least = min(float(shares.min()), 1.0 - 1e-9)
     allowed = least ** (np.ceil(np.log(shares) / np.log(least) * levels - 1e-9) / levels)
@@ -224,7 +227,7 @@ def _slower(
 
 
 def _part_of(found: JointPath, parts: Sequence[PartLimits]) -> npt.NDArray[np.intp]:
-    """Return which part each step from one sample to the next is of, shape (k - 1,)."""
+    """Return the part that contains each step between two samples, shape (k - 1,)."""
     seams = np.cumsum([part.length for part in parts])
     middles = (found.distances[1:] + found.distances[:-1]) / 2.0
     return np.asarray(np.minimum(np.searchsorted(seams, middles), len(parts) - 1))
@@ -245,7 +248,7 @@ def _sampled(
 
 
 def _deviation(found: JointPath, positions: Array) -> float:
-    """Return how far the tool is from the path in the middle between two points, at most, m."""
+    """Return the tool's largest distance from the path, midway between two points, m."""
     worst = 0.0
     for middle in (positions[1:] + positions[:-1]) / 2.0:
         found.look()

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Everything that links send and receive, recorded into a pcap file while they run.
+"""Records everything that links send and receive into a pcap file.
 
-The event loop makes the packets; a thread writes them, so that a slow disk never delays a frame.
-The trace ends by itself when the file is full, the disk fails, or the disk cannot keep up. The
-links do not notice.
+The event loop makes the packets and a thread writes them, so a slow disk never delays a frame. The
+trace ends automatically if the file is full, the disk fails, or the disk cannot keep up. The links
+are not affected.
 """
 
 import contextlib
@@ -24,13 +24,13 @@ from epson_driver.link.link import Link
 from epson_driver.trace.pcap import Conversation, PcapWriter
 
 WRITE_PERIOD_S = 0.2
-"""How often the thread writes, s: what a killed process loses at most."""
+"""Period of the thread's writes, s: the most that is lost if the process is killed."""
 
 MAX_UNWRITTEN_BYTES = 16 * 1024 * 1024
-"""Bytes held for a disk that does not take them; then the trace ends."""
+"""Maximum buffer for a slow disk, bytes. Beyond it the trace ends."""
 
 END_TIMEOUT_S = 1.0
-"""How long the end of the driver waits for the disk, s."""
+"""Maximum wait for the disk at the end of the driver, s."""
 
 MEGABYTE = 1_000_000
 DEFAULT_MAX_BYTES = 100 * MEGABYTE
@@ -39,17 +39,17 @@ _log = logging.getLogger(__name__)
 
 
 class TraceError(OSError):
-    """A trace that cannot begin, or go on, with the reason as its text."""
+    """Failure to start or continue a trace, with the reason as its text."""
 
 
 def open_trace(folder: str, name: str) -> BinaryIO:
-    """Open a new file for a trace in a folder, which is made if it is not there (`~`: home).
+    """Open a new trace file in a folder, which is created if missing (`~`: home).
 
-    `%Y%m%d-%H%M%S` and the like in the name are filled in; what comes of it must be the name of a
-    file, without a folder. This may take as long as the disk does: not for the event loop.
+    strftime codes such as `%Y%m%d-%H%M%S` in the name are expanded. The result must be a file
+    name without a folder. This may block on the disk, so never call it in the event loop.
 
-    Raises TraceError. What exists is left alone, also a symbolic link that leads nowhere: it may
-    be the trace of what went wrong before a restart.
+    Raises TraceError. An existing file or symbolic link is never overwritten or followed, even if
+    the link is dangling: it may be the trace of a failure before a restart.
     """
     if not folder:
         raise TraceError('no trace: the parameter trace_folder is empty')
@@ -74,10 +74,10 @@ def open_trace(folder: str, name: str) -> BinaryIO:
 
 
 class Trace:
-    """Records links. `begin` and `end` are called in the event loop, at any time.
+    """Records links. Call `begin` and `end` in the event loop, at any time.
 
-    A file that has `largest` bytes ends its trace; the attribute may be set at any time. `clock`
-    returns the wall clock in ns since 1970.
+    A trace ends when its file reaches `largest` bytes. This attribute may be set at any time.
+    `clock` returns the wall clock in ns since 1970.
     """
 
     def __init__(self, links: Iterable[Link], clock: Callable[[], int] = time.time_ns) -> None:
@@ -92,8 +92,8 @@ class Trace:
     def begin(self, file: BinaryIO) -> None:
         """Record into an open file, which is closed at the end.
 
-        A connection that exists already is recorded as if it began now, with what came of its
-        unfinished frame.
+        An existing connection is recorded as if it started now, with the bytes received so far of
+        its unfinished frame.
         """
         self.end('another one begins')
         self._name = str(file.name)
@@ -108,9 +108,10 @@ class Trace:
                     self._take(link, WireEvent.RECEIVED, link.unread)
 
     def end(self, why: str, patience: float = 0.0) -> None:
-        """Write the rest and close the file, if there is one.
+        """Write the rest and close the file, if one is open.
 
-        That goes on in the background, after `patience` s: the last trace of a process needs some.
+        Waits up to `patience` s, then continues in the background. Use a timeout for the last
+        trace of a process.
         """
         file = self._file
         if file is None:
@@ -122,13 +123,13 @@ class Trace:
         file.close(f'after {self._writer.size} bytes: {why}', patience)
 
     def _take(self, link: Link, event: WireEvent, data: bytes) -> None:
-        """Record one step, or end a trace with which anything is wrong."""
+        """Record one event. End the trace on any error."""
         try:
             self._record(link, event, data)
         except TraceError:
             self.end('')  # the log has the reason
             return
-        except Exception as error:  # noqa: BLE001 - whatever it is
+        except Exception as error:  # noqa: BLE001 - any error ends the trace only
             _log.exception('trace into %s fails', self._name)
             self.end(f'{type(error).__name__}: {error}')
             return
@@ -159,14 +160,14 @@ class Trace:
 
 
 class _Nowhere:
-    """A sink that forgets everything, before the first trace."""
+    """A sink that discards everything, before the first trace."""
 
     def write(self, data: bytes, /) -> None:
-        """Forget the bytes."""
+        """Discard the bytes."""
 
 
 class _BackgroundFile:
-    """A file that a thread of its own writes. `write` never waits. The log has its end."""
+    """A file written by a separate thread. `write` never waits. The end is logged."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
@@ -175,14 +176,14 @@ class _BackgroundFile:
         self._closing = threading.Event()
         self._why = ''
         self._error = ''
-        in_context = copy_context().run  # what it logs is about the same robot
+        in_context = copy_context().run  # keeps the robot's context for its log messages
         self._thread = threading.Thread(
             target=in_context, args=(self._run,), name='trace', daemon=True
         )
         self._thread.start()
 
     def write(self, data: bytes, /) -> None:
-        """Take bytes. Raises TraceError if the disk failed or does not keep up."""
+        """Buffer bytes. Raises TraceError if the disk failed or does not keep up."""
         with self._lock:
             if len(self._unwritten) > MAX_UNWRITTEN_BYTES:
                 self._fail(f'the disk does not keep up, {len(self._unwritten)} bytes wait for it')
@@ -191,7 +192,7 @@ class _BackgroundFile:
             self._unwritten += data
 
     def close(self, why: str, patience: float) -> None:
-        """Write the rest in the background, and wait for that at most `patience` s."""
+        """Write the rest in the background, and wait up to `patience` s for it."""
         self._why = why
         self._closing.set()
         self._thread.join(patience)
@@ -204,7 +205,7 @@ class _BackgroundFile:
                 with self._lock:
                     data, self._unwritten = self._unwritten, bytearray()
                 self._write_all(memoryview(data))
-        except Exception as error:  # noqa: BLE001 - a trace that cannot go on ends, whatever it is
+        except Exception as error:  # noqa: BLE001 - any error ends the trace
             number = error.errno if isinstance(error, OSError) else None
             with self._lock:
                 self._fail(os.strerror(number) if number else f'{type(error).__name__}: {error}')

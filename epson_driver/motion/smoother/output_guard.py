@@ -1,15 +1,16 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The second line of defence: what is given out is held against what was given out before.
+"""Second line of defence: check each output against the limits and the previous output.
 
-It trusts neither planner nor verification. Two outputs and the time dt between them tell what the
-motion between them must at least have asked of the joints. For a jerk of J at most
+It relies on neither planner nor verification. Two outputs and the time dt between them bound the
+demand on the joints between them. For a jerk of at most J
 
-- the acceleration changes by no more than J dt, say by x J dt;
-- the velocity changes as it would with a linear acceleration, give or take (1 - x²) J dt²/4;
-- the position likewise, give or take (1 - x²) (1 + |x|/3) J dt³/8:
+- the acceleration changes by at most J dt, i.e. by x J dt with |x| ≤ 1;
+- the velocity changes like with a linear acceleration, ± (1 - x²) J dt²/4;
+- the position changes likewise, ± (1 - x²) (1 + |x|/3) J dt³/8.
 
-the acceleration is farthest from the line between its ends if it rises with J, then falls with J.
+The reason: the acceleration deviates most from the line between its end values if it first rises
+with J and then falls with J.
 """
 
 from dataclasses import dataclass
@@ -20,14 +21,14 @@ import numpy as np
 from epson_driver.motion.limits import Array, JointLimits
 
 LIMIT_TOLERANCE_SHARE = 1e-6
-"""Share of a limit that is taken for rounding."""
+"""Share of a limit that counts as rounding."""
 
 POSITION_TOLERANCE = 5e-9
-"""The same for positions, rad."""
+"""The same tolerance for positions, rad."""
 
 
 class Motion(NamedTuple):
-    """Where the joints are to be now: shapes (n,), in rad, rad/s, rad/s²."""
+    """Commanded joint state: shapes (n,), in rad, rad/s, rad/s²."""
 
     position: Array
     velocity: Array
@@ -36,7 +37,7 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Violation:
-    """A limit that an output does not keep."""
+    """A limit that an output exceeds."""
 
     joint: str
     quantity: str
@@ -45,7 +46,7 @@ class Violation:
     unit: str
 
     def __str__(self) -> str:
-        """Return it as a part of a sentence."""
+        """Return the violation as part of a sentence."""
         return (
             f'{self.joint}: {self.quantity} {self.value:.6g} {self.unit} is beyond the limit '
             f'{self.limit:.6g} {self.unit}'
@@ -61,13 +62,13 @@ _QUANTITIES = (
     ('change of velocity beside the acceleration', '/s'),
     ('change of position beside the velocity', ''),
 )
-"""What the rows of values and bounds are, and the unit after the joint's."""
+"""Names of the rows of values and bounds, and the suffix to the joint's unit."""
 
 _ABOVE, _BELOW, _CHANGE, _SLIP_OF_VELOCITY, _SLIP_OF_POSITION = 0, 1, 4, 5, 6
 
 
 class OutputGuard:
-    """Holds each output against the limits and the output before it."""
+    """Checks each output against the limits and the previous output."""
 
     def __init__(self, motion: Motion) -> None:
         self.last = motion
@@ -75,9 +76,9 @@ class OutputGuard:
         self._bounds = self._rounding = np.empty(0)
 
     def violation(self, motion: Motion, dt: float, limits: JointLimits) -> Violation | None:
-        """Return the first limit that the next output, `dt` ≥ 0 s after the last, does not keep.
+        """Return the first limit that an output `dt` ≥ 0 s after the last one exceeds.
 
-        None: it keeps all, and is the last output from now on.
+        None: it respects all limits, and becomes the last output.
         """
         if self._bounds_of is None or self._bounds_of[0] is not limits or self._bounds_of[1] != dt:
             self._bounds, self._rounding = _bounds(limits, dt), _rounding(limits, dt)
@@ -112,7 +113,7 @@ def _bounds(limits: JointLimits, dt: float) -> Array:
 
 
 def _rounding(limits: JointLimits, dt: float) -> Array:
-    """Return what is allowed beyond the bounds, shape (7, n)."""
+    """Return the tolerances of the bounds, shape (7, n)."""
     position = np.full_like(limits.jerk, POSITION_TOLERANCE)
     v, a = LIMIT_TOLERANCE_SHARE * limits.velocity, LIMIT_TOLERANCE_SHARE * limits.acceleration
     return np.array([position, position, v, a, a, v + a * dt, position + (v + a * dt) * dt])

@@ -139,7 +139,7 @@ class Path:
     def sample(self, us: Array, before: bool = False) -> tuple[Array, Array, Array, Array]:
         """Return position and three derivatives at every u, shapes (m, n).
 
-        The third derivative at a knot is from the next segment, with `before` from the previous one.
+        The third derivative at a knot is taken after the knot, or `before` it.
         """
         after = self.knots.u.searchsorted(us, side='left' if before else 'right')
         index = np.clip(after - 1, 0, len(self._lengths) - 1)
@@ -330,7 +330,7 @@ def _turn(
 ) -> float:
     """Return the curvature of a level joint at a knot that keeps it within the nearer limit.
 
-    It is 0, or directed away from the limit if an adjacent knot is fixed with a steep slope towards
+    It is 0, or directed inwards if an adjacent knot is fixed with a steep slope towards
     the limit. points, first, second: positions and derivatives at the knots, shape (k, n).
     """
     low, high = limits.position_min[joint], limits.position_max[joint]

@@ -18,10 +18,10 @@ from epson_driver.motion.smoother.time_parametrisation import TimeParametrisatio
 from epson_driver.motion.smoother.waypoints import Waypoint, Waypoints
 
 START_PATIENCE_S = 0.03
-"""Time at rest for which the first point waits for more points, before a short motion starts, s."""
+"""Time for which the first point waits at rest for more, before a short motion starts, s."""
 
 MAX_START_PATIENCE_S = 0.1
-"""Maximum waiting time while timed points arrive whose motion would end before the next plan, s."""
+"""Maximum wait while timed points arrive whose motion would end before the next plan, s."""
 
 MIN_PERIOD_S = 0.03
 """Minimum time between two plans, s."""

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The points that the motion goes through, as they come, and when it should be at each of them."""
+"""The points of the motion, as they arrive, and the time at which it should reach each one."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -11,37 +11,37 @@ import numpy as np
 from epson_driver.motion.limits import Array, JointLimits
 
 MERGE_TOLERANCE = 5e-4
-"""Points that are closer together than this (rad or m, in every joint) count as one."""
+"""Points closer than this (rad or m, in every joint) are merged into one."""
 
 MIN_DWELL_S = 0.2
-"""A repeated point that takes longer than this commands a rest."""
+"""A repeated point with a duration of at least this commands a rest."""
 
 MIN_MOVE = 5e-7
-"""A resting arm is not moved by less than this (rad or m): messages carry float32."""
+"""An arm at rest ignores a shorter move (rad or m), because messages carry float32."""
 
 POSITION_TOLERANCE = 1e-9
-"""A point that is no farther (rad or m) outside the position limits than this is on them."""
+"""A point no farther than this outside the position limits (rad or m) counts as on them."""
 
 
 class Mode(StrEnum):
-    """What the durations of the points mean."""
+    """Meaning of the points' durations."""
 
     TIME_PRESERVING = 'time_preserving'
-    """As commanded where the limits allow; a point without a duration: as fast as they allow."""
+    """Durations are commanded where the limits allow. Without one, the limits set the speed."""
 
     TIME_OPTIMAL = 'time_optimal'
-    """Nothing: as fast as the limits allow."""
+    """Durations are ignored: as fast as the limits allow."""
 
 
 @dataclass(slots=True, eq=False)
 class Waypoint:
-    """A point that the motion goes through.
+    """A point of the motion.
 
-    index counts them. anchor: where the first of the points merged into it was. position: where
-    to go, the anchor, or the last of the merged points if nothing follows. clock: when it should
-    be reached, s. timed: whether its clock comes from a duration. rest: how long to rest there, s;
-    None to go on. tiny: the way there from rest is shorter than the merge tolerance. came: when
-    it did, s.
+    index: sequence number. anchor: position of the first of the points merged into it. position:
+    target, which is the anchor, or the last merged point if nothing follows. clock: time at which
+    it should be reached, s. timed: whether its clock comes from a duration. rest: duration of the
+    rest there, s, or None to pass through. tiny: the move to it from rest is shorter than the
+    merge tolerance. came: arrival time of the point, s.
     """
 
     index: int
@@ -57,9 +57,9 @@ class Waypoint:
 class Waypoints:
     """The points ahead of the arm, their clock, and the limits that they are checked against.
 
-    `origin` is the point where the arm rests, or where the way began that it is on; `last` the
-    last one known, which is the origin if there are none `ahead`. Raises ValueError for a start
-    that is not n finite numbers within the limits.
+    `origin` is the point of the arm's rest, or the start of its current segment. `last` is the
+    last known point, which is the origin if `ahead` is empty. Raises ValueError if the start is
+    not n finite numbers within the limits.
     """
 
     def __init__(self, limits: JointLimits, start: Array, mode: Mode) -> None:
@@ -69,21 +69,21 @@ class Waypoints:
         self.origin = self.last = Waypoint(0, start, start)
         self.ahead: deque[Waypoint] = deque()
         self._before = start
-        """Where the way to the last point begins, shape (n,)."""
+        """Start of the segment to the last point, shape (n,)."""
         self._beside_since: float | None = None
-        """When the first of the points that were merged into the origin since the rest came, s."""
+        """Arrival time of the first point merged into the origin during this rest, s."""
         self._rests_since = 0.0
-        """Since when the arm rests at the origin, or beside it, s."""
+        """Time since which the arm rests at or near the origin, s."""
         self.rest_until = 0.0
-        """Until when the arm was told to rest at the origin, s."""
+        """Commanded end of the rest at the origin, s."""
         self._number = 0
-        """Of the next point in its trajectory, for messages."""
+        """Number of the next point in its trajectory, for messages."""
         self._made = 0
 
     def append(
         self, position: Array, duration: float | None, now: float, *, in_motion: bool
     ) -> None:
-        """Take another point, shape (n,), at `now` s, as `Smoother.append` does."""
+        """Add a point, shape (n,), at `now` s, as `Smoother.append` does."""
         what = f'point {self._number}'
         position = self.checked(position, duration, what)
         if self.mode is Mode.TIME_OPTIMAL:
@@ -106,20 +106,20 @@ class Waypoints:
         self._number += 1
 
     def waiting_since(self) -> float:
-        """Return since when a point has waited that a resting arm has not gone to, s.
+        """Return since when a point has been waiting for an arm at rest, s.
 
-        One that was merged on the way there waits since the arm rests beside it.
+        A point that was merged during the approach waits since the rest near it began.
         """
         if self.ahead:
             return self.ahead[0].came
         return self._rests_since if self._beside_since is None else self._beside_since
 
     def go_back(self, now: float) -> None:
-        """Add the origin as a point: the arm rests beside it."""
+        """Add the origin as a point, because the arm rests near it and not exactly at it."""
         self._add(self.origin.position, None, now, tiny=True)
 
     def finish(self) -> bool:
-        """End the trajectory: rest at the last point. Return whether that is news."""
+        """End the trajectory: rest at the last point. Return whether this is a change."""
         self._number = 0
         if self.last.rest is not None:
             return False
@@ -127,16 +127,16 @@ class Waypoints:
         return True
 
     def forget(self) -> None:
-        """Forget the points ahead."""
+        """Discard the points ahead."""
         self.ahead.clear()
         self._number = 0
 
     def go_on_from(self, position: Array) -> None:
-        """Expect to rest at a position, from where the next points go on."""
+        """Expect a rest at a position, from which the next points continue."""
         self.origin = self.last = Waypoint(self._next_index(), position, position)
 
     def arrived(self, now: float, point: Waypoint | None = None) -> None:
-        """Record a stop from `now` s on at a waypoint, or for None at the origin."""
+        """Record a stop at `now` s at a waypoint, or at the origin for None."""
         if point is not None:
             self.origin = point
         self.passed(self.origin)
@@ -145,25 +145,25 @@ class Waypoints:
         self.rest_until = now + (self.origin.rest or 0.0)
 
     def passed(self, point: Waypoint) -> None:
-        """Take a point, and those before it, off those ahead."""
+        """Remove a point and the points before it from those ahead."""
         while self.ahead and self.ahead[0].index <= point.index:
             self.ahead.popleft()
 
     def beside_last(self, position: Array) -> bool:
-        """Return whether a rest is beside the last point, by less than the merge tolerance."""
+        """Return whether a rest near the last point differs from it, by less than a merge."""
         if self.last is not self.origin:
             return False
         return bool(np.max(np.abs(self.origin.position - position)) > MIN_MOVE)
 
     def time_from_rest(self, now: float) -> float:
-        """Return how much time is known from the rest at the origin on, s."""
+        """Return the known time from the rest at the origin, s."""
         rested = self.origin.clock + (self.origin.rest or 0.0)
         return max(self.last.clock - rested, 0.0) + max(self.rest_until - now, 0.0)
 
     def checked(self, position: Array, duration: float | None, what: str) -> Array:
-        """Return a position as it counts: inside the limits, which nothing is clipped to later.
+        """Return a position clipped to the limits, so that no later step needs to clip it.
 
-        Raises ValueError for a position or a duration that is wrong.
+        Raises ValueError if the position or the duration is invalid.
         """
         limits = self.limits
         position = np.array(position, dtype=float)
@@ -186,14 +186,14 @@ class Waypoints:
         return inside
 
     def _turns_back(self, position: Array) -> bool:
-        """Return whether the last point, merged with it, would be nearly at the one before."""
+        """Return whether the last point, merged with this one, would be near the one before."""
         if self.last is self.origin or self.last.tiny:
             return False
         spacing, left = np.abs(np.array([self.last.anchor, position]) - self._before).max(axis=1)
         return bool(left < spacing / 2.0)
 
     def _merge(self, position: Array, duration: float, now: float, in_motion: bool) -> None:
-        """Take a point that is (nearly) where the last one is: it may command a rest."""
+        """Merge a point at (nearly) the last point. It may command a rest."""
         last = self.last
         last.position = position
         if last is self.origin and not in_motion:
@@ -209,11 +209,11 @@ class Waypoints:
         self, position: Array, duration: float | None, now: float, tiny: bool = False
     ) -> None:
         if self.last.tiny and self.ahead:
-            self.ahead.pop()  # nothing asks for an exact rest there any more
+            self.ahead.pop()  # an exact rest there is no longer needed
             self.last = self.origin
         last = self.last
         if last.rest is None and last is not self.origin:
-            last.position = last.anchor  # not the end any more: the first of those merged counts
+            last.position = last.anchor  # no longer the end, so the first merged point counts
         if duration is None:
             time = float(np.max(np.abs(position - last.position) / self.limits.velocity))
         else:
