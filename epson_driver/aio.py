@@ -233,7 +233,7 @@ class Robot(Motions, Streams):
 
     @checked_arguments
     def on_error(self, callback: Callable[[ControllerError | None], object]) -> Callable[[], None]:
-        """Register a callback for a changed or cleared controller error. See `on_estop`."""
+        """Register a callback for a new, or cleared (None), controller error. See `on_estop`."""
         return self._connection.changes.error.add(callback)
 
     @checked_arguments

@@ -50,10 +50,7 @@ def counted(text: str, held: int) -> str:
 
 
 class PrintableFormatter(logging.Formatter):
-    """Formats records as printable text, each message on one line.
-
-    Only tracebacks and stacks have more lines.
-    """
+    """Formats each record as one line of printable text, except tracebacks and stacks."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging's name
         """Return the line of the message."""

@@ -12,7 +12,7 @@ def share_folder(*parts: str) -> Path:
     """Return the path of a folder of data files, such as `share_folder('config', 'robots')`."""
     if (_SOURCE_TREE / 'package.xml').is_file():
         root = _SOURCE_TREE
-    else:  # <prefix>/lib/python3.x/site-packages/epson_driver, for pip as for colcon
+    else:  # <prefix>/lib/python3.x/site-packages/epson_driver, both for pip and colcon
         root = _PACKAGE.parents[3] / 'share' / 'epson_driver'
     return root.joinpath(*parts)
 

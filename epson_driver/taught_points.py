@@ -176,8 +176,8 @@ _ONLY_PLACE = '448'
 class _Held:
     """A point: its position, or None for a label without one, and its block of a .pts file.
 
-    posture: of the arm that taught it, or why it is unknown; None: as in the block. why: the
-    reason that it cannot be used.
+    posture: of the arm that taught it, or why it is unknown. None: the block's. why: the reason
+    that it cannot be used.
     """
 
     name: str

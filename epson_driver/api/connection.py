@@ -334,7 +334,7 @@ class Connection:
             raise RobotError(str(error), error.remedy) from error
 
     async def ready(self) -> tuple[Array, PlanningScope]:
-        """Return the joint positions and the planning scope, which a later stop or disable ends.
+        """Return the joint positions and a planning scope, which ends if motion becomes inhibited.
 
         Raises MotionError unless a motion may start now.
         """

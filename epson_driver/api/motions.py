@@ -122,7 +122,7 @@ class Motions(Arm):
         ArgumentError.
         """
         period = 1.0 / RATE.checked(rate, 'rate')
-        self._connection.running  # noqa: B018 - it raises
+        self._connection.running  # noqa: B018 - it raises if not connected
         recording = Recording(self.model.joint_names, period)
         recording.begin(self._connection.changes.recorded.add)
         return recording
@@ -168,21 +168,21 @@ class Motions(Arm):
     ) -> Motion:
         """Move the tool straight to a pose: in base_link, a named frame, or 'tool'.
 
-        pose: a homogeneous matrix, shape (4, 4), m; x y z, m, and a quaternion x y z w, shape
-        (7,); or an EpsonPoint. frame: 'base_link', 'base' (EPSON's world), 'tool' (the current
-        tool frame), or a name given to `set_frame`; None: 'base_link', or 'base' for an
+        pose: a homogeneous matrix, shape (4, 4), m, or x y z, m, and a quaternion x y z w, shape
+        (7,), or an EpsonPoint. frame: 'base_link', 'base' (EPSON's world), 'tool' (the current
+        tool frame), or a name given to `set_frame`. None: 'base_link', or 'base' for an
         EpsonPoint.
 
         The orientation turns evenly about one axis. speed, acceleration: limits of the tool, m/s
         and m/s², in bends too. turn_speed, turn_acceleration: limits of its rotation, rad/s and
-        rad/s². jerk: limit of the tool, m/s³; None: 10 / s of the acceleration. The jerk limit of
+        rad/s². jerk: limit of the tool, m/s³. None: 10 / s of the acceleration. The jerk limit of
         the rotation has the same ratio to its acceleration. accuracy: maximum distance, m, of the
         path between the sent points from the line. If the measured tool exceeds it, the motion's
-        text reports the deviation. slow: reduce the speed where a joint limit requires it; False:
+        text reports the deviation. slow: reduce the speed where a joint limit requires it. False:
         reject such a line.
 
         Raises PathError, an ArgumentError, before anything is sent, for a pose out of reach or a
-        path through a singularity, with joint, place and limit; otherwise as `move_joints`.
+        path through a singularity, with joint, place and limit. Otherwise as `move_joints`.
         """
         tool = moves.tool_limits(
             speed, acceleration, turn_speed, turn_acceleration, accuracy, jerk=jerk, slow=slow

@@ -242,9 +242,10 @@ def path_runs(points: Sequence[PathPoint], start: Array) -> list[Run]:
 
 
 def _apart(points: Sequence[PathPoint], start: Array) -> list[tuple[int, PathPoint]]:
-    """Merge points at the same place and return them with the index of the last one.
+    """Merge consecutive points at the same place and return each with the index of its last one.
 
-    A merged point has the smallest blend. Points at the start of a line path are dropped.
+    A merged point has the smallest blend. Leading points at the tool's start pose are dropped,
+    except the last point of the path.
     """
     kept: list[tuple[int, PathPoint]] = []
     place = start

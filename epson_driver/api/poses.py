@@ -32,7 +32,7 @@ MM_SUSPICION = 10.0
 
 
 Pose = npt.ArrayLike | EpsonPoint
-"""x y z (m) and a quaternion x y z w, as in ROS; a homogeneous matrix (m); or an EPSON point."""
+"""x y z (m) and a quaternion x y z w (ROS order), a homogeneous matrix (m), or an EPSON point."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ class Target:
 class Tool:
     """A tool: its pose in tool0, shape (4, 4), m, and its limits for lines and arcs.
 
-    max_speed: m/s, max_acceleration: m/s²; None: no limit.
+    max_speed (m/s), max_acceleration (m/s²): None for no limit.
     """
 
     pose: Array
@@ -84,7 +84,7 @@ class Tool:
 
 
 def checked_tool(pose: Pose, max_speed: float | None, max_acceleration: float | None) -> Tool:
-    """Return a tool from a user's arguments. Raises ValueError."""
+    """Return a checked tool from a user's arguments. Raises ValueError."""
     checked = checked_pose('pose', pose)
     check_tool_distance('pose', checked)
     limits = {'max_speed': max_speed, 'max_acceleration': max_acceleration}
@@ -95,10 +95,10 @@ def checked_tool(pose: Pose, max_speed: float | None, max_acceleration: float | 
 
 
 class Frames:
-    """Frames by name, each as its pose in base_link, shape (4, 4), m."""
+    """Named frames. Each is a pose in base_link, shape (4, 4), m."""
 
     def __init__(self, base: Array, reach: float) -> None:
-        """Take EPSON's world in base_link, shape (4, 4), and how far the arm reaches, m."""
+        """Store EPSON's world in base_link, shape (4, 4), and the arm's reach, m."""
         self._poses = {BASE_LINK: np.eye(4), BASE: base}
         self._reach = reach
 
@@ -108,7 +108,7 @@ class Frames:
         return {name: pose.copy() for name, pose in self._poses.items()}
 
     def set(self, name: str, pose: Pose, parent: str | None) -> None:
-        """Set a frame by its pose in another one. Raises ValueError."""
+        """Set a frame by its pose in a parent frame. Raises ValueError."""
         if not isinstance(name, str) or not name:
             raise ValueError(f'name = {name!r}: must be a word')
         if name in (BASE_LINK, BASE, TOOL):
@@ -206,7 +206,7 @@ _LIMITS = {
 
 
 def _usual(frame: str | None, pose: Pose) -> str:
-    """Return the frame of a pose; default: EPSON's world for an EPSON point, else base_link."""
+    """Return the frame of a pose. Default: EPSON's world for an EPSON point, else base_link."""
     if frame is not None:
         return frame
     return BASE if isinstance(pose, EpsonPoint) else BASE_LINK

@@ -114,7 +114,7 @@ WORDS = Rule(str.split, "must be a text, such as 'cut for=0.5'")
 
 
 class Simulation(Unique):
-    """Operator actions on a simulated controller. RobotError for any other controller.
+    """Operator actions on a simulated controller. Raises RobotError for any other controller.
 
     `port` returns the controller's remote port, or raises RobotError.
     """

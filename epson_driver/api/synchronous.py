@@ -196,7 +196,7 @@ class Gripper(Synchronous[AwaitedGripper]):
 
 
 class Simulation(Synchronous[AwaitedSimulation]):
-    """Operator actions on a simulated controller. RobotError for any other controller."""
+    """Operator actions on a simulated controller. Raises RobotError for any other controller."""
 
     estop = waits(AwaitedSimulation.estop)
     door = waits(AwaitedSimulation.door)

@@ -85,7 +85,7 @@ class LoopThread:
                 raise RobotError('the robot was closed meanwhile')
             return task.result()
         finally:
-            del task  # its error refers to this frame, and that to the robot, which may get lost
+            del task  # its error refers to this frame, and the frame keeps the robot alive
 
     def call(self, function: Callable[[], T]) -> T:
         """Call a function in the loop and return its result."""

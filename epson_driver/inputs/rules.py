@@ -212,7 +212,7 @@ def _host(value: Any) -> str:
     if ':' in value:
         ipaddress.IPv6Address(value)
         return value
-    name = value.encode('idna').decode('ascii')  # as the resolver encodes it; raises UnicodeError
+    name = value.encode('idna').decode('ascii')  # like the resolver (raises UnicodeError)
     labels = name.removesuffix('.').split('.')
     if len(name) > MAX_HOST_CHARACTERS or not all(map(_LABEL.fullmatch, labels)):
         raise ValueError

@@ -81,7 +81,8 @@ has ended, so an older reply will not arrive, and would otherwise take the place
 class PendingRequest:
     """A request without its reply. `sent`: loop time, s.
 
-    `command`: of a MOTION_CTRL. In a MOTION_REPLY to another request, this field has its type.
+    `command`: of a MOTION_CTRL. A MOTION_REPLY to any other request has the request's type in its
+    command field.
     """
 
     msg_type: int

@@ -58,7 +58,7 @@ def run(namespaces: Sequence[str], make: Make = ClientNode, name: str = DEFAULT_
             # The event loop handles the signals, so results can still be published after Ctrl-C.
             rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
             made = _make_nodes(namespaces, nodes, name)
-    except (OSError, RuntimeError, ValueError) as error:  # from rcl; ValueError: not valid text
+    except (OSError, RuntimeError, ValueError) as error:  # from rcl (ValueError: invalid text)
         print(f'{name}: {printable(error)}', file=sys.stderr)
         return 1
     try:
@@ -110,7 +110,7 @@ class Failures:
 
 
 def _make_nodes(namespaces: Sequence[str], nodes: list[Node], name: str) -> bool:
-    """Create a node per namespace. Returns whether all were created; logs the reason if not."""
+    """Create a node per namespace. Returns whether all were created. Logs the reason if not."""
     logger = rclpy.logging.get_logger(name)
     for namespace in namespaces:
         try:
@@ -162,7 +162,7 @@ def _run(nodes: Sequence[Node], make: Make) -> int:
 
 
 def _make_clients(nodes: Sequence[Node], clients: list[Client], make: Make) -> bool:
-    """Create the client of each node. Returns whether all were created; logs the reason if not."""
+    """Create the client of each node. Returns whether all were created. Logs the reason if not."""
     for node in nodes:
         try:
             clients.append(make(node))
@@ -190,7 +190,7 @@ async def _drive(
     ends = [asyncio.create_task(event.wait()) for event in (signaled, failures.happened)]
     await asyncio.wait([*running, *ends], return_when=asyncio.FIRST_COMPLETED)
     _tell_ends(running, failures)
-    # in parallel; after a TimeoutError results may be unpublished, but the arm has stopped
+    # In parallel. After a TimeoutError results may be unpublished, but the arm has stopped.
     stopping = [client.shut_down() for client in clients]
     for outcome in await asyncio.gather(*stopping, return_exceptions=True):
         if isinstance(outcome, BaseException) and not isinstance(outcome, TimeoutError):

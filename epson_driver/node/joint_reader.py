@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Joint states by name, from a topic that only the driver should publish.
 
-rclpy does not report the publisher of a message. Two publishers show by their difference:
-from one message to the next a joint moves faster than it can.
+rclpy does not report the publisher of a message. Two publishers are detected by their difference:
+a joint moves faster than possible between two messages.
 """
 
 from collections.abc import Iterable, Sequence
@@ -79,9 +79,9 @@ class JointReader:
     def of(
         self, names: Iterable[str], limits: Iterable[float], oldest: float, now: float
     ) -> tuple[Array, Array]:
-        """Return positions and velocities of joints, shapes (n,), no more than `oldest` s old.
+        """Return positions and velocities of joints, shapes (n,), at most `oldest` s old.
 
-        `limits`: their highest velocities, /s. Raises GoalRejectedError that names a joint that is
+        `limits`: maximum velocities, /s. Raises GoalRejectedError with the name of a joint that is
         missing, older, or jumps.
         """
         found = []

@@ -134,7 +134,7 @@ class MotionPrimitives:
     # --- in the loop's thread ---------------------------------------------------------------
 
     async def standing(self, plan: PlanningScope) -> Array:
-        """Return the joint positions at rest. A later stop or disable ends the planning scope.
+        """Return the joint positions at rest. The planning scope ends if motion becomes inhibited.
 
         Raises GoalRejectedError unless a motion may start now.
         """

@@ -161,7 +161,8 @@ FEEDBACK_WITHIN_S = 0.25
 """Timeout of a stop for these messages, s. They arrive 20 times a second."""
 
 OFF_S, OFF = 1e-3, 1e-4
-"""Maximum deviation of the commanded position from the plan: OFF_S s at full speed, plus OFF."""
+"""Maximum deviation from the plan: OFF_S s of the start time, and for the commanded position the
+distance in OFF_S s at full speed plus OFF, rad or m."""
 
 SHUT_DOWN_TIMEOUT_S = 6.0
 

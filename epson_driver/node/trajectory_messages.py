@@ -18,8 +18,9 @@ from epson_driver.motion import Array, Trajectory
 def trajectory_from_message(message: JointTrajectory, joint_names: Sequence[str]) -> Trajectory:
     """Return a message as a Trajectory in the order of `joint_names`.
 
-    Raises GoalRejectedError: INVALID_JOINTS unless the names are the same set, INVALID_GOAL if
-    there are no points, a point has no positions or has efforts, or an array has the wrong length.
+    Raises GoalRejectedError: INVALID_JOINTS unless the names are the same set. INVALID_GOAL for a
+    message without points, a point without positions or with efforts, or an array of the wrong
+    length.
     """
     names = tuple(message.joint_names)
     if len(set(names)) != len(names):
@@ -59,7 +60,7 @@ def trajectory_from_message(message: JointTrajectory, joint_names: Sequence[str]
 def _optional_table(
     points: Sequence[JointTrajectoryPoint], quantity: str, names: Sequence[str]
 ) -> Array | None:
-    """Return a quantity that all points have, or None if none has it."""
+    """Return a quantity that all points have, or None if no point has it."""
     if not any(map(attrgetter(quantity), points)):
         return None
     return _table(points, quantity, names)
@@ -75,12 +76,12 @@ def _table(points: Sequence[JointTrajectoryPoint], quantity: str, names: Sequenc
         raise GoalRejectedError(
             ErrorCode.INVALID_GOAL, f'point {index}: {count} {quantity} for {len(names)} joints'
         )
-    # each is an array('d'): their bytes, one after the other, are the table
+    # each row is an array('d'), so the concatenated bytes are the table
     return np.frombuffer(b''.join(rows)).reshape(len(rows), len(names))
 
 
 def _times(points: Sequence[JointTrajectoryPoint]) -> Array:
-    """Return the points' time_from_start, s, as `duration_in_s` does of each."""
+    """Return the points' time_from_start, s, as a vectorized `duration_in_s`."""
     durations = list(map(attrgetter('time_from_start'), points))
     seconds = np.fromiter(map(attrgetter('sec'), durations), float, len(durations))
     nanoseconds = np.fromiter(map(attrgetter('nanosec'), durations), float, len(durations))
@@ -92,10 +93,10 @@ def tolerances_from_messages(
 ) -> Tolerances:
     """Return the tolerances of a goal's JointTolerance[], the goal's `field`.
 
-    0 takes the default, a negative number switches the check off, as joint_trajectory_controller
-    has it. `defaults` (shape (n,), rad; 0: not checked) hold for positions; velocities have none.
-    Raises GoalRejectedError for a joint that is unknown or listed twice, a number that is not
-    finite, and a limit of the acceleration.
+    0 selects the default, and a negative number disables the check, like in
+    joint_trajectory_controller. `defaults`: for positions, shape (n,), rad, where 0 disables the
+    check. Velocities have no default. Raises GoalRejectedError for an unknown or repeated joint, a
+    number that is not finite, or a tolerance for the acceleration.
     """
     values = {
         'position': np.where(defaults > 0.0, defaults, np.inf),

@@ -64,7 +64,7 @@ def raise_at_first_signal() -> None:
 
 @contextmanager
 def interrupts_held(numbers: Sequence[int]) -> Iterator[None]:
-    """Delay signals during the block, so that the caller registers a started process for cleanup.
+    """Delay signals during the block, so that each process it starts is registered for cleanup.
 
     For use in the main thread.
     """

@@ -32,7 +32,7 @@ class RefusedError(Exception):
 class Action(NamedTuple):
     """Equivalent remote commands. The controller gets the first that it supports.
 
-    `done`: text after success; empty: the controller's reply. `moves`: the arm may move. `stops`:
+    `done`: text after success (empty: the controller's reply). `moves`: the arm may move. `stops`:
     it can only stop the arm, so it is repeated if the connection closed before the reply.
     """
 
@@ -84,7 +84,7 @@ POINTS = {
     'DO': ('Execute,"Print Oport({})"', 'SetIO,{},{}'),
     'flag': ('GetMemIO,{}', 'SetMemIO,{},{}'),
 }
-"""Commands that read and write a real controller's points; '' if unsupported."""
+"""Commands that read and write a real controller's points, or '' if unsupported."""
 
 SWITCH = {'off': '0', 'on': '1'}
 

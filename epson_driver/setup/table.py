@@ -60,7 +60,7 @@ class Row:
     rule: Rule | None = None
     """Additional check of the value at the start."""
     unit: str = ''
-    """Appended to the description; 1: a ratio."""
+    """Appended to the description. 1 marks a ratio."""
 
     @property
     def description(self) -> str:

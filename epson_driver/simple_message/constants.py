@@ -5,7 +5,7 @@
 from enum import IntEnum, IntFlag
 
 MAX_JOINTS = 10
-"""Every message that carries joint data carries ten values; unused ones are 0.0."""
+"""Number of values in every message with joint data. Unused ones are 0.0."""
 
 
 class MessageType(IntEnum):
