@@ -65,7 +65,7 @@ class Robot(Synchronous[aio.Robot]):
     """One arm. Call `connect` first, or use it in a `with` block, which stops the arm on exit.
 
     controller, model: names from config/controllers and config/robots, or paths to files. Ports:
-    default to the profile's; an I/O or remote port of 0 is not used. enable: `connect` also
+    default to the profile's. An I/O or remote port of 0 is not used. enable: `connect` also
     enables the arm. Raises ValueError or FileNotFoundError for invalid arguments or files.
     """
 

@@ -45,7 +45,7 @@ def read_trajectory(path: Path, *, timed: bool = True) -> Trajectory:
 
     A `time_from_start` is a mapping of `sec` and `nanosec`, or a number of seconds.
 
-    `timed`: whether every point must have a time; otherwise a missing time is 0 s. Raises
+    `timed`: whether every point must have a time. Otherwise a missing time is 0 s. Raises
     InputError with the file, the point and the key.
     """
     data = read_yaml(path, largest=MAX_FILE_BYTES, several=True)

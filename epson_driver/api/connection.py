@@ -72,7 +72,7 @@ class Connection:
         self._heard = Notification()
         self._link_reason = 'not connected yet'
         self._moment: float | None = None
-        """Loop time, s, by which the values being read had arrived; None outside `measured`."""
+        """Loop time, s, by which the values being read had arrived, or None outside `measured`."""
         errors = setup.configuration.errors
         assert errors is not None  # noqa: S101 - for the type checker: make_setup loads them
         self.changes = Changes(self.callback_failed, errors)

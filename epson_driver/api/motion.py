@@ -28,7 +28,7 @@ for _name in ('goal', 'servo'):
     logging.getLogger(f'epson_driver.driver.{_name}').addHandler(logging.NullHandler())
 
 HeldPath = tuple[Callable[[Array], float], float]
-"""Distance of the tool from its path, m, as a function of joints, shape (n,); and the limit, m."""
+"""Distance of the tool from its path, m, as a function of joints, shape (n,), and its limit, m."""
 
 
 class Motion(Unique):
@@ -69,7 +69,7 @@ class Motion(Unique):
 
     @property
     def text(self) -> str:
-        """How it ended, in a sentence; '' before the end."""
+        """Result as a sentence, or '' before the end."""
         if self._outcome is None:
             return ''
         said = with_remedy(self._outcome.text, self._outcome.remedy, WORDS)

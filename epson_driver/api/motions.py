@@ -40,7 +40,7 @@ class Motions(Arm):
         world). It is reached in the configuration nearest to the current one.
 
         speed, acceleration: fractions of the joint limits, (0, 1]; 1 is as fast as the arm can.
-        wait: return when the arm has arrived; Ctrl-C or a cancelled task then stops the arm. With
+        wait: return when the arm has arrived. Ctrl-C or a cancelled task then stops the arm. With
         wait=False, return immediately.
 
         Raises ArgumentError for bad arguments. Raises MotionError if the arm is not enabled,

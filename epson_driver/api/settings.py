@@ -27,11 +27,11 @@ class Settings:
     """Settings that most robots do not need. Names, units and defaults match the ROS parameters.
 
     None: the value of the controller's profile or of the robot model. goal_tolerance,
-    start_tolerance: rad (m), all joints; a goal tolerance of 0 disables the check. Times in s.
+    start_tolerance: rad (m), all joints. A goal tolerance of 0 disables the check. Times in s.
     require_planned_speed: reject motions that the controller is known to execute faster.
     servo_scale: fraction of the joint limits available to streams. servo_timeout: time after the
     last setpoint at which the arm brakes. gripper: its wiring, or None. trace_file: path of a new
-    pcap file that `connect` creates (docs/report.md); %Y%m%d-%H%M%S in its name is expanded. See
+    pcap file that `connect` creates (docs/report.md). %Y%m%d-%H%M%S in its name is expanded. See
     docs/ros_interface.md for each.
     """
 

@@ -42,7 +42,7 @@ def read_yaml(path: Path, *, largest: int = MEGABYTE, several: bool = False) -> 
     """Return the data of a YAML file of at most `largest` bytes.
 
     The data consists of mappings with string keys, lists, strings, numbers, true, false and None,
-    without shared objects. `several`: use the first of several documents; otherwise exactly one is
+    without shared objects. `several`: use the first of several documents. Otherwise exactly one is
     required. Raises InputError with the file and the line for anything else.
     """
     file = printable(path)

@@ -45,7 +45,7 @@ class LinkStatistics:
 
     connections: int = 0
     connected_since: float | None = None
-    """Loop time at which the current connection was established, s; None when not connected."""
+    """Loop time at which the current connection was established, s, or None when not connected."""
     frames_received: int = 0
     frames_sent: int = 0
     bytes_received: int = 0
@@ -122,7 +122,7 @@ class Link:
             self._received, self._dispatch, self._bad_frame, self._on_event
         )
         self._connection: Connection | None = None
-        """The connection for sending messages; None when not connected."""
+        """The connection for sending messages, or None when not connected."""
         self._now: Callable[[], float]
         """The loop's clock, s, set by `run`. Looking up the running loop costs a system call."""
         self._written: Dialect | None = None

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """One connection to the remote port, through which an arm moves without a SPEL+ program.
 
-It replaces the motion link and the state link of other controllers:
+It serves as the motion link and the state link of other controllers:
 
 * A Statement is sent as `$Execute`, and its reply arrives when it has finished. STOP is sent as
   `$Abort`, whose reply is immediate. Until the aborted statement is also answered, the arm may

@@ -63,7 +63,7 @@ class GoalRequests:
         )
 
     def _tolerances(self, given: Sequence[JointTolerance], field: str, kind: str) -> Tolerances:
-        """Return a field's tolerances; the default is `constraints.<joint>.<kind>`."""
+        """Return a field's tolerances. The default is `constraints.<joint>.<kind>`."""
         usual = self._setup.tolerances(kind).position
         return tolerances_from_messages(given, field, self._limits.names, usual)
 

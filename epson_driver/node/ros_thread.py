@@ -22,7 +22,7 @@ its reply, and a spare one."""
 class RosThread:
     """Spins an executor until `leave`. `on_error` is called in the thread with each exception.
 
-    `context`: the nodes' context; None: rclpy's default.
+    `context`: the nodes' context, or None for rclpy's default.
 
     After an error it continues if possible, to answer requests while the arms stop.
 
