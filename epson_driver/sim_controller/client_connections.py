@@ -108,7 +108,8 @@ class ClientConnections:
 
         The connection's `closed` must be called when it ends for any reason. Raises
         ConnectionRefusedError with the reason if the port accepts no client now. A remote client
-        above the maximum replaces another one, so that an E-stop command always gets through.
+        above the maximum replaces another one, so that an E-stop command gets through. The only
+        exception is a client of another machine when all clients are local.
         """
         reason = self._rejection(port)
         if reason is None and port == 'remote':

@@ -1,6 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The controller's time, which the caller advances, and its timers."""
+"""The controller's time, which the caller advances, and its timers.
+
+The clock never reads the real time. The same calls therefore give the same results, and a
+simulation can run faster than real time. A late call runs the missed timers in order, each at its
+own due time. A periodic timer limits the number of calls that it catches up on.
+"""
 
 import heapq
 from collections.abc import Callable

@@ -1,6 +1,12 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Smooth motion through points that are known in advance, without a stop."""
+"""Smooth motion through points that are known in advance, without a stop.
+
+Planning takes longer than a motion cycle. A plan is therefore requested ahead of time, and starts
+one planning latency after its request. The latency follows the times of recent plans, so that few
+plans are late. A late plan is not used. The previous plan continues instead, so the arm never
+waits for the planner.
+"""
 
 from collections import deque
 from collections.abc import Callable

@@ -1,6 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The controller's listening TCP ports: sockets for the sessions of the core."""
+"""The controller's listening TCP ports: sockets for the sessions of the core.
+
+Misbehaving clients must not keep an operator from the E-stop. A client that never pauses could
+otherwise occupy the whole process, so one client is read per turn of the event loop, and clients
+share a budget of processor time. The motion port has no budget, because its STOP must not be
+delayed. A full remote port evicts a client to admit a new one, and keeps a file descriptor in
+reserve for the case that the process has none left.
+"""
 
 import asyncio
 import errno
