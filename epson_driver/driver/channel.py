@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""All ways to a controller of one kind: links, points, motors and I/O."""
+"""The connections to a controller of one kind: links, points, motors and I/O."""
 
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
@@ -30,9 +30,9 @@ from epson_driver.simple_message import Dialect, Packet
 
 @dataclass(frozen=True)
 class Channel:
-    """The links, and what goes by them.
+    """The links, and the services that use them.
 
-    `moves` writes the statements of motions for a controller that takes no points, else None.
+    `moves` creates the statements of motions for a controller that takes no points, or is None.
     """
 
     state_link: Link
@@ -44,12 +44,12 @@ class Channel:
 
     @property
     def links(self) -> tuple[Link, ...]:
-        """Those of state and motion: one, where one is both."""
+        """The state and motion links, or the one link that is both."""
         return tuple(dict.fromkeys((self.state_link, self.motion_link)))
 
     @property
     def all_links(self) -> list[Link]:
-        """Those of state and motion, and of I/O if it has one."""
+        """The state and motion links, and the I/O link if one exists."""
         return [*self.links, *([] if self.io.link is None else [self.io.link])]
 
     def joints_withheld(self) -> bool:
@@ -59,7 +59,7 @@ class Channel:
 
 OnPacket = Callable[[Packet], None]
 OnLink = Callable[[str, LinkState, str], None]
-"""on_link(name, state, why) is called when the link of that name has another state."""
+"""on_link(name, state, why) is called when the link with that name changes its state."""
 
 
 def make_channel(
@@ -69,10 +69,10 @@ def make_channel(
     on_link: OnLink,
     before_motion_link: Callable[[], Awaitable[object]],
 ) -> Channel:
-    """Return the ways to the controller of a configuration.
+    """Return the connections for a configuration.
 
-    `on_motion_packet` gets replies that nobody waits for. `before_motion_link` is awaited before
-    the motion link connects.
+    `on_motion_packet` receives unexpected replies. `before_motion_link` is awaited before the
+    motion link connects.
     """
     host, ports = configuration.host, (configuration.io_port, configuration.remote_port)
     turns = RemoteTurns()
@@ -151,9 +151,9 @@ def make_motors(
     turns: RemoteTurns | None = None,
     login: Login | None = None,
 ) -> Motors:
-    """Return what switches the motors, by the controller's profile and its Remote Ethernet port.
+    """Return the motor control for the controller's profile and its Remote Ethernet port.
 
-    login: how to be logged in there; None: anew for each action.
+    login: shared login at that port; None: each action logs in separately.
     """
     if kind == 'motoman':
         return MotomanMotors(motion_link)

@@ -22,16 +22,16 @@ USUAL_IO = IoProfile()
 
 @dataclass(frozen=True)
 class Configuration:
-    """Where the controller is and what it expects. An io or remote port of 0 is not used.
+    """Address, kind and expectations of the controller. An I/O or remote port of 0 is not used.
 
-    `errors` says what its error numbers mean; None: they are EPSON's. `delivery` says how
-    trajectories reach it, `io` which points it has and how they are reached, `mapping` how it
-    counts joints; None: as ROS does. Where the byte order is not given, `usual_byte_order` holds
-    until its messages show it. `motors`: how they are switched, and errors reset. `state_period`:
-    s between two messages of its state, to begin with. `margins`: how far beyond `limits` its
-    joints may be. `configured_as`: what kind of controller and robot that is, for people.
-    `client_timeout`: how long the controller lets the arm move without a word from the driver, s;
-    0: as long as it has points. `password`: of Remote Ethernet where that moves the arm.
+    `errors`: texts of its error numbers; None: EPSON's. `delivery`: how trajectories are sent.
+    `io`: its I/O points and access to them. `mapping`: its joint convention; None: ROS's.
+    `usual_byte_order`: used until messages show the byte order, if `byte_order` is None. `motors`:
+    how motors are switched and errors reset. `state_period`: initial estimate of the time between
+    two state messages, s. `margins`: how far beyond `limits` joints may be reported.
+    `configured_as`: kind of controller and robot, for people. `client_timeout`: time for which the
+    controller lets the arm move without a message from the driver, s; 0: until its points end.
+    `password`: for Remote Ethernet, if that moves the arm.
     """
 
     host: str
@@ -62,22 +62,22 @@ class Configuration:
 
     @property
     def statements(self) -> bool:
-        """Whether all goes by Remote Ethernet, as no program is in the controller."""
+        """Whether Remote Ethernet is used for everything, as the controller runs no program."""
         return self.delivery.interface == 'statements'
 
     @property
     def knows_byte_order(self) -> bool:
-        """Whether messages need not show it: it is given, or text has none."""
+        """Whether the byte order is configured, or not needed because messages are text."""
         return self.statements or self.byte_order is not None
 
     @property
     def joint_mapping(self) -> JointMapping:
-        """The mapping, or that of a controller that counts joints as ROS does."""
+        """The configured mapping, or the identity."""
         return self.mapping or unmapped(len(self.limits.names))
 
     @property
     def state_rules(self) -> StateRules:
-        """What is expected of the controller's state."""
+        """Expectations of the controller's state."""
         return StateRules(
             self.state_period, self.limits, self.margins, self.state_timeout, self.statements
         )

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""How a goal ends: its outcome, its result code, and the error of a goal that is not executed."""
+"""The end of a goal: its outcome, its result code, and the error of a rejected goal."""
 
 from dataclasses import dataclass
 from enum import Enum, IntEnum
@@ -20,7 +20,7 @@ class ErrorCode(IntEnum):
 
 
 class End(Enum):
-    """How a goal ends, once (docs/invariants.md, 5)."""
+    """The single end of a goal (docs/invariants.md, 5)."""
 
     SUCCEEDED = 'succeeded'
     CANCELED = 'canceled'
@@ -29,9 +29,9 @@ class End(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a goal ended: result code, reason and remedy.
+    """The outcome of a goal: result code, reason and remedy.
 
-    `unexplained`: the controller did not say why, so far.
+    `unexplained`: the controller has not reported a cause yet.
     """
 
     end: End
@@ -42,7 +42,7 @@ class Outcome:
 
 
 class GoalRejectedError(ValueError):
-    """A goal that is not executed: result code, the reason as text, and the remedy."""
+    """A goal is not executed. Contains the result code, the reason as text, and the remedy."""
 
     def __init__(self, code: ErrorCode, text: str, remedy: Remedy = Remedy.NONE) -> None:
         super().__init__(text)
@@ -51,5 +51,5 @@ class GoalRejectedError(ValueError):
 
     @property
     def outcome(self) -> Outcome:
-        """The goal's end."""
+        """The goal's outcome."""
         return Outcome(End.ABORTED, self.code, str(self), remedy=self.remedy)

@@ -1,13 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What helps where the arm does not move, in words that each interface replaces by its own."""
+"""Remedies for an arm that does not move, in words that each interface replaces by its own."""
 
 from collections.abc import Mapping
 from enum import Enum
 
 
 class Remedy(Enum):
-    """What a person or a program can do about it, in words that name no interface."""
+    """An action for a person or a program, in words that name no interface."""
 
     NONE = ''
     CONNECT = 'start the controller, or check its address and ports'
@@ -30,7 +30,7 @@ class Remedy(Enum):
 
 
 Words = Mapping[Remedy, str]
-"""What an interface calls a remedy; of those that are missing, the remedy's own words hold."""
+"""An interface's own text for each remedy. For a missing one the remedy's value is used."""
 
 
 def with_remedy(text: str, remedy: Remedy, words: Words) -> str:

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Smooth motion through a plan, computed for up to seconds in a process of its own.
+"""Smooth motion through a plan, computed in a separate process for up to several seconds.
 
-Each trajectory has a fresh process, which waits ready-made: it can be killed at any moment, and
-the event loop, on which the links live, only waits for it.
+Each trajectory uses a new process, which is started in advance. It can be killed at any time, and
+the event loop, which serves the links, is never blocked.
 """
 
 import asyncio
@@ -27,14 +27,14 @@ from epson_driver.profiles.profile import ProgramProfile
 
 @dataclass(frozen=True, slots=True)
 class Smoothing:
-    """Which motion is sent instead of a plan.
+    """Settings for the motion that replaces a plan.
 
-    resample_period: time between two points of the smooth motion, s; None for the plan's own
-    points. time_optimal: as fast as the limits allow, whatever the plan's times. thin: few points,
-    resample_period apart or more, of the plan's own where they are; straight ways between them are
-    at most deviation rad (or m) off the smooth motion, in any joint. longest: time between two
-    points of a time-optimal plan at most, s. tolerance: how far beside each point of the plan the
-    motion may pass, rad or m, in each joint; 0: it goes through them.
+    resample_period: time between two points of the smooth motion, s; None: the plan's points.
+    time_optimal: as fast as the limits allow, regardless of the plan's times. thin: few points, at
+    least resample_period apart, at points of the plan where possible. Straight lines between them
+    deviate from the smooth motion by at most `deviation` rad (or m) in any joint. longest: maximum
+    time between two points of a time-optimal plan, s. tolerance: maximum deviation of the motion
+    from each point of the plan, rad or m, in each joint; 0: it passes through them.
     """
 
     resample_period: float | None = None
@@ -60,11 +60,12 @@ def usual_smoothing(program: ProgramProfile) -> Smoothing:
 
 
 MIN_TOLERANCE = 1e-3
-"""The least tolerance but 0, rad or m, as `motion.evened` has it: the smoother is not loaded."""
+"""Minimum nonzero tolerance, rad or m. It repeats `motion.evened`, to avoid loading the smoother.
+"""
 
 
 def check_tolerance(smoothing: Smoothing) -> None:
-    """Raise ValueError unless there is no tolerance, or one that can be kept to."""
+    """Raise ValueError if the tolerance is neither 0 nor possible with the other settings."""
     keeps_times = smoothing.resample_period is not None and not smoothing.time_optimal
     if smoothing.tolerance and not (keeps_times and smoothing.tolerance >= MIN_TOLERANCE):
         raise ValueError(
@@ -74,17 +75,17 @@ def check_tolerance(smoothing: Smoothing) -> None:
 
 
 TIMEOUT_S = 30.0
-"""How long the preparation of one trajectory may take, s: longer than any plan should."""
+"""Time limit for preparing one trajectory, s: longer than any plan should take."""
 
 WORKER = 'epson_driver.driver.smoothing_worker'
 
 
 class SmoothingError(RuntimeError):
-    """A trajectory could not be prepared, with the reason as its text."""
+    """A trajectory could not be prepared. The text contains the reason."""
 
 
 class SmoothingProcess:
-    """Prepares trajectories, one at a time. Lives in the event loop."""
+    """Prepares trajectories, one at a time. Runs in the event loop."""
 
     def __init__(self, limits: JointLimits, smoothing: Smoothing) -> None:
         self._limits = limits
@@ -93,14 +94,14 @@ class SmoothingProcess:
         self._closed = False
 
     def make_ready(self) -> None:
-        """Start the next process, unless closed, so that the next trajectory need not wait."""
+        """Start the next process, unless closed, so that the next trajectory does not wait."""
         if self._next is None and not self._closed:
             self._next = asyncio.create_task(start_worker(WORKER))
 
     async def prepared(self, trajectory: Trajectory, start: Array) -> Trajectory:
-        """Return the smooth motion for a checked trajectory of an arm that rests at `start`.
+        """Return the smooth motion for a checked trajectory of an arm at rest at `start`.
 
-        Raises SmoothingError. When cancelled, the process ends at once.
+        Raises SmoothingError if none is found. Cancelling ends the process immediately.
         """
         process = await self._take()
         try:
@@ -118,7 +119,7 @@ class SmoothingProcess:
         waiting = self._next
         assert waiting is not None  # noqa: S101 - for the type checker
         try:
-            process = await asyncio.shield(waiting)  # when cancelled, it waits for the next goal
+            process = await asyncio.shield(waiting)  # if cancelled, it stays for the next goal
         except OSError as error:
             self._next = None
             raise SmoothingError(f'the smoother could not be started: {error}') from error
@@ -136,7 +137,7 @@ class SmoothingProcess:
 async def answered(
     process: asyncio.subprocess.Process, value: object, kinds: Collection[type], timeout: float
 ) -> object:
-    """Return a worker's answer. Raises SmoothingError, also after `timeout` s."""
+    """Return a worker's answer. Raises SmoothingError if it fails or exceeds `timeout` s."""
     if process.stdin is None or process.stdout is None:
         raise ValueError('a process with pipes is needed')
     try:

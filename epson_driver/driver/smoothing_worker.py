@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The process that smooths one trajectory: arguments of `prepared` on stdin, its result on stdout.
+"""Process that smooths one trajectory: arguments of `prepared` on stdin, its result on stdout.
 
-The result is a Trajectory, or the text of what forbids it.
+The result is a Trajectory, or the reason why none was found, as text.
 """
 
 import os
@@ -19,7 +19,7 @@ from epson_driver.motion.smoother import Mode
 from epson_driver.processes.worker import answer_file, read_value, write_value
 
 MAX_MENTIONED_PROBLEMS = 3
-"""How many violations a text mentions."""
+"""Maximum number of violations in a text."""
 
 
 def smoothed_trajectory(
@@ -27,9 +27,9 @@ def smoothed_trajectory(
 ) -> Trajectory:
     """Return the smooth motion for a checked trajectory of an arm at rest at `start`, (n,), rad.
 
-    It begins at the first point, or at `start` if that point has a time. Between the points it is
-    the spline through them, or within the tolerance of them: who planned them has checked no path
-    that bends more. Raises ValueError that says why there is no such motion.
+    It starts at the first point, or at `start` if that point has a time. It follows the spline
+    through the points, or through points within the tolerance of them, because the planner has not
+    checked any path that bends more. Raises ValueError, with the reason, if no such motion exists.
     """
     trajectory = _to_smooth(trajectory, start, limits, smoothing)
     if smoothing.resample_period is None:
@@ -55,7 +55,7 @@ def smoothed_trajectory(
 def _to_smooth(
     trajectory: Trajectory, start: Array, limits: JointLimits, smoothing: Smoothing
 ) -> Trajectory:
-    """Return the points that the smooth motion is made of."""
+    """Return the points that the smooth motion is computed from."""
     if trajectory.times[0] > 0.0:
         trajectory = Trajectory(
             trajectory.joint_names,
@@ -77,17 +77,17 @@ def _check(motion: Trajectory, limits: JointLimits) -> None:
 
 
 NICENESS = 5
-"""Added to the niceness: processes that keep links alive go first."""
+"""Increment of the niceness, so that processes that serve links run first."""
 
 
 def main() -> None:
-    """Prepare one trajectory, and end."""
+    """Prepare one trajectory, and exit."""
     answers = answer_file()
     os.nice(NICENESS)
     requests = sys.stdin.buffer
     asked = read_value(requests, (Trajectory, JointLimits, Smoothing))
     if asked is None:
-        return  # it was not needed
+        return  # no trajectory was needed
     try:
         result: Trajectory | str = smoothed_trajectory(*asked)
     except ValueError as error:
@@ -98,5 +98,5 @@ def main() -> None:
 if __name__ == '__main__':
     try:
         main()
-    except BrokenPipeError:  # nobody waits for it any more
+    except BrokenPipeError:  # the result is no longer needed
         os._exit(0)

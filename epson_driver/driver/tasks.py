@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The tasks of a driver's event loop, and what they wait for: a change, or a fresh state."""
+"""The tasks of a driver's event loop, change notifications, and waiting for a fresh state."""
 
 import asyncio
 import contextlib
@@ -11,19 +11,19 @@ from epson_driver.link.receive_timeout import READING_TURNS
 
 
 class TaskEndedError(RuntimeError):
-    """A task ended that should run on, as its text says."""
+    """A task ended unexpectedly. The text names the task."""
 
 
 def report_error(what: str, error: BaseException) -> None:
-    """Tell the running loop's exception handler that something failed."""
+    """Report an error to the exception handler of the running loop."""
     loop = asyncio.get_running_loop()
     loop.call_exception_handler({'message': what, 'exception': error})
 
 
 def report_task_error(task: 'asyncio.Task[Any]') -> None:
-    """Report what a task raised: `task.add_done_callback(report_task_error)`.
+    """Report the exception of a task: `task.add_done_callback(report_task_error)`.
 
-    Without it asyncio says so when the task is thrown away, if ever.
+    Otherwise asyncio only reports it when the task is garbage-collected, if at all.
     """
     if not task.cancelled() and (error := task.exception()) is not None:
         report_error(f'{task.get_coro().__qualname__} failed', error)  # type: ignore[union-attr]
@@ -35,10 +35,11 @@ TaskFunction = Callable[[], Coroutine[Any, Any, None]]
 async def run_task_group(
     parts: Mapping[str, TaskFunction], stop: Callable[[], Awaitable[None]]
 ) -> None:
-    """Run parts, by their names, until all have returned, one fails, or this is cancelled.
+    """Run named parts until all have returned, one fails, or this is cancelled.
 
-    When one fails, or is cancelled by anything but this, the loop's exception handler is told,
-    `stop` is awaited while the others still run, and the error is raised. No part outlives this.
+    If a part fails, or is cancelled separately, the error is reported to the loop's exception
+    handler, `stop` is awaited while the other parts still run, and the error is raised. All parts
+    have ended when this returns.
     """
     ending = False
     group = asyncio.current_task()
@@ -47,7 +48,7 @@ async def run_task_group(
         try:
             await part()
         except asyncio.CancelledError as error:
-            if ending or (group is not None and group.cancelling()):  # the loop ends all of them
+            if ending or (group is not None and group.cancelling()):  # all of them are cancelled
                 raise
             raise TaskEndedError(f'{name} was cancelled') from error
 
@@ -67,14 +68,14 @@ async def run_task_group(
 
 
 class Notification:
-    """Wakes all tasks that wait when it is notified, as asyncio.Condition, for one event loop."""
+    """Wakes all waiting tasks, like asyncio.Condition, for one event loop."""
 
     def __init__(self) -> None:
         self._waiters: list[asyncio.Future[None]] = []
 
     @property
     def waiting(self) -> int:
-        """How many tasks wait."""
+        """Number of waiting tasks."""
         return len(self._waiters)
 
     async def wait(self) -> None:
@@ -84,7 +85,7 @@ class Notification:
         await waiter
 
     def notify_all(self) -> None:
-        """Wake every task that waits."""
+        """Wake all waiting tasks."""
         waiters, self._waiters = self._waiters, []
         for waiter in waiters:
             if not waiter.done():
@@ -92,8 +93,8 @@ class Notification:
 
 
 MAX_READING_TURNS = 100
-"""Turns of the event loop that are given to reading in the end: 5000 state messages, which take
-25 s to come. If there is nothing to read, they take about a millisecond."""
+"""Maximum turns of the event loop for reading pending input: enough for 5000 state messages, which
+take 25 s to arrive. If there is no input, they take about a millisecond."""
 
 
 async def wait_for_fresh_state(
@@ -101,11 +102,11 @@ async def wait_for_fresh_state(
 ) -> float:
     """Wait for a fresh state, and return the loop's time at which to judge it, s.
 
-    The first at which `stale` does not hold, after `patience` s otherwise the last. `heard` is
-    notified when something came.
+    This is the first time at which `stale` is false, or the last one after `patience` s. `heard`
+    is notified when input has arrived.
 
-    A pose is old if nothing newer has come, not if this process was held up before it could look:
-    its age is counted to a moment by which everything that had come was read for certain.
+    A pose is old if no newer one has arrived, not if this process was delayed before reading it.
+    Its age therefore counts to a time by which all input that had arrived has certainly been read.
     """
     loop = asyncio.get_running_loop()
     with contextlib.suppress(TimeoutError):
@@ -121,7 +122,7 @@ async def wait_for_fresh_state(
 
 
 async def _read_by(moment: float, stale: Callable[[float], object], turns: int) -> bool:
-    """Let pending input be read, and return whether the state is fresh at a moment."""
+    """Give pending input time to be read, and return whether the state is fresh at a moment."""
     for _ in range(turns):
         if not stale(moment):
             return True

@@ -1,15 +1,15 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""How trajectories reach a controller: the messages that are made of one, and how they are sent.
+"""Delivery of trajectories to a controller: their messages, and how these are sent.
 
-A goal's execution posts one message at a time, and the next one when that is answered. It is the
-same for all deliveries, and so are STOP and the end of a goal:
+The execution of a goal posts one message at a time, and the next one when that is answered. Goal
+execution, STOP and the end of a goal are the same for all deliveries:
 
-* streaming (streaming.py): each point is a request, and its reply is the answer; Motoman as well,
-  in messages of its own;
-* download (download.py): points are topics; each counts as answered when it is sent;
-* statements (statements.py): SPEL+ by Remote Ethernet, one for all of a motion, answered when it
-  is over.
+* streaming (streaming.py): each point is a request with a reply. Motoman uses the same scheme with
+  its own messages;
+* download (download.py): points are topics, and each counts as answered when it is sent;
+* statements (statements.py): one SPEL+ statement by Remote Ethernet for each motion, answered when
+  the motion is over.
 """
 
 from abc import ABC, abstractmethod
@@ -25,17 +25,17 @@ from epson_driver.profiles.profile_rules import FieldsUsed
 from epson_driver.simple_message import Message, Packet
 
 OnReply = Callable[[Packet, float], None]
-"""on_reply(packet, now) is called when a message is answered; now: the loop's time, s."""
+"""on_reply(packet, now) is called when a message is answered. now: the loop's time, s."""
 
 
 @dataclass(frozen=True)
 class DeliveryRules:
-    """Which points the controller takes, by parameters and its profile.
+    """How the controller accepts points, from the parameters and its profile.
 
-    motoman: its points need Motoman's commands. uses: which fields of a JOINT_TRAJ_PT count;
-    speed: a fraction, of a controller that uses none of them. slowest: the smallest speed, a
-    fraction, of any other. buffer, dead_time (s per point): of a download. power: what statements
-    ask for. All as in the profile (docs/controllers.md).
+    motoman: points need Motoman's commands. uses: fields of a JOINT_TRAJ_PT that are used.
+    speed: fraction, for a controller that uses none of them. slowest: minimum speed, a fraction,
+    for any other controller. buffer, dead_time (s per point): for a download. power: requested by
+    statements. The values have the meaning defined for profiles (docs/controllers.md).
     """
 
     interface: Literal['streaming', 'download', 'statements'] = 'streaming'
@@ -51,11 +51,11 @@ class DeliveryRules:
 
 @dataclass(frozen=True)
 class PreparedTrajectory:
-    """A trajectory as it is executed, and its messages, in the order in which they are posted.
+    """A trajectory as it is executed, and its messages in the order in which they are posted.
 
-    They may be made only when they are asked for (trajectory_points.py).
+    The messages may be created on access (trajectory_points.py).
 
-    delay: how long after the first of them the controller lets the arm stand before it moves, s.
+    delay: time from the first message until the controller starts to move the arm, s.
     """
 
     trajectory: Trajectory
@@ -64,11 +64,11 @@ class PreparedTrajectory:
 
 
 class Delivery(ABC):
-    """A way to a controller, over a motion link, for joints within limits.
+    """Interface to a controller over a motion link, for joints within limits.
 
-    `resumes`: its first point makes a controller go on that is paused, or says why not.
-    `keeps_points`: a controller of this kind keeps its points when the client is lost, and goes
-    on with them as soon as one connects. `no_streams`: why it follows no setpoints, or ''.
+    `resumes`: the first point resumes a paused controller, or its reply contains why not.
+    `keeps_points`: the controller keeps its points when the client is lost, and resumes them as
+    soon as a client connects. `no_streams`: why setpoints cannot be followed, or ''.
     """
 
     resumes = False
@@ -87,17 +87,18 @@ class Delivery(ABC):
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
         """Return the messages for a checked trajectory from `start` (shape (n,), rad).
 
-        Raises GoalRejectedError if the controller cannot take it.
+        Raises GoalRejectedError if the controller cannot execute it.
         """
 
     def setpoint(self, way: Trajectory, sequence: int) -> Message:
         """Return the message for one setpoint of a stream, with the number `sequence`.
 
-        `way` has two points: the setpoint before, and this one; with the same time they are the
-        first, where the arm stands. Raises GoalRejectedError if the controller takes no streams.
+        `way` has two points: the previous setpoint and this one. For the first setpoint both have
+        the same time, and the arm's position. Raises GoalRejectedError if the controller takes no
+        streams.
         """
         raise GoalRejectedError(ErrorCode.INVALID_GOAL, self.no_streams)
 
     def post(self, message: Message, on_reply: OnReply) -> None:
-        """Send one of them, or STOP. Raises ConnectionError if there is no link."""
+        """Send a prepared message or STOP. Raises ConnectionError if no link is available."""
         self._link.post(message, on_reply)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The rules of delivery that suit a controller and the parameters."""
+"""The delivery rules for a controller and its parameters."""
 
 from typing import Literal
 
@@ -9,10 +9,10 @@ from epson_driver.profiles import ControllerProfile
 from epson_driver.profiles.profile_rules import FieldsUsed
 
 LOW_POWER = 0.05
-"""Share of full speed that low power allows."""
+"""Fraction of full speed in low power."""
 
 WHOLE_PERCENT = 0.01
-"""The smallest Speed of SPEL+, as a share."""
+"""Minimum Speed of SPEL+, as a fraction."""
 
 _INTERFACES: dict[str, Literal['streaming', 'download', 'statements']] = {
     'streaming': 'streaming',
@@ -24,7 +24,7 @@ _INTERFACES: dict[str, Literal['streaming', 'download', 'statements']] = {
 def delivery_rules(profile: ControllerProfile, interface: str, message: str) -> DeliveryRules:
     """Return the rules for a profile and the parameters `interface` and `point_message`.
 
-    Raises ValueError for parameters that do not go together.
+    Raises ValueError if the parameters are incompatible.
     """
     motoman = profile.program.kind == 'motoman'
     full = message == 'joint_traj_pt_full'

@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The download interface: a whole trajectory is sent before the arm moves.
 
-As ROS-Industrial's motion_download_interface does it: all points are topics, the first has the
-sequence -1, the last -3, those between their index; a trajectory of one point is sent as two. STOP
-is a request.
+It follows ROS-Industrial's motion_download_interface. All points are topics. The first has the
+sequence -1, the last -3, and the others their index. A trajectory of one point is sent as two.
+STOP is a request.
 
-Nothing answers the points: that the arm has done its motion, or why it has not, is in the state
-alone. So whatever would be lost on the way is refused before anything is sent.
+Points have no replies. Only the state shows that the arm has executed its motion, or why it has
+not. Points that would be lost are therefore refused before any is sent.
 """
 
 import asyncio
@@ -29,20 +29,20 @@ from epson_driver.simple_message import (
 )
 
 MAX_UNSENT_BYTES = 16384
-"""While more bytes than this wait for the controller to read them, no further point is sent."""
+"""Maximum number of bytes waiting for the controller before another point is sent."""
 
 MAX_START_DELAY_S = 0.1
-"""The arm begins to move within this time after the dead times of all points, s."""
+"""Maximum time from the end of all points' dead times until the arm starts to move, s."""
 
 UNSENT_CHECK_PERIOD_S = 0.005
-"""How often it is looked whether the controller has read what was sent, s."""
+"""Period for checking whether the controller has read the points sent, s."""
 
 ASSUMED_REPLY = reply(JointPosition(), ReplyCode.SUCCESS)
-"""Given to `on_reply` in place of a reply, which a topic does not get."""
+"""Passed to `on_reply` in place of a reply, because a topic has none."""
 
 
 class Download(Delivery):
-    """Points as topics. Of `rules`, `buffer`, `dead_time` and a point's fields count."""
+    """Points as topics. From `rules`, `buffer`, `dead_time` and `uses` are used."""
 
     no_streams = (
         'with interface: download the arm follows no streams of setpoints: it moves when all of a '
@@ -50,7 +50,7 @@ class Download(Delivery):
     )
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
-        """Return its points, at least two. Raises GoalRejectedError if the buffer is too small."""
+        """Return at least two points. Raises GoalRejectedError if the buffer is too small."""
         points = trajectory_points(
             trajectory,
             start,
@@ -72,7 +72,7 @@ class Download(Delivery):
         )
 
     def post(self, message: Message, on_reply: OnReply) -> None:
-        """Send a point, which counts as answered soon, or STOP, which the controller answers."""
+        """Send a point, which soon counts as answered, or STOP, which the controller answers."""
         if message == STOP:
             self._link.post(message, on_reply)
             return
@@ -88,9 +88,9 @@ class Download(Delivery):
 
 
 def download_sequences(points: list[JointTrajPt]) -> list[JointTrajPt]:
-    """Return points that are numbered 0, 1, 2, … with the sequences of a download.
+    """Return points numbered 0, 1, 2, … with the sequences of a download.
 
-    One point becomes two; the second takes it nowhere else.
+    A single point becomes two with the same position.
     """
     if len(points) == 1:
         points = [*points, replace(points[0], duration=MIN_DURATION_S)]
@@ -103,6 +103,6 @@ def download_sequences(points: list[JointTrajPt]) -> list[JointTrajPt]:
 
 
 def _twice(trajectory: Trajectory) -> Trajectory:
-    """Return a trajectory of one point with a second one that is the same."""
+    """Return a trajectory of one point with that point repeated."""
     times = np.array([0.0, MIN_DURATION_S]) + trajectory.times[0]
     return Trajectory(trajectory.joint_names, times, np.repeat(trajectory.positions, 2, axis=0))

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a reply rejects its request, and why, in words."""
+"""Whether a reply rejects its request, and the reason as text."""
 
 from epson_driver.link.replies import StatementReply
 from epson_driver.simple_message import MotionReply, Packet, ReplyCode
@@ -14,7 +14,7 @@ RESULTS: dict[int, str] = {
     Result.NOT_READY: 'NOT_READY: it cannot move now',
     Result.MP_FAILURE: 'MP_FAILURE: a function of the controller failed',
 }
-"""What a MOTION_REPLY's result means."""
+"""Texts of a MOTION_REPLY's results."""
 
 SUBCODES: dict[int, str] = {
     Invalid.UNSPECIFIED: 'the reason is not known',
@@ -46,13 +46,13 @@ SUBCODES: dict[int, str] = {
     NotReady.PFL_ACTIVE: 'the power and force limitation is active',
     NotReady.INC_MOVE_ERROR: 'the incremental motion failed',
 }
-"""What the subcode of a MOTION_REPLY means (MotoROS 1.9)."""
+"""Texts of a MOTION_REPLY's subcodes (MotoROS 1.9)."""
 
 
 def reply_rejection(packet: Packet) -> str | None:
     """Return why a reply rejects its request, as a clause, or None if it accepts it.
 
-    The header of Motoman's replies always says SUCCESS; the result in the body counts.
+    The header of Motoman's replies is always SUCCESS. The result in the body is used instead.
     """
     message = packet.message
     if isinstance(message, StatementReply):

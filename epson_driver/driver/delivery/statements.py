@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Motions as SPEL+ statements, for a controller without a program: Go, Move, Arc3 by `$Execute`.
 
-The controller plans them by itself: what it takes is where to go and how fast, not when to be
-where. So plans of points and streams are refused, in one sentence that says what to use.
+The controller plans the motion: it accepts a target and a speed, but no times along the path.
+Plans of several points and streams are therefore refused. The error text names the alternatives.
 """
 
 from dataclasses import dataclass
@@ -18,13 +18,13 @@ from epson_driver.link.replies import Statement
 from epson_driver.motion import Array, JointLimits, Trajectory
 
 TOOL_NUMBER = 15
-"""The controller's tool that is set, with TLSet, where a motion of a tool needs one."""
+"""Number of the controller's tool that TLSet sets for motions of a tool."""
 
 AT_START = 0.02
-"""A first point that is so near to where the arm stands, rad or m, is no way point."""
+"""Distance from the arm, rad or m, within which a first point is not a waypoint."""
 
 MOST_CHARACTERS = 4060
-"""Of what one `$Execute` takes (RC+ 7.0 user's guide)."""
+"""Maximum length of the text of one `$Execute` (RC+ 7.0 user's guide)."""
 
 NO_PLANS = (
     'a plan of {} points: by Remote Ethernet alone the controller takes no points and times: send '
@@ -38,12 +38,12 @@ FIXED_SPEED = (
 )
 
 ToolFrame = tuple[float, float, float, float, float, float]
-"""A tool in the flange as TLSet has it: x, y, z in mm, u, v, w in degrees."""
+"""A tool frame in the flange, as in TLSet: x, y, z in mm, u, v, w in degrees."""
 
 
 @dataclass(frozen=True)
 class PathSpeed:
-    """How fast the tool goes: m/s, m/s², and its turn, rad/s, rad/s²."""
+    """Speed and acceleration of the tool, m/s, m/s², and of its rotation, rad/s, rad/s²."""
 
     speed: float
     acceleration: float
@@ -53,7 +53,7 @@ class PathSpeed:
 
 @dataclass(frozen=True)
 class Load:
-    """What the arm carries: kg, kg m² about the axis of the flange, and how far from it, m."""
+    """Payload: mass, kg, inertia about the flange axis, kg m², and distance from that axis, m."""
 
     mass: float
     inertia: float = 0.0
@@ -61,17 +61,17 @@ class Load:
 
     @property
     def text(self) -> str:
-        """Return it as statements."""
+        """Return the payload as statements."""
         return (
             f'Weight {self.mass:.4g}; Inertia {self.inertia:.4g}, {self.eccentricity * 1e3:.4g}; '
         )
 
 
 class Moves:
-    """Writes statements, for joints within limits as a controller counts them.
+    """Creates statements for joints within limits, in the controller's joint convention.
 
-    Where to go is given as joint positions, shape (n,), rad (m), as ROS counts them: they tell
-    the arm's configuration, too.
+    Targets are joint positions, shape (n,), rad (m), in the ROS convention. They also define the
+    arm's configuration.
     """
 
     def __init__(self, limits: JointLimits, mapping: JointMapping, power: str) -> None:
@@ -79,10 +79,10 @@ class Moves:
         self._mapping = mapping
         self._power = f'Power {power.capitalize()}'
         self.load: Load | None = None
-        """What each motion says that the arm carries; None: what the controller has."""
+        """Payload set with each motion. None: the controller's own setting."""
 
     def joints(self, target: Array, speed: float, acceleration: float) -> Statement:
-        """Return a joint move. speed, acceleration: shares of the controller's, (0, 1]."""
+        """Return a joint move. speed, acceleration: fractions of the controller's, (0, 1]."""
         percent, ramp = _percent(speed), _percent(acceleration)
         text = f'Speed {percent}; Accel {ramp}, {ramp}; Go {self._point(target)}'
         return Statement(f'{self._settings}; {text}')
@@ -90,13 +90,13 @@ class Moves:
     def line(
         self, target: Array, speeds: PathSpeed, *, tool: ToolFrame | None, turns: bool = False
     ) -> Statement:
-        """Return a line of the flange, or of a tool. turns: it only turns about itself."""
+        """Return a line of the flange or a tool. turns: only the orientation changes."""
         return self._path(f'Move {self._point(target)}{" ROT" if turns else ""}', speeds, tool)
 
     def arc(
         self, via: Array, target: Array, speeds: PathSpeed, *, tool: ToolFrame | None
     ) -> Statement:
-        """Return a circle through `via` of the flange, or of a tool."""
+        """Return a circular arc through `via`, of the flange or a tool."""
         return self._path(f'Arc3 {self._point(via)}, {self._point(target)}', speeds, tool)
 
     @property
@@ -122,12 +122,12 @@ class Moves:
 
 
 def last_point(trajectory: Trajectory) -> Trajectory:
-    """Return the last point of a trajectory, which is all that a statement reaches at a time."""
+    """Return the last point of a trajectory, because one statement reaches only one point."""
     return Trajectory(trajectory.joint_names, trajectory.times[-1:], trajectory.positions[-1:])
 
 
 class StatementDelivery(Delivery):
-    """A trajectory straight to its end as `Go`. Of `rules`, the power counts."""
+    """A trajectory directly to its end as `Go`. Only the power in `rules` is used."""
 
     no_streams = (
         'by Remote Ethernet alone the arm follows no streams: each statement begins and ends at '
@@ -141,9 +141,9 @@ class StatementDelivery(Delivery):
         self.moves = Moves(limits, mapping, rules.power)
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
-        """Return a joint move to its last point, no faster than its time asks for.
+        """Return a joint move to the last point, no faster than its time requires.
 
-        Points before that may only be where the arm stands. Raises GoalRejectedError for others.
+        Earlier points may only be at the arm's position. Raises GoalRejectedError if one is not.
         """
         if np.any(np.abs(trajectory.positions[:-1] - start) > AT_START):
             text = NO_PLANS.format(len(trajectory.times))

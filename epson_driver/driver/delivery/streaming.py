@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The streaming interface: each point is a request, and its reply lets the next one go."""
+"""The streaming interface: each point is a request, and its reply releases the next one."""
 
 import asyncio
 import contextlib
@@ -55,7 +55,7 @@ class Streaming(Delivery):
         return PreparedTrajectory(trajectory, LazyPoints(len(trajectory.times), make))
 
     def setpoint(self, way: Trajectory, sequence: int) -> Message:
-        """Return it as a point of one long trajectory."""
+        """Return the setpoint as a point of one long trajectory."""
         velocities = None if way.velocities is None else way.velocities[1:]
         one = Trajectory(
             way.joint_names, way.times[1:] - way.times[0], way.positions[1:], velocities
@@ -73,13 +73,13 @@ class Streaming(Delivery):
 class FullStreaming(Delivery):
     """Points as JOINT_TRAJ_PT_FULL requests: time, positions, velocities."""
 
-    no_streams = (  # what interpolates by times stops dead if one comes late
+    no_streams = (  # a controller that interpolates by time stops abruptly if a point is late
         'with point_message: joint_traj_pt_full the arm follows no streams of setpoints: the '
         'controller would stop abruptly whenever one comes late; send trajectories'
     )
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
-        """Return a point where the arm stands, and one for each that follows."""
+        """Return a point at the arm's position, and one for each point that follows."""
         executed = with_velocities(from_standing(trajectory, start, self._limits))
 
         def make(first: int, end: int) -> list[JointTrajPtFull]:
@@ -89,18 +89,18 @@ class FullStreaming(Delivery):
 
 
 BUSY_RETRY_PERIOD_S = 0.01
-"""How long to wait before a point is sent again, s; MotoROS works in cycles of 4 ms."""
+"""Wait before a point is sent again, s. MotoROS works in cycles of 4 ms."""
 
 
 class MotomanDelivery(FullStreaming):
     """Points and STOP for a controller with MotoROS.
 
-    * START_TRAJ_MODE goes before the first point, and is answered SUCCESS if the mode is on.
-    * A point that is answered BUSY has changed nothing, and is sent again after
-      BUSY_RETRY_PERIOD_S, until it is taken or the goal is stopped.
+    * START_TRAJ_MODE is sent before the first point. Its reply is SUCCESS if the mode is on.
+    * A point with the reply BUSY had no effect. It is sent again after BUSY_RETRY_PERIOD_S, until
+      it is accepted or the goal is stopped.
     * STOP is STOP_MOTION. The mode stays on.
-    * MotoROS keeps queue, job and servos when the client is lost, and goes on as soon as one
-      connects: STOP_MOTION is the first message on each connection (Driver sends it).
+    * MotoROS keeps queue, job and servos when the client is lost, and resumes as soon as one
+      connects. STOP_MOTION is therefore the first message on each connection (Driver sends it).
     """
 
     resumes = True
@@ -111,7 +111,7 @@ class MotomanDelivery(FullStreaming):
     ) -> None:
         super().__init__(link, limits, mapping, rules)
         self._trajectory = 0
-        """Counts trajectories and stops: what belongs to an older one is not sent any more."""
+        """Number of trajectories and stops. Points of an older one are not sent any more."""
 
     def post(self, message: Message, on_reply: OnReply) -> None:
         """Send a point or STOP as Motoman's commands, trajectory mode first."""

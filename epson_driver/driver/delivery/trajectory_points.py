@@ -1,8 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Make the messages of a trajectory, one for each point, when they are about to be sent.
+"""Messages of a trajectory, one for each point, created shortly before they are sent.
 
-However many there are, the first one is there at once, and only some are in memory.
+The first message is available immediately, regardless of the number of points, and only one block
+of messages is in memory.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,30 +28,30 @@ from epson_driver.simple_message import (
 Float32Array = npt.NDArray[np.float32]
 
 FIRST_POINT_VELOCITY_FRACTION = 0.1
-"""Fraction of the maximum speed for a first point that has no time: ROS-Industrial's default."""
+"""Fraction of the maximum speed for a first point without a time: ROS-Industrial's default."""
 
 MIN_DURATION_S = 1e-3
-"""The shortest duration that is sent, s: controllers may refuse 0."""
+"""Minimum duration that is sent, s. Controllers may refuse 0."""
 
 START_MARGIN_RAD = 1e-4
-"""A plan that begins closer than this to where the arm stands begins there, rad."""
+"""Distance from the arm within which a plan starts exactly at the arm's position, rad."""
 
 LIMIT_MARGIN_RAD = 1e-6
-"""Where joints are counted in another way than the limits, rounding needs this margin, rad."""
+"""Margin for rounding errors if joints and limits use different conventions, rad."""
 
 FULL_POINT_FIELDS = ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY
-"""What a JOINT_TRAJ_PT_FULL says: Motoman wants these three. Its interpolation makes its own
-accelerations."""
+"""Fields of a JOINT_TRAJ_PT_FULL. Motoman requires these three, and its interpolation computes its
+own accelerations."""
 
 BLOCK_POINTS = 256
-"""So many are made at a time, in half a millisecond: numpy takes as long for a few. But the first
-one is made alone, as the arm waits for it."""
+"""Number of messages created together, in half a millisecond. numpy takes as long for a few. The
+first message is created separately because the arm waits for it."""
 
 STOP = JointTrajPt(SpecialSequence.STOP_TRAJECTORY)
 
 
 MIN_VELOCITY = 1e-3
-"""The smallest velocity that is sent, a fraction or rad/s: controllers may refuse 0."""
+"""Minimum velocity that is sent, a fraction or rad/s. Controllers may refuse 0."""
 
 
 def trajectory_points(
@@ -65,17 +66,17 @@ def trajectory_points(
 ) -> list[JointTrajPt]:
     """Return the messages that stream a checked trajectory from `start` (shape (n,), rad).
 
-    Those of the points `first` to `end` - 1; of all, if nothing is said.
+    They are for the points `first` to `end` - 1, by default for all.
 
-    `velocity` is the largest that the plan uses in the segment, from its mean speed and the
-    velocities at both ends: the arm is never asked to be faster than planned. It is a fraction of
-    a joint's limit. `duration` is the segment's own time. A first point that has no time is where
-    the arm is, or nearly so: it goes there at FIRST_POINT_VELOCITY_FRACTION, in the time which
-    that takes.
+    `velocity` is the largest in the segment, from its mean speed and the velocities at both ends,
+    so the arm is never requested to be faster than planned. It is a fraction of a joint's limit.
+    `duration` is the duration of the segment. A first point without a time is at the arm's
+    position or close to it. The arm moves there at FIRST_POINT_VELOCITY_FRACTION, in the time that
+    this takes.
 
-    For a controller that goes by the velocity alone (`uses`) it is the segment's mean speed, with
-    which the segment takes its own time. Both fields are always filled: a controller that uses one
-    which its profile calls unused is not asked to be faster than planned either.
+    For a controller that uses only the velocity (`uses`), it is the segment's mean speed, with
+    which the segment takes its planned time. Both fields are always filled, so a controller that
+    uses a field contrary to its profile is not requested to be faster than planned either.
     """
     rows, times = trajectory.positions[first:end], trajectory.times[first:end]
     if first:
@@ -89,7 +90,7 @@ def trajectory_points(
     timed = np.maximum(durations, MIN_DURATION_S)
     speeds = np.abs(steps) / timed[:, None]
     if trajectory.velocities is not None and uses is not FieldsUsed.VELOCITY:
-        from_row = max(first - 1, 0)  # the velocity at the beginning of the first segment, too
+        from_row = max(first - 1, 0)  # includes the velocity at the start of the first segment
         ends = np.abs(mapping.velocities_to_controller(trajectory.velocities[from_row:end]))
         begins = ends if first else np.vstack([np.zeros_like(ends[:1]), ends])
         speeds = np.maximum(np.maximum(speeds, ends[-len(rows) :]), begins[: len(rows)])
@@ -121,9 +122,9 @@ def full_points(
     first: int = 0,
     end: int | None = None,
 ) -> list[JointTrajPtFull]:
-    """Return the same as JOINT_TRAJ_PT_FULL: time from the start, positions and velocities.
+    """Return the messages as JOINT_TRAJ_PT_FULL: time from the start, positions and velocities.
 
-    The trajectory must have velocities (`with_velocities`), and begin where the arm stands
+    The trajectory must have velocities (`with_velocities`), and start at the arm's position
     (`from_standing`).
     """
     if trajectory.velocities is None:
@@ -150,10 +151,10 @@ def full_points(
 
 
 def from_standing(trajectory: Trajectory, start: Array, limits: JointLimits) -> Trajectory:
-    """Return the trajectory with a first point at 0 s where the arm stands (shape (n,), rad).
+    """Return the trajectory with a first point at 0 s at the arm's position (shape (n,), rad).
 
-    One that begins within START_MARGIN_RAD of it begins there. One that begins at 0 s further away
-    begins later, by the time that the way takes at FIRST_POINT_VELOCITY_FRACTION.
+    If it starts within START_MARGIN_RAD of the arm, it starts at the arm instead. If it starts at
+    0 s farther away, it is delayed by the time for that distance at FIRST_POINT_VELOCITY_FRACTION.
     """
     positions, times = trajectory.positions, trajectory.times
     if times[0] == 0.0:
@@ -184,10 +185,10 @@ def from_standing(trajectory: Trajectory, start: Array, limits: JointLimits) -> 
 
 
 def with_velocities(trajectory: Trajectory) -> Trajectory:
-    """Return the trajectory with velocities: the plan's own if it has some.
+    """Return the trajectory with velocities. Existing ones are unchanged.
 
-    They are 0 at both ends and where a joint turns; elsewhere the harmonic mean of the mean
-    speeds on both sides, with which a cubic interpolation never overshoots a point.
+    They are 0 at both ends and where a joint reverses. Elsewhere they are the harmonic mean of the
+    mean speeds on both sides, with which a cubic interpolation never overshoots a point.
     """
     if trajectory.velocities is not None:
         return trajectory
@@ -202,7 +203,7 @@ def with_velocities(trajectory: Trajectory) -> Trajectory:
 
 
 def _to_wire(positions: Array, limits: JointLimits, mapping: JointMapping) -> Array:
-    """Return positions as the controller counts them, float32 numbers within the limits."""
+    """Return positions in the controller's convention, float32 numbers within the limits."""
     if mapping.identity:
         return to_float32_inside(positions, limits)
     inside = np.clip(
@@ -220,7 +221,7 @@ def to_float32_inside(positions: Array, limits: JointLimits) -> Array:
 
 @lru_cache(maxsize=16)
 def _float32_range(limits: JointLimits) -> tuple[Float32Array, Float32Array]:
-    """Return the least and the greatest float32 numbers within the position limits."""
+    """Return the smallest and the largest float32 numbers within the position limits."""
     low = limits.position_min.astype(np.float32)
     low = np.where(low < limits.position_min, np.nextafter(low, np.float32(np.inf)), low)
     high = limits.position_max.astype(np.float32)
@@ -232,7 +233,7 @@ M = TypeVar('M', bound=Message)
 
 
 class LazyPoints(Sequence[M]):
-    """`count` messages, of which `make(first, end)` returns those from `first` to `end` - 1."""
+    """`count` messages. `make(first, end)` creates the messages `first` to `end` - 1."""
 
     def __init__(self, count: int, make: Callable[[int, int], Sequence[M]]) -> None:
         self._count = count
@@ -241,7 +242,7 @@ class LazyPoints(Sequence[M]):
         self._made: Sequence[M] = ()
 
     def __len__(self) -> int:
-        """How many there are."""
+        """Return the number of messages."""
         return self._count
 
     @overload
@@ -251,7 +252,7 @@ class LazyPoints(Sequence[M]):
     def __getitem__(self, index: slice) -> Sequence[M]: ...
 
     def __getitem__(self, index: int | slice) -> M | Sequence[M]:
-        """Return one of them, or some, which are then all made."""
+        """Return one message, or all messages of a slice."""
         if isinstance(index, slice):
             return [self[each] for each in range(*index.indices(self._count))]
         at = index - self._first
@@ -260,7 +261,7 @@ class LazyPoints(Sequence[M]):
         return self._made[at]
 
     def _make_block(self, index: int) -> int:
-        """Make the block of messages with this one, and return its place in the block."""
+        """Create the block with this message, and return its index in the block."""
         self._first = index - index % BLOCK_POINTS
         end = self._first + (BLOCK_POINTS if index else 1)
         self._made = self._make(self._first, min(end, self._count))
