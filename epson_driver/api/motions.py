@@ -135,7 +135,7 @@ class Motions(Arm):
         speed: float = 1.0,
         wait: bool = True,
     ) -> Motion:
-        """Replay a recording, or one loaded from a file. `move_joints` moves to its start.
+        """Replay a recording or a file, after a joint move to its start like `move_joints`.
 
         speed: fraction of the recorded speed, 0.01 to 1. The rest before the first recorded motion
         is skipped, later rests remain. A recording that is still running
