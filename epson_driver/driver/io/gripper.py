@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A gripper with two outputs that open and close it, and two inputs that show its state.
 
-It is as safe as the I/O it uses: it does not depend on whether the arm is enabled, and nothing can
-stop it on its way (docs/io.md).
+It is only as safe as the I/O that it uses. It is independent of whether the arm is enabled, and
+cannot be stopped while it moves (docs/io.md).
 """
 
 import asyncio
@@ -15,11 +15,11 @@ from epson_driver.driver.io.points import IoUnavailableError
 from epson_driver.simple_message import IoAddress, IoSetting, IoType
 
 LOOK_PERIOD_S = 0.1
-"""How often the inputs are asked for where their changes are not heard of, s."""
+"""Period for reading the inputs if their changes are not reported, s."""
 
 
 class Gripper:
-    """Opens and closes one gripper. A new command takes the place of the one before."""
+    """Opens and closes one gripper. A new command replaces the previous one."""
 
     def __init__(self, io: Io, wiring: GripperWiring) -> None:
         self.wiring = wiring
@@ -28,7 +28,7 @@ class Gripper:
         self._seen = False
 
     async def state(self) -> GripperState:
-        """Return the state that the inputs show now. Raises GripperError."""
+        """Return the state that the inputs show now. Raises GripperError if it is unknown."""
         return self._believed(*await self._inputs())
 
     async def _inputs(self) -> tuple[bool, bool]:
@@ -58,10 +58,10 @@ class Gripper:
         return GripperState(opened, closed)
 
     async def move(self, *, opened: bool) -> GripperState:
-        """Open or close it and return its state when it is there, or holds something.
+        """Open or close the gripper, and return its state when it is there or holds something.
 
-        Raises GripperError if it did not move, if its inputs are not known, or if a newer command
-        took its place. Who is cancelled leaves the outputs as they are.
+        Raises GripperError if it did not move, if its inputs are unknown, or if a newer command
+        replaced this one. On cancellation the outputs stay unchanged.
         """
         self._commands += 1
         command = self._commands

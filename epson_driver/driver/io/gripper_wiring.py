@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""How a gripper is wired, the state that its inputs show, and what it raises."""
+"""The wiring of a gripper, the state that its inputs show, and its exception."""
 
 from dataclasses import dataclass
 
@@ -12,15 +12,15 @@ _TIME_S = number(0.05, 60.0, 's')
 
 
 class GripperError(RuntimeError):
-    """The gripper did not do what was asked, as its text explains."""
+    """The gripper did not follow a command. The text explains why."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GripperWiring:
-    """Which outputs (DO) open and close it, and which inputs (DI) tell that it is open or closed.
+    """Outputs (DO) that open and close the gripper, and inputs (DI) that show its end positions.
 
-    stroke: how far it opens, m. time: after so many s at most it has opened, closed, or holds
-    something. Raises ValueError for what cannot be.
+    stroke: opening width, m. time: maximum time, s, until it has opened, closed, or holds
+    something. Raises ValueError if a value is invalid.
     """
 
     open_output: int
@@ -42,11 +42,11 @@ class GripperWiring:
 
 @dataclass(frozen=True, slots=True)
 class GripperState:
-    """The state that the inputs show. With neither it moves, or holds something."""
+    """The state that the inputs show. If both are False, it moves or holds something."""
 
     opened: bool
     closed: bool
 
     def position(self, stroke: float) -> float:
-        """Return its opening, m, half of the stroke where neither input shows one."""
+        """Return the opening, m, or half of the stroke if neither input is on."""
         return stroke if self.opened else 0.0 if self.closed else stroke / 2

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The controller's I/O without ROS: it asks for the values, and reads and writes by address.
+"""The controller's I/O without ROS: polling of all values, and access by address.
 
-Nothing here touches the motion or the state: a controller without I/O, or one whose I/O server
-does not run at the moment, is a reason that requests are answered with. docs/io.md has the rules.
+I/O is independent of motion and state. If a controller has no I/O, or its I/O server is not
+running, requests are answered with that reason. docs/io.md has the rules.
 """
 
 import asyncio
@@ -39,13 +39,13 @@ from epson_driver.simple_message import (
 )
 
 MAX_POINTS = 1024
-"""Points in one request: the limit of the protocol."""
+"""Maximum points in one request: the limit of the protocol."""
 
 MAX_ASKED = 60
-"""Points that the client itself asks for at once: what a server with a small buffer answers."""
+"""Maximum points per polling request: the limit of a server with a small buffer."""
 
 RETRIES = (0.2, 0.5, 1.0, 2.0, 5.0)
-"""Pauses before a controller that does not answer is asked again, s; the last from then on."""
+"""Delays before a controller without a reply is polled again, s. The last one is repeated."""
 
 T = TypeVar('T', IoAddress, IoSetting)
 
@@ -54,7 +54,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class IoAnswer:
-    """One point of a request: `result` is an IoResult's number, `text` '' or why not."""
+    """Result for one point of a request: an IoResult's number, and '' or the reason as `text`."""
 
     io_type: int
     index: int
@@ -64,14 +64,14 @@ class IoAnswer:
 
 
 class Io:
-    """Reads, writes and watches the I/O of one controller. `run` until cancelled.
+    """Reads, writes and polls the I/O of one controller while `run` runs.
 
-    `states` are the values of all points that can be read at any time, but of flags: asked for
-    every `period` s and after each write, () while they are not known; `reason` then says why, and
-    is '' otherwise. `ranges` are the points that there are, None while that is not known.
-    `on_states` is called (in the event loop) after `states` changed, and once when they are not
-    known any more; `changed` is notified then, too. `place`: host and port, as diagnostics name
-    them. `timeout`: how long an answer may take, s; it may be changed at any time.
+    `states` are the values of all points that can be read at any time, except flags. They are
+    polled every `period` s and after each write, and are () while unknown. `reason` then has the
+    cause, and is '' otherwise. `ranges` are the existing points, or None while they are unknown.
+    `on_states` is called (in the event loop) after `states` changed, and once when they become
+    unknown. `changed` is then notified as well. `place`: host and port, as shown in diagnostics.
+    `timeout`: reply timeout, s, which may be changed at any time.
     """
 
     def __init__(
@@ -95,17 +95,17 @@ class Io:
 
     @property
     def ranges(self) -> tuple[IoRange, ...] | None:
-        """The points that there are, None while that is not known."""
+        """The existing points, or None while they are unknown."""
         return self._backend.ranges
 
     async def run(self) -> None:
-        """Ask for the values until cancelled."""
+        """Poll the values until cancelled."""
         if not self.used:
             self._lose(self.reason, logging.DEBUG)
             return
 
         async def nothing() -> None:
-            """Do nothing, as reading moves nothing."""
+            """Do nothing: reading causes no motion that must be stopped."""
 
         parts = {'asking for the I/O': self._ask}
         if self.link is None:
@@ -118,13 +118,13 @@ class Io:
             self._lose('the driver ended', logging.DEBUG)
 
     async def read(self, addresses: Sequence[IoAddress]) -> list[IoAnswer]:
-        """Return an answer per address, in their order. Raises IoUnavailableError."""
+        """Return a result for each address, in order. Raises IoUnavailableError if it fails."""
         return await self._answers(addresses, [None] * len(addresses), self._backend.read)
 
     async def write(self, settings: Sequence[IoSetting]) -> list[IoAnswer]:
-        """Set outputs, groups and flags in order, and return one answer per setting.
+        """Set outputs, groups and flags in order, and return one result per setting.
 
-        Raises IoUnavailableError, which also says if the points may have been written.
+        Raises IoUnavailableError, whose text also shows if the points may have been written.
         """
         try:
             values = [item.value for item in settings]
@@ -166,13 +166,14 @@ class Io:
             answers.append(IoAnswer(item.io_type, item.index, shown_value, got.result, text))
         return answers
 
-    # --- the values -------------------------------------------------------------------------
+    # --- polling ----------------------------------------------------------------------------
 
     async def _ask(self) -> None:
-        """Ask for the values every `period`, and when woken, until cancelled.
+        """Poll the values every `period`, and when woken, until cancelled.
 
-        A connection is kept even when nothing comes: the controller's outputs may fall to their
-        safe values with it, and only the controller knows why it is silent (E-stop, pause).
+        The connection stays open even without replies. The controller's outputs may change to
+        their safe values when it closes, and the cause of the silence (E-stop, pause) is known
+        only to the controller.
         """
         await self._wake.wait()
         attempt = 0
@@ -192,9 +193,9 @@ class Io:
                     await self._wake.wait()
 
     async def _values(self) -> tuple[tuple[IoValues, ...], str]:
-        """Return the values of all ranges that could be read, and why another one could not.
+        """Return the values of all readable ranges, and why another range could not be read.
 
-        Raises IoUnavailableError, also if there is no value at all.
+        Raises IoUnavailableError if a request fails or no value is available.
         """
         backend = self._backend
         await backend.look(self.timeout)
@@ -232,7 +233,7 @@ class Io:
         ), why
 
     def _publish(self, states: tuple[IoValues, ...], missing: str) -> None:
-        """Publish new values. `missing`: why not all of them are known."""
+        """Publish new values. `missing`: why some of them are unknown."""
         if states == self.states:
             return
         if not self.states and not self._passing:
@@ -246,7 +247,7 @@ class Io:
         self._notify()
 
     def _lose(self, why: str, level: int) -> None:
-        """Take note that the values are not known, and log it once until they are known again."""
+        """Record that the values are unknown, and log it once until they are known again."""
         self.states = ()
         self.reason = why
         if not self._told:
@@ -269,9 +270,10 @@ def make_io(
     turns: RemoteTurns,
     login: Login | None = None,
 ) -> Io:
-    """Return the I/O client that a profile asks for. `ports`: I/O port, remote port.
+    """Return the I/O client for a profile. `ports`: I/O port, remote port.
 
-    login: how to be logged in at the latter; None: anew for each request. A port of 0 is not used.
+    login: shared login at the remote port; None: each request logs in separately. A port of 0 is
+    not used.
     """
     port, remote_port = ports
     missing = 'I/O is not used: its port is 0'

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Points by messages: those of an I/O server (docs/io.md), and MotoROS' of one or eight bits.
+"""Points by messages: for an I/O server (docs/io.md), and for MotoROS with one or eight bits.
 
-One request is on its way at a time. A reply of MotoROS says nothing of what it answers, so after
-one that is missing the connection is opened again.
+Only one request is pending at a time. A reply of MotoROS does not identify its request, so the
+connection is reopened after a missing reply.
 """
 
 import asyncio
@@ -54,7 +54,7 @@ R = TypeVar('R', IoInfoReply, IoReadReply, IoWriteReply)
 
 
 class MessageIo(Backend):
-    """Requests over a link of its own."""
+    """Requests over a dedicated link."""
 
     link: Link
 
@@ -76,18 +76,18 @@ class MessageIo(Backend):
             self._dialect_known.set()
 
     def follow(self, dialect: Dialect) -> None:
-        """Write in the state server's byte order: the I/O port shows its own only in a reply."""
+        """Use the state server's byte order. The I/O port shows its own only in a reply."""
         self.link.follow(dialect)
         self._dialect_known.set()
 
     async def _exchange(self, message: Message, timeout: float) -> Packet:
-        """Send a request and return its reply. Raises IoUnavailableError.
+        """Send a request and return its reply. Raises IoUnavailableError if none arrives in time.
 
-        A reply that is waited for long enough takes no later one's place.
+        A reply that arrives after the timeout is not mistaken for a later one.
         """
         async with self._one:
             if self.link.connected and not self._dialect_known.is_set():
-                with contextlib.suppress(TimeoutError):  # no state message: then as it is
+                with contextlib.suppress(TimeoutError):  # no state message: keep the byte order
                     async with asyncio.timeout(timeout):
                         await self._dialect_known.wait()
                 self._dialect_known.set()
@@ -130,7 +130,7 @@ class MessageIo(Backend):
 
 
 class ServerIo(MessageIo):
-    """The points of a controller with an I/O server, which says which there are."""
+    """The points of a controller with an I/O server, which reports the existing ones."""
 
     shown = (
         IoType.DIGITAL_INPUT,
@@ -147,9 +147,9 @@ class ServerIo(MessageIo):
         self._looked = 0
 
     async def look(self, timeout: float) -> None:
-        """Ask which points there are, once on each connection. Raises IoUnavailableError.
+        """Request the existing points, once per connection. Raises IoUnavailableError.
 
-        Only a server of our own is known to pack points in groups; it has groups of 16 as well.
+        Only this project's server is known to pack points in groups. It also has groups of 16.
         """
         connection = self.link.statistics.connections
         if connection != self._looked or self.ranges is None:
@@ -158,26 +158,26 @@ class ServerIo(MessageIo):
             self.grouped = any(held.start == WORD_GROUPS for held in reply.items)
 
     async def read(self, addresses: Sequence[IoAddress], timeout: float) -> list[Told]:
-        """Return what is told of each address. Raises IoUnavailableError."""
+        """Return a result for each address. Raises IoUnavailableError if the request fails."""
         message = IoRead(self._next_id(), tuple(addresses))
         reply = await self._ask(message, IoReadReply, timeout)
         _check_addresses(reply, addresses)
         return [Told(item.value, item.result) for item in reply.items]
 
     async def write(self, settings: Sequence[IoSetting], timeout: float) -> list[Told]:
-        """Set points in their order. Raises IoUnavailableError, which says if they may be set."""
+        """Write points in order. Raises IoUnavailableError, with `sent` if they may be set."""
         message = IoWrite(self._next_id(), tuple(settings))
         reply = await self._ask(message, IoWriteReply, timeout)
         _check_addresses(reply, settings)
         return [Told(result=item.result) for item in reply.items]
 
     def _next_id(self) -> int:
-        """Return 1, 2, … and 1 again. Not an itertools.cycle: that keeps all it has returned."""
+        """Return 1, 2, … and 1 again. Not an itertools.cycle, which stores all values."""
         self._last_id = self._last_id % (MAX_MESSAGE_ID - 1) + 1
         return self._last_id
 
     async def _ask(self, message: Message, kind: type[R], timeout: float) -> R:
-        """Return the reply to a request. Raises IoUnavailableError."""
+        """Return the reply to a request. Raises IoUnavailableError if it is not successful."""
         packet = await self._exchange(message, timeout)
         if packet.reply_code is not ReplyCode.SUCCESS:
             raise IoUnavailableError(REFUSED)
@@ -189,7 +189,7 @@ class ServerIo(MessageIo):
 def _check_addresses(
     reply: IoReadReply | IoWriteReply, asked: Sequence[IoAddress | IoSetting]
 ) -> None:
-    """Raise IoUnavailableError unless the reply's items are those that were asked for."""
+    """Raise IoUnavailableError unless the reply's items match the requested ones."""
     answered = [(item.io_type, item.index) for item in reply.items]
     if answered != [(item.io_type, item.index) for item in asked]:
         raise IoUnavailableError('the reply of the I/O server is about other points', sent=True)
@@ -219,11 +219,11 @@ class MotomanIo(MessageIo):
         self.ranges = ranges_of(profile, words=False, flags=False)
 
     async def read(self, addresses: Sequence[IoAddress], timeout: float) -> list[Told]:
-        """Return what is told of each address. Raises IoUnavailableError."""
+        """Return a result for each address. Raises IoUnavailableError if the request fails."""
         return [await self._ask(_reading(item), timeout) for item in addresses]
 
     async def write(self, settings: Sequence[IoSetting], timeout: float) -> list[Told]:
-        """Set points in their order. Raises IoUnavailableError, which says if they may be set."""
+        """Write points in order. Raises IoUnavailableError, with `sent` if they may be set."""
         told: list[Told] = []
         try:
             for item in settings:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The points of a controller: which there are, how they are reached, and why one is refused."""
+"""The I/O points of a controller, the interface for access to them, and reasons for refusals."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
@@ -22,7 +22,7 @@ NAMES = {
 }
 
 WORD_GROUPS = 1000
-"""From this index on a group has 16 bits, below it 8 (docs/io.md)."""
+"""First index of groups with 16 bits. Groups below it have 8 bits (docs/io.md)."""
 
 WORD_BITS, BYTE_BITS = 16, 8
 
@@ -37,10 +37,10 @@ Ranges = Sequence[IoRange]
 
 
 class IoUnavailableError(RuntimeError):
-    """A request without any answer, with the reason as its text.
+    """A request without a reply, with the reason as its text.
 
-    `sent`: the controller may have done it. `passing`: it will answer again by itself, as when the
-    arm stands.
+    `sent`: the controller may have executed it. `passing`: the controller will reply again without
+    intervention, for example when the arm is at rest.
     """
 
     def __init__(self, text: str, *, sent: bool = False, passing: bool = False) -> None:
@@ -51,9 +51,10 @@ class IoUnavailableError(RuntimeError):
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What a controller tells of one point: its value, or why there is none.
+    """A controller's reply for one point: its value, or why it is missing.
 
-    `result` is an IoResult's number, or 0 where `why` says it. `passing` as in IoUnavailableError.
+    `result` is an IoResult's number, or 0 if `why` has the reason. `passing` like in
+    IoUnavailableError.
     """
 
     value: int = 0
@@ -69,11 +70,12 @@ class Told:
 
 
 class Backend(ABC):
-    """Reads and writes points of one controller. `timeout` is for one question, s.
+    """Interface for reading and writing points of one controller. `timeout` is per request, s.
 
-    `ranges` are the points that there are, None while that is not known. `shown` are the types
-    that can be read at any time. `grouped`: groups pack their points as docs/io.md says. `link`
-    is that of simple messages, if it is by them; `wake` is called when it comes and when it goes.
+    `ranges` are the existing points, or None while they are unknown. `shown` are the types that
+    can be read at any time. `grouped`: groups pack their points as docs/io.md describes. `link` is
+    the link for simple messages, if it uses them. `wake` is called when that link is established
+    and when it is lost.
     """
 
     shown: Sequence[IoType]
@@ -83,22 +85,22 @@ class Backend(ABC):
     wake: Callable[[], None]
 
     def follow(self, dialect: Dialect) -> None:  # noqa: B027 - text has no byte order
-        """Write in the byte order and real width of the state server."""
+        """Use the byte order and real width of the state server."""
 
     async def look(self, timeout: float) -> None:  # noqa: B027 - a profile has them
-        """Find out which points there are. Raises IoUnavailableError."""
+        """Request the existing points. Raises IoUnavailableError if the request fails."""
 
     @abstractmethod
     async def read(self, addresses: Sequence[IoAddress], timeout: float) -> list[Told]:
-        """Return what is told of each address. Raises IoUnavailableError."""
+        """Return a result for each address. Raises IoUnavailableError if the request fails."""
 
     @abstractmethod
     async def write(self, settings: Sequence[IoSetting], timeout: float) -> list[Told]:
-        """Set points in their order. Raises IoUnavailableError, which says if they may be set."""
+        """Write points in order. Raises IoUnavailableError, with `sent` if they may be set."""
 
 
 def ranges_of(profile: IoProfile, *, words: bool, flags: bool) -> tuple[IoRange, ...]:
-    """Return the points of a profile that can be reached without an I/O server."""
+    """Return the points of a profile that are accessible without an I/O server."""
     ranges = []
     for io_type, count in (
         (IoType.DIGITAL_INPUT, profile.digital_inputs),
@@ -114,7 +116,7 @@ def ranges_of(profile: IoProfile, *, words: bool, flags: bool) -> tuple[IoRange,
 
 
 def there(io_type: int, index: int, ranges: Ranges) -> bool:
-    """Return whether one of the ranges has a point."""
+    """Return whether any range contains a point."""
     return any(
         held.io_type == io_type and held.start <= index < held.start + held.count
         for held in ranges
@@ -122,7 +124,7 @@ def there(io_type: int, index: int, ranges: Ranges) -> bool:
 
 
 def rejection(io_type: int, index: int, value: int | None, ranges: Ranges) -> IoResult:
-    """Return SUCCESS, or why a point is not read, or not written with `value`."""
+    """Return SUCCESS, or why a point cannot be read, or written with `value`."""
     if io_type not in [held.io_type for held in ranges]:
         return IoResult.TYPE_UNSUPPORTED
     if not there(io_type, index, ranges):
@@ -140,10 +142,10 @@ def rejection(io_type: int, index: int, value: int | None, ranges: Ranges) -> Io
 def shown(
     ranges: Ranges, types: Sequence[IoType], *, grouped: bool
 ) -> Iterator[tuple[IoRange, int, list[IoAddress]]]:
-    """Yield the ranges whose values are asked for, points in one value, and what is read.
+    """Yield the ranges whose values are requested, points in one value, and addresses to read.
 
-    Digital points are read in groups if these pack them (`grouped`), which are shown then without
-    being read. What goes beyond MAX_SHOWN points in all is left out.
+    Digital points are read in groups if these pack them (`grouped`). Such groups are shown without
+    being read. Ranges that would exceed MAX_SHOWN points in total are omitted.
     """
     left = MAX_SHOWN
     for held in ranges:
@@ -165,7 +167,7 @@ def shown(
 
 
 def packed(held: IoRange, bits: Sequence[int]) -> tuple[int, ...]:
-    """Return the values of a range of groups from those of its digital points."""
+    """Return the values of a range of groups from the values of its digital points."""
     width = _width(held.start)
     ports = range(held.start % WORD_GROUPS, held.start % WORD_GROUPS + held.count)
     return tuple(
@@ -177,7 +179,7 @@ def packed(held: IoRange, bits: Sequence[int]) -> tuple[int, ...]:
 def sentence(result: int, io_type: int, index: int, value: int | None, ranges: Ranges) -> str:
     """Return why a point was not read, or not written with `value`, or '' for SUCCESS.
 
-    `ranges` are those that the controller says it has; empty while that is not known.
+    `ranges` are the ranges reported by the controller, empty while they are unknown.
     """
     if result == IoResult.SUCCESS:
         return ''
@@ -223,7 +225,7 @@ def _width(group: int) -> int:
 
 
 def _most(group: int, ranges: Ranges) -> int:
-    """Return the largest value of a group of outputs: of the points that there are."""
+    """Return the maximum value of a group of outputs, from its existing points."""
     width = _width(group)
     first = group % WORD_GROUPS * width
     outputs = [held for held in ranges if held.io_type == IoType.DIGITAL_OUTPUT]

@@ -1,10 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Points by EPSON's Remote Ethernet: $GetIO, $SetIO and the like, one dialogue for each request.
+"""Points by EPSON's Remote Ethernet: $GetIO, $SetIO and the like, one session for each request.
 
-The controller serves one client at its remote port: nothing is kept open, and the motors' commands
-go first. Outputs are read with the statement Print, as there is no command for it; that and
-setting anything are refused while a task runs or the arm moves (docs/io.md).
+The controller serves one client at its remote port. The connection is therefore closed after each
+request, and commands for the motors have priority. No command exists for reading outputs, so the
+statement Print is used. The controller refuses Print and all writes while a task runs or the arm
+moves (docs/io.md).
 """
 
 import asyncio
@@ -41,7 +42,7 @@ READ_GROUP = {
     IoType.GROUP_INPUT: ('GetIOByte,{}', 'GetIOWord,{}'),
     IoType.GROUP_OUTPUT: ('Execute,"Print Out({})"', 'Execute,"Print OutW({})"'),
 }
-"""For groups of 8 and of 16."""
+"""Commands for groups of 8 and of 16 bits."""
 
 WRITE = {IoType.DIGITAL_OUTPUT: 'SetIO,{},{}', IoType.FLAG: 'SetMemIO,{},{}'}
 
@@ -49,7 +50,7 @@ WRITE_GROUP = ('SetIOByte,{},{:02X}', 'SetIOWord,{},{:04X}')
 
 
 class RemoteEthernetIo(Backend):
-    """The points of one controller. Nothing is kept open: every request shows if it is there."""
+    """The points of one controller. Each request connects and shows if it is available."""
 
     shown = (IoType.DIGITAL_INPUT,)
 
@@ -62,11 +63,11 @@ class RemoteEthernetIo(Backend):
         self._turns = turns
 
     async def read(self, addresses: Sequence[IoAddress], timeout: float) -> list[Told]:
-        """Return what is told of each address. Raises IoUnavailableError."""
+        """Return a result for each address. Raises IoUnavailableError if the request fails."""
         return await self._give([_reading(item) for item in addresses], timeout)
 
     async def write(self, settings: Sequence[IoSetting], timeout: float) -> list[Told]:
-        """Set points in their order. Raises IoUnavailableError, which says if they may be set."""
+        """Write points in order. Raises IoUnavailableError, with `sent` if they may be set."""
         return await self._give([_writing(item) for item in settings], timeout)
 
     async def _give(self, commands: Sequence[str], timeout: float) -> list[Told]:
