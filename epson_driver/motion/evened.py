@@ -1,14 +1,16 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Points with times, moved within a tolerance to where a smooth motion passes them.
+"""Removes noise from timed points: moves them within a tolerance onto a smooth motion.
 
 A recording has noise, and a motion through every noisy point is slower than the recording.
-For each joint, with times in mean spacings, the points p instead of the given q
+For each joint, with times in units of the mean spacing, the given points q are replaced by the
+points p that
 
     minimise   Σ wᵢ (pᵢ - qᵢ)² + STIFFNESS · ∫ p̈² dt,
 
-the integral by second differences. The weights w, 1 at first, grow where a point is farther off
-than the tolerance, until none is; what is left then is cut off. A smoothing spline with bounds.
+with the integral from second differences. The weights w start at 1 and grow where a point deviates
+by more than the tolerance, until none does. A remaining excess is clipped. This is a smoothing
+spline with bounds.
 """
 
 import numpy as np
@@ -19,25 +21,25 @@ from epson_driver.motion.smoother.waypoints import MERGE_TOLERANCE, MIN_DWELL_S,
 from epson_driver.motion.trajectory import Trajectory
 
 MIN_TOLERANCE = 2.0 * MERGE_TOLERANCE
-"""The smoother takes points for one that are half as far apart: it needs its part."""
+"""Minimum tolerance: the smoother merges points half as far apart and needs this margin."""
 
 STIFFNESS = 1e3
-"""How much acceleration counts, beside the distances: noise of 20 points is taken out."""
+"""Weight of the acceleration relative to the distances: noise over about 20 points is removed."""
 
 HELD = 1e12
-"""The weight of points that stay where they are."""
+"""Weight of fixed points."""
 
 MAX_ROUNDS = 40
 MIN_GROWTH_RATIO = 1.2
-"""How often weights grow at most, and how much at least, squared."""
+"""Maximum number of increases of the weights, and the minimum ratio of each, squared."""
 
 
 def evened(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> Trajectory:
-    """Return a trajectory whose points lie within a tolerance, rad or m, of the given ones.
+    """Return a trajectory whose points are within a tolerance, rad or m, of the given ones.
 
-    So near that the smoother's motion is within it, too, in each joint. Its ends, and points that
-    command a rest, are the given ones. Joints as in the limits. Raises ValueError for a tolerance
-    below MIN_TOLERANCE.
+    They are close enough that the smoother's motion is within it, too, in each joint. The ends,
+    and points that command a rest, are unchanged. The joints are in the order of the limits.
+    Raises ValueError for a tolerance below MIN_TOLERANCE.
     """
     if not tolerance >= MIN_TOLERANCE:  # NaN too
         raise ValueError(f'the tolerance {tolerance} rad must be {MIN_TOLERANCE:g} or more')
@@ -58,7 +60,7 @@ def evened(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> Tra
 
 
 def _bending(gaps: Array) -> tuple[Array, Array, Array]:
-    """Return the diagonals of the integral, times STIFFNESS, as `solve_pentadiagonal` has them."""
+    """Return the diagonals of STIFFNESS times the integral, for `solve_pentadiagonal`."""
     before, after = 1.0 / gaps[:-1], 1.0 / gaps[1:]
     here = -(before + after)
     weight = 2.0 * STIFFNESS / (gaps[:-1] + gaps[1:])
@@ -75,7 +77,7 @@ def _bending(gaps: Array) -> tuple[Array, Array, Array]:
 def _joint(
     given: Array, diagonals: tuple[Array, Array, Array], within: float, held: Array
 ) -> Array:
-    """Return the positions of one joint, shape (k,), nearly all of them near enough."""
+    """Return the positions of one joint, shape (k,), almost all within the tolerance."""
     main, second, third = diagonals
     weights = np.ones(len(given))
     weights[held] = HELD

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A smoother's motion as points between which quintics are that motion, jerk and all.
+"""Converts a smoother's motion to points between which quintics reproduce it, including jerk.
 
-A quintic over an instant at which the jerk jumps needs up to 1.8 times that jerk. So there is a
-point at each such instant: where the timing of a plan or a joint's motion has a breakpoint, and
-where a path passes a knot.
+A quintic over an instant at which the jerk jumps needs up to 1.8 times that jerk. Therefore a
+point is placed at each such instant: at the breakpoints of a plan's timing or of a joint's motion,
+and wherever a path passes a knot.
 """
 
 from bisect import bisect_left
@@ -19,14 +19,14 @@ from epson_driver.motion.smoother.active_plan import ActivePlan
 from epson_driver.motion.trajectory import Trajectory, sample_times
 
 MIN_APART_S = 1e-4
-"""Of instants that are nearer to each other only one counts, s."""
+"""Minimum time between two instants, s. Of closer ones only the first is used."""
 
 BISECTIONS = 50
-"""For the passage of a knot, to rounding."""
+"""Bisection steps for the passage of a knot, to rounding."""
 
 
 class Executed:
-    """What a smoother executes from rest at a position on: its observer."""
+    """Observer of a smoother: records the executed motions, from rest at a position."""
 
     def __init__(self, position: Array) -> None:
         self._begins = [0.0]
@@ -34,7 +34,7 @@ class Executed:
         self._rests = [position]
 
     def __call__(self, now: float, what: ActivePlan | JointMotion | None) -> None:
-        """Take what is executed from `now` s on."""
+        """Record the motion that is executed from `now` s."""
         before, rest = self._pieces[-1], self._rests[-1]
         if what is None and before is not None:
             rest = _end_of(before)
@@ -52,8 +52,8 @@ class Executed:
     ) -> Trajectory:
         """Return the motion from `begin` until `end`, s, when it has come to rest.
 
-        longest: the most time between two points, s. look: called with the time of each point, s,
-        and may raise to end the work. Raises ValueError for more than MAX_POINTS.
+        longest: the maximum time between two points, s. look: called with the time of each point,
+        s. It may raise to end the work. Raises ValueError for more than MAX_POINTS.
         """
         sample_times(end - begin, longest)  # raises
         ends = [*self._begins[1:], end]
@@ -91,14 +91,14 @@ class Executed:
 
 
 def _end_of(what: ActivePlan | JointMotion) -> Array:
-    """Return where it rests in the end, shape (n,)."""
+    """Return the final rest position, shape (n,)."""
     if isinstance(what, JointMotion):
         return what.end
     return what.path.at(what.timing.end)[0]
 
 
 def _breakpoints(what: ActivePlan | JointMotion | None, begin: float) -> Array:
-    """Return when the jerk of what is executed may jump, s."""
+    """Return the times at which the jerk of a motion may jump, s."""
     if isinstance(what, JointMotion):
         return begin + np.asarray(what.times.ravel())
     if what is None:

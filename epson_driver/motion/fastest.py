@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The fastest motion from rest to rest through waypoints that are all known.
 
-A spline through them and speeds along it that know nothing of the jerk are where `transcription`
-begins. What it finds is slowed down until it keeps each limit at every instant, and checked.
+`transcription` starts from a spline through the waypoints and speeds along it that ignore the
+jerk. Its result is slowed down until it respects each limit at every instant, and checked.
 """
 
 from math import ceil
@@ -20,37 +20,38 @@ from epson_driver.motion.transcription import STEPS, Problem, Search
 MAX_SEARCH_STEPS = 160
 
 WAY_SHARE = 0.6
-"""Longest way between two knots, in the least A/J: between waypoints farther apart are some …"""
+"""Maximum interval between two knots, as a share of the least A/J. Longer segments between
+waypoints are divided."""
 
 MAX_PARTS = 10
-"""… and so becomes so many at most."""
+"""Maximum number of intervals of a segment between waypoints."""
 
 MIN_WAY_S = 2e-3
-"""No way is shorter to begin with, s."""
+"""Minimum initial duration of an interval, s."""
 
 BEND_RATIO, MIN_BEND = 1.5, 0.002
-"""How far from the straight way between two waypoints the motion may be, in any joint: so many
-times as far as the spline is, or so many rad (or m)."""
+"""Maximum distance of the motion from the straight segment between two waypoints, in any joint: as
+a ratio to the spline's distance, and at least in rad (or m)."""
 
 NEIGHBOUR_SHARE = 0.25
-"""A waypoint is passed within this share of the way to its neighbours, whatever the tolerance: the
-motion must not leave the order of the points."""
+"""Maximum distance from a waypoint as a share of the distance to its neighbours, whatever the
+tolerance, because the motion must not change the order of the points."""
 
 MAX_WAYS = 4000
-"""Of more, nothing is looked for: it would take minutes."""
+"""Maximum number of intervals. More would take minutes, so None is returned."""
 
 MAX_PATH_TOLERANCE = 0.5
-"""The most that a motion may pass beside a waypoint, rad (or m) in every joint."""
+"""Maximum tolerance at a waypoint, rad (or m) in every joint."""
 
 _PLACES = np.linspace(0.0, 1.0, 17)
 
 
 def fastest(waypoints: Array, limits: JointLimits, tolerance: float = 0.0) -> JointMotion | None:
-    """Return the fastest motion that is found through waypoints, or None.
+    """Return the fastest motion found through waypoints, or None.
 
-    waypoints: shape (k, n), k ≥ 3, rad (or m), each apart from the one before. It passes them
-    exactly, or, but for the ends, within `tolerance` in every joint. All limits are kept at every
-    instant.
+    waypoints: shape (k, n), k ≥ 3, rad (or m), each different from the previous one. The motion
+    passes them exactly, or within `tolerance` in every joint except at the ends. It respects all
+    limits at every instant.
     """
     begin = np.zeros((1, waypoints.shape[1]))
     path = through(
@@ -81,7 +82,7 @@ def fastest(waypoints: Array, limits: JointLimits, tolerance: float = 0.0) -> Jo
     problem = Problem(limits, waypoints[way], chords[way], bends[way], beside)
     knots = np.stack([position, velocity, acceleration], axis=2)
     search = Search(problem, knots, np.maximum(np.diff(moments), MIN_WAY_S))
-    with np.errstate(over='ignore', invalid='ignore'):  # a step that leads nowhere ends it
+    with np.errstate(over='ignore', invalid='ignore'):  # a step without a result ends the search
         try:
             return _searched(search, waypoints[0], limits)
         except np.linalg.LinAlgError:
@@ -89,19 +90,19 @@ def fastest(waypoints: Array, limits: JointLimits, tolerance: float = 0.0) -> Jo
 
 
 def _searched(search: Search, start: Array, limits: JointLimits) -> JointMotion | None:
-    """Return the first motion of a search that keeps all limits, or None."""
+    """Return the first motion of a search that respects all limits, or None."""
     for _ in range(MAX_SEARCH_STEPS):
         if not search.step():
             return None
         if search.converged:
             motion = _slowed(start, *search.found(), limits)
             if motion is not None:
-                return motion  # else it is out of the range, by rounding: the next one may not be
+                return motion  # otherwise rounding left the range, and the next one may be good
     return None
 
 
 def _bends(path: Path) -> Array:
-    """Return how far each segment is from the straight way, in its farthest joint, shape (k,)."""
+    """Return the maximum distance of each segment from its chord, in any joint, shape (k,)."""
     knots = path.knots
     us = knots.u[:-1, None] + np.diff(knots.u)[:, None] * _PLACES
     chords = np.diff(knots.position, axis=0)[:, None]
@@ -112,7 +113,7 @@ def _bends(path: Path) -> Array:
 
 
 def _tolerances(waypoints: Array, limits: JointLimits, tolerance: float) -> Array:
-    """Return how far beside each waypoint the motion may pass, shape (k,): not at a border."""
+    """Return the tolerance at each waypoint, shape (k,). It is 0 at the limit of a range."""
     lengths = np.abs(np.diff(waypoints, axis=0)).max(axis=1)
     found = np.zeros(len(waypoints))
     found[1:-1] = np.minimum(tolerance, NEIGHBOUR_SHARE * np.minimum(lengths[:-1], lengths[1:]))
@@ -124,9 +125,10 @@ def _tolerances(waypoints: Array, limits: JointLimits, tolerance: float) -> Arra
 def _slowed(
     start: Array, jerks: Array, durations: Array, limits: JointLimits
 ) -> JointMotion | None:
-    """Return the motion of jerks, just so slow that each limit holds, or None if one never does.
+    """Return the motion of jerks, slowed as little as possible within the limits, or None.
 
-    jerks: shape (m, n, STEPS), rad/s³; durations: of the m ways, s.
+    None: no slowdown respects every limit. jerks: shape (m, n, STEPS), rad/s³. durations: of the m
+    intervals, s.
     """
     n = len(start)
     steps = np.tile(np.repeat(durations / STEPS, STEPS), (n, 1))

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Polynomials from values and derivatives at both ends: linear, cubic and quintic segments.
 
-Between two points a trajectory is what ros2_control's joint_trajectory_controller makes of it:
-linear if it has positions only, cubic with velocities, quintic with accelerations as well.
+Trajectories are interpolated between two points like in ros2_control's
+joint_trajectory_controller: linear with positions only, cubic with velocities, and quintic with
+accelerations.
 """
 
 import numpy as np
@@ -32,17 +33,17 @@ _FROM_ENDS = {
         ]
     ),
 }
-"""From both ends to the coefficients of s⁰, s¹ …, by how many values the ends have."""
+"""Matrices from the values at both ends to the coefficients of s⁰, s¹ …, by number of values."""
 
 
 _POWERS = np.arange(6)
 _FACTORS = np.array(
     [np.ones(6), _POWERS, _POWERS * (_POWERS - 1), _POWERS * (_POWERS - 1) * (_POWERS - 2)]
 )
-"""Of a quintic's terms, by the order of the derivative."""
+"""Factors of a quintic's terms, by the order of the derivative."""
 
 _ORDERS = np.arange(3)[:, None]
-"""Of the derivatives: position, velocity, acceleration."""
+"""Orders of the derivatives: position, velocity, acceleration."""
 
 
 Ends = tuple[Array, Array]
@@ -52,10 +53,10 @@ Ends = tuple[Array, Array]
 def hermite(begin: tuple[Array, ...], end: tuple[Array, ...]) -> Array:
     """Return the polynomials of s ∈ [0, 1] with given values and derivatives at both ends.
 
-    begin, end: the value, its first and its second derivative by s, or fewer of them; each of
+    begin, end: the value, its first and its second derivative by s, or fewer of them, each of
     shape (…, n). The result, shape (…, 2, 4 or 6, n), has the coefficients of s⁰, s¹ ….
     """
-    # the way instead of the end, so that short segments lose no digits
+    # the distance instead of the end, so that short segments lose no digits
     relative = (np.zeros_like(begin[0]), *begin[1:], end[0] - begin[0], *end[1:])
     coefficients: Array = _FROM_ENDS[len(relative)] @ np.stack(relative, axis=-2)
     coefficients[..., 0, :] = begin[0]
@@ -63,9 +64,9 @@ def hermite(begin: tuple[Array, ...], end: tuple[Array, ...]) -> Array:
 
 
 def polynomial(coefficients: Array, s: Array, order: int = 0) -> Array:
-    """Return a polynomial of six coefficients, shape (6, n), or a derivative of it.
+    """Return a polynomial of six coefficients, shape (6, n), or one of its derivatives.
 
-    s: where, shape (m,). order: of the derivative, up to 3. The result has shape (m, n).
+    s: positions, shape (m,). order: order of the derivative, up to 3. The result has shape (m, n).
     """
     powers = s[:, None] ** np.maximum(_POWERS - order, 0)
     return np.asarray((_FACTORS[order] * powers) @ coefficients)
@@ -74,7 +75,7 @@ def polynomial(coefficients: Array, s: Array, order: int = 0) -> Array:
 def cubic(s: Array, h: Array | float, begin: Ends, end: Ends) -> Array:
     """Return the cubic with values and slopes at both ends of a segment, at s ∈ [0, 1] of it.
 
-    h: the length of the segment, in which the slopes count. Shapes as numpy broadcasts them.
+    h: the length of the segment, the unit of the slopes. Shapes are broadcast by numpy.
     """
     value: Array = (
         (1 + 2 * s) * (1 - s) ** 2 * begin[0]
@@ -89,7 +90,7 @@ class Interpolation:
     """Points of n joints as a function of time. times: shape (k,), s, strictly increasing, k ≥ 2.
 
     positions and, if the points have them, velocities and accelerations: shape (k, n).
-    Accelerations count only with velocities.
+    Accelerations are used only with velocities.
     """
 
     def __init__(

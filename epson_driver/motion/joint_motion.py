@@ -16,23 +16,23 @@ State = tuple[Array, Array, Array]
 """Position, velocity, acceleration of each joint, shapes (n,)."""
 
 LIMIT_TOLERANCE_SHARE = 1e-6
-"""Relative excess of a limit that is taken for rounding: the state to start from may have some."""
+"""Relative excess of a limit that counts as rounding. The initial state may have some."""
 
 POSITION_TOLERANCE = 1e-11
-"""The same for positions, rad."""
+"""The same tolerance for positions, rad."""
 
 TARGET_TOLERANCE = 1e-9
-"""How near a move ends to its target, rad."""
+"""Accuracy of the end of a move at its target, rad."""
 
 REST_SHARE = 1e-9
-"""Share of the limits of velocity and acceleration that is no motion."""
+"""Share of the velocity and acceleration limits that counts as no motion."""
 
 
 class JointMotion:
-    """A motion of n joints from a state, as a rule to rest, each by k pieces of constant jerk.
+    """A motion of n joints from a state, usually to rest, each by k pieces of constant jerk.
 
-    durations, jerks: shape (n, k), s and rad/s³. It starts in exactly the state given; `duration`
-    is in s, `end` where it rests, rad. `times` are the breakpoints of each joint, shape
+    durations, jerks: shape (n, k), s and rad/s³. It starts exactly in the given state. `duration`
+    is in s, `end` is the rest position, rad. `times` are the breakpoints of each joint, shape
     (n, k + 1), `states` its positions, velocities and accelerations there, shape (3, n, k + 1).
     """
 
@@ -67,7 +67,7 @@ class JointMotion:
         return position, velocity, acceleration
 
     def within(self, limits: JointLimits) -> bool:
-        """Return whether it keeps all limits at every instant, and rests in the end."""
+        """Return whether it respects all limits at every instant, and ends at rest."""
         _, velocity, acceleration = self.states
         return bool(
             np.all(np.abs(velocity[:, -1]) <= REST_SHARE * limits.velocity)
@@ -76,7 +76,7 @@ class JointMotion:
         )
 
     def keeps(self, limits: JointLimits) -> bool:
-        """Return whether it keeps all limits at every instant: by its extrema."""
+        """Return whether it respects all limits at every instant, by its extrema."""
         lowest, highest = self.extent
         return bool(
             max(self.uses(limits)) <= 1.0 + LIMIT_TOLERANCE_SHARE
@@ -85,7 +85,7 @@ class JointMotion:
         )
 
     def uses(self, limits: JointLimits) -> tuple[float, float, float]:
-        """Return how much of the limits it uses: velocity, acceleration and jerk, as shares."""
+        """Return the used shares of the velocity, acceleration and jerk limits."""
         _, velocity, acceleration = self.states
         t, j = np.diff(self.times, axis=1), self.jerks
         p, v, a = self.states[:, :, :-1]
@@ -100,7 +100,7 @@ class JointMotion:
 
     @property
     def extent(self) -> tuple[Array, Array]:
-        """The lowest and the highest place of each joint, shapes (n,), rad."""
+        """Lowest and highest position of each joint, shapes (n,), rad."""
         t, j = np.diff(self.times, axis=1), self.jerks
         p, v, a = self.states[:, :, :-1]
         with np.errstate(divide='ignore', invalid='ignore', over='ignore'):
@@ -114,7 +114,7 @@ class JointMotion:
 
 
 def _after(t: Array, p: Array, v: Array, a: Array, j: Array) -> State:
-    """Return the state a time after another, with constant jerk."""
+    """Return the state after time `t` with constant jerk."""
     return (
         p + t * (v + t * (a / 2.0 + t * j / 6.0)),
         v + t * (a + t * j / 2.0),
@@ -123,7 +123,7 @@ def _after(t: Array, p: Array, v: Array, a: Array, j: Array) -> State:
 
 
 def _between(times: Array, durations: Array) -> Array:
-    """Return times within 0 … duration, or 0 for what is no number."""
+    """Return times clipped to 0 … duration, with 0 for NaN."""
     between: Array = np.clip(np.where(np.isnan(times), 0.0, times), 0.0, durations)
     return between
 
@@ -131,8 +131,8 @@ def _between(times: Array, durations: Array) -> Array:
 def fastest_stop(limits: JointLimits, state: State) -> JointMotion:
     """Return the fastest stop of all joints together.
 
-    Each by itself where together a joint would leave its position limits on the longer way; and
-    with a way back where that alone keeps it inside.
+    If a joint would leave its position limits on the longer synchronized path, each joint stops
+    separately. If even that would leave them, the joint reverses to stay within them.
     """
     motion = None
     for motion in _stops(limits, state):
@@ -144,7 +144,7 @@ def fastest_stop(limits: JointLimits, state: State) -> JointMotion:
 
 
 def _stops(limits: JointLimits, state: State) -> Iterator[JointMotion]:
-    """Yield stops, the most wanted first, the hardest last."""
+    """Yield stops in order of preference, the hardest last."""
     inp = _from(limits, state)
     inp.control_interface = ControlInterface.Velocity
     inp.target_velocity = [0.0] * len(limits.names)
@@ -160,7 +160,7 @@ def fastest_move(limits: JointLimits, state: State, target: Array) -> JointMotio
     """Return the fastest move to rest at `target`, or None if it would leave position limits."""
     inp = _from(limits, state)
     wanted = target
-    for _ in range(2):  # Ruckig may miss by 1e-8 rad: the second target makes up for that
+    for _ in range(2):  # Ruckig may miss by 1e-8 rad, which the second target corrects
         inp.target_position = wanted.tolist()
         motion = _solved(inp, state)
         if motion is None:
@@ -173,10 +173,10 @@ def fastest_move(limits: JointLimits, state: State, target: Array) -> JointMotio
 
 
 def _from(limits: JointLimits, state: State) -> InputParameter:
-    """Return the input of Ruckig for a motion from a state.
+    """Return Ruckig's input for a motion from a state.
 
-    The state is not changed, as that would be a jump: where it is beyond a limit by rounding, the
-    limit is as much higher.
+    The state is not clipped, as that would be a jump. If rounding puts it above a limit, that
+    limit is raised to the state's value.
     """
     inp = InputParameter(len(limits.names))
     position, velocity, acceleration = state

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Moves that overlap in time, as the parts of SPEL+'s `Jump` and `Jump3` do."""
+"""Moves that overlap in time, like the parts of SPEL+'s `Jump` and `Jump3`."""
 
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
@@ -11,7 +11,7 @@ from epson_driver.motion.limits import Array
 
 
 class Move(Protocol):
-    """A motion from rest to rest, as a function of the time since it began."""
+    """A motion from rest to rest, as a function of the time since its start."""
 
     origin: Array
     end: Array
@@ -19,17 +19,17 @@ class Move(Protocol):
 
     @property
     def braking(self) -> float:
-        """When the deceleration of a motion from rest to rest begins, s."""
+        """Start time of the deceleration of a motion from rest to rest, s."""
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
         """Return position, velocity, acceleration of each joint at `time` ≥ 0, shapes (n,)."""
 
     def stop(self, time: float) -> 'Move':
-        """Return the fastest stop on its way from the state at `time`."""
+        """Return the fastest stop along its path from the state at `time`."""
 
 
 class Part(NamedTuple):
-    """A move since `begin`, s, from `origin`, shape (n,), rad."""
+    """A move that starts at `begin`, s, from `origin`, shape (n,), rad."""
 
     begin: float
     origin: Array
@@ -37,15 +37,15 @@ class Part(NamedTuple):
 
     @property
     def end(self) -> float:
-        """When it ends, s."""
+        """End time, s."""
         return self.begin + self.move.duration
 
 
 class JointMoves:
-    """Moves in parts as a function of the time since the first began: as LineMotion is.
+    """Moves in parts as a function of the time since the first started, like LineMotion.
 
-    Parts that overlap share each joint's limits between them: so their sum keeps them all, also
-    in a stop.
+    Overlapping parts share each joint's limits, so their sum respects all limits, also during a
+    stop.
     """
 
     def __init__(self, origin: Array, parts: Sequence[Part]) -> None:
@@ -58,7 +58,7 @@ class JointMoves:
 
     @property
     def braking(self) -> float:
-        """When the deceleration of the last part begins, s."""
+        """Start time of the deceleration of the last part, s."""
         last = self._parts[-1]
         return last.begin + last.move.braking
 
@@ -74,7 +74,7 @@ class JointMoves:
         return position, velocity, acceleration
 
     def stop(self, time: float) -> 'JointMoves':
-        """Return the fastest stop of each part that has begun, along its line."""
+        """Return the fastest stop of each part that has started, along its line."""
         stops = (
             Part(0.0, part.origin, part.move.stop(time - part.begin))
             for part in self._parts

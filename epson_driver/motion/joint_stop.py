@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The fastest stop of every joint by itself, for an arm that is on no line.
+"""The fastest stop of every joint separately, for an arm that does not move on a line.
 
-A joint that moves within its limits can always stop within them, if it may turn back: braking
-hardest is never farther than where it was going. A stop with no way back may be farther, since the
-deceleration has to end with it; where that would pass a position limit, the joint turns back.
+A joint that moves within its limits can always stop within them if it may reverse, because maximum
+braking never goes farther than the current motion. A stop without reversal may go farther, since
+its deceleration must end with it. If that would pass a position limit, the joint reverses.
 """
 
 import numpy as np
@@ -16,15 +16,15 @@ from epson_driver.motion.point_to_point import solve
 from epson_driver.motion.ruckig_trajectory import calculated
 
 MAX_ATTEMPTS = 40
-"""Ways back that are tried, each twice as long as the one before, from `MIN_WAY_BACK`."""
+"""Number of reversals that are tried, each twice as long as the last, from `MIN_WAY_BACK`."""
 
 MIN_WAY_BACK = 1e-9
 POSITION_TOLERANCE = 1e-12
-"""rad."""
+"""Tolerance of the position limits, rad."""
 
 
 class JointStop:
-    """A stop as a function of the time since it began. `duration` is in s, `end` in rad."""
+    """A stop as a function of the time since its start. `duration` is in s, `end` in rad."""
 
     def __init__(self, trajectories: list[RuckigTrajectory]) -> None:
         self.trajectories = trajectories

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The bounds that every commanded motion stays within (docs/invariants.md, 2)."""
+"""The limits of every commanded motion (docs/invariants.md, 2)."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,17 +11,17 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 ROUNDING = {'rad': 5e-5, 'm': 5e-6}
-"""How far beyond a limit an arm that rests at it may be said to be: its controller counts encoder
-pulses, and sends them as float32. The limits of the URDF are wider by as much (urdf/)."""
+"""Possible excess of the reported position of an arm at rest at a limit, because its controller
+counts encoder pulses and sends float32. The limits in the URDF are wider by this (urdf/)."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
     """Limits of n joints: arrays of shape (n,), in rad, rad/s, rad/s², rad/s³ (or m …).
 
-    units: 'rad' or 'm', one per joint; all rad where nothing is said. Raises ValueError that names
-    the joint, the quantity and the value if the lengths differ, a number is not finite, a range is
-    empty, or a limit is not positive.
+    units: 'rad' or 'm', one per joint, by default all rad. Raises ValueError, with joint, quantity
+    and value, if the lengths differ, a number is not finite, a range is empty, or a limit is not
+    positive.
     """
 
     names: tuple[str, ...]
@@ -60,20 +60,20 @@ class JointLimits:
         return np.array([ROUNDING[unit] for unit in self.units])
 
     def settled(self, positions: Array) -> Array:
-        """Return positions, shape (…, n), with those on a limit that are ROUNDING beyond it."""
+        """Return positions, shape (…, n), clipped to a limit if up to ROUNDING beyond it."""
         low, high = self.position_min, self.position_max
         rows = positions.reshape(-1, positions.shape[-1])
         if not rows.size or (np.all(rows.min(axis=0) >= low) and np.all(rows.max(axis=0) <= high)):
-            return positions  # as nearly always: a long goal is not copied
+            return positions  # the usual case, in which a long goal is not copied
         near = (positions >= low - self.rounding) & (positions <= high + self.rounding)
         return np.where(near, np.clip(positions, low, high), positions)
 
     @property
     def rad_per_unit(self) -> Array:
-        """As how many rad a unit of each joint counts where joints are compared, shape (n,).
+        """Weight in rad of each joint's unit for comparing joints, shape (n,).
 
-        1 for a rad; for a metre what the first joint that turns would turn meanwhile, both at full
-        speed. So 0.1 m/s of a SCARA's shaft are not lost beside 1 rad/s of its arms.
+        It is 1 for rad. For m it is the angle of the first revolute joint in the time for 1 m,
+        both at full speed. So 0.1 m/s of a SCARA's shaft count next to 1 rad/s of its arms.
         """
         turns = [unit == 'rad' for unit in self.units]
         fastest = self.velocity[turns.index(True)] if any(turns) else 1.0

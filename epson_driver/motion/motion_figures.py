@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A sampled motion in numbers: its duration, its stops, and how much of the limits it uses."""
+"""Figures of a sampled motion: its duration, its stops, and its usage of the limits."""
 
 from dataclasses import dataclass
 
@@ -11,20 +11,20 @@ from epson_driver.motion.smoother.waypoints import MIN_DWELL_S
 from epson_driver.motion.trajectory import Trajectory
 
 REST_VELOCITY_SHARE = 1e-3
-"""Share of its velocity limit below which a joint stands."""
+"""Share of its velocity limit below which a joint is at rest."""
 
 TURNING_ACCELERATION_SHARE = 0.05
-"""Share of its acceleration limit above which a joint without speed turns round: no stop."""
+"""Share of its acceleration limit above which a joint without speed reverses and does not stop."""
 
 RESTING_COMMAND_SHARE = 2e-3
-"""Share of the velocity limit up to which a command asks for no motion."""
+"""Share of the velocity limit up to which a command counts as no motion."""
 
 
 @dataclass(frozen=True)
 class Figures:
-    """A motion in numbers: s, and velocity … jerk as the largest multiple of a joint's limit.
+    """Figures of a motion: s, and velocity … jerk as the largest multiple of a joint's limit.
 
-    stops: on the way, without those that were commanded. jerk: from the change of the
+    stops: stops between start and end, without the commanded ones. jerk: from the change of the
     acceleration between two samples.
     """
 
@@ -39,8 +39,8 @@ class Figures:
 def measure(motion: Trajectory, command: Trajectory | None, limits: JointLimits) -> Figures:
     """Return the figures of a motion with velocities and accelerations, equally spaced.
 
-    `command`: the plan that may ask for rests on the way; None if its times do not count.
-    Raises ValueError for a motion without velocities or accelerations.
+    `command`: the plan, which may command rests between start and end, or None to ignore its
+    times. Raises ValueError for a motion without velocities or accelerations.
     """
     if motion.velocities is None or motion.accelerations is None:
         raise ValueError('the motion has no velocities or no accelerations')
@@ -60,7 +60,7 @@ def measure(motion: Trajectory, command: Trajectory | None, limits: JointLimits)
 
 
 def _stops(speed: Array, push: Array) -> int:
-    """Return how often an arm stood still, for two samples or more, between start and end."""
+    """Return the number of stops of at least two samples between start and end."""
     still = (speed < REST_VELOCITY_SHARE) & (push < TURNING_ACCELERATION_SHARE)
     moving = np.flatnonzero(speed >= REST_VELOCITY_SHARE)
     if not moving.size:
@@ -71,7 +71,7 @@ def _stops(speed: Array, push: Array) -> int:
 
 
 def commanded_rests(command: Trajectory, limits: JointLimits) -> int:
-    """Return how often a timed plan asks the arm to stand for a while between start and end."""
+    """Return the number of rests that a timed plan commands between start and end."""
     durations = np.diff(command.times)
     ways = np.max(np.abs(np.diff(command.positions, axis=0)) / limits.velocity, axis=1)
     resting = ways <= RESTING_COMMAND_SHARE * durations

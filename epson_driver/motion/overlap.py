@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One move overlapping the end of the one before, inside every limit (SPEL+ `Go … CP`).
+"""A move that overlaps the end of the previous one, within every limit (SPEL+ `Go … CP`).
 
-The second move begins while the first still decelerates, and the two are added. Both are pieces
-of constant jerk, so is their sum: where it is extreme is known, and what is verified is exact.
+The second move starts while the first still decelerates, and the two are added. Both consist of
+pieces of constant jerk, and so does their sum. Its extrema are known, so the check is exact.
 """
 
 import numpy as np
@@ -12,13 +12,13 @@ from epson_driver.motion.limits import Array, JointLimits
 from epson_driver.motion.point_to_point import LineMotion, Pieces
 
 CANDIDATE_STARTS = 24
-"""Starts that are tried at once; the earliest that is allowed is improved once, as finely."""
+"""Number of start times checked together. The earliest allowed one is then refined once."""
 
 LIMIT_TOLERANCE_SHARE = 1e-9
-"""Relative excess of a limit that is taken for rounding."""
+"""Relative excess of a limit that counts as rounding."""
 
 POSITION_TOLERANCE = 1e-12
-"""The same for positions, rad."""
+"""The same tolerance for positions, rad."""
 
 
 def blend_start(
@@ -31,11 +31,11 @@ def blend_start(
     accel: float = 1.0,
     tool: tuple[Array, float] | None = None,
 ) -> float:
-    """Return when the second move may begin, s since the first began.
+    """Return the start time of the second move, s after the start of the first.
 
-    The second begins where the first ends, `earliest` or later. `speed` and `accel` are fractions
-    of the limits that the sum keeps. `tool`: each joint's reach, shape (n,), m, and what the
-    joints' velocities times their reach may add up to, m/s.
+    The second move starts at the end of the first, at time `earliest` or later. `speed` and
+    `accel` are fractions of the limits for the sum. `tool`: each joint's reach, shape (n,), m, and
+    the limit of the sum of the joints' velocities times their reach, m/s.
     """
     found = first.duration
     if not earliest < found or first.braking == 0.0 or second.braking == 0.0:
@@ -55,9 +55,9 @@ def blend_start(
 
 
 class _Check:
-    """Whether the sum of two moves stays within the limits, for many starts at once.
+    """Checks that the sum of two moves is within the limits, for many start times together.
 
-    The rows that are checked are the joints and, with a tool, the bound of its speed.
+    The checked rows are the joints and, with a tool, its speed limit.
     """
 
     def __init__(
@@ -138,7 +138,7 @@ class _Check:
 
 
 def _states(pieces: Pieces, times: Array, middle: Array) -> tuple[Array, Array, Array, Array]:
-    """Return way, velocity, acceleration, jerk at times, in the pieces that `middle` is in."""
+    """Return distance, velocity, acceleration and jerk at times, in the pieces of `middle`."""
     piece = np.clip(np.searchsorted(pieces.times, middle, side='right') - 1, 0, 7)
     t = times - pieces.times[piece]
     s, v, a, j = (
@@ -154,6 +154,6 @@ def _states(pieces: Pieces, times: Array, middle: Array) -> tuple[Array, Array, 
 
 
 def _inside(times: Array, length: Array) -> Array:
-    """Return times within 0 … length, or 0 for what is no number."""
+    """Return times clipped to 0 … length, with 0 for NaN."""
     inside: Array = np.clip(np.nan_to_num(times, nan=0.0), 0.0, length)
     return inside

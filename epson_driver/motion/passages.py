@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Where and when a sampled motion passes its waypoints."""
+"""Position and time of a sampled motion's passage of its waypoints."""
 
 from math import ceil
 
@@ -12,7 +12,7 @@ from epson_driver.motion.limits import Array
 from epson_driver.motion.trajectory import Trajectory
 
 MAX_COMPARED_PAIRS = 25_000_000
-"""Pairs of a waypoint and a sample that are looked at together: 4 bytes each."""
+"""Maximum pairs of a waypoint and a sample compared together: 4 bytes each."""
 
 Indices = npt.NDArray[np.intp]
 
@@ -38,7 +38,7 @@ def passages(waypoints: Array, positions: Array) -> Indices:
 
 
 def passed(waypoints: Array, motion: Trajectory) -> tuple[Array, Array]:
-    """Return how far from each waypoint a motion passes, rad, and when, s, in shapes (n,).
+    """Return a motion's distance from each waypoint, rad, and its time, s, shapes (n,).
 
     Between two samples the motion is the cubic with their positions and velocities. Raises
     ValueError for a motion without velocities.
@@ -58,7 +58,7 @@ def passed(waypoints: Array, motion: Trajectory) -> tuple[Array, Array]:
 
 
 def _sparing_passages(waypoints: Array, positions: Array) -> Indices:
-    """Return passages, of long motions first among some of the samples, then near by."""
+    """Return passages. For long motions, search every n-th sample first, then refine."""
     stride = ceil(len(waypoints) * len(positions) / MAX_COMPARED_PAIRS)
     found = passages(waypoints, positions[::stride]) * stride
     if stride == 1:
@@ -73,11 +73,11 @@ def _sparing_passages(waypoints: Array, positions: Array) -> Indices:
 def _nearest(
     waypoint: Array, motion: Trajectory, velocities: Array, first: int
 ) -> tuple[float, float]:
-    """Return how near a motion comes to a waypoint between a sample and the next, and when."""
+    """Return the smallest distance to a waypoint between two adjacent samples, and its time."""
     dt = float(motion.times[first + 1] - motion.times[first])
     begin, end = ((motion.positions[i] - waypoint, velocities[i]) for i in (first, first + 1))
     low, high = 0.0, 1.0
-    for _ in range(3):  # each time between the neighbours of the nearest of 41 places
+    for _ in range(3):  # each time between the neighbours of the best of 41 places
         s = np.linspace(low, high, 41)
         distances = np.abs(cubic(s[:, None], dt, begin, end)).max(axis=1)
         best = int(np.argmin(distances))

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Straight moves in joint space from rest to rest, and stops on the way, inside every limit.
+"""Straight moves in joint space from rest to rest, and stops during them, within every limit.
 
 All joints start and end together (SPEL+ `Go`). The move is one jerk-limited motion along the
-line, with the limits of the joint that binds; so a stop stays on the line too.
+line, limited by the most restrictive joint, so a stop stays on the line, too.
 """
 
 from dataclasses import dataclass
@@ -17,24 +17,25 @@ from epson_driver.motion.ruckig_trajectory import calculated
 from epson_driver.motion.trajectory import Trajectory, sample_times
 
 SHORTEST_MOVE_S = 0.01
-"""The time of a move to where the arm is, as a trajectory."""
+"""Duration of a move to the current position, as a trajectory."""
 
 SAMPLE_PERIOD_S = 0.05
-"""Time between two points for controllers that interpolate between positions and velocities."""
+"""Time between two points for controllers that interpolate positions and velocities."""
 
 LONGEST_SEGMENT_S = 0.5
-"""Time between two points at most, for the others: what is sent already is not slowed any more,
-and an arm that rests at each point is to rest seldom."""
+"""Maximum time between two points for the other controllers. Points that are already sent cannot
+be slowed down, so it is limited. It is long, as an arm that rests at each point should rest
+rarely."""
 
 MIN_MOVE = 1e-9
-"""A line shorter than this (rad, in the joint that moves most) is no move."""
+"""Minimum length of a move (rad, in the joint with the longest distance)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pieces:
-    """A move as pieces of constant jerk, each until the next begins, the last one at rest.
+    """A move as pieces of constant jerk, each until the start of the next, the last one at rest.
 
-    Arrays of shape (8,): when each begins (s), and the way, its derivatives and the jerk then.
+    Arrays of shape (8,): start times (s), and the distance, its derivatives and the jerk there.
     """
 
     times: Array
@@ -45,14 +46,14 @@ class Pieces:
 
 
 SPEED_HALVINGS = 20
-"""How well a move keeps to a duration: its speed is found to a millionth."""
+"""Bisection steps for a duration: the speed is accurate to a millionth."""
 
 
 class LineMotion:
-    """A motion along a line, as a function of the time since it began.
+    """A motion along a line, as a function of the time since its start.
 
-    `origin`, `direction` and `end` have shape (n,): the joints are at origin + way · direction.
-    `duration` is in s. Made by `go` and `stop`, not directly.
+    `origin`, `direction` and `end` have shape (n,). The joints are at origin + s · direction after
+    the distance s. `duration` is in s. Created by `go` and `stop`, not directly.
     """
 
     def __init__(
@@ -72,17 +73,17 @@ class LineMotion:
 
     @property
     def braking(self) -> float:
-        """When the deceleration of a move from rest to rest begins, s."""
+        """Start time of the deceleration of a move from rest to rest, s."""
         if self._trajectory is None:
             return 0.0
         times = self._trajectory.profiles[0][0].t
         cruise = 3
-        # Speeding up and slowing down are mirror images.
+        # Acceleration and deceleration are mirror images.
         return float(sum(times[: cruise + 1])) if times[cruise] > 0.0 else self.duration / 2.0
 
     @property
     def pieces(self) -> Pieces:
-        """The way along the line as pieces of constant jerk. Raises ValueError for no move."""
+        """Distance along the line in pieces of constant jerk. Raises ValueError for no move."""
         if self._trajectory is None:
             raise ValueError('a move of no length has no pieces')
         profile = self._trajectory.profiles[0][0]
@@ -102,7 +103,7 @@ class LineMotion:
         return self.origin + s * direction, v * direction, a * direction
 
     def points(self, period: float, *, begin: bool = True) -> Trajectory:
-        """Return it as points that are `period` s apart at most, with its begin at 0 s or not.
+        """Return the motion as points at most `period` s apart, with or without the one at 0 s.
 
         Raises ValueError for more than MAX_POINTS.
         """
@@ -131,7 +132,7 @@ def go(
     """Return the fastest move from rest at `start` to rest at `target`, shapes (n,), rad.
 
     `speed` and `accel` are fractions (0, 1] of the velocity and of the acceleration limits, as
-    SPEL+'s percentages. Raises ValueError for other fractions, wrong lengths, numbers that are not
+    SPEL+'s percentages. Raises ValueError for other fractions, wrong lengths, values that are not
     finite, and a target outside the position limits.
     """
     check_fractions(speed, accel)
@@ -195,9 +196,10 @@ def _check_vector(name: str, vector: Array, limits: JointLimits) -> None:
 def go_in(
     limits: JointLimits, start: Array, target: Array, duration: float, speed: float, accel: float
 ) -> LineMotion:
-    """Return the slowest move of `go`, at `speed` or less, that takes no longer than `duration` s.
+    """Return the slowest move of `go`, at `speed` or less, that takes at most `duration` s.
 
-    It takes longer if `speed` and `accel` allow no less. 0: as fast as they allow. Raises as `go`.
+    It takes longer if `speed` and `accel` require it. A duration of 0 means the fastest move.
+    Raises like `go`.
     """
     motion = go(limits, start, target, speed, accel)
     low, high = 0.0, speed
@@ -218,7 +220,7 @@ def _bounds_along(
 ) -> InputParameter:
     share = np.abs(direction)
     inp = InputParameter(1)
-    with np.errstate(divide='ignore', over='ignore'):  # a joint that hardly moves never binds
+    with np.errstate(divide='ignore', over='ignore'):  # a joint at rest imposes no limit
         inp.max_velocity = [float(np.min(limits.velocity / share)) * speed]
         inp.max_acceleration = [float(np.min(limits.acceleration / share)) * accel]
         inp.max_jerk = [float(np.min(limits.jerk / share)) * accel]
@@ -226,7 +228,7 @@ def _bounds_along(
 
 
 def solve(inp: InputParameter) -> RuckigTrajectory:
-    """Return the fastest trajectory of one joint. Raises RuntimeError if there is none."""
+    """Return the fastest trajectory of one joint. Raises RuntimeError if none exists."""
     trajectory = calculated(inp)
     if trajectory is None:
         raise RuntimeError(f'ruckig found no trajectory for {inp}')

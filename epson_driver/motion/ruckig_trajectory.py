@@ -1,20 +1,20 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The one call of Ruckig: whatever it does instead of finding a trajectory is told in one way."""
+"""The only call of Ruckig. Every failure to find a trajectory has the same result."""
 
 from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
 
 LESS_JERK = 1.0 - 1e-9
-"""Of the jerk limits, where Ruckig misses a solution as two of its profiles meet by rounding."""
+"""Reduction of the jerk limits if Ruckig misses a solution where two of its profiles meet."""
 
 
 def calculated(inp: InputParameter) -> Trajectory | None:
     """Return the trajectory that Ruckig finds, or None if it finds none.
 
-    Ruckig returns an error code, or one that its enum does not have (ValueError), or raises
-    RuckigError. That is no RuntimeError, only an Exception. It does so, too, for inputs that have
-    a solution: where v = a² / j and the like, as of round numbers, and where the duration to which
-    all joints are to be synchronized is just the one that a joint needs.
+    In that case Ruckig returns an error code, or one that its enum does not contain (ValueError),
+    or raises RuckigError, which is only an Exception and no RuntimeError. It also fails for some
+    inputs with a solution: if v = a² / j or similar holds exactly, e.g. for round numbers, and if
+    the duration for synchronizing all joints is exactly the duration that one joint needs.
     """
     trajectory = _calculated(inp)
     if trajectory is None:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""From waypoints to a smooth motion, in one call."""
+"""Makes a smooth motion of waypoints, in one call."""
 
 from collections.abc import Callable
 from typing import Any
@@ -12,7 +12,7 @@ from epson_driver.motion.limits import JointLimits
 from epson_driver.motion.trajectory import Trajectory, problems
 
 MAX_MENTIONED_PROBLEMS = 3
-"""How many of the problems of a plan are spelled out."""
+"""Maximum number of problems of a plan listed in an error."""
 
 
 def smooth(
@@ -29,9 +29,10 @@ def smooth(
 ) -> Trajectory:
     """Return the smooth motion from rest to rest through waypoints, one point every `period` s.
 
-    waypoints: shape (k, n), rad (or m), in the order of the joints of the limits. times: when
-    each is to be passed, shape (k,), s, kept where the limits allow it; None: as fast as they
-    allow. The rest as in `smoothed`. Raises ValueError that names point, joint, value and limit.
+    waypoints: shape (k, n), rad (or m), in the order of the joints of the limits. times: commanded
+    time of each one, shape (k,), s, respected where the limits allow it, or None: as fast as they
+    allow. The other arguments are those of `smoothed`. Raises ValueError, with point, joint, value
+    and limit, if the waypoints cannot be smoothed.
     """
     from epson_driver.motion.smoothed import smoothed  # most programs need no smoother
     from epson_driver.motion.smoother import Mode, plan

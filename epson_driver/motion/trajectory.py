@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A planned trajectory, and everything that can be wrong with it before it is sent."""
+"""A planned trajectory, and the checks of it before it is sent."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -13,25 +13,25 @@ import numpy.typing as npt
 from epson_driver.motion.limits import Array, JointLimits
 
 LIMIT_TOLERANCE_SHARE = 1e-6
-"""Relative excess of a limit that is taken for rounding: plans are often made at the limit."""
+"""Relative excess of a limit that counts as rounding. Plans are often made at the limit."""
 
 MAX_USUAL_ANGLE_RAD = 4 * np.pi
-"""Two turns, 12.6 rad: an angle beyond this, and beyond its limit, is taken for degrees."""
+"""Two turns, 12.6 rad. A larger angle that is also beyond its limit is treated as degrees."""
 
 BLOCK_POINTS = 2048
-"""Points that are looked at together: what is computed of them stays in the processor's cache, and
-takes the same memory however long the trajectory is."""
+"""Points per block. Intermediate results stay in the processor's cache, and their memory does not
+depend on the length of the trajectory."""
 
 MAX_DURATION_S = 86_400.0
-"""Longest trajectory that is accepted, s."""
+"""Maximum duration of an accepted trajectory, s."""
 
 MAX_POINTS = 100_000
-"""Most points of a motion that is planned here: more would take minutes to plan and check."""
+"""Maximum points of a motion planned here. More would take minutes to plan and check."""
 
 Mask = npt.NDArray[np.bool_]
 
 _PER = {'positions': '', 'velocities': '/s', 'accelerations': '/s²'}
-"""What follows the joint's unit, rad or m."""
+"""Suffix to the joint's unit, rad or m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,12 +84,12 @@ def sample_times(duration: float, period: float) -> Array:
 def problems(
     trajectory: Trajectory, limits: JointLimits, *, too_fast: bool = True
 ) -> Iterator[str]:
-    """Yield a sentence for everything that forbids executing the trajectory.
+    """Yield a sentence for every reason not to execute the trajectory.
 
-    too_fast: also for ways that take longer than planned.
+    too_fast: also check segments that take longer than planned.
     The joints must be in the order of the limits. Each sentence names the point (counted from 0),
-    the joint, the value and the limit; of a plan in degrees only the first one is told.
-    Accelerations must be finite, but are not held against a limit: the points are a plan to
+    the joint, the value and the limit. For a plan in degrees only the first violation is reported.
+    Accelerations must be finite, but are not checked against a limit: the points are a plan to
     follow, not the motion itself.
     """
     if not len(trajectory.times):
@@ -101,7 +101,7 @@ def problems(
         return
     low, high = limits.position_min, limits.position_max
     outside = list(_beyond(trajectory.positions, low, high, 'position', '', limits))
-    if outside and _like_degrees(trajectory.positions, limits):  # the rest would say the same
+    if outside and _like_degrees(trajectory.positions, limits):  # the others have the same cause
         yield f'{outside[0]}; these look like degrees: positions are in rad'
         return
     yield from _times(trajectory)
@@ -115,9 +115,9 @@ def problems(
 
 
 def _like_degrees(positions: Array, limits: JointLimits) -> bool:
-    """Return whether angles are beyond the limits as rad, but all of them inside as degrees.
+    """Return whether angles exceed the limits as rad, but all are within them as degrees.
 
-    Only if one of them is larger than MAX_USUAL_ANGLE_RAD: others are rather mistakes in rad.
+    Only if one of them exceeds MAX_USUAL_ANGLE_RAD. Smaller ones are more likely errors in rad.
     """
     turning = np.array([unit == 'rad' for unit in limits.units])
     angles = positions[:, turning]
@@ -147,7 +147,7 @@ def _not_finite(trajectory: Trajectory, limits: JointLimits) -> Iterator[str]:
 
 
 def _where(count: int, mask: Callable[[slice], Mask]) -> Iterator[tuple[int, int]]:
-    """Yield point and joint for what a mask, shape (some, n), has of `count` points."""
+    """Yield point and joint of each true element of a mask, shape (some, n), of `count` points."""
     for first in range(0, count, BLOCK_POINTS):
         found = mask(slice(first, min(first + BLOCK_POINTS, count)))
         if found.any():
@@ -156,7 +156,7 @@ def _where(count: int, mask: Callable[[slice], Mask]) -> Iterator[tuple[int, int
 
 
 def _not_after(times: Array) -> Iterator[int]:
-    """Yield the points whose time is not after that of the point before."""
+    """Yield the points whose time is not after the previous point's time."""
 
     def mask(some: slice) -> Mask:
         following = slice(some.start + 1, some.stop + 1)

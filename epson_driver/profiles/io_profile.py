@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The section `io` of a controller profile: which points there are, and their safe values."""
+"""The section `io` of a controller profile: the available points and their safe values."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -11,23 +11,23 @@ from epson_driver.inputs import InputError, choice, count, number, printable, sh
 from epson_driver.simple_message import IoType
 
 MAX_POINTS = 4096
-"""Points of one type: a whole type can be read, or published, in one message."""
+"""Maximum points of one type: one message can read or publish a whole type."""
 
 MILLIVOLTS = 1000
-"""Analogue values travel in mV: this many in one V."""
+"""mV per V: analogue values are transmitted in mV."""
 
 LONGEST_PERIOD = 60.0
 
 Point = tuple[IoType, int]
-"""A point of a type, by its index."""
+"""Type and index of a point."""
 
 OUTPUTS = {'DO': IoType.DIGITAL_OUTPUT, 'AO': IoType.ANALOG_OUTPUT}
-"""How outputs are called in a profile: `DO0`, `AO1`."""
+"""Prefixes of outputs in a profile: `DO0`, `AO1`."""
 
 ALL = 'all'
 
 IoAccess = Literal['server', 'remote_ethernet', 'motoman']
-"""How a driver reaches the points, see IoProfile."""
+"""Access of a driver to the points, see IoProfile."""
 
 ACCESSES: tuple[IoAccess, ...] = ('server', 'remote_ethernet', 'motoman')
 
@@ -36,21 +36,21 @@ NO_POINTS: frozenset[Point] = frozenset()
 
 @dataclass(frozen=True)
 class IoProfile:
-    """The points of one controller, by default those of an RC620.
+    """The points of one controller. The defaults are the points of an RC620.
 
-    * `access`: how a driver reaches them. server: the messages of docs/io.md at the I/O port, if a
-      program on the controller serves it; remote_ethernet: EPSON's commands at the remote port;
-      motoman: MotoROS' messages at the I/O port.
-    * Numbers of points per type. 24 digital inputs and 16 outputs are its standard I/O; analogue
-      I/O is an optional board there; `flags` are SPEL+'s memory I/O bits.
+    * `access`: how a driver accesses the points. server: the messages of docs/io.md at the I/O
+      port, if a program on the controller serves it. remote_ethernet: EPSON's commands at the
+      remote port. motoman: MotoROS' messages at the I/O port.
+    * Numbers of points per type. 24 digital inputs and 16 outputs are its standard I/O. Analogue
+      I/O is an optional board. `flags` are SPEL+'s memory I/O bits.
     * `analog_range`: the smallest and the largest value of analogue points, V.
-    * `safe`: safe values of outputs, 0 for those that are not in it; of analogue ones in mV, as
-      on the wire.
-    * `keep_on_reset`, `keep_on_link_loss`: the outputs that stay as they are then. All others
-      take their safe value.
-    * `publish_period`: a driver asks for the values every so many s, and a server sends them to
-      subscribers so often, changed or not.
-      `publish_interval`: changes are sent at once, but never closer than this, s.
+    * `safe`: safe values of outputs (default: 0). Analogue values are in mV, the unit of the
+      messages.
+    * `keep_on_reset`, `keep_on_link_loss`: the outputs that stay unchanged on this event. All
+      others take their safe value.
+    * `publish_period`: period, s, at which a driver polls the values, and at which a server sends
+      them to subscribers even if unchanged. `publish_interval`: changes are sent immediately, but
+      at least this time apart, s.
     """
 
     access: IoAccess = 'server'
@@ -68,13 +68,13 @@ class IoProfile:
 
     @property
     def analog_limits(self) -> tuple[int, int]:
-        """The smallest and the largest value of analogue points, mV."""
+        """Smallest and largest value of analogue points, mV."""
         low, high = self.analog_range
         return math.ceil(low * MILLIVOLTS), math.floor(high * MILLIVOLTS)
 
     @property
     def outputs(self) -> frozenset[Point]:
-        """Every output."""
+        """All outputs."""
         return frozenset(
             (io_type, index)
             for io_type, count in (
@@ -86,10 +86,10 @@ class IoProfile:
 
 
 def read_io_profile(data: Mapping[Any, Any], file: str) -> IoProfile:
-    """Return what the section `io` of a profile says, with defaults for missing keys.
+    """Read the section `io` of a profile, with defaults for missing keys.
 
-    Outputs are called `DO3` or `AO0`; `all` is every output. Safe values are 0 or 1, or V.
-    Raises InputError, which names the file, the key and the value.
+    Outputs have names like `DO3` or `AO0`, and `all` means every output. Safe values are 0 or 1,
+    or V. Raises InputError, with file, key and value, if the section is invalid.
     """
     place = f'{file}: io.'
     known = {item.name for item in fields(IoProfile)}

@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which models there are, by their names, and the rows of files that one is made of.
+"""The available robot models, by name, and the file entries that define each one.
 
-config/robots/ has one file for each series: what all models have in common, and under `models` a
-row for each, which goes over that. A row or a file of one's own that is `like` another model goes
-over all that is said of that one.
+config/robots/ has one file for each series. It contains the data common to all models and, under
+`models`, a row per model that overrides them. A row or a user's file that is `like` another model
+overrides the data of that model.
 """
 
 import re
@@ -17,14 +17,14 @@ from epson_driver.inputs import InputError, printable, read_yaml, shown, yaml_li
 from epson_driver.share import share_file, share_folder
 
 MOST_NAMES = 6
-"""How many names are shown to somebody who asked for one that is not there."""
+"""Maximum number of similar names in the error for an unknown name."""
 
 ALIKE = 0.4
-"""How alike a name must be to be shown then, 0 … 1, as difflib has it."""
+"""Minimum similarity of these names, 0 … 1, as defined by difflib."""
 
 
 class Layer(NamedTuple):
-    """Some keys of a model. where: the keys that lead to them in their file."""
+    """Some keys of a model. where: the path of keys to them in their file."""
 
     path: Path
     where: tuple[str, ...]
@@ -37,11 +37,11 @@ def robot_models() -> tuple[str, ...]:
 
 
 def model_name(name: str) -> str:
-    """Return the name of a model in config/robots/, or the path of a .yaml file as it is.
+    """Return the name of a model in config/robots/, or the path of a .yaml file unchanged.
 
-    Names may be written as EPSON does, C4-A601S, without the hyphen, without the S of the standard
-    form, and shortened where only one model begins so. Raises FileNotFoundError that says which
-    names are near, or what is not known of an arm.
+    EPSON's spelling C4-A601S is accepted, also without the hyphen or without the S of the standard
+    form, and an abbreviation that matches only one model. Raises FileNotFoundError with similar
+    names, or with the unknown data of a known arm.
     """
     if name.endswith('.yaml'):
         return name
@@ -64,7 +64,7 @@ def model_name(name: str) -> str:
 
 
 def layers(name: str) -> list[Layer]:
-    """Return a model's layers (named as for `model_name`), each overriding those before it."""
+    """Return a model's layers, each overriding the previous ones. Names as for `model_name`."""
     name = model_name(name)
     if name.endswith('.yaml'):
         path = Path(name)
@@ -97,7 +97,7 @@ def _rows(path: Path) -> dict[str, Layer]:
 
 @lru_cache(maxsize=64)
 def _read(path: Path, _changed: int) -> tuple[Layer, dict[str, Layer]]:
-    """Return what a series has in common, and its models by their names."""
+    """Return the common layer of a series, and its models by name."""
     series = dict(_mapping(path, 'the file', read_yaml(path)))
     rows = _mapping(path, 'models', series.pop('models', None))
     return Layer(path, (), series), {
@@ -113,7 +113,7 @@ def _mapping(path: Path, key: str, values: Any) -> dict[str, Any]:
 
 
 def _listed(name: str) -> str:
-    """Return EPSON's spelling of a model's name in that of files and ROS."""
+    """Convert EPSON's spelling of a model's name to the one in files and in ROS."""
     return name.lower().replace('-', '_')
 
 

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Forward and inverse kinematics of Tool 0, or of a tool on it.
 
-Poses are homogeneous matrices, shape (4, 4), m. Forward kinematics follow the chain and hold for
-every model. Inverse kinematics are closed-form and hold for SCARAs and for six-axis arms with a
+Poses are homogeneous matrices, shape (4, 4), m. Forward kinematics follow the chain and support
+every model. Inverse kinematics are closed-form and support SCARAs and six-axis arms with a
 spherical wrist.
 """
 
@@ -23,17 +23,17 @@ from epson_driver.robots.scara import ScaraSolver
 FULL_TURN = 2.0 * np.pi
 
 LIMIT_TOLERANCE_RAD = 1e-9
-"""A joint up to this far (rad, m) outside its range counts as at the limit, due to rounding."""
+"""Distance of a joint outside its range (rad, m) that counts as at the limit, due to rounding."""
 
 SAME_SOLUTION_RAD = 1e-5
-"""Solutions closer than this in all joints count as one; a stretched arm has such pairs."""
+"""Solutions closer than this in all joints are merged. A stretched arm has such pairs."""
 
 GIMBAL_LOCK_RAD = 1e-6
-"""V closer than this to ±π/2 counts as ±π/2."""
+"""V closer than this to ±π/2 is treated as ±π/2."""
 
 
 class Solver(Protocol):
-    """A closed form for one kind of chain. Poses are those of tool0 in base_link."""
+    """A closed form for one kind of chain. Poses are poses of tool0 in base_link."""
 
     def branches(self, pose: Array, near: Array) -> list[Array]:
         """Return all solutions, regardless of the joint limits, with free joints as in `near`."""
@@ -42,14 +42,14 @@ class Solver(Protocol):
         """Return why the orientation of a pose is unreachable, or ''."""
 
     def sides(self, joints: Array, /) -> tuple[float, ...]:
-        """Return how far the arm is on the usual side of each choice that a pose leaves it."""
+        """Return the arm's signed distance from the edge of each choice that a pose allows."""
 
 
 class Kinematics:
     """Forward and inverse kinematics of one model, from its data. Joints have shape (n,), rad, m.
 
-    tool: the pose in tool0 of what forward and inverse kinematics are about, shape (4, 4), m;
-    tool0 itself if it is None.
+    tool: the pose in tool0 of the frame that forward and inverse kinematics refer to, shape
+    (4, 4), m. None: tool0 itself.
 
     >>> arm = Kinematics(load_robot_model('c3_a601s'))
     >>> pose = arm.forward(np.radians([0, 0, 0, 0, -90, 0]))
@@ -83,9 +83,9 @@ class Kinematics:
         return np.asarray(self.link_frames(joints)[-1] @ self._tool0 @ self._tool)
 
     def jacobian(self, joints: Array) -> Array:
-        """Return the tool's velocity in base_link for that of each joint, shape (6, n).
+        """Return the tool's velocity in base_link per joint velocity, shape (6, n).
 
-        Rows: x, y, z, m/s, and the turn about x, y, z, rad/s.
+        Rows: x, y, z, m/s, and the rotation about x, y, z, rad/s.
         """
         frames = self.link_frames(joints)
         tool = (frames[-1] @ self._tool0 @ self._tool)[:3, 3]
@@ -102,12 +102,13 @@ class Kinematics:
     def inverse(self, pose: Array, near: Array | None = None) -> Array:
         """Return all joint positions within the limits that bring the tool to a pose in base_link.
 
-        Shape (k, n), the nearest to `near` (default: all joints 0) first; k is 0 if the pose is
-        out of reach. A joint that can turn more than once is returned with every turn. Where a
-        six-axis arm's joint 5 is straight, joint 4 is as in `near`, one solution of infinitely
-        many; where its wrist, or a SCARA's folded arm, is on joint 1's axis, joint 1 is.
+        Shape (k, n), sorted by the distance from `near` (default: all joints 0). k is 0 if the
+        pose is out of reach. A joint that can turn more than once is returned with every turn. In
+        a wrist singularity (joint 5 of a six-axis arm is straight) joint 4 is as in `near`, one
+        solution of infinitely many. If a six-axis arm's wrist, or a SCARA's folded arm, is on
+        joint 1's axis, joint 1 is as in `near`.
 
-        Raises KinematicsError for a chain without a closed form, ValueError for a matrix that is
+        Raises KinematicsError for a chain without a closed form, and ValueError if the matrix is
         no pose.
         """
         pose = self._of_tool0(_checked_pose(pose))
@@ -121,23 +122,23 @@ class Kinematics:
         return np.array(found).reshape(-1, len(near))
 
     def why_unreachable(self, pose: Array) -> str:
-        """Return why the tool can have the orientation of a pose nowhere, or ''. As `inverse`."""
+        """Return why the tool cannot have a pose's orientation, or ''. Raises as `inverse`."""
         return self._solver.why_unreachable(self._of_tool0(_checked_pose(pose)))
 
     def sides(self, joints: Array) -> tuple[float, ...]:
-        """Return on which side of each choice that a pose leaves it the arm is, 0 on its edge.
+        """Return the side of the arm in each choice that a pose allows, 0 on its edge.
 
-        Of a SCARA: joint 2, rad. Of a six-axis arm: how far the wrist is in front of joint 1's
-        axis, m, and the bends of elbow (upwards) and wrist, rad. Raises KinematicsError.
+        SCARA: joint 2, rad. Six-axis arm: distance of the wrist in front of joint 1's axis, m, and
+        bends of the elbow (upwards) and wrist, rad. Raises KinematicsError.
         """
         return self._solver.sides(self._checked(joints))
 
     def in_base(self, pose: Array) -> Array:
-        """Return a pose in base_link as one in `base`, EPSON's world."""
+        """Convert a pose from base_link to `base`, EPSON's world."""
         return np.asarray(np.linalg.inv(self._world) @ pose)
 
     def from_base(self, pose: Array) -> Array:
-        """Return a pose in `base`, EPSON's world, as one in base_link."""
+        """Convert a pose from `base`, EPSON's world, to base_link."""
         return np.asarray(self._world @ pose)
 
     def epson_point(self, joints: Array) -> tuple[Array, Array]:
@@ -152,11 +153,11 @@ class Kinematics:
         return OpwSolver(self.model)
 
     def _of_tool0(self, pose: Array) -> Array:
-        """Return the pose of tool0 when the tool has this one."""
+        """Convert a pose of the tool to a pose of tool0."""
         return np.asarray(pose @ self._from_tool)
 
     def _turns(self, branch: Array) -> list[Array]:
-        """Return a solution with every full turn of each joint that fits into its range."""
+        """Return a solution with every full turn of each joint that fits its range."""
         limits = self.model.limits
         choices = []
         kinds = self.model.joint_types
@@ -183,8 +184,8 @@ class Kinematics:
 def uvw(rotation: Array) -> Array:
     """Return EPSON's U, V, W, rad, of a rotation matrix: about Z, then the new Y, then the new X.
 
-    U and W are in [-π, π], V in [-π/2, π/2]. Where V is ±π/2 only the sum or the difference of U
-    and W counts: U is 0 then.
+    U and W are in [-π, π], V in [-π/2, π/2]. If V is ±π/2, only the sum or the difference of U
+    and W is defined, and U is 0.
     """
     r = np.asarray(rotation, dtype=float)
     across = float(np.hypot(r[0, 0], r[1, 0]))
@@ -216,10 +217,11 @@ def _checked_pose(pose: Array) -> Array:
 
 
 POSES = 2000
-"""So many poses, drawn over the ranges of the joints, stand for all that the arm can take."""
+"""Number of random poses over the joint ranges that represent the workspace."""
 
 USUAL, NEARLY_ALL = 0.8, 0.95
-"""Shares of them: beyond the condition of the first an arm is slowed, beyond the second halted."""
+"""Quantiles of the condition over these poses. Servo slows beyond the first, halts beyond the
+second."""
 
 
 def singularity_thresholds(model: RobotModel) -> tuple[float, float]:
@@ -235,9 +237,9 @@ def singularity_thresholds(model: RobotModel) -> tuple[float, float]:
 def conditions(model: RobotModel, joints: Array) -> Array:
     """Return the condition of tool0's Jacobian, shape (k,), at joints of shape (k, n), rad or m.
 
-    The largest singular value by the smallest one, m and rad as MoveIt has it; inf where a
-    direction is lost. It grows with a small arm's rotations and falls with a large one's: which is
-    near depends on the model.
+    It is the ratio of the largest to the smallest singular value, in m and rad like MoveIt's, and
+    inf if a direction is lost. It grows with a small arm's rotations and falls with a large
+    arm's rotations, so the threshold for a singularity depends on the model.
     """
     chain, count = model.chain, len(joints)
     turns = np.broadcast_to(np.eye(3), (count, 3, 3))

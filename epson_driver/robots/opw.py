@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """Inverse kinematics of a six-axis arm with an ortho-parallel basis and a spherical wrist (OPW).
 
-The closed form is that of M. Brandstötter, A. Angerer and M. Hofbaur: An Analytical Solution of
-the Inverse Kinematics Problem of Industrial Serial Manipulators with an Ortho-parallel Basis and a
+The closed form is from M. Brandstötter, A. Angerer and M. Hofbaur: An Analytical Solution of the
+Inverse Kinematics Problem of Industrial Serial Manipulators with an Ortho-parallel Basis and a
 Spherical Wrist, 2014.
 
-Its seven lengths follow from the chain, so a model file has each length once. In the OPW pose, all
-angles 0, the arm stands upright and the tool frame is parallel to base_link; the model's zero pose
-differs from it by the offsets: angle = sign · joint - offset.
+Its seven lengths are computed from the chain, so a model file contains each length once. In the
+OPW pose, all angles 0, the arm is upright and the tool frame is parallel to base_link. The model's
+zero pose differs from it by the offsets: angle = sign · joint - offset.
 """
 
 from collections.abc import Iterator
@@ -22,19 +22,19 @@ from epson_driver.robots.chain import REVOLUTE, rotation_about
 from epson_driver.robots.model import RobotModel
 
 TOLERANCE = 1e-9
-"""How far axes may be from parallel (1 - cosine) or from crossing each other (m)."""
+"""Tolerance of axes that are parallel (1 - cosine) or that intersect (m)."""
 
 
 STRAIGHT_WRIST_RAD = 2e-6
-"""With joint 5 closer to 0 than this, joints 4 and 6 are in line: only their sum counts. The error
-of the solution is no larger."""
+"""If joint 5 is closer to 0 than this, joints 4 and 6 are treated as collinear, so that only their
+sum matters. The error of the solution is no larger."""
 
 ROUNDING = 1e-12
-"""An arm that lacks this share of its reach is stretched: rounding."""
+"""Share of its reach within which an arm counts as stretched, due to rounding."""
 
 
 class KinematicsError(ValueError):
-    """A model whose chain has no closed-form inverse. The text says why."""
+    """A model whose chain has no closed-form inverse, with the reason as its text."""
 
 
 _Y, _Z = np.eye(3)[1:]
@@ -44,7 +44,7 @@ _Y, _Z = np.eye(3)[1:]
 class OpwParameters:
     """The parameters of the closed form.
 
-    lengths, m: a1 from joint 1's axis to joint 2's, a2 elbow offset, b sideways offset of the
+    lengths, m: a1 from joint 1's axis to joint 2's axis, a2 elbow offset, b sideways offset of the
     wrist, c1 height of joint 2, c2 upper arm, c3 elbow to wrist, c4 wrist to Tool 0. offsets: rad,
     one per joint. signs: 1 or -1, one per joint.
     """
@@ -55,13 +55,13 @@ class OpwParameters:
 
 
 def opw_parameters(model: RobotModel) -> OpwParameters:
-    """Return the OPW lengths of a model. Raises KinematicsError that says why it has none."""
+    """Return the OPW lengths of a model. Raises KinematicsError if it is unsuitable."""
     _check_joints(model)
     axes = model.chain.axes
     at = np.cumsum(model.chain.origins, axis=0)
     _check_axes(model, at[0])
     tool = at[5] + model.tool0.xyz
-    # the wrist's centre is somewhere along joint 5's axis; joint 4's axis tells where
+    # the wrist's centre is on joint 5's axis, at its intersection with joint 4's plane
     wrist = at[4] + _Y * ((at[3] - at[4]) @ _Y)
     for joint in (3, 5):
         _check_on_axis(model, joint, at[joint], wrist, 'where joints 4, 5 and 6 should meet')
@@ -126,7 +126,7 @@ def _no_opw(model: RobotModel, reason: str) -> KinematicsError:
 
 
 def _from_up(direction: Array) -> float:
-    """Return the angle about y that turns z into a direction in the arm's plane, rad."""
+    """Return the angle about y that rotates z to a direction in the arm's plane, rad."""
     return float(np.arctan2(direction[0], direction[2]))
 
 
@@ -143,9 +143,9 @@ class OpwSolver:
         return ''
 
     def sides(self, joints: Array) -> tuple[float, ...]:
-        """Return how far the wrist is in front, m, and the bends of elbow and wrist, rad.
+        """Return the distance of the wrist in front, m, and the bends of elbow and wrist, rad.
 
-        The bends are those of an upright arm with these joints, for one that hangs.
+        For a hanging arm, they are the bends of an upright arm with these joints.
         """
         _, second, third, _, fifth, _ = (self._signs * joints - self._offsets).tolist()
         a1, a2, _, c1, c2, c3, _ = self._lengths.values()
@@ -155,10 +155,10 @@ class OpwSolver:
         return front, upright * copysign(bend, bend * front), upright * fifth
 
     def branches(self, pose: Array, near: Array) -> list[Array]:
-        """Return those of the eight solutions that exist, regardless of the joint limits.
+        """Return up to eight existing solutions, regardless of the joint limits.
 
-        Those of an arm at the edge of its reach come twice. With a straight wrist joint 4 is as
-        in `near`, with the wrist on joint 1's axis joint 1 is.
+        At the edge of the arm's reach, solutions are duplicated. Joint 4 is as in `near` for a
+        straight wrist, and joint 1 is as in `near` if the wrist is on joint 1's axis.
         """
         first, _, _, fourth, _, _ = (self._signs * near - self._offsets).tolist()
         angles = [
@@ -169,7 +169,7 @@ class OpwSolver:
         return [self._signs * (np.array(each) + self._offsets) for each in angles]
 
     def _arms(self, wrist: Array, free: float) -> Iterator[tuple[float, float, float]]:
-        """Yield the angles of joints 1 to 3 that bring the wrist's centre to a place."""
+        """Yield the angles of joints 1 to 3 that bring the wrist's centre to a position."""
         a1, a2, b, c1, c2, c3, _ = self._lengths.values()
         x, y, up = float(wrist[0]), float(wrist[1]), float(wrist[2]) - c1
         square = x * x + y * y - b * b
@@ -195,7 +195,7 @@ class OpwSolver:
 def _wrists(
     arm: tuple[float, float, float], turn: Array, fourth: float
 ) -> Iterator[tuple[float, float, float]]:
-    """Yield the angles of joints 4 to 6 that give the hand its orientation, `fourth` if any."""
+    """Yield the angles of joints 4 to 6 for the hand's orientation, `fourth` if it is free."""
     (c1, s1), (c23, s23) = ((cos(each), sin(each)) for each in (arm[0], arm[1] + arm[2]))
     forearm = np.array([[c1 * c23, s1 * c23, -s23], [-s1, c1, 0.0], [c1 * s23, s1 * s23, c23]])
     r = (forearm @ turn).tolist()

@@ -21,8 +21,8 @@ from epson_driver.motion import Array
 from epson_driver.robots.catalogue import Layer
 
 MARKS = ('confirmed', 'one source', 'derived', 'estimated')
-"""How far a number can be trusted, best first: by EPSON's own for this model or by two sources;
-by one; computed from such, or taken from a sister model; a proxy or a guess."""
+"""Confidence of a number, best first: confirmed by EPSON for this model or by two sources, from
+one source, computed from such numbers or taken from a sister model, or a proxy or a guess."""
 
 Range = tuple[float, float, str]
 """Smallest and largest value, and their unit."""
@@ -30,7 +30,7 @@ Range = tuple[float, float, str]
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where the numbers of a quantity come from, and how far each of them can be trusted.
+    """Source of the numbers of a quantity, and the confidence of each.
 
     `marks` has one entry per joint, or a single one for a quantity that is not per joint.
     """
@@ -40,14 +40,14 @@ class Provenance:
 
     @property
     def worst(self) -> str:
-        """The lowest mark of all its numbers."""
+        """Lowest mark of all its numbers."""
         return max(self.marks, key=MARKS.index)
 
 
 class Reader:
     """The keys of one model, checked for type, length and range.
 
-    layers: what it is made of; a key is that of the last layer which has it.
+    layers: the model's layers. The last layer that contains a key defines it.
     """
 
     def __init__(self, layers: Sequence[Layer]) -> None:
@@ -55,7 +55,7 @@ class Reader:
         self._from = {key: layer for layer in layers for key in layer.values}
         self._sources: dict[str, tuple[Layer, Any]] = {}
         for layer in layers:
-            if not layer.where and layer is self._own:  # what somebody else said is of their value
+            if not layer.where and layer is self._own:  # inherited sources are for other values
                 for key in layer.values:
                     self._sources.pop(key.partition('_')[0], None)
             for key, source in self._in(layer, 'sources', {}, dict).items():
@@ -67,7 +67,7 @@ class Reader:
         return self._error(layer, (key,), f'{key} = {shown(value)}: {rule}')
 
     def check_keys(self, known: Sequence[str]) -> None:
-        """Raise InputError for a key that is none of those a model of this build has."""
+        """Raise InputError for a key that is unknown for a model of this build."""
         for key, layer in self._from.items():
             if key in known:
                 continue
@@ -79,7 +79,7 @@ class Reader:
             raise self._error(layer, (key,), f'{key}: {rule if units else f"unknown key{hint}"}')
 
     def check_sources(self, known: Sequence[str]) -> None:
-        """Raise InputError for a source of something that is no quantity."""
+        """Raise InputError for a source of something other than a quantity."""
         for key, (layer, _) in self._sources.items():
             if key not in known:
                 rule = f'must be one of {", ".join(known)}'
@@ -90,11 +90,11 @@ class Reader:
         return key in self._from
 
     def has_source(self, quantity: str) -> bool:
-        """Return whether the model says where a quantity comes from."""
+        """Return whether the model names a source of a quantity."""
         return quantity in self._sources
 
     def get(self, key: str, kind: type, otherwise: Any = None) -> Any:
-        """Return the value of a key, which must be there unless `otherwise` is given."""
+        """Return the value of a key, or `otherwise`. A key without a default is required."""
         if key not in self._from:
             if otherwise is not None:
                 return otherwise
@@ -129,7 +129,7 @@ class Reader:
         *,
         unknown: bool = False,
     ) -> Array:
-        """Return `count` numbers within a range, NaN for null where one may be unknown."""
+        """Return `count` numbers within a range. With `unknown`, null is allowed and gives NaN."""
         values = self.get(key, list)
         if len(values) != count:
             raise self.error(key, values, f'must have {count} numbers, {of}')

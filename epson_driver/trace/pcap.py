@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Classic pcap files of TCP conversations, written and read. No sockets, no clock.
+"""Reads and writes classic pcap files of TCP conversations. No sockets, no clock.
 
-What the kernel sent is not known here: the writer makes packets that carry the bytes in an
-orderly TCP conversation, with a handshake, sequence numbers, acknowledgements, checksums and FIN.
-The reader also takes what tcpdump and Wireshark captured, with its retransmissions.
+The packets sent by the kernel are not known here. The writer makes packets that carry the bytes in
+a regular TCP conversation, with handshake, sequence numbers, acknowledgements, checksums and FIN.
+The reader also accepts captures of tcpdump and Wireshark, including retransmissions.
 
 The format: draft-ietf-opsawg-pcap. Packets: RFC 791, 8200, 9293.
 """
@@ -20,16 +20,16 @@ from typing import Protocol
 from epson_driver.link.connection import Address
 
 MAX_SEGMENT_BYTES = 16384
-"""Longer data is split; an IPv4 packet holds 65,535 bytes at most."""
+"""Maximum data of a segment. Longer data is split; the maximum IPv4 packet is 65,535 bytes."""
 
 MAX_UNACKNOWLEDGED_BYTES = 16384
-"""A side that sends nothing acknowledges at least so often, well inside the window of 65,535."""
+"""Maximum unacknowledged data of one side, well within the window of 65,535 bytes."""
 
 MICROSECONDS = 0xA1B2C3D4
 NANOSECONDS = 0xA1B23C4D
 PCAPNG = 0x0A0D0D0A
 MAX_RECORD_BYTES = 262144
-"""As tcpdump's; a longer one in a file means that the file is damaged."""
+"""The limit of tcpdump. A longer record means that the file is damaged."""
 
 _FILE_HEADER = struct.pack('<IHHiIII', MICROSECONDS, 2, 4, 0, 0, MAX_RECORD_BYTES, 1)
 _RECORD = struct.Struct('<IIII')
@@ -42,7 +42,7 @@ _TCP_PROTOCOL = 6
 _FIRST_SEQUENCE = 1000
 
 LINK_HEADERS = {0: 4, 1: 14, 12: 0, 101: 0, 113: 16, 276: 20}
-"""Bytes before the IP header by the file's link type: BSD loopback, Ethernet, raw IP (twice),
+"""Bytes before the IP header, by the file's link type: BSD loopback, Ethernet, raw IP (twice),
 Linux cooked (`tcpdump -i any`) in both versions."""
 
 
@@ -51,7 +51,7 @@ class PcapError(ValueError):
 
 
 class Flag:
-    """The flags of a TCP segment that matter here. Plain numbers: IntFlag is slow."""
+    """The flags of a TCP segment that are used here. Plain numbers, because IntFlag is slow."""
 
     FIN = 1
     SYN = 2
@@ -64,7 +64,7 @@ class Sink(Protocol):
     """The destination of packets: a binary file, or an object like one."""
 
     def write(self, data: bytes, /) -> object:
-        """Take bytes."""
+        """Write bytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +80,7 @@ class Segment:
 
 
 class PcapWriter:
-    """Writes the file's header at once, and packets as they are given. `size` counts bytes."""
+    """Writes the file's header immediately, and then each packet. `size` counts bytes."""
 
     def __init__(self, sink: Sink) -> None:
         self.size = 0
@@ -113,14 +113,14 @@ class _Side:
         self.acknowledged = 0
 
     def packet(self, flags: int, acknowledge: int, data: bytes) -> bytes:
-        """Return the next packet of this side, and count its bytes."""
+        """Return the next packet of this side, and advance its sequence number."""
         source, target = self._ports
         fields = (self.sequence, acknowledge, 0x50, flags, 0xFFFF)
         length = _TCP.size + len(data)
         bare = _TCP.pack(source, target, *fields, 0, 0)
         check = _checksum(self._pseudo_sum + length + _sum(bare) + _sum(data))
         tcp = _TCP.pack(source, target, *fields, check, 0)
-        turns = bool(flags & (Flag.SYN | Flag.FIN))  # either takes one number
+        turns = bool(flags & (Flag.SYN | Flag.FIN))  # both use one sequence number
         self.sequence = (self.sequence + len(data) + turns) & 0xFFFFFFFF
         self.acknowledged = acknowledge
         return self._ethernet + self._ip(length) + tcp + data
@@ -138,7 +138,7 @@ class _Side:
 class Conversation:
     """One connection, from its handshake to its end, as packets in a file.
 
-    Times are ns since 1970; they are written as they are given.
+    Times are ns since 1970 and are written unchanged.
     """
 
     def __init__(self, writer: PcapWriter, client: Address, server: Address, time_ns: int) -> None:
@@ -167,7 +167,7 @@ class Conversation:
             self._record(time_ns, Flag.ACK, from_client=not from_client)
 
     def reset(self, time_ns: int, *, from_client: bool) -> None:
-        """Write the RST of one side: nothing follows it."""
+        """Write the RST of one side. Nothing follows it."""
         self._record(time_ns, Flag.RST | Flag.ACK, from_client=from_client)
         self._finished = {True, False}
 
@@ -193,7 +193,7 @@ def _text(address: bytes) -> str:
 def _sum(data: bytes) -> int:
     """Return a number with the same checksum as the data's 16 bit words (RFC 1071).
 
-    65,536 is 1 modulo 65,535, so the number that all bytes make together has it.
+    65,536 is 1 modulo 65,535, so the data as one large number has this checksum.
     """
     return int.from_bytes(data + b'\0' if len(data) % 2 else data) % 0xFFFF
 
@@ -206,10 +206,10 @@ def _checksum(total: int) -> int:
 
 
 def read_segments(data: bytes) -> Iterator[Segment]:
-    """Yield the TCP segments of a classic pcap file in its order, without other packets.
+    """Yield the TCP segments of a classic pcap file in file order, without other packets.
 
-    A file that ends within a packet (its writer was killed) ends before it. Raises PcapError for
-    anything but a classic capture of IP packets.
+    An incomplete packet at the end of the file (the writer was killed) is ignored. Raises
+    PcapError for anything except a classic capture of IP packets.
     """
     order, scale, link_type = _file_header(data)
     skip = LINK_HEADERS[link_type]
@@ -230,7 +230,7 @@ def read_segments(data: bytes) -> Iterator[Segment]:
 
 
 def _file_header(data: bytes) -> tuple[str, float, int]:
-    """Return byte order, length of a time's fraction in s, and link type."""
+    """Return byte order, unit of a time's fraction in s, and link type."""
     if len(data) < 24:
         raise PcapError('not a capture: shorter than the header of one')
     for order in '<>':
@@ -246,16 +246,16 @@ def _file_header(data: bytes) -> tuple[str, float, int]:
 
 
 def _segment(packet: bytes, time: float) -> Segment | None:
-    """Return the TCP segment in an IP packet, or None if there is none, or not all of it."""
+    """Return the TCP segment in an IP packet, or None if it has none or is incomplete."""
     if not packet:
         return None
     if packet[0] >> 4 == 4 and len(packet) >= _IPV4.size:
         header = (packet[0] & 15) * 4
         protocol, fragment = packet[9], int.from_bytes(packet[6:8]) & 0x3FFF
-        end = int.from_bytes(packet[2:4]) or len(packet)  # 0: offloaded, as long as it is
+        end = int.from_bytes(packet[2:4]) or len(packet)  # 0: offloaded, use the packet's length
         source, target = packet[12:16], packet[16:20]
         if any(packet[10:12]) and _sum(packet[:header]):
-            return None  # its checksum tells of damage; 0: offloaded
+            return None  # its checksum is wrong (0: offloaded)
     elif packet[0] >> 4 == 6 and len(packet) >= _IPV6.size:
         header, protocol, fragment = _IPV6.size, packet[6], 0
         end = header + (int.from_bytes(packet[4:6]) or len(packet) - header)
@@ -277,17 +277,17 @@ def _segment(packet: bytes, time: float) -> Segment | None:
 
 @dataclass(slots=True)
 class Stream:
-    """One direction of a conversation while it is put together."""
+    """One direction of a conversation during its reassembly."""
 
     next_sequence: int | None = None
     waiting: dict[int, bytes] = field(default_factory=dict)
-    """Data behind a gap, by its first byte, counted from the first byte of the stream."""
+    """Data after a gap, by the position of its first byte in the stream."""
 
     _starts: list[int] = field(default_factory=list)
     _taken: int = 0
 
     def take(self, segment: Segment) -> bytes:
-        """Return new bytes in order, without repetitions, waiting for gaps to be filled."""
+        """Return new bytes in order, without repetitions. Data after a gap is stored."""
         sequence = (segment.sequence + bool(segment.flags & Flag.SYN)) & 0xFFFFFFFF
         if self.next_sequence is None or segment.flags & Flag.SYN:
             self.next_sequence = sequence

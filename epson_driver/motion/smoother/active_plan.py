@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A plan with the time when it began and the waypoints that it goes through."""
+"""A plan with its start time and its waypoints."""
 
 from dataclasses import dataclass
 
@@ -14,10 +14,10 @@ from epson_driver.motion.smoother.waypoints import Waypoint
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ActivePlan:
-    """What is executed since `begin`, s: a path, and the timing on it.
+    """The plan executed since `begin`, s: a path, and the timing on it.
 
-    route: the waypoints at the path's knots. clocks: when each of them should be reached, s on the
-    clock of the points, shape (k,). pause: whether it comes to rest on the path.
+    route: the waypoints at the path's knots. clocks: commanded time of each one, s on the clock
+    of the points, shape (k,). pause: whether it comes to rest on the path.
     """
 
     path: Path
@@ -29,18 +29,18 @@ class ActivePlan:
 
     @property
     def end(self) -> float:
-        """When it rests, s."""
+        """Time of the rest at its end, s."""
         return self.begin + self.timing.duration
 
     @property
     def finished(self) -> bool:
-        """Whether it ends at a rest, which has not been moved since by a point that was merged."""
+        """Whether it ends at a commanded rest that no merged point has moved since."""
         last = self.route[-1]
         return last.rest is not None and bool(
             np.all(last.position == self.path.knots.position[-1])
         )
 
     def clock(self, time: float) -> float:
-        """Return when the motion of a time should be, s on the clock of the points."""
+        """Return the commanded time of the position at `time`, s on the clock of the points."""
         u, _, _ = self.timing.at(time - self.begin)
         return float(np.interp(u, self.path.knots.u, self.clocks))

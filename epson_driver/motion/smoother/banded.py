@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Linear systems with few diagonals, solved in time that grows with their size only."""
+"""Banded linear systems, solved in linear time."""
 
 import numpy as np
 
@@ -10,9 +10,9 @@ from epson_driver.motion.limits import Array
 def solve_tridiagonal(below: Array, main: Array, above: Array, right: Array) -> Array:
     """Return x of below[i] x[i - 1] + main[i] x[i] + above[i] x[i + 1] = right[i], shape (k, n).
 
-    All of shape (k, n): n systems. below[0] and above[-1] are 0. By parallel cyclic reduction:
-    each round eliminates the neighbours of every row at once, so that the rows that are left
-    coupled are twice as far apart: log2(k) rounds on whole arrays, and memory for a few of them
+    All have shape (k, n): n systems. below[0] and above[-1] are 0. The method is parallel cyclic
+    reduction: each round eliminates the neighbours of every row, so that the distance between
+    coupled rows doubles. It takes log2(k) rounds on whole arrays, and memory for a few arrays
     (Hockney, Jesshope: Parallel Computers, 1981). No pivoting: the matrix must be diagonally
     dominant.
     """
@@ -37,9 +37,9 @@ def solve_tridiagonal(below: Array, main: Array, above: Array, right: Array) -> 
 def solve_pentadiagonal(main: Array, second: Array, third: Array, right: Array) -> Array | None:
     """Return x of M x = right for a symmetric, positive definite M, or None if M is not.
 
-    The diagonals begin in the first row; shapes (n,), of `second` and `third` the last one and two
-    are not used. In plain numbers: for this size a library's dense solver costs more and starts
-    threads.
+    The diagonals start in the first row, with shapes (n,). The last element of `second` and the
+    last two of `third` are not used. Plain Python numbers are used, because a library's dense
+    solver is slower for this size and starts threads.
     """
     d, e, f = main.tolist(), second.tolist(), third.tolist()
     y: list[float] = right.tolist()
@@ -75,8 +75,8 @@ def solve_pentadiagonal(main: Array, second: Array, third: Array, right: Array) 
 def solve_block_tridiagonal(diagonal: Array, beyond: Array, right: Array) -> Array:
     """Return x of a symmetric, positive definite system of b × b blocks, shape (m, b).
 
-    diagonal: shape (m, b, b); beyond: those right of them, shape (m - 1, b, b); right: (m, b).
-    Raises LinAlgError where a block that remains is singular.
+    diagonal: shape (m, b, b). beyond: the blocks right of them, shape (m - 1, b, b). right:
+    shape (m, b). Raises LinAlgError if a remaining block is singular.
     """
     size, count = right.shape[1], len(right)
     known: list[Array] = []

@@ -1,36 +1,36 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a plan may cost: counted, and not timed, so that the same calls give the same motion.
+"""The computing effort of a plan: counted instead of timed, so that calls are reproducible.
 
-The unit is a µs of one core of a PC of 2024, by the counts that the time goes with.
+The unit is 1 µs on one core of a PC of 2024, estimated from the counts that dominate the time.
 """
 
 from dataclasses import dataclass
 
 MAX_EFFORT_US = 46_000
-"""The effort of a plan, but for what is done once and always: the path, and its speed bounds."""
+"""Maximum effort of a plan, without the constant part for the path and its speed bounds."""
 
 NEWTON_STEP_US, ROW_US = 90, 0.032
-"""A Newton step of `interior_point`, and each of its rows."""
+"""Cost of a Newton step of `interior_point`, and of each of its rows."""
 
 VERIFICATION_US, PIECE_US = 600, 2.5
-"""The verification of a timing, and of each of its pieces."""
+"""Cost of the verification of a timing, and of each of its pieces."""
 
 OUTSET_US, ROUND_US = 2_500, 1_500
-"""A path with its speed bounds; and what comes before and after the Newton steps."""
+"""Cost of a path with its speed bounds, and overhead of a round of Newton steps."""
 
 
 @dataclass(slots=True)
 class Effort:
-    """What may still be computed, µs."""
+    """The remaining effort, µs."""
 
     left: float = MAX_EFFORT_US
 
     @property
     def used_up(self) -> bool:
-        """Whether nothing is left."""
+        """Whether the effort is exhausted."""
         return self.left <= 0.0
 
     def spend(self, effort: float) -> None:
-        """Take some."""
+        """Consume some effort."""
         self.left -= effort

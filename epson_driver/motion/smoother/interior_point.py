@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """An interior-point method for the fastest timing along a path.
 
-Minimised is the sum over m samples of w (1/√x + (x/c²)^p / (2 p c)): the time, and the cost of
-being faster than the speed c that is wanted (its minimum is at x = c²). Subject to
-    rows · (x, x′, x″) ≤ 1, for some rows ≤ 1/√x instead.
-1/√x is convex: its tangent lies below, so each step is towards a point that is allowed.
-(x, x′, x″) at a sample depend on three neighbouring coefficients, which leaves a system of five
-diagonals for a Newton step. Primal and dual variables go their own step lengths (Nocedal & Wright,
+It minimises the sum over m samples of w (1/√x + (x/c²)^p / (2 p c)): the time, and a cost of
+exceeding the wanted speed c (its minimum is at x = c²). The constraints are
+    rows · (x, x′, x″) ≤ 1, or ≤ 1/√x for some rows.
+1/√x is convex and above its tangent, so each step is towards an allowed point.
+(x, x′, x″) at a sample depend on three neighbouring coefficients, so a Newton step solves a system
+with five diagonals. Primal and dual variables have separate step lengths (Nocedal & Wright,
 Numerical Optimization, chapter 19).
 """
 
@@ -23,31 +23,32 @@ from epson_driver.motion.smoother.effort import NEWTON_STEP_US, ROW_US, Effort
 
 MAX_ITERATIONS = 40
 RELATIVE_TOLERANCE = 2e-3
-"""When to stop: on the rows, and, by default, on what more time could be gained, relative."""
+"""Convergence tolerance of the rows and, by default, of the relative time still to be gained."""
 
 ACCEPTED_ROW_EXCESS = 2e-2
-"""The same for the rows when the iterations are used up."""
+"""Tolerance of the rows after the last iteration."""
 
 SPEED_COST_EXPONENT = 8
-"""p."""
+"""The exponent p."""
 
 MIN_STEP_SHARE, MAX_SHORT_STEPS = 5e-3, 2
-"""So many steps shorter than this lead nowhere."""
+"""The search ends after more than MAX_SHORT_STEPS steps shorter than MIN_STEP_SHARE."""
 
 MIN_ITERATIONS, SLOWEST_RATE = 12, 0.88
-"""After so many iterations the rows must be as if each had left this share of their excess."""
+"""After MIN_ITERATIONS, each iteration must on average have reduced the rows' excess to this
+share."""
 
 _UPPER = np.triu_indices(3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Program:
-    """What to minimise over n coefficients, of which the first and the last two stay.
+    """The cost and constraints for n coefficients. The first two and the last two are fixed.
 
-    basis: (x, x′, x″) from three coefficients, shape (m, 3, 3); first: the first of the three,
-    shape (m,). rows: shape (m, r, 3), of which those from `rooted` on have 1/√x at their right.
-    back: how far before a sample it is that x counts for the cost, in u; weights, wanted: w and c
-    there; shape (m,).
+    basis: (x, x′, x″) from three coefficients, shape (m, 3, 3). first: index of the first of the
+    three, shape (m,). rows: shape (m, r, 3), with 1/√x at the right side of those from `rooted`.
+    back: distance in u before a sample at which x is used for the cost. weights, wanted: w and c
+    there. All three have shape (m,).
     """
 
     basis: Array
@@ -62,18 +63,18 @@ class Program:
 def minimise(
     program: Program, start: Array, effort: Effort, tolerance: float = RELATIVE_TOLERANCE
 ) -> Array | None:
-    """Return the coefficients of the minimum that is found from `start`, shape (n,), or None.
+    """Return the coefficients of the minimum found from `start`, shape (n,), or None.
 
-    tolerance: when to stop, of what more time could be gained, relative.
+    tolerance: relative time still to be gained at which to stop.
     """
-    # the samples last: each row, and each part of the sums over the rows, is one array
+    # the samples are the last axis, so each row and each part of the sums over rows is one array
     rows = np.ascontiguousarray(program.rows.transpose(2, 1, 0))  # (3, r, m)
     basis = np.ascontiguousarray(program.basis.transpose(1, 2, 0))  # (3, 3, m)
     three = program.first + np.arange(3)[:, None]  # (3, m)
     size = len(start)
     free = slice(2, size - 2)
     rooted = program.rooted
-    # which diagonal each part of a symmetric block is on, and from which row; the right side last
+    # diagonal and first row of each part of a symmetric block, with the right side last
     diagonal = np.append(_UPPER[1] - _UPPER[0], [3, 3, 3])[:, None]
     place = (diagonal * size + three[np.append(_UPPER[0], range(3))]).ravel()
 
@@ -82,13 +83,13 @@ def minimise(
         result: Array = np.einsum('kjm,jm->km', basis, coefficients[three])
         return result
 
-    # what is written anew in each iteration: arrays of this size are slow to allocate
+    # work arrays reused in each iteration, because arrays of this size are slow to allocate
     shape = rows.shape[1:]
     tangents, weighted = rows.copy(), np.empty((4, *shape))
     stiffness, d_slack, d_dual, g, spare = (np.empty(shape) for _ in range(5))
 
     def update_excess() -> None:
-        """Put into g how much the rows are beyond their right sides."""
+        """Set g to the excess of the rows over their right sides."""
         np.einsum('krm,km->rm', rows, y, out=g)
         g[:rooted] -= 1.0
         g[rooted:] -= root / np.sqrt(y[0])
@@ -105,14 +106,14 @@ def minimise(
     cost = _cost(program)
 
     def counted(y: Array) -> Array:
-        """Return x where it counts for the cost, shape (m,)."""
+        """Return x at the places used for the cost, shape (m,)."""
         result: Array = np.einsum('km,km->m', shift, y)
         return result
 
     x = counted(y)
     if min(x.min(), y[0].min()) <= 0.0:
         return None
-    # so that the right sides are about 1, however slow it is
+    # scaled so that the right sides are about 1 at any speed
     root = np.sqrt(y[0])
     rows[:, rooted:] *= root
     tangents[:, rooted:] *= root
@@ -172,7 +173,7 @@ def minimise(
         y = values(c)
         x = counted(y)
         if min(x.min(), y[0].min()) <= 0.0:
-            return None  # by rounding, where x is all but 0
+            return None  # rounding, where x is almost 0
         update_excess()
         np.maximum(slack, np.negative(g, out=spare), out=slack)
         gap = float(np.multiply(slack, dual, out=spare).sum())
@@ -183,7 +184,7 @@ def minimise(
 
 
 def _cost(program: Program) -> Callable[[Array], tuple[Array, Array]]:
-    """Return what gives first and second derivative by x of what is minimised, shapes (m,)."""
+    """Return a function for the cost's first and second derivative by x, shapes (m,)."""
     wanted, weights, p = program.wanted, program.weights, SPEED_COST_EXPONENT
     of_time = 0.5 * weights
     of_speed, of_speeding = of_time / wanted**3, (p - 1) * of_time / wanted**5

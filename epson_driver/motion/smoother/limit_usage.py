@@ -1,13 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""How much of the limits a plan uses: the verification that every plan has to pass.
+"""Share of the limits that a plan uses: the verification that every plan must pass.
 
-It holds for every instant, not for samples. The timing's breakpoints and the times when the motion
-passes the path's knots cut it into spans. In each of them the path is one polynomial of u and the
-timing one of the time, so the joints' positions are polynomials of degree 15, and their
-derivatives are of 14, 13, 12. A polynomial lies in the hull of its Bernstein coefficients
-(Farouki, Rajan 1987), of which the first and the last are its values at the ends. A span whose
-hull is beyond a limit is halved until that is decided.
+It is valid at every instant, not only at samples. The timing's breakpoints and the times at which
+the motion passes the path's knots cut it into spans. In each span the path is one polynomial of u
+and the timing one of the time, so the joints' positions are polynomials of degree 15, and their
+derivatives of degree 14, 13 and 12. A polynomial is within the hull of its Bernstein coefficients
+(Farouki, Rajan 1987), the first and the last of which are its values at the ends. A span whose
+hull is beyond a limit is halved until the result is certain.
 """
 
 from dataclasses import dataclass
@@ -21,39 +21,40 @@ from epson_driver.motion.smoother.path import DEGREE, Path
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
 BACKWARD_SPEED = 1e-9
-"""u̇ below this negative is a way back."""
+"""Tolerance of u̇ below 0. A lower value is a reversal."""
 
 LIMIT_TOLERANCE_SHARE = 1e-7
-"""Relative excess of a limit that is taken for rounding."""
+"""Relative excess of a limit that counts as rounding."""
 
 POSITION_TOLERANCE = 1e-12
-"""The same for positions, rad."""
+"""The same tolerance for positions, rad."""
 
 JUMP_TOLERANCE = 1e-9
-"""Jump of u from one piece of a timing to the next that is taken for rounding."""
+"""Jump of u between two pieces of a timing that counts as rounding."""
 
 KNOT_TOLERANCE = 1e-12
-"""Difference in u between a knot of the path and a breakpoint of the timing that is rounding."""
+"""Difference in u between a path knot and a timing breakpoint that counts as rounding."""
 
 PASSAGE_TOLERANCE = 1e-15
-"""How exactly the passage of a knot is found, in u or in s."""
+"""Accuracy of the passage of a knot, in u or in s."""
 
 MAX_HALVINGS = 16
-"""How often a span is halved before it counts as what its hull says."""
+"""Maximum halvings of a span. After them its hull is used as the result."""
 
 TIGHT_HULL_RATIO = 1.02
-"""A hull that is beyond a limit by a value at an end, and by no more than this times it, stays."""
+"""A span is not halved if a limit is exceeded at an end and the hull is at most this ratio above
+the value there."""
 
 Indices = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LimitUsage:
-    """How much of the limits a timing on a path uses: the worst joint in each of m parts of it.
+    """Usage of the limits by a timing on a path: the worst joint in each of m parts of it.
 
-    positions: u in the middle of the part, shape (m,). velocity, acceleration, jerk: multiples of
-    the limits that are not exceeded in the part, shape (m,). inside: whether every joint stays
-    within its position limits, and the timing neither jumps nor turns back.
+    positions: u in the middle of the part, shape (m,). velocity, acceleration, jerk: upper bounds
+    of the usage in the part, as multiples of the limits, shape (m,). inside: whether every joint
+    stays within its position limits, and the timing neither jumps nor reverses.
     """
 
     positions: Array
@@ -64,7 +65,7 @@ class LimitUsage:
 
     @property
     def allowed(self) -> bool:
-        """Whether nothing exceeds a limit."""
+        """Whether all limits are respected."""
         return self.inside and bool(
             max(self.velocity.max(), self.acceleration.max(), self.jerk.max())
             <= 1.0 + LIMIT_TOLERANCE_SHARE
@@ -72,7 +73,7 @@ class LimitUsage:
 
 
 def limit_usage(path: Path, timing: TimeParametrisation, limits: JointLimits) -> LimitUsage:
-    """Return what a timing on a path asks of the joints, from the timing's start to its end."""
+    """Return the usage of the limits by a timing on a path, from its start to its end."""
     spans = _spans(path, timing)
     confined = _confined(path, limits)
     inside = _forward(timing) and _continuous(timing)
@@ -92,10 +93,10 @@ def limit_usage(path: Path, timing: TimeParametrisation, limits: JointLimits) ->
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Spans:
-    """m intervals of time in each of which one piece of the timing is on one segment of the path.
+    """m intervals of time, each with one piece of the timing on one segment of the path.
 
-    segment: of the path. offset: u at the start, from the segment's first knot. speed,
-    acceleration, jerk: of u. duration in s. All of shape (m,).
+    segment: path segment. offset: u at the start, from the segment's first knot. speed,
+    acceleration, jerk: derivatives of u. duration: s. All have shape (m,).
     """
 
     segment: Indices
@@ -130,7 +131,7 @@ class _Spans:
 
 
 def _way(t: Array, v: Array, a: Array, j: Array) -> Array:
-    """Return how far u goes in a time from a state."""
+    """Return the distance in u after a time from a state."""
     way: Array = t * (v + t * (a / 2.0 + t * j / 6.0))
     return way
 
@@ -138,7 +139,7 @@ def _way(t: Array, v: Array, a: Array, j: Array) -> Array:
 def _spans(path: Path, timing: TimeParametrisation) -> _Spans:
     """Return the spans of a timing on a path.
 
-    Which segment a span is on follows from counting the knots before it, not from a rounded u.
+    The segment of a span is found by counting the knots before it, not from a rounded u.
     """
     durations = np.diff(timing.times)
     reached = np.maximum.accumulate(timing.positions)
@@ -147,13 +148,13 @@ def _spans(path: Path, timing: TimeParametrisation) -> _Spans:
     first = int(np.clip(begin - 1, 0, len(knots) - 2))
     last = int(np.clip(end - 1, first, len(knots) - 2))
     passed = np.arange(first + 1, last + 1)
-    # a knot within rounding of a breakpoint is at it, at the one after it first
+    # a knot within rounding of breakpoints counts as at the first piece after them
     within = reached.searchsorted(knots[passed] + KNOT_TOLERANCE, side='right') - 1
     within = np.clip(within, 0, len(durations) - 1)
     since = np.zeros(len(passed))
     inside = reached[within] < knots[passed] - KNOT_TOLERANCE
     since[inside] = _passages(timing, within[inside], knots[passed[inside]])
-    # every span begins at a breakpoint of the timing, or at a knot
+    # every span starts at a breakpoint of the timing, or at a knot
     count = len(durations)
     piece = np.append(np.arange(count), within)
     start = np.append(np.zeros(count), since)
@@ -185,7 +186,7 @@ def _passages(timing: TimeParametrisation, piece: Indices, us: Array) -> Array:
     v, a, j = timing.velocities[piece], timing.accelerations[piece], timing.jerks[piece]
     low, high = np.zeros_like(durations), durations.copy()
     t = durations / 2.0
-    for _ in range(100):  # Newton's method, bisection where that leaves the bracket
+    for _ in range(100):  # Newton's method, with bisection if it leaves the bracket
         over = _way(t, v, a, j) - ways
         high, low = np.where(over > 0.0, t, high), np.where(over > 0.0, low, t)
         if np.all((np.abs(over) <= PASSAGE_TOLERANCE) | (high - low <= PASSAGE_TOLERANCE)):
@@ -198,7 +199,7 @@ def _passages(timing: TimeParametrisation, piece: Indices, us: Array) -> Array:
 
 
 def _forward(timing: TimeParametrisation) -> bool:
-    """Return whether a timing never turns back."""
+    """Return whether a timing never reverses."""
     v, a, j = timing.velocities[:-1], timing.accelerations[:-1], timing.jerks
     with np.errstate(divide='ignore', invalid='ignore'):
         turn = np.nan_to_num(-a / j, nan=0.0, posinf=0.0, neginf=0.0)
@@ -208,7 +209,7 @@ def _forward(timing: TimeParametrisation) -> bool:
 
 
 def _continuous(timing: TimeParametrisation) -> bool:
-    """Return whether each piece of a timing ends where the next one, or the rest, begins."""
+    """Return whether each piece of a timing ends at the start of the next one, or at rest."""
     t = np.diff(timing.times)
     v, a, j = timing.velocities[:-1], timing.accelerations[:-1], timing.jerks
     gaps = (
@@ -227,9 +228,9 @@ def _continuous(timing: TimeParametrisation) -> bool:
 
 
 def _bernstein(derivative: int) -> Array:
-    """Return what gives the Bernstein coefficients of a derivative of Σ cₙ sⁿ, n = 1 … degree.
+    """Return the matrix from Σ cₙ sⁿ to a derivative's Bernstein coefficients, n = 1 … degree.
 
-    On 0 ≤ s ≤ 1; shape (degree, degree + 1 - derivative).
+    For 0 ≤ s ≤ 1. Shape (degree, degree + 1 - derivative).
     """
     size = 3 * DEGREE
     degree = size - derivative
@@ -248,9 +249,10 @@ _PARTS = np.cumsum([0] + [3 * DEGREE + 1 - order for order in (1, 2, 3)])
 
 
 def _powers(spans: _Spans) -> tuple[Array, Array]:
-    """Return w, w² … w⁵ of the way w(s) in u since each span's start, s = 0 … 1.
+    """Return w, w² … w⁵ of the distance w(s) in u since each span's start, s = 0 … 1.
 
-    As coefficients of s … s¹⁵, shape (m, 5, 15); and the half-way w, shape (m,).
+    They are coefficients of s … s¹⁵, shape (m, 5, 15). The second result is w at half the time,
+    shape (m,).
     """
     t = spans.duration
     linear = spans.speed * t
@@ -269,11 +271,11 @@ def _powers(spans: _Spans) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Use:
-    """What m spans use of the limits.
+    """Usage of the limits by m spans.
 
-    middles: u, shape (m,). hull: multiples of the limits of velocity, acceleration and jerk that
-    are not exceeded, shape (m, 3). outside: whether a position may leave its limits, shape (m,).
-    undecided: whether halving would tell more that counts.
+    middles: u, shape (m,). hull: upper bounds of velocity, acceleration and jerk as multiples of
+    the limits, shape (m, 3). outside: whether a position may leave its limits, shape (m,).
+    undecided: whether halving could change the result.
     """
 
     middles: Array
@@ -286,7 +288,7 @@ def _use(path: Path, spans: _Spans, limits: JointLimits, confined: npt.NDArray[n
     powers, half = _powers(spans)
     taylor = path.taylor(spans.segment, spans.offset).transpose(0, 2, 1)  # (m, n, 6)
     t = spans.duration
-    # one small product for each span: of a large one BLAS would make threads
+    # one small product for each span, because BLAS would start threads for a large one
     coefficients = taylor[:, :, 1:] @ (powers @ _DERIVATIVES)  # (m, n, 15 + 14 + 13)
     np.abs(coefficients, out=coefficients)
     most_by_s = np.maximum.reduceat(coefficients, _PARTS[:-1], axis=2)  # (m, n, 3)
@@ -312,7 +314,7 @@ def _use(path: Path, spans: _Spans, limits: JointLimits, confined: npt.NDArray[n
 
 
 def _confined(path: Path, limits: JointLimits) -> npt.NDArray[np.bool_]:
-    """Return which segments are surely within the position limits all the way, shape (k - 1,)."""
+    """Return which segments are certainly within the position limits, shape (k - 1,)."""
     hulls = path.hulls()
     within = (hulls >= limits.position_min) & (hulls <= limits.position_max)
     confined: npt.NDArray[np.bool_] = np.all(within, axis=(1, 2))

@@ -5,8 +5,8 @@
 It relies on neither planner nor verification. Two outputs and the time dt between them bound the
 demand on the joints between them. For a jerk of at most J
 
-- the acceleration changes by at most J dt, i.e. by x J dt with |x| ≤ 1;
-- the velocity changes like with a linear acceleration, ± (1 - x²) J dt²/4;
+- the acceleration changes by at most J dt, i.e. by x J dt with |x| ≤ 1,
+- the velocity changes like with a linear acceleration, ± (1 - x²) J dt²/4,
 - the position changes likewise, ± (1 - x²) (1 + |x|/3) J dt³/8.
 
 The reason: the acceleration deviates most from the line between its end values if it first rises

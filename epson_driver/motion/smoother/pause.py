@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Rest on the path soon, out of any motion that is allowed.
+"""A rest on the path soon, from any allowed motion.
 
-A motion that uses its limits to the full can not always brake at once: where the path bends, the
-joints may need all they have to follow it. It can rest a little later.
+A motion that fully uses its limits cannot always brake immediately: where the path bends, the
+joints may need their whole limits to follow it. It can come to rest slightly later.
 """
 
 import dataclasses
@@ -17,14 +17,14 @@ from epson_driver.motion.smoother.speed_bounds import SpeedBounds
 from epson_driver.motion.smoother.time_parametrisation import TimeParametrisation
 
 REACHES_IN_BRAKING_DISTANCES = (1.5, 2.0, 3.0, 4.0, 6.0)
-"""Where to rest: in ways of the hardest braking that the path's slope alone would allow."""
+"""Candidate distances of the rest, in multiples of the shortest braking distance by slope."""
 
 MIN_SEGMENT_SHARE = 0.1
-"""Less of a segment than this is left out: the rest is at the knot before."""
+"""Minimum share of a segment before the rest. Below it, the rest is at the previous knot."""
 
 
 def propose(problem: Problem) -> TimeParametrisation | None:
-    """Return a verified timing that soon rests before the path's end, or None."""
+    """Return a verified timing that soon comes to rest before the path's end, or None."""
     timing = ruckig_move.stop(problem)
     if timing is not None:
         return timing

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The planner: from a request to a plan, without any state, so that it can run anywhere.
+"""The planner: makes a plan from a request, without any state, so that it can run anywhere.
 
 A plan is a path and a timing on it that is verified against every limit and ends at rest. The
-simulated controller plans in a process of its own.
+simulated controller plans in a separate process.
 """
 
 import dataclasses
@@ -18,23 +18,23 @@ from epson_driver.motion.smoother.path import Knots, Path, line, through
 from epson_driver.motion.smoother.request import Plan, Request
 
 URGENT_SHARE = 0.15
-"""Of the effort of a plan: so much more to take any plan when it is urgent."""
+"""Additional effort for finding any plan when it is urgent, as a share of a plan's effort."""
 
 OPTIMAL, BRANCH = 'optimal', 'branch'
-"""Names of what finds plans."""
+"""Names of the proposers."""
 
 BRANCH_SHARES = (0.15, 0.4, 0.75)
-"""Where to leave the plan so far, in shares of its time."""
+"""Candidate times for leaving the current plan, as shares of its duration."""
 
 BRANCH_HORIZON_SHARE = 0.6
-"""How far a plan that leaves the plan so far looks ahead then."""
+"""Planning horizon of a plan that leaves the current one, as a share of the normal horizon."""
 
 BRANCH_TOLERANCE = 1e-2
-"""How much more time such a plan may take than the best one, relative."""
+"""Relative excess over the optimal time that is accepted for such a plan."""
 
 
 def plan(request: Request, limits: JointLimits) -> Plan | None:
-    """Return a verified plan, or None if none was found (the plan so far goes on then)."""
+    """Return a verified plan, or None if none was found (the current plan then continues)."""
     first = _path(request, request.kept, limits)
     effort = Effort()
     if request.pause:
@@ -43,7 +43,7 @@ def plan(request: Request, limits: JointLimits) -> Plan | None:
         return None if timing is None else Plan(request.start, path.knots, timing, 'stop')
     at_rest = len(request.kept.u) == 1
     if at_rest and len(request.points) == 1 and request.whole and not request.timed.any():
-        # from one rest to the next there is one way, which nothing will go on from
+        # only one path leads from one rest to the next, and no later plan continues from it
         found = _straight(request, limits)
         if found is not None:
             return found
@@ -67,17 +67,17 @@ def _fresh(
     effort: Effort,
     ramp_time: float = optimal.MAX_RAMP_TIME_S,
 ) -> Plan | None:
-    """Return a plan as if there were none so far."""
+    """Return a plan that ignores the current one."""
     path, problem, bounds = within_horizon(request, first, limits, effort)
     timing = optimal.propose(problem, bounds, ramp_time)
     return None if timing is None else Plan(request.start, path.knots, timing, OPTIMAL)
 
 
 def _branch(request: Request, share: float, limits: JointLimits, effort: Effort) -> Plan | None:
-    """Return a plan that does as the plan so far for a share of its time, and then goes on.
+    """Return a plan that keeps the first `share` of the current plan and replans the rest.
 
-    A motion that uses its limits to the full may have no other way on for a while: there is more
-    freedom where it has begun to brake for its end.
+    A motion that fully uses its limits may have no alternative for some time. More freedom exists
+    after it has started to brake for its end.
     """
     former, older = request.former, request.older
     if former is None or older is None or effort.used_up:
@@ -114,14 +114,14 @@ def _simple(request: Request, first: Path, limits: JointLimits) -> Plan | None:
 
 
 def _straight(request: Request, limits: JointLimits) -> Plan | None:
-    """Return a plan from rest straight to rest at the next point: there always is one."""
+    """Return a plan from rest straight to rest at the next point, which always exists."""
     way = line(request.kept, request.points[0], limits)
     timing = ruckig_move.only_move(problem_of(request, way, limits, 1.0, Effort()))
     return None if timing is None else Plan(request.start, way.knots, timing, 'straight')
 
 
 def _path(request: Request, kept: Knots, limits: JointLimits) -> Path:
-    """Return the path along some of the knots so far, and on through the points."""
+    """Return the path along some of the current knots, and then through the points."""
     points = request.points[len(kept.u) - len(request.kept.u) :]
     if not len(points):
         return Path(kept)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is to be found: a fast timing from a moving state to rest, on a path."""
+"""The problem of the planner: a fast timing from a moving state to rest, on a path."""
 
 from dataclasses import dataclass, field
 
@@ -15,10 +15,10 @@ from epson_driver.motion.smoother.time_parametrisation import State, TimeParamet
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """From `start` to rest at the path's end, as fast as the speeds and the limits allow.
+    """A fast motion from `start` to rest at the path's end within commanded speeds and limits.
 
-    commanded: places u, increasing, and the most that u̇² should be there (linear between them),
-    shape (c,) each; None where only the limits count. effort: what may be computed for it.
+    commanded: places u, increasing, and the maximum u̇² there (linear between them), shape (c,)
+    each, or None: only the limits apply. effort: computing effort available for it.
     """
 
     path: Path
@@ -29,11 +29,11 @@ class Problem:
 
     @property
     def end(self) -> float:
-        """The u to rest at."""
+        """Position u of the rest."""
         return self.path.end
 
     def usage(self, timing: TimeParametrisation) -> LimitUsage:
-        """Return how much of the limits a timing on the path uses."""
+        """Return the usage of the limits by a timing on the path."""
         self.effort.spend(VERIFICATION_US + PIECE_US * len(timing.jerks))
         return limit_usage(self.path, timing, self.limits)
 
@@ -44,7 +44,7 @@ class Problem:
         return bounds
 
     def wanted(self, us: Array, first: Array) -> Array:
-        """Return u̇ as it is asked for at every u, shape (m,), where the path has q′ = `first`."""
+        """Return the wanted u̇ at every u, shape (m,), where the path has q′ = `first`."""
         fastest = self.fastest(first)
         if self.commanded is None:
             return fastest

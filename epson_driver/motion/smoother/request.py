@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the planner is asked, and what it answers: data only, so that a process can plan."""
+"""The planner's request and its answer: data only, so that a separate process can plan."""
 
 import math
 from dataclasses import dataclass
@@ -15,19 +15,19 @@ from epson_driver.motion.smoother.time_parametrisation import State, TimeParamet
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Request:
-    """What to plan: from a state on a path through knots that are kept, on through points.
+    """A planning request: from a state on a path through kept knots, then through points.
 
-    start: when the plan begins, s on the smoother's clock; None if the arm rests until it comes.
-    state: u and its derivatives then. kept: the knots that stay, from the one before the state;
-    a single one if the path begins here, at rest. older: more of the knots of the path so far, in
-    case that no plan is found with fewer. points: positions after the kept knots, shape (m, n).
-    clock: when each kept knot and point should be reached, shape (k + m,), s from any time on.
-    timed: whether clock counts for the segment before it, shape (k + m,). lag: how late the state
-    is on this clock, s. pause: come to rest on the path, wherever that is soon. horizon: how far
-    ahead a plan looks at most (nearly), s. urgent: whether a slow plan is better than none.
-    former: what the plan so far does from the state on, with all of its knots in `older`.
+    start: start time of the plan, s on the smoother's clock. None: the arm rests until then.
+    state: u and its derivatives at the start. kept: the knots that stay, from the knot before the
+    state, or a single one if the path starts there at rest. older: more knots of the current path,
+    for a plan that needs them. points: positions after the kept knots, shape (m, n). clock: time
+    at which each kept knot and point should be reached, shape (k + m,), s with any origin. timed:
+    whether the clock is commanded in the segment before it, shape (k + m,). lag: delay of the
+    state on this clock, s. pause: come to rest on the path as soon as possible. horizon:
+    approximate maximum planning horizon, s. urgent: whether a slow plan is better than none.
+    former: the current plan's timing from the state on, with all of its knots in `older`.
     whole: whether the trajectory ends at the last of the points.
-    catch_up: how many times as fast as commanded the motion may be, to make up for lost time.
+    catch_up: maximum ratio to the commanded speed for making up lost time.
     """
 
     start: float | None
@@ -48,10 +48,10 @@ class Request:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """What to do from `start` on (see Request): the path through knots, by the timing.
+    """The motion from `start` (see Request): the path through knots, and the timing.
 
     The knots are the first ones of the request's kept knots and points.
-    proposer: which one found the timing.
+    proposer: name of the algorithm that found the timing.
     """
 
     start: float | None
@@ -61,4 +61,4 @@ class Plan:
 
 
 PASSED_TYPES = (Request, Plan, Knots, TimeParametrisation, JointLimits)
-"""What passes between a planner in a process of its own and who asks it."""
+"""Types exchanged between a planner in a separate process and its caller."""

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One jerk-limited Ruckig move along the path: the simplest timing there is, or a stop."""
+"""One jerk-limited Ruckig move along the path: the simplest possible timing, or a stop."""
 
 import numpy as np
 from ruckig import ControlInterface, InputParameter
@@ -17,35 +17,36 @@ from epson_driver.motion.smoother.time_parametrisation import (
 )
 
 REACHES_IN_STOPPING_DISTANCES = (0.75, 0.25, 0.08, 0.025, 0.008, 0.0025)
-"""How far to go, in stopping distances of a joint at its velocity limit."""
+"""Candidate lengths of a move, in stopping distances of a joint at its velocity limit."""
 
 SLOW_TIME_RATIO = 5.0
-"""A move is slow if it takes so many times longer than the highest speed and a stop would.
+"""A move is slow if it takes this many times longer than the highest speed and a stop would.
 
-One speed for all of it, so one sharp bend, be it short, slows down all the way. A move that ends
-there is better: a plan from there follows.
+A move has one maximum speed, so one sharp bend, even a short one, slows down all of it. Then a
+move that ends there is better, because another plan follows from there.
 """
 
 HARDNESS_SHARES = (0.999, 0.9, 0.5, 0.2)
 """Fractions of the acceleration and the jerk that the path's slope alone would allow.
 
-All but a thousandth at first: on a path without bends, what is rounded would exceed the limits.
+The first is slightly below 1, because rounding would exceed the limits on a path without bends.
 """
 
 SPEED_BISECTIONS = 6
 
 MAX_SPEED = 10.0
-"""u̇ is about 1 at full speed; a path that stands still allows any."""
+"""Maximum u̇. It is about 1 at full speed, and a path without motion allows any value."""
 
 MIN_SPEED_SHARE = 3e-3
-"""The least share of the highest speed that is tried."""
+"""Lowest speed that is tried, as a share of the highest speed."""
 
 
 def propose(problem: Problem) -> TimeParametrisation | None:
-    """Return the verified move that gets on fastest, or None if none was found.
+    """Return the verified move with the highest mean speed, or None if none was found.
 
-    It may end before the path does. If all are slow, it is the one that ends first from rest, and
-    none while moving: the plan so far rests soon, and from there more is possible.
+    It may end before the end of the path. If all moves are slow, the result from rest is the
+    shortest one in time, and None while moving: the current plan ends soon, and a start from rest
+    has more options.
     """
     limits = problem.limits
     unit = float(
@@ -74,14 +75,14 @@ def propose(problem: Problem) -> TimeParametrisation | None:
 
 
 def only_move(problem: Problem) -> TimeParametrisation | None:
-    """Return the verified move along a straight path to its end, or None: no timing is faster."""
+    """Return the verified move along a straight path to its end, the optimal timing, or None."""
     velocity, acceleration, jerk = slope_bounds(problem, problem.end)
     hardness = HARDNESS_SHARES[0]
     return _fastest(problem, problem.end, velocity, acceleration * hardness, jerk * hardness)
 
 
 def _rank(timing: TimeParametrisation, longest: float) -> tuple[float, float]:
-    """Return what is greater for a better move: one that is not slow, then a faster one."""
+    """Return the sort key of a move: a move that is not slow is better, then a faster one."""
     if timing.duration > longest:
         return -timing.duration, 0.0
     return 0.0, (timing.end - float(timing.positions[0])) / timing.duration
@@ -92,7 +93,7 @@ def _fastest(
 ) -> TimeParametrisation | None:
     """Return the verified move with the highest speed, found by bisection.
 
-    A speed can be too low as well: what is too fast for it turns back.
+    A speed can also be too low: a state that is too fast for it makes the move reverse.
     """
     low, high = velocity * MIN_SPEED_SHARE, velocity
     found: TimeParametrisation | None = None
@@ -131,7 +132,7 @@ def stop(problem: Problem) -> TimeParametrisation | None:
 def gentle_stop(
     start: State, path: Path, limits: JointLimits, hardness: float = 0.5
 ) -> TimeParametrisation | None:
-    """Return a stop with a part of what the path's slope at the start allows. Not verified."""
+    """Return a stop with a share of the slope's bounds at the start. It is not verified."""
     _, first, _ = path.at(start[0])
     with np.errstate(divide='ignore'):
         return brake(
@@ -154,7 +155,7 @@ def move(
     inp.max_acceleration, inp.max_jerk = [acceleration], [jerk]
     timing = _solved(inp)
     if timing is not None:
-        timing.positions[-1] = end  # without the rounding of the way there
+        timing.positions[-1] = end  # without the rounding of the integration
     return timing
 
 
@@ -176,11 +177,11 @@ def _solved(inp: InputParameter) -> TimeParametrisation | None:
     if trajectory is None or trajectory.duration == 0.0:
         return None
     timing = from_ruckig(trajectory)
-    return timing if len(timing.jerks) else None  # as good as at rest
+    return timing if len(timing.jerks) else None  # practically at rest
 
 
 def slope_bounds(problem: Problem, end: float) -> tuple[float, float, float]:
-    """Return bounds on u̇, ü, u⃛ from q′ on the way."""
+    """Return bounds on u̇, ü, u⃛ from q′ up to `end`."""
     us = np.linspace(problem.start[0], end, 64)
     _, first, _, _ = problem.path.sample(us)
     limits = problem.limits

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The fastest speeds on a path without regard to jerk: where `optimal` begins.
+"""The fastest speeds on a path without regard to jerk: the starting point of `optimal`.
 
 One pass backward and one forward over dx/du = 2ü for x = u̇² (Bobrow et al. 1985).
 """
@@ -14,18 +14,18 @@ from epson_driver.motion.smoother.problem import Problem
 
 ACCELERATION_SHARE = 0.8
 CURVATURE_SHARE = 0.7
-"""Of the acceleration limit: what may be used in all, and what of it for q″u̇²."""
+"""Shares of the acceleration limit: for the total acceleration, and for q″u̇² alone."""
 
 MIN_SAMPLES = 160
-"""Per path; at least two per segment …"""
+"""Minimum samples per path, with at least two per segment."""
 
 MANY_KNOTS = 400
-"""… unless there are so many that each is enough."""
+"""Number of knots from which one sample per segment is enough."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpeedProfile:
-    """u̇ at samples of u, and the time from the first to each of them, in shapes (m,)."""
+    """u̇ at samples of u, and the time from the first sample, shapes (m,)."""
 
     positions: Array
     speeds: Array
@@ -33,7 +33,7 @@ class SpeedProfile:
 
 
 class SpeedBounds:
-    """The samples of one problem's path, and the speed bounds there, in shapes (m,)."""
+    """The samples of one problem's path, and the speed bounds there, shapes (m,)."""
 
     __slots__ = ('_left', '_start', 'positions', 'speeds')
 
@@ -49,7 +49,7 @@ class SpeedBounds:
         self.speeds = np.minimum(
             problem.wanted(us, first), np.minimum(np.sqrt(curvature), np.cbrt(twist))
         )
-        # what curvature leaves for ü, at the bound: conservative below it
+        # acceleration left for ü beside curvature, at the bound (conservative below it)
         bend = np.abs(second) * self.speeds[:, None] ** 2
         left = ACCELERATION_SHARE * limits.acceleration - bend
         with np.errstate(divide='ignore'):
@@ -58,7 +58,7 @@ class SpeedBounds:
     def profile(self) -> SpeedProfile:
         """Return the fastest speeds from the problem's start to rest at its end.
 
-        A start above the bounds is followed by the hardest braking.
+        A start above the bounds is followed by maximum braking.
         """
         start, start_speed, _ = self._start
         ahead = self.positions > start + 1e-12

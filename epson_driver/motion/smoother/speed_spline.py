@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The square of the speed along a path, x(u) = u̇², as a quadratic B-spline between two ramps.
 
-ü = x′/2 and u⃛ = x″√x/2, so a limit on a joint at some u is one on three coefficients. At rest
-x ∝ u^(4/3), which no spline can follow: there the timing begins and ends with constant jerk.
+ü = x′/2 and u⃛ = x″√x/2, so a limit on a joint at some u is a limit on three coefficients. At rest
+x ∝ u^(4/3), which no spline can represent, so the timing has constant jerk at its ends.
 """
 
 from dataclasses import dataclass
@@ -25,14 +25,14 @@ _GAUSS = _GAUSS + 0.5
 
 @dataclass(frozen=True, slots=True)
 class Ramp:
-    """Constant jerk from rest or to rest for some time, or none where the arm moves already."""
+    """Constant jerk from rest or to rest for some time, or zero if the arm already moves."""
 
     jerk: float
     time: float
 
     @property
     def length(self) -> float:
-        """What it covers of u."""
+        """Distance in u."""
         return self.jerk * self.time**3 / 6.0
 
     @property
@@ -42,7 +42,7 @@ class Ramp:
 
     @property
     def acceleration(self) -> float:
-        """The size of ü there."""
+        """Magnitude of ü there."""
         return self.jerk * self.time
 
 
@@ -50,7 +50,7 @@ class Ramp:
 class SpeedSpline:
     """x(u) on N intervals between nodes, shape (N + 1,), between two ramps.
 
-    coefficients: shape (N + 2,); interval i has those from i to i + 2.
+    coefficients: shape (N + 2,). Interval i uses i to i + 2.
     """
 
     start_ramp: Ramp
@@ -60,13 +60,14 @@ class SpeedSpline:
 
     @property
     def lengths(self) -> Array:
-        """The intervals' lengths, shape (N,)."""
+        """Lengths of the intervals, shape (N,)."""
         return np.diff(self.nodes)
 
     def timing(self, start: State, end: float) -> TimeParametrisation | None:
         """Return the timing with the spline's u, u̇, ü at its nodes, or None if x is not positive.
 
-        Between two nodes it has three equal times of constant jerk, which is what that takes.
+        Between two nodes it has three pieces of constant jerk and equal duration, the minimum for
+        matching u, u̇ and ü at both.
         """
         h = self.lengths
         count = len(h)
@@ -90,9 +91,9 @@ class SpeedSpline:
 
 
 def basis(h: Array, interval: npt.NDArray[np.intp], part: Array) -> Array:
-    """Return what gives x, x′, x″ from an interval's three coefficients, shape (m, 3, 3).
+    """Return the matrices from an interval's three coefficients to x, x′, x″, shape (m, 3, 3).
 
-    For m samples, each at a part (0 … 1) of one of the intervals, whose lengths are h.
+    There are m samples, each at a fraction (0 … 1) of an interval. h: lengths of the intervals.
     """
     before = np.append(0.0, h[:-1])[interval]
     after = np.append(h[1:], 0.0)[interval]
