@@ -307,7 +307,7 @@ class ArmCommands:
     async def recover(self) -> str:
         """Reset the controller's error and enable the arm, unless it is disabled in between.
 
-        Raises CommandError like `reset_error` and `enable`.
+        Raises CommandError if either fails.
         """
         before = self._disabled
         await self.reset_error()

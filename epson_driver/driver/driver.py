@@ -227,7 +227,7 @@ class Driver:
             self.motion_link.reconnect('no reply to STOP')
 
     def disable(self, why: str, *, motors_off: bool = False, unexplained: bool = False) -> None:
-        """Close the arm gate without ending a goal. `motors_off` is like in `fault`.
+        """Close the arm gate without ending a goal. `motors_off`: see `fault`.
 
         A stream of setpoints ends. `unexplained`: the controller has not reported a cause yet, so
         the log entry waits for the status that contains it.
@@ -338,7 +338,7 @@ class Driver:
             self.servo.withdraw()
 
     def _on_link(self, name: str, state: LinkState, why: str) -> None:
-        """Handle a change of a link: state, motion, or the one that is both."""
+        """Handle a change of a link. One link may serve both state and motion."""
         if name != 'motion' and state is not LinkState.CONNECTED:
             self.robot.clear()
             self.heartbeat.forget()
@@ -388,7 +388,7 @@ class Driver:
                 self._events.on_status(Status())
 
     async def _watch_status(self) -> None:
-        """Discard a status that is too old, and report it once a second until a new one comes."""
+        """Discard a status that is too old, and report an unknown one each second without it."""
         while True:
             await silent(self._status_missing)
             if self.robot.status is not None:

@@ -106,7 +106,7 @@ MAX_UNREPORTED_DELAY_S = 0.1
 def checked_goal(goal: Goal, limits: JointLimits) -> Goal:
     """Return a goal that is complete, finite and within the limits.
 
-    Positions that are only just outside a limit are set to it (`JointLimits.settled`).
+    Positions that exceed a limit only by rounding are set to it (`JointLimits.settled`).
 
     Raises GoalRejectedError:
     INVALID_JOINTS if the joints or their order differ from the limits, or if an array has another
@@ -185,7 +185,7 @@ def check_start(
 def untimed(trajectory: Trajectory, limits: JointLimits) -> Trajectory:
     """Return only the positions of a trajectory, with provisional times.
 
-    The times are slow enough for the velocity limits (shapes like Trajectory). The first time is
+    The times are slow enough for the velocity limits (shapes: see Trajectory). The first time is
     unchanged: a point at 0 s is the arm's position, and a later one is a target.
     """
     steps = np.abs(np.diff(trajectory.positions, axis=0)) / limits.velocity

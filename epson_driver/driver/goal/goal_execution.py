@@ -56,11 +56,11 @@ process was not scheduled, or that the controller is silent, which the link dete
 (receive_timeout.py)."""
 
 EARLY_S = 0.2
-"""Margin for a position that the plan passes twice, s. Two passes closer than this to the expected
-time count as not passed yet, because after a pause a point is repeated rather than skipped."""
+"""Amount by which the expected plan time after a pause is reduced, s. If the plan passes a
+position twice within this time, it counts as not passed: a point is repeated, not skipped."""
 
 ACCEPTED_EARLY = 2
-"""Points by which a controller that ignores times acknowledges ahead of the arm."""
+"""Number of points by which the replies of a controller that ignores times precede the arm."""
 
 _log = logging.getLogger(__name__)
 
@@ -172,9 +172,9 @@ class GoalExecution:
     ) -> None:
         """Send the first point of a prepared trajectory unless the goal was stopped before.
 
-        `trajectory` is executed: the goal's trajectory, or one derived from it. `at`: position of
-        the arm, shape (n,), rad, if different from the first point. `begin_within`: delay before
-        the controller moves the arm, s. The plan starts after this delay.
+        `trajectory`: the trajectory to execute, which is the goal's or derived from it. `at`:
+        position of the arm, shape (n,), rad, if different from the first point. `begin_within`:
+        maximum delay before the controller moves the arm, s. The plan starts after this delay.
         """
         if self.state is not GoalState.PREPARING:
             return

@@ -53,7 +53,7 @@ class IoUnavailableError(RuntimeError):
 class Told:
     """A controller's reply for one point: its value, or why it is missing.
 
-    `result` is an IoResult's number, or 0 if `why` has the reason. `passing` like in
+    `result` is an IoResult's number, or 0 if `why` has the reason. `passing`: see
     IoUnavailableError.
     """
 

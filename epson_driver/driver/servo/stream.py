@@ -172,7 +172,7 @@ class StreamFilter:
         return tuple(chosen)
 
     def aim(self, now: float, ahead: float = 0.0) -> Aim:
-        """Return the target of the joints, which is later than all setpoints.
+        """Return the target of the joints at `now`, a time later than all setpoints.
 
         `ahead`: time by which the current step is longer than usual, s. A stop starts earlier by
         this time.
@@ -488,7 +488,7 @@ class StreamLag:
 
     @property
     def ahead(self) -> float:
-        """Time that was sent beyond the arm's position, s, or less if no more points are sent."""
+        """Time by which the points sent are ahead of the arm, s. It shrinks if none are added."""
         return self._sent[-1][0] - self._sent[0][0] if self._sent else 0.0
 
     def sent(self, time: float, position: Array) -> None:

@@ -9,9 +9,10 @@ delayed messages, is the sender's clock plus the minimum delay. The distance of 
 envelope is its delay beyond the minimum. The envelope is fitted instead of the average, because
 one burst would shift an average by its whole length.
 
-The minimum delay itself cannot be observed. Otherwise the accuracy is one period within the 2 s
-that are evaluated for the time between messages (0.25 % at 200 Hz), and two periods for the age of
-a message. In the first second the configured period is used, as far as the arrivals permit it.
+The minimum delay itself cannot be observed. Apart from it, the age of a message is accurate to two
+periods. The time between messages is accurate to about one period in the 2 s that are evaluated
+(0.25 % at 200 Hz). In the first second the configured period is used, as far as the arrivals
+permit it.
 """
 
 from collections import deque

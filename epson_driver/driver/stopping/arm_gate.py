@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The arm gate: after any safety stop the arm stays still until it is enabled."""
+"""The arm gate: after any stop for safety the arm stays still until it is enabled."""
 
 import contextlib
 from collections.abc import Callable, Iterator
@@ -76,8 +76,9 @@ class ArmGate:
         """Close the gate and return True if it was open. A closed gate keeps its first reason.
 
         Pending requests to open it are canceled in both cases. `motors_off`: the only reason is
-        that the motors are off. `unexplained`: the controller has not reported a cause yet, so the
-        next reason is appended to this one.
+        that the motors are off, which cancels only requests that have seen them on.
+        `unexplained`: the controller has not reported a cause yet, so the next reason is appended
+        to this one.
         """
         for enabling in list(self._under_way):
             if enabling.motors_on or not motors_off:

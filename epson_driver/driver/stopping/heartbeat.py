@@ -5,8 +5,8 @@
 Heartbeats are sent only if the profile enables them and the controller's program supports them.
 The driver requests the program's version on the state port, and repeats the request with each
 enable until the version is known to support heartbeats. Other programs receive no new messages on
-the motion port, whatever the profile: the published program for EPSON's C3 would terminate there.
-It does not read its state port.
+the motion port, whatever the profile: they would terminate the published program for EPSON's C3,
+which does not read its state port.
 
 A heartbeat is a PING sent as a topic. REP-I0006 defines no reply to a topic, so heartbeats do not
 take part in matching replies to requests. The first heartbeat is sent before the first point. The
