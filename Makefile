@@ -10,9 +10,7 @@ PACKAGE_FILES := setup.py setup.cfg pyproject.toml package.xml \
 
 # Processes with one thread for matrices each: tests of real processes mostly wait, others compute, and each process
 # takes 7 s to find all tests. Each file stays in one of them, so that what its tests share is started once.
-SPREAD := --dist loadfile --no-loadscope-reorder
-QUICK_TESTS := --numprocesses 4 $(SPREAD)
-ALL_TESTS := --numprocesses 6 $(SPREAD)
+SPREAD := --numprocesses 4 --dist loadfile --no-loadscope-reorder
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
 
 # An environment belongs to the Python that made it: PYTHON=... with another one is an error.
@@ -68,22 +66,22 @@ fleet: $(VENV)/.driver
 browser: $(VENV)/.driver $(VENV)/.browser
 
 test: $(VENV)/.driver $(VENV)/.dev
-	$(PYTEST) $(or $(ARGS),$(QUICK_TESTS))
+	$(PYTEST) $(or $(ARGS),$(SPREAD))
 
 test-all: $(VENV)/.driver $(VENV)/.dev $(VENV)/.docs
-	$(PYTEST) -m 'not soak' $(or $(ARGS),$(ALL_TESTS))
+	$(PYTEST) -m 'not soak' $(or $(ARGS),$(SPREAD))
 
 test-rest: $(VENV)/.driver $(VENV)/.dev $(VENV)/.docs
-	$(PYTEST) -m '(slow or hypothesis) and not soak' $(or $(ARGS),$(ALL_TESTS))
+	$(PYTEST) -m '(slow or hypothesis) and not soak' $(or $(ARGS),$(SPREAD))
 
 soak-tests: $(VENV)/.driver $(VENV)/.dev
-	$(PYTEST) -m 'soak or hypothesis' $(or $(ARGS),$(ALL_TESTS))
+	$(PYTEST) -m 'soak or hypothesis' $(or $(ARGS),$(SPREAD))
 
 # includes child processes; no report if a test fails
 coverage: $(VENV)/.driver $(VENV)/.dev
 	rm -f .coverage .coverage.*
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
-		$(BIN)/python -m coverage run -m pytest $(ALL_TESTS) $(if $(filter all,$(ARGS)),-m 'not soak')
+		$(BIN)/python -m coverage run -m pytest $(SPREAD) $(if $(filter all,$(ARGS)),-m 'not soak')
 	$(BIN)/coverage combine --quiet
 	$(BIN)/coverage report --skip-covered --show-missing
 
