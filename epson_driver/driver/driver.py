@@ -388,7 +388,7 @@ class Driver:
                 self._events.on_status(Status())
 
     async def _watch_status(self) -> None:
-        """Discard a status that is too old, and report an unknown one each second without it."""
+        """Discard a status that is too old, and report an unknown one each second without any."""
         while True:
             await silent(self._status_missing)
             if self.robot.status is not None:

@@ -125,9 +125,9 @@ class _Session:
     sent, sent_velocity: of the last point. sequence: number of the next point. waiting: a reply is
     pending since `posted`. waited: the last step was longer than usual. span: tracker time since
     the last point. time: of the last point. braked: the stream was silent and the arm brakes.
-    let_go: STOP was sent because no motion is requested. reference: planned positions from `heard`
-    on. fastest: maximum speed from the stream's pace, shape (n,). behind: lag of the tracker, s.
-    said_behind: this lag has been logged.
+    let_go: STOP was sent for silence, zero velocities or a pause. reference: planned positions
+    from `heard` on. fastest: maximum speed from the stream's pace, shape (n,). behind: lag of the
+    tracker, s. said_behind: this lag has been logged.
     """
 
     setpoint: Setpoint
@@ -354,7 +354,10 @@ class Servo:
         return None
 
     def _begin(self, setpoint: Setpoint, sample: JointSample, now: float, came: float) -> None:
-        """Start a session at the arm's position. Raises GoalRejectedError."""
+        """Start a session at the arm's position.
+
+        Raises GoalRejectedError if the controller takes no streams.
+        """
         limits = self._limits
         start = np.clip(sample.positions, limits.position_min, limits.position_max)
         standstill = Standstill(now)

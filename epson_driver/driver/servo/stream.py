@@ -27,7 +27,8 @@ RANDOM = 1.0
 ratio: 2 for noise, 0 for a curve)."""
 
 SIGNIFICANT = 4.0
-"""A slope is reduced to 0 if its square is below this multiple of its variance from noise."""
+"""Multiple of a slope's variance from noise that is subtracted from its square. A slope whose
+square is smaller is treated as 0."""
 
 LAG_S = 0.034
 """Age of the position that is followed in a stream of positions, s. It ensures that setpoints are
@@ -46,8 +47,8 @@ ABRUPT = 0.2
 """Minimum change of velocity from one setpoint to the next that is abrupt, rad/s or m/s."""
 
 ABRUPT_SHARE = 0.8
-"""Minimum fraction of the velocity that must change. A stream that starts like this may also stop
-like this."""
+"""Minimum change as a fraction of the larger velocity, which also has to be exceeded. A stream
+that starts abruptly may also stop abruptly."""
 
 FORGET_S = 30.0
 """Time constant for forgetting abrupt changes, s. One gentle reversal clears them immediately."""

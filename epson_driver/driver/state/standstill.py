@@ -10,7 +10,7 @@ from epson_driver.motion import Array
 from epson_driver.simple_message import TriState
 
 REST_TIME_S = 0.05
-"""Minimum standstill of an arm at rest, s. Longer than the velocity window."""
+"""Minimum standstill until the arm is at rest, s. Longer than the velocity window."""
 
 UNCONFIRMED_REST_TIME_S = 1.0
 """Minimum standstill if the controller has not confirmed STOP, s. It may be slow to execute
