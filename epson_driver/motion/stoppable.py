@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A smooth motion that is known as a whole, and can be left on its way by a stop within limits."""
+"""A smooth motion that is fully planned in advance, with a stop within limits at any time."""
 
 from collections.abc import Callable
 
@@ -13,21 +13,21 @@ from epson_driver.motion.smoother import Mode, Plan, Request, Smoother, plan
 from epson_driver.motion.trajectory import Trajectory
 
 SAME = 1e-9
-"""How near, rad or m, the motion must be to itself when it is computed again."""
+"""Tolerance of the motion when it is computed again, rad or m."""
 
 
 MAX_DURATION_S = 600.0
-"""Longest smooth motion, s: it has 150,000 samples."""
+"""Maximum duration of a smooth motion, s: it has 150,000 samples."""
 
 
 class StoppableMotion:
     """The smooth motion through a trajectory, `motion`, one point every MAX_STEP_S, and its stops.
 
-    Its path is the spline's, as for goals of the driver. A stop is the smoother's own: on the
-    path, if that can be within the limits. So the smoother goes the way a second time, with the
-    plans of the first one, as far as `follow` says: from there a stop is found at once.
-    `look` is called at each sample, and may raise to end the work. Raises as `smoothed`, and
-    ValueError for a motion longer than MAX_DURATION_S.
+    Its path is the spline, as for goals of the driver. A stop is the smoother's stop, on the path
+    if that is possible within the limits. For this, the smoother executes the motion a second
+    time, with the plans of the first run, up to the time passed to `follow`. A stop from there is
+    found immediately. `look` is called at each sample, and may raise to end the work. Raises like
+    `smoothed`, and ValueError for a motion longer than MAX_DURATION_S.
     """
 
     def __init__(
@@ -74,12 +74,12 @@ class StoppableMotion:
         self._steps = 0
 
     def points(self, longest: float) -> Trajectory:
-        """Return the motion as points from 0 s on, at most `longest` s apart: see `Executed`."""
+        """Return the motion as points from 0 s, at most `longest` s apart, see `Executed`."""
         end = float(self.motion.times[-1] - self.motion.times[0])
         return self._executed.points(self.motion.joint_names, end, longest, look=self._check)
 
     def follow(self, time: float) -> None:
-        """Be ready for stops that begin `time` s after the beginning of the motion, or later."""
+        """Prepare for stops that start `time` s after the start of the motion, or later."""
         steps = min(int(time / MAX_STEP_S + SAME), len(self.motion.times) - 1)
         while self._steps < steps:
             self._smoother.step(MAX_STEP_S)
@@ -88,8 +88,8 @@ class StoppableMotion:
     def stopped(self, time: float, longest: float, begin: float = 0.0) -> Trajectory:
         """Return the motion until `time`, s, or up to MAX_STEP_S earlier, and its stop from there.
 
-        As `points` has it, from `begin` s on. Once, and not before what `follow` was told. Raises
-        ValueError if that cannot be said.
+        It has points as in `points`, from `begin` s. Call it once, and not for a time before the
+        last `follow`. Raises ValueError if the stop cannot be determined.
         """
         self.follow(time)
         smoother, motion, steps = self._smoother, self.motion, self._steps

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Kinds of controllers as data, from config/controllers/."""
+"""Types of controllers as data, from config/controllers/."""
 
 from epson_driver.profiles.profile import (
     ControllerProfile,

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What each key of a controller profile may hold, and how a wrong one is called."""
+"""The allowed values of each key of a controller profile, and the errors for others."""
 
 from enum import StrEnum
 from typing import Any
@@ -10,7 +10,7 @@ from epson_driver.simple_message import ByteOrder, Mode
 
 
 class FieldsUsed(StrEnum):
-    """Which of velocity and duration count in a JOINT_TRAJ_PT: `program.uses` of a profile."""
+    """The used fields of a JOINT_TRAJ_PT, velocity and duration: `program.uses` of a profile."""
 
     BOTH = 'both'
     VELOCITY = 'velocity'
@@ -19,12 +19,12 @@ class FieldsUsed(StrEnum):
 
     @property
     def velocity(self) -> bool:
-        """Whether the velocity counts."""
+        """Whether the velocity is used."""
         return self in (FieldsUsed.BOTH, FieldsUsed.VELOCITY)
 
     @property
     def duration(self) -> bool:
-        """Whether the duration counts."""
+        """Whether the duration is used."""
         return self in (FieldsUsed.BOTH, FieldsUsed.DURATION)
 
 
@@ -65,7 +65,7 @@ def _mapping(value: Any) -> dict[str, Any]:
 
 
 def _defines(value: Any) -> dict[str, str]:
-    """Return #define lines by name, numbers as texts, null as an empty one."""
+    """Return #define lines by name, with numbers as texts and null as an empty text."""
     defines = {}
     for name, given in _mapping(value).items():
         if not isinstance(name, str) or isinstance(given, bool):
@@ -141,13 +141,13 @@ RULES: dict[str, Rule] = {
     'remote.password': _TEXT,
     'remote.clients': _CLIENTS,
 }
-"""Every key, with the sections it is in, and what it must hold. All are needed."""
+"""Rule of every key, named with its sections. All keys are required."""
 
 
 def checked(data: dict[Any, Any], file: str) -> dict[str, Any]:
-    """Return the values section by section, as `RULES` read them.
+    """Return the values section by section, converted by `RULES`.
 
-    Raises InputError, which names the file, the key and the value.
+    Raises InputError, with file, key and value, if one is invalid.
     """
     left = dict(_flat(data, ''))
     values: dict[str, Any] = {}
@@ -166,7 +166,7 @@ def checked(data: dict[Any, Any], file: str) -> dict[str, Any]:
 
 
 def _flat(data: dict[Any, Any], place: str) -> list[tuple[str, Any]]:
-    """Return all keys with their sections, but whole what is no section of `RULES`."""
+    """Return all keys with their sections. A value that is no section of `RULES` stays whole."""
     flat: list[tuple[str, Any]] = []
     for key, value in data.items():
         name = f'{place}{key}'

@@ -113,7 +113,7 @@ def _mapping(path: Path, key: str, values: Any) -> dict[str, Any]:
 
 
 def _listed(name: str) -> str:
-    """Convert EPSON's spelling of a model's name to the one in files and in ROS."""
+    """Convert EPSON's spelling of a model's name to the spelling in files and in ROS."""
     return name.lower().replace('-', '_')
 
 

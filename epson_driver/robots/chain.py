@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The chain of joints and the fixed frames at its two ends, as data.
 
-At the zero pose the frames of all joints and links are parallel to base_link, which is REP-103's:
-x forward, y left, z up.
+At the zero pose the frames of all joints and links are parallel to base_link, which follows
+REP-103: x forward, y left, z up.
 """
 
 from dataclasses import dataclass
@@ -15,15 +15,15 @@ from epson_driver.motion import Array
 REVOLUTE, PRISMATIC = JOINT_TYPES = ('revolute', 'prismatic')
 
 UNITS = {REVOLUTE: 'rad', PRISMATIC: 'm'}
-"""The SI unit of a joint's position."""
+"""SI unit of a joint's position."""
 
 SHOWN_UNITS = {'rad': ('degrees', 180.0 / np.pi), 'm': ('mm', 1000.0)}
-"""The unit in which EPSON shows a position, and its number per SI unit."""
+"""Unit in which EPSON shows a position, and its number per SI unit."""
 
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """The places and axes of the n joints.
+    """Positions and axes of the n joints.
 
     origins: shape (n, 3), m, each joint in its parent's frame. axes: shape (n, 3), unit vectors,
     about which (or along which, for a prismatic joint) the joint moves when its position grows.
@@ -57,22 +57,22 @@ def rotation_about(axis: Array, angle: float) -> Array:
     """Return the rotation by `angle`, rad, about a unit axis, shape (3, 3)."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    # 1 - cos by half the angle keeps all digits where the angle is small
+    # computing 1 - cos from half the angle keeps all digits for a small angle
     versed = 2.0 * np.sin(angle / 2.0) ** 2
     return np.asarray(np.eye(3) + np.sin(angle) * cross + versed * cross @ cross)
 
 
 def reach(chain: Chain, types: tuple[str, ...], strokes: Array, tool: Array) -> Array:
-    """Return how far the tool moves at most per unit of each joint, shape (n,).
+    """Return the maximum distance that the tool moves per unit of each joint, shape (n,).
 
-    For a revolute joint that is the largest distance, m, of Tool 0 from the joint's axis, for a
-    prismatic one 1 (m per m). `strokes`, shape (n,), m: the farthest that a prismatic joint is
-    from zero; `tool`, shape (3,), m: Tool 0 in the last link's frame. The figure is an upper
-    bound that no pose passes, whatever the ranges of revolute joints.
+    It is the largest distance of Tool 0 from the joint's axis for a revolute joint, m, and 1 for a
+    prismatic one (m per m). `strokes`, shape (n,), m: the maximum distance of a prismatic joint
+    from zero. `tool`, shape (3,), m: Tool 0 in the last link's frame. The result is an upper bound
+    for all poses, whatever the ranges of revolute joints.
 
-    From the tool inwards: of what hangs on a joint, the part along its axis does not turn with it,
-    so it belongs to the link before; the part across is an arm of fixed length. The arms beyond an
-    axis, stretched, are the reach.
+    The computation goes from the tool inwards. The offset carried by a joint has a part along the
+    joint's axis, which does not turn with the joint and so belongs to the previous link, and a
+    part across, which is an arm of fixed length. The reach is the sum of the arms beyond an axis.
     """
     count = len(types)
     arms = np.zeros(count)

@@ -42,7 +42,7 @@ class Solver(Protocol):
         """Return why the orientation of a pose is unreachable, or ''."""
 
     def sides(self, joints: Array, /) -> tuple[float, ...]:
-        """Return the arm's signed distance from the edge of each choice that a pose allows."""
+        """Return how far the arm is on the usual side of each choice that a pose allows."""
 
 
 class Kinematics:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Limits of any arm's joints, of its URDF and of MoveIt's joint_limits.yaml or a model."""
+"""Limits of any arm's joints, from its URDF and from MoveIt's joint_limits.yaml or a model."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -14,14 +14,14 @@ from epson_driver.motion import JointLimits
 from epson_driver.robots.model import load_robot_model
 
 MOVABLE = {'revolute': 'rad', 'continuous': 'rad', 'prismatic': 'm'}
-"""Types of joints in a URDF, and their units."""
+"""Types of movable joints in a URDF, and their units."""
 
 ENDLESS = 1e4
-"""The range of a continuous joint, rad: JointLimits has none that is infinite."""
+"""Range of a continuous joint, rad, because JointLimits allows no infinite range."""
 
 _SIZE = number(-1e9, 1e9)
 NUMBER = Rule(lambda value: _SIZE.read(decimal(str(value).strip())), _SIZE.text)
-"""A number, or a text that is one, as XML has them."""
+"""A number, or a text with a number, as in XML."""
 
 QUANTITIES = ('position_min', 'position_max', 'velocity', 'acceleration', 'jerk')
 OF_MOVEIT = {
@@ -29,14 +29,14 @@ OF_MOVEIT = {
     'acceleration': ('max_acceleration', 'max_deceleration'),
     'jerk': ('max_jerk',),
 }
-"""The keys of joint_limits.yaml that limit a quantity, the smallest of them counts."""
+"""Keys of joint_limits.yaml that limit a quantity. The smallest value applies."""
 
 Rows = dict[str, dict[str, Any]]
-"""What is known of each joint: quantities in SI, and its `unit`."""
+"""Known limits of each joint: quantities in SI, and its `unit`."""
 
 
 def urdf_limits(text: str) -> Rows:
-    """Return what a URDF says of its joints that move. Raises InputError."""
+    """Return the limits of a URDF's movable joints. Raises InputError."""
     try:
         joints = ElementTree.fromstring(text).findall('joint')  # noqa: S314 - expat bounds it
     except ElementTree.ParseError as error:
@@ -84,10 +84,10 @@ def file_limits(name: str) -> Rows:
 def limits_of(
     joints: Sequence[str], rows: Mapping[str, Mapping[str, Any]], ratios: tuple[float, float]
 ) -> tuple[JointLimits, list[str]]:
-    """Return the limits of some joints, and a sentence for each that nobody gave.
+    """Return the limits of some joints, and a sentence for each assumed limit.
 
-    ratios: an acceleration that is not given is so many times the velocity, 1/s, and a jerk so
-    many times the acceleration. Raises InputError that names the joint.
+    ratios: default ratio of the acceleration to the velocity, and of the jerk to the acceleration,
+    1/s. Raises InputError, with the joint, if another limit is missing.
     """
     found, assumed = [], []
     for joint in joints:

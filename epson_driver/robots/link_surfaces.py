@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The surfaces of an arm: boxes and cylinders of its URDF as triangles, link by link."""
+"""The surfaces of an arm: the boxes and cylinders of its URDF as triangles, per link."""
 
 from collections.abc import Iterator
 from itertools import pairwise, product
@@ -16,13 +16,13 @@ from epson_driver.robots.model import RobotModel
 from epson_driver.robots.urdf import urdf
 
 SIDES = 24
-"""Of what stands for a cylinder."""
+"""Number of sides of a cylinder's approximation."""
 
 EDGE_M = 0.004
-"""How wide edges are bevelled, at most, m: the light shows them."""
+"""Maximum width of bevelled edges, m. They make edges visible in the light."""
 
 EDGE_SHARE = 0.12
-"""And at most so much of the smallest size."""
+"""Maximum width of bevelled edges as a share of the smallest size."""
 
 
 class Surface(NamedTuple):
@@ -67,7 +67,7 @@ def _solids(visual: ElementTree.Element) -> Iterator[Array]:
 
 
 def box(x: float, y: float, z: float) -> Array:
-    """Return the triangles of a box with bevelled edges about its middle, shape (n, 3, 3), m."""
+    """Return the triangles of a box with bevelled edges about its centre, shape (n, 3, 3), m."""
     half = np.array([x, y, z]) / 2.0
     bevel = _bevel(2.0 * float(half.min()))
     # at each corner a point on each of the three faces

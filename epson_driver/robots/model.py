@@ -23,7 +23,7 @@ from epson_driver.robots.chain import (
 from epson_driver.robots.reader import MARKS, Provenance, Range, Reader
 
 POSITION_RANGE: Range = (-6e4, 6e4, 'degrees or mm')
-"""Corresponds to 166 turns, or to a rail of 60 m in each direction."""
+"""166 turns, or 60 m of a rail, in each direction."""
 
 SPEED_RANGE: Range = (1e-3, 1e7, 'degrees/s or mm/s')
 LIMIT_RANGE: Range = (1e-6, 1e6, 'in its unit')
@@ -43,7 +43,7 @@ XYZ = ('x', 'y', 'z')
 RADIANS = np.pi / 180.0
 
 JERK_PER_ACCELERATION = 10.0
-"""Assumed jerk of a model without jerk data, 1/s: a ramp of 0.1 s."""
+"""Jerk of a model without jerk data as a multiple of the acceleration, 1/s: a ramp of 0.1 s."""
 
 ASSUMED_JERK = Provenance(
     'ten times the acceleration per second, a ramp of 0.1 s; nothing is published', (MARKS[-1],)
@@ -133,7 +133,7 @@ class RobotModel:
     def bent(self, joints: Sequence[float]) -> Array:
         """Convert joints of a six-axis arm that is upright at zero, shape (6,), rad, to this arm.
 
-        For a folding arm, the upper arm then points backwards at zero, and the forearm forwards.
+        At the zero of a folding arm its upper arm points backwards, and its forearm forwards.
         """
         x, _, z = self.chain.origins[2]
         lean = float(np.arctan2(x, abs(z)))

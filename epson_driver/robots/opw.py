@@ -61,7 +61,7 @@ def opw_parameters(model: RobotModel) -> OpwParameters:
     at = np.cumsum(model.chain.origins, axis=0)
     _check_axes(model, at[0])
     tool = at[5] + model.tool0.xyz
-    # the wrist's centre is on joint 5's axis, at its intersection with joint 4's plane
+    # the wrist's centre is on joint 5's axis, and joint 4's axis determines where
     wrist = at[4] + _Y * ((at[3] - at[4]) @ _Y)
     for joint in (3, 5):
         _check_on_axis(model, joint, at[joint], wrist, 'where joints 4, 5 and 6 should meet')

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The closed-form inverse kinematics of a SCARA: two arms, a vertical axis, and the tool's turn.
+"""Closed-form inverse kinematics of a SCARA: two arms, a vertical axis, and the tool's turn.
 
-All four axes are vertical, so the tool stays upright. Seen from above the arms are a triangle: a
-place within reach has two solutions, with the elbow on one side or the other.
+All four axes are vertical, so the tool stays upright. Seen from above the arms form a triangle: a
+reachable position has two solutions, with the elbow on one side or the other.
 """
 
 from dataclasses import dataclass
@@ -15,19 +15,19 @@ from epson_driver.robots.model import RobotModel
 from epson_driver.robots.opw import TOLERANCE, KinematicsError
 
 EDGE_M = 1e-9
-"""A place up to this far beyond the stretched or folded arms counts as at the edge."""
+"""Distance beyond the stretched or folded arms that counts as at the edge."""
 
 UPRIGHT_RAD = 1e-6
-"""A pose that leans by less counts as upright. The error of the solution is no larger."""
+"""Maximum lean of an upright pose. The error of the solution is no larger."""
 
 
 @dataclass(frozen=True)
 class ScaraParameters:
-    """The closed form's parameters.
+    """Parameters of the closed form.
 
-    lengths, m: arm_1 and arm_2, seen from above; height of link_4 at the zero pose. base: of joint
-    1's axis, and arms: of both arms at the zero pose, as complex numbers x + iy, m. signs: 1 where
-    a joint's axis points up, or -1, one per joint.
+    lengths, m: arm_1 and arm_2, seen from above, and height of link_4 at the zero pose. base:
+    position of joint 1's axis, and arms: both arms at the zero pose, as complex numbers x + iy, m.
+    signs: 1 where a joint's axis points up, or -1, one per joint.
     """
 
     lengths: dict[str, float]
@@ -37,9 +37,9 @@ class ScaraParameters:
 
 
 def scara_parameters(model: RobotModel) -> ScaraParameters:
-    """Return the parameters of a model of four joints. Raises KinematicsError that says why not.
+    """Return the parameters of a model of four joints. Raises KinematicsError, with the reason.
 
-    Its joints turn, turn, move and turn.
+    The joints must be revolute, revolute, prismatic and revolute.
     """
     up = model.chain.axes[:, 2]
     for name, share in zip(model.joint_names, np.abs(up), strict=True):
@@ -63,7 +63,7 @@ def scara_parameters(model: RobotModel) -> ScaraParameters:
 
 
 class ScaraSolver:
-    """Solves for the joints of one SCARA model."""
+    """Inverse kinematics of one SCARA model."""
 
     def __init__(self, model: RobotModel) -> None:
         self._parameters = scara_parameters(model)
@@ -77,13 +77,13 @@ class ScaraSolver:
         return f'it leans by {np.degrees(lean):.3g} degrees, and the tool of a SCARA stays upright'
 
     def sides(self, joints: Array) -> tuple[float, ...]:
-        """Return the angle of joint 2, whose sign tells the hand, rad."""
+        """Return the angle of joint 2, rad, whose sign defines the hand."""
         return (float(joints[1]),)
 
     def branches(self, pose: Array, near: Array) -> list[Array]:
         """Return the solutions with the elbow on each side, regardless of the joint limits.
 
-        Where the arms are folded back onto joint 1's axis, joint 1 is as in `near`.
+        If the arms are folded back onto joint 1's axis, joint 1 is as in `near`.
         """
         last = pose @ self._from_tool0
         if _lean(last) >= UPRIGHT_RAD:
@@ -94,13 +94,13 @@ class ScaraSolver:
         away, longest, shortest = abs(place), abs(first) + abs(second), abs(first) - abs(second)
         if not abs(shortest) - EDGE_M <= away <= longest + EDGE_M:
             return []
-        # by half the angle, which keeps all digits where the arms are stretched or folded
+        # computed from half the angle, which keeps all digits for stretched or folded arms
         bend = 2.0 * np.arctan2(
             np.sqrt(max((longest - away) * (longest + away), 0.0)),
             np.sqrt(max((away - shortest) * (away + shortest), 0.0)),
         )
         facing = np.arctan2(last[1, 0], last[0, 0])
-        straight = np.angle(first / second)  # joint 2's turn that makes one line of both arms
+        straight = np.angle(first / second)  # angle of joint 2 that aligns both arms
         solutions = []
         for side in (1.0, -1.0):
             elbow = straight + side * bend

@@ -1,11 +1,12 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Moves that are straight in joint space, with the corners between them cut: one run.
+"""Moves that are straight in joint space, with rounded corners between them: one run.
 
-A blend leaves one move, and reaches the next, where the tool is its radius away from the corner,
-or nearer, and the tool stays that near in between. In joint space the corner is cut evenly: as
-much of the time that the joints need at full speed before it as behind it. The joints go over with
-two continuous derivatives, and stay between the positions of the moves: within every range.
+A blend leaves one move, and reaches the next, at a tool distance from the corner of at most its
+radius, and the tool stays within this distance in between. The corner is cut symmetrically in
+joint space: the joints need equal times at full speed before and after it. The transition has two
+continuous derivatives, and the joints stay between the positions of the moves, so within every
+range.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,32 +25,32 @@ from epson_driver.tool_motion.pose_path import BlendError
 from epson_driver.tool_motion.speed_profile import PartLimits, highest, share_of_limits
 
 LOOKS = 100
-"""Of each part of a run: moves, and blends between them."""
+"""Samples of each part of a run: moves, and blends between them."""
 
 STEP_RAD = 0.01
-"""How densely a move is looked at for where the tool comes near its corner, rad or m."""
+"""Sampling step of a move for the distance of the tool from its corner, rad or m."""
 
 MIN_LOOKS, MAX_LOOKS = 50, 2000
 
 SHRINK = 0.8
-"""By what factor a blend is made smaller until the tool stays within its radius."""
+"""Factor for each reduction of a blend until the tool stays within its radius."""
 
 MAX_SHRINKS = 60
 
 ACCURACY_SHARE = 0.1
-"""How far the line between two points that are sent may be from the run, as a share of the least
+"""Maximum distance of the line between two sent points from the run, as a share of the smallest
 radius."""
 
 SHORTEST_MOVE_S = 1e-6
-"""A move that takes no longer at full speed is none."""
+"""Duration at full speed up to which a move counts as none."""
 
 RESERVE_SHARE = 0.01
-"""Of the limits in a blend: its derivatives are looked at LOOKS times."""
+"""Share of the limits in reserve in a blend, because its derivatives are sampled LOOKS times."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Polynomials of the share of a part, shape (6, n), rad (m), and its size, s at full speed."""
+    """Polynomials over a part's fraction, shape (6, n), rad (m), and its size, s at full speed."""
 
     size: float
     coefficients: Array
@@ -57,7 +58,7 @@ class _Part:
     blend: bool
 
     def derivative(self, shares: Array, order: int = 0) -> Array:
-        """Return a derivative by the share at shares, shape (m,): (m, n)."""
+        """Return a derivative by the fraction, at fractions of shape (m,): (m, n)."""
         return polynomial(self.coefficients, shares, order)
 
 
@@ -69,11 +70,11 @@ def blended_joints(
     limits: Sequence[JointLimits],
     look: Look = lambda: None,
 ) -> TimedRun:
-    """Return the fastest motion from rest to rest, straight to each target but for the blends.
+    """Return the fastest motion from rest to rest, straight to each target except in the blends.
 
-    targets: joint positions, shape (n,). radii: of the blend at each target but the last, at the
-    tool, m. limits: of each move; in a blend those of both hold. Raises BlendError, with the index
-    of the target, for a blend that does not fit, and PathError.
+    targets: joint positions, shape (n,). radii: blend radius at each target except the last, at
+    the tool, m. limits: limits of each move. A blend respects the limits of both moves. Raises
+    BlendError, with the index of the target, for a blend that does not fit, and PathError.
     """
     parts = _parts(kinematics, [start, *targets], radii, limits, look)
     seams = np.concatenate([[0.0], np.cumsum([part.size for part in parts])])
@@ -97,7 +98,7 @@ def blended_joints(
         [_part_limits(part) for part in parts],
         ends,
         accuracy=ACCURACY_SHARE * min(radii),
-        slow=True,  # by the rounding of derivatives from looks, as the parts keep the limits
+        slow=True,  # only for the rounding of sampled derivatives, as the parts respect the limits
     )
 
 
@@ -147,7 +148,7 @@ def _parts(
 
 
 def _tool_positions(kinematics: Kinematics, joints: Array, look: Look) -> Array:
-    """Return where the tool is with joints, shape (m, n): shape (m, 3), m."""
+    """Return the tool positions for joints of shape (m, n): shape (m, 3), m."""
     positions = np.empty((len(joints), 3))
     for index, each in enumerate(joints):
         look()
@@ -158,9 +159,9 @@ def _tool_positions(kinematics: Kinematics, joints: Array, look: Look) -> Array:
 def _share_within(
     positions: Callable[[Array], Array], corner: Array, step: Array, radius: float, index: int
 ) -> float:
-    """Return the share of a step away from a corner until the tool is `radius` m away from that.
+    """Return the fraction of a step from a corner at which the tool is `radius` m away from it.
 
-    Raises BlendError with the index of the move if it never is.
+    Raises BlendError with the index of the move if the tool never is.
     """
     count = int(np.clip(np.max(np.abs(step)) / STEP_RAD, MIN_LOOKS, MAX_LOOKS))
     (origin,) = positions(corner[None, :])
@@ -191,10 +192,10 @@ def _blend(
     radius: float,
     index: int,
 ) -> tuple[float, Array]:
-    """Return a blend at a corner: how far it reaches to each side, and its polynomials.
+    """Return a blend at a corner: its extent to each side, and its polynomials.
 
-    It reaches no farther than `room`, s at full speed. rates: the joints' full velocities before
-    and behind.
+    The extent is at most `room`, s at full speed. rates: the joints' full velocities before and
+    after the corner.
     """
     (origin,) = positions(corner[None, :])
     shares = np.linspace(0.0, 1.0, LOOKS + 1)
@@ -213,7 +214,7 @@ def _blend(
 
 
 def _both(first: JointLimits, second: JointLimits) -> JointLimits:
-    """Return limits that keep both."""
+    """Return the stricter of two limits, for each quantity and joint."""
     return replace(
         first,
         **{
@@ -224,7 +225,7 @@ def _both(first: JointLimits, second: JointLimits) -> JointLimits:
 
 
 def _part_limits(part: _Part) -> PartLimits:
-    """Return the limits along a part with which the joints keep theirs."""
+    """Return the limits along a part within which the joints respect their limits."""
     shares = np.linspace(0.0, 1.0, LOOKS + 1 if part.blend else 2)
     first, second, third = (
         np.max(np.abs(part.derivative(shares, order)), axis=0) / part.size**order

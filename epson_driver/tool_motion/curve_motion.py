@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motion along a curve in joint space from rest to rest, and stops on the way, inside every limit.
+"""Motion along a curve in joint space from rest to rest, and stops during it, within every limit.
 
-How fast it may be follows from the largest derivatives of the curve, so no limit is exceeded at
-any instant; near a singularity, where some joint has far to go, all of it is slow.
+The speed limit follows from the largest derivatives of the curve, so no limit is exceeded at any
+instant. If some joint moves far near a singularity, the whole motion is slow.
 """
 
 from dataclasses import dataclass
@@ -16,12 +16,12 @@ from epson_driver.tool_motion.speed_profile import share_of_limits
 MIN_SAMPLES = 5
 
 HALVINGS = 50
-"""To all digits."""
+"""Bisection steps for full precision."""
 
 
 @dataclass(frozen=True, slots=True)
 class CurveSpeed:
-    """How fast it is meant to be, in shares of the curve: 1/s, 1/s², 1/s³, all above 0."""
+    """Intended speed along the curve, in fractions of it: 1/s, 1/s², 1/s³, all above 0."""
 
     velocity: float
     acceleration: float
@@ -29,7 +29,7 @@ class CurveSpeed:
 
 
 class Curve:
-    """A cubic spline through k ≥ 5 samples at even shares of it, shape (k, n), rad.
+    """A cubic spline through k ≥ 5 samples at even fractions of it, shape (k, n), rad.
 
     Its second derivative is continuous, its third is constant between two samples. Raises
     ValueError for other samples.
@@ -42,7 +42,7 @@ class Curve:
         self.samples = samples
         self._step = 1.0 / (len(samples) - 1)
         bends = (samples[2:] - 2.0 * samples[1:-1] + samples[:-2]) * 6.0 / self._step**2
-        # M[i-1] + 4 M[i] + M[i+1] = bends; at the ends the second derivative goes on evenly
+        # M[i-1] + 4 M[i] + M[i+1] = bends, with the second derivative linear at the ends
         matrix = 4.0 * np.eye(len(bends)) + np.eye(len(bends), k=1) + np.eye(len(bends), k=-1)
         matrix[0, :2] = matrix[-1, :-3:-1] = 6.0, 0.0
         inner = np.linalg.solve(matrix, bends)
@@ -51,7 +51,7 @@ class Curve:
         self._jumps = np.diff(self._bends, axis=0) / self._step
 
     def at(self, share: float) -> tuple[Array, Array, Array]:
-        """Return position, first and second derivative by the share from 0 to 1, shapes (n,)."""
+        """Return position, first and second derivative at a fraction 0 … 1, shapes (n,)."""
         share = min(max(share, 0.0), 1.0)
         index = min(int(share / self._step), len(self.samples) - 2)
         u = share - index * self._step
@@ -64,13 +64,13 @@ class Curve:
         )
 
     def _slope(self, index: int) -> Array:
-        """Return the first derivative at a sample that has one after it."""
+        """Return the first derivative at a sample other than the last."""
         mean = (self.samples[index + 1] - self.samples[index]) / self._step
         bends = 2.0 * self._bends[index] + self._bends[index + 1]
         return np.asarray(mean - self._step * bends / 6.0)
 
     def nearest(self, position: Array) -> float:
-        """Return the share at which it is nearest to a position, shape (n,)."""
+        """Return the fraction at which the curve is nearest to a position, shape (n,)."""
         middle = int(np.argmin(np.linalg.norm(self.samples - position, axis=1)))
         low, high = (min(max((middle + side) * self._step, 0.0), 1.0) for side in (-1, 1))
         for _ in range(HALVINGS):
@@ -81,19 +81,19 @@ class Curve:
 
     @property
     def most(self) -> tuple[Array, Array, Array]:
-        """Bounds of the first three derivatives' sizes, shapes (n,)."""
+        """Bounds of the magnitudes of the first three derivatives, shapes (n,)."""
         slopes = [np.abs(self._slope(index)) for index in range(len(self.samples) - 1)]
         slopes.append(np.abs(self.at(1.0)[1]))
         bend = np.max(np.abs(self._bends), axis=0)
-        # between two samples the slope is off the nearer one by no more than half a step's bend
+        # between samples the slope differs from the nearer one by at most half a step's bend
         slope = np.max(slopes, axis=0) + bend * self._step / 2.0
         return slope, bend, np.max(np.abs(self._jumps), axis=0)
 
 
 class CurveMotion:
-    """A motion along a curve, as a function of the time since it began: as LineMotion is.
+    """A motion along a curve, as a function of the time since its start, like LineMotion.
 
-    `origin` and `end` have shape (n,), rad; `duration` is in s. Made by `go_along` and `stop`.
+    `origin` and `end` have shape (n,), rad. `duration` is in s. Created by `go_along` and `stop`.
     """
 
     def __init__(self, curve: Curve, timing: LineMotion) -> None:
@@ -104,7 +104,7 @@ class CurveMotion:
         self.duration = timing.duration
 
     def when(self, share: float) -> float:
-        """Return when a share of the curve is done, s."""
+        """Return the time at which a fraction of the curve is reached, s."""
         early, late = 0.0, self.duration
         for _ in range(HALVINGS):
             time = (early + late) / 2.0
@@ -113,7 +113,7 @@ class CurveMotion:
 
     @property
     def braking(self) -> float:
-        """When the deceleration of a motion from rest to rest begins, s."""
+        """Start time of the deceleration of a motion from rest to rest, s."""
         return self._timing.braking
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
@@ -128,7 +128,7 @@ class CurveMotion:
 
 
 def go_along(limits: JointLimits, curve: Curve, speed: CurveSpeed) -> CurveMotion:
-    """Return a motion along a curve from rest to rest, no faster than `speed`, and than limits.
+    """Return a motion along a curve from rest to rest within `speed` and the limits.
 
     Raises ValueError for a curve that leaves the position limits.
     """
@@ -146,7 +146,7 @@ def go_along(limits: JointLimits, curve: Curve, speed: CurveSpeed) -> CurveMotio
 
 
 def kept(limits: JointLimits, curve: Curve, speed: CurveSpeed) -> tuple[float, float, float]:
-    """Return `speed`, its acceleration and jerk, as much slower as the joints' limits need."""
+    """Return `speed`, its acceleration and jerk, reduced as needed for the joints' limits."""
     v, a, j = speed.velocity, speed.acceleration, speed.jerk
     slower = float(share_of_limits(limits, curve.most, v, a, j))
     return v * slower, a * slower**2, j * slower**3

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The joints along a path of the tool, in one configuration, or where there are none."""
+"""The joints along a path of the tool, in one configuration, or the place without a solution."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,18 +15,18 @@ from epson_driver.tool_motion.pose_path import Run
 
 STEP_M = 0.001
 STEP_RAD = 0.01
-"""How densely a path is looked at."""
+"""Sampling steps of a path."""
 
 MIN_STEPS = 50
-"""For each line, arc and blend."""
+"""Minimum samples for each line, arc and blend."""
 
 MAX_STEPS = 5000
 
 MAX_JOINT_STEP = 0.15
-"""A joint that changes by more from one look to the next, rad or m, is looked at closely."""
+"""Maximum joint step between samples, rad or m. A larger step is sampled more densely."""
 
 CLOSEST = 64
-"""Between two looks it is looked so closely at most. Where a joint needs more, it jumps."""
+"""Maximum refinement between two samples. A joint that needs more jumps."""
 
 
 class PathError(ValueError):
@@ -39,11 +39,11 @@ Look = Callable[[], None]
 
 @dataclass(frozen=True, eq=False)
 class JointPath:
-    """The joints along a run of a path, from rest to rest: at k places of it, and anywhere.
+    """The joints along a run of a path, from rest to rest: at k samples, and anywhere.
 
-    distances: from its begin, m or what else it is counted in, shape (k,); joints: (k, n);
-    positions: of the tool, (k, 3), m. at: returns the joints at other distances, shape (m,), to
-    all digits: shape (m, n). name: what to call the run. look: for its sampling.
+    distances: from its start, m or the run's other unit, shape (k,). joints: (k, n). positions:
+    tool positions, (k, 3), m. at: function for the joints at other distances, shape (m,), with
+    full precision: shape (m, n). name: name of the run in texts. look: called in sampling.
     """
 
     name: str
@@ -55,7 +55,7 @@ class JointPath:
     look: Look = lambda: None
 
     def where(self, index: int) -> str:
-        """Return a place as a clause."""
+        """Return the text for the place of a sample, as a clause."""
         share = float(self.distances[index] / self.distances[-1])
         return _where(share, self.name, self.positions[index])
 
@@ -67,10 +67,10 @@ def joint_path(
     name: str = 'the way',
     look: Look = lambda: None,
 ) -> JointPath:
-    """Return the joints along a run that begins where the joints `start`, shape (n,), are.
+    """Return the joints along a run from the joints `start`, shape (n,).
 
-    Raises PathError for a pose without a solution within the joint limits near the one before:
-    out of reach, beyond a joint's limit, or past a singularity. KinematicsError for a chain
+    Raises PathError if a pose has no solution within the joint limits near the previous one: out
+    of reach, beyond a joint's limit, or past a singularity. Raises KinematicsError for a chain
     without a closed form.
     """
     counts = [
@@ -140,7 +140,7 @@ def _where(share: float, name: str, position: Array) -> str:
 
 
 def _why_none(kinematics: Kinematics, before: Array, where: str) -> str:
-    """Return why a pose has no solution: the joint that is nearest to its limit is named."""
+    """Return why a pose has no solution, with the joint nearest to its limit."""
     limits = kinematics.model.limits
     room = np.minimum(before - limits.position_min, limits.position_max - before)
     joint = int(np.argmin(room))

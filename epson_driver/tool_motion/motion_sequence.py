@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """A sequence of motions, straight in joint space, in space or on circles, as one trajectory.
 
-All of it is planned, and refused, before any of it is sent. The arm rests at the end of each
-motion that has no blend radius; those that have one go over into the next, as way points of paths
-do.
+All of it is planned before any of it is sent, and refused as a whole. The arm rests at the end of
+each motion without a blend radius. A motion with a blend radius blends into the next one, like
+the waypoints of paths.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,10 +24,10 @@ from epson_driver.tool_motion.pose_path import BlendError, PosePath, arc, line, 
 from epson_driver.tool_motion.tool_trajectory import ToolLimits, timed_run
 
 MOVE_TIME_TOLERANCE = 1e-6
-"""By how much, as a share of it, a motion may take longer than its move_time."""
+"""Relative excess of a motion's duration over its move_time that is accepted."""
 
 MOVE_SHARES = (0.8, 0.5, 0.3)
-"""Shares of its move_time in which a motion of the tool is tried, before it is stretched to it."""
+"""Fractions of the move_time for which a tool motion is planned, before it is stretched to it."""
 
 
 class Kind(IntEnum):
@@ -48,9 +48,9 @@ class Primitive:
 
     target: joint positions, shape (n,), rad (m), or the pose of the tool in base_link,
     (4, 4), m.
-    via: a place on the circle, shape (3,), m. velocity, acceleration: of each joint, rad/s and
-    rad/s² (m/s, m/s²) and at most its limit, or of the tool, m/s and m/s²; None: the joints'
-    limits, or those of `ToolLimits`. move_time: s, instead of these two; 0: as fast as they allow.
+    via: a point on the circle, shape (3,), m. velocity, acceleration: for each joint, rad/s and
+    rad/s² (m/s, m/s²) and at most its limit, or for the tool, m/s and m/s². None: the limits of
+    the joints or of `ToolLimits`. move_time: s, replaces these two. 0: as fast as they allow.
     blend_radius: m.
     """
 
@@ -65,13 +65,13 @@ class Primitive:
 
 @dataclass(frozen=True, eq=False)
 class PlannedSequence:
-    """A trajectory from rest to rest. ends: shape (k,), s, when each motion ends in it."""
+    """A trajectory from rest to rest. ends: end time of each motion in it, shape (k,), s."""
 
     trajectory: Trajectory
     ends: Array
 
     def index(self, share: float) -> int:
-        """Return which motion is executed after a share, 0 to 1, of the trajectory's time."""
+        """Return the motion executed after a fraction, 0 to 1, of the trajectory's time."""
         time = share * self.trajectory.duration
         return min(int(np.searchsorted(self.ends, time, side='right')), len(self.ends) - 1)
 
@@ -86,8 +86,8 @@ def plan_sequence(
 ) -> PlannedSequence:
     """Return a trajectory through all motions from joint positions `start`, shape (n,), at rest.
 
-    sampled: also a single motion in joint space as many points, not as its end alone. look: called
-    all the time, as motions take up to seconds each. Raises SequenceError.
+    sampled: return even a single motion in joint space as many points, not only its end. look:
+    called frequently, as motions take up to seconds each to plan. Raises SequenceError.
     """
     groups = list(_groups(primitives))
     runs_of: list[TimedRun] = []
@@ -121,9 +121,9 @@ def _name(index: int, primitive: Primitive) -> str:
 
 
 def _groups(primitives: Sequence[Primitive]) -> Iterator[tuple[int, list[Primitive]]]:
-    """Yield the motions that go over into each other, and the index of the first of them.
+    """Yield the groups of motions that blend into each other, each with its first index.
 
-    Raises SequenceError for what cannot be blended.
+    Raises SequenceError for motions that cannot be blended.
     """
     first = 0
     for index, primitive in enumerate(primitives):
@@ -143,7 +143,7 @@ def _groups(primitives: Sequence[Primitive]) -> Iterator[tuple[int, list[Primiti
 
 
 def _check_group(first: int, group: Sequence[Primitive]) -> None:
-    """Raise SequenceError unless motions can go over into each other."""
+    """Raise SequenceError unless the motions can be blended into each other."""
     for index, primitive in enumerate(group, first):
         if primitive.move_time:
             raise SequenceError(
@@ -162,7 +162,7 @@ def _check_group(first: int, group: Sequence[Primitive]) -> None:
 
 
 def _run(kinematics: Kinematics, start: Array, group: Sequence[Primitive], look: Look) -> TimedRun:
-    """Return the points of motions that are blended, or of a single one."""
+    """Return the points of blended motions, or of a single one."""
     radii = [primitive.blend_radius for primitive in group[:-1]]
     if group[0].kind is Kind.LINEAR_JOINT:
         if not radii:
@@ -207,7 +207,7 @@ def _joint_motion(limits: JointLimits, start: Array, primitive: Primitive) -> Ti
 
 
 def _lowered(limits: JointLimits, primitive: Primitive) -> JointLimits:
-    """Return the limits of a motion in joint space, which its move_time does not change."""
+    """Return the limits of a motion in joint space, which are unchanged for a move_time."""
     if primitive.move_time:
         return limits
     lowered = limits
@@ -221,7 +221,7 @@ def _lowered(limits: JointLimits, primitive: Primitive) -> JointLimits:
 
 
 def _stretch(duration: float, primitive: Primitive) -> float:
-    """Return the factor by which a motion is made slower. Raises ValueError for a short time."""
+    """Return the slowdown factor of a motion. Raises ValueError if its time is too short."""
     if not primitive.move_time:
         return 1.0
     if duration > primitive.move_time * (1.0 + MOVE_TIME_TOLERANCE):
@@ -242,12 +242,12 @@ def _tool_limits(primitive: Primitive) -> ToolLimits:
 
 
 def _tool_limits_of_time(path: PosePath, time: float) -> ToolLimits:
-    """Return limits with which the tool takes about `duration` s.
+    """Return limits with which the tool takes about `time` s.
 
-    A third of it each to speed up, at full speed and to slow down.
+    It accelerates, moves at full speed and decelerates for a third of the time each.
     """
     speed, turn = 1.5 * path.length / time, 1.5 * path.angle / time
-    tiny = 1e-9  # where it does not move, or does not turn
+    tiny = 1e-9  # if it does not move, or does not turn
     return ToolLimits(
         speed=max(speed, tiny),
         acceleration=max(3.0 * speed / time, tiny),

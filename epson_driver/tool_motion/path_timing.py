@@ -31,7 +31,7 @@ MIN_PERIOD_S = 0.01
 
 REST_S = 0.2
 """Rest between two runs, s. A controller with smooth motion treats a point repeated after this
-time as a rest. Without the rest, some controllers may round the corner."""
+time as a rest, and other repeated points as a corner that it may round."""
 
 MAX_STRETCH = 100.0
 """Maximum slowdown anywhere on a path. A path that needs more is refused even if slowing down is

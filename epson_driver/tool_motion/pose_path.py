@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Paths of the tool: straight lines, arcs, and several of them with blended corners.
 
-The position runs evenly along the line or arc; the orientation turns evenly about one fixed axis,
-the shorter way (slerp). Poses are homogeneous matrices, shape (4, 4), m.
+The position moves evenly along the line or arc. The orientation turns evenly about one fixed axis,
+by the shorter turn (slerp). Poses are homogeneous matrices, shape (4, 4), m.
 
-A blend leaves one segment, and reaches the next, at its radius from the corner, as measured along
-the path: the corner is cut. Position and turn go over with two continuous derivatives, so that the
-tool need not slow down for the seam. Without a blend the tool rests at the corner.
+A blend leaves one segment, and reaches the next, at its radius from the corner, measured along the
+path, so the corner is cut. Position and turn have two continuous derivatives there, so the tool
+need not slow down for the seam. Without a blend the tool rests at the corner.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,23 +22,23 @@ from epson_driver.motion.interpolation import hermite, polynomial
 from epson_driver.tool_motion.tool_pose import homogeneous, rotation
 
 MIN_BEND_M = 1e-5
-"""An arc whose middle point is closer than this to the line between its ends is none."""
+"""Minimum distance of an arc's middle point from the line between its ends."""
 
 HALF_TURN_MARGIN_RAD = 1e-6
-"""A turn that is this close to π could go either way: it goes the positive way about its axis,
-whose largest part is positive."""
+"""A turn this close to π is ambiguous. It is made in the positive direction about the axis whose
+largest component is positive."""
 
 
 SHORTEST_PATH = 1e-6
-"""m or rad; a path with less of both is no motion."""
+"""m or rad. A path with less of both is no motion."""
 
 
 @dataclass(frozen=True, eq=False)
 class PosePath:
     """Poses from `pose(0)` to `pose(1)`, with the length, m, and the angle of the turn, rad.
 
-    derivatives: the first three by the share, shape (3, 6), at a share: of the position, m, and
-    of the turn about the axes of the frame itself, rad.
+    derivatives: the first three derivatives by the fraction, shape (3, 6), at a fraction: of the
+    position, m, and of the turn about the axes of the moving frame, rad.
     """
 
     length: float
@@ -104,7 +104,7 @@ def arc(start: Array, via: Array, end: Array) -> PosePath:
 
 
 def level_arc(start: Array, via: Array, end: Array) -> PosePath:
-    """Return the part of a circle as `arc` does, seen along z, while z changes evenly."""
+    """Return an arc like `arc`, but in the xy plane, with z changing evenly."""
     rise = float(end[2, 3] - start[2, 3])
     level = end.copy()
     level[2, 3] = start[2, 3]
@@ -124,7 +124,7 @@ def level_arc(start: Array, via: Array, end: Array) -> PosePath:
 
 
 def distance_from(point: Array, positions: Array) -> float:
-    """Return how far a point, shape (3,), is from a polygon through positions, shape (k, 3), m."""
+    """Return the distance of a point, (3,), from a polygon through positions, (k, 3), m."""
     begins, steps = positions[:-1], np.diff(positions, axis=0)
     squares = np.maximum(np.sum(steps * steps, axis=1), 1e-30)
     shares = np.clip(np.sum((point - begins) * steps, axis=1) / squares, 0.0, 1.0)
@@ -150,7 +150,7 @@ def _text(point: Array) -> str:
 
 
 class BlendError(ValueError):
-    """A path whose blends do not fit, at the segment `index`, from 0."""
+    """A path whose blends do not fit. `index` is the segment, from 0."""
 
     def __init__(self, index: int, text: str) -> None:
         super().__init__(text)
@@ -159,9 +159,9 @@ class BlendError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """Parts of a path that follow each other smoothly: the tool rests at both ends only.
+    """Parts of a path without a rest between them. The tool rests only at both ends.
 
-    segments: of each part the index of its segment, or of both where it is a blend.
+    segments: for each part the index of its segment, or of both segments for a blend.
     """
 
     parts: tuple[PosePath, ...]
@@ -169,17 +169,17 @@ class Run:
 
     @property
     def last(self) -> int:
-        """The index of the segment that the run ends with."""
+        """Index of the last segment of the run."""
         return self.segments[-1][-1]
 
     @cached_property
     def seams(self) -> Array:
-        """Where the parts begin, and the end, shape (k + 1,): m, rad if the tool only turns."""
+        """Start of each part, and the end, shape (k + 1,): m, or rad if the tool only turns."""
         return np.concatenate([[0.0], np.cumsum([size_of(part) for part in self.parts])])
 
     @cached_property
     def ends(self) -> Array:
-        """Where each segment ends, m (rad): in the middle of its blend, the last with the run."""
+        """End of each segment, m (rad): the middle of its blend, or the end of the run."""
         blends = [len(each) > 1 for each in self.segments]
         return np.append((self.seams[:-1] + self.seams[1:])[blends] / 2.0, self.seams[-1])
 
@@ -197,10 +197,10 @@ def size_of(path: PosePath) -> float:
 
 
 def runs(segments: Sequence[PosePath], blends: Sequence[float]) -> list[Run]:
-    """Return a path's runs. blends: the radius, m, at the end of each segment but the last.
+    """Return a path's runs. blends: the radius, m, at the end of each segment except the last.
 
-    A segment begins with the pose that the one before ends with. Raises BlendError for segments
-    without length and turn, and for blends that are longer than their segments.
+    A segment starts at the end pose of the previous one. Raises BlendError for segments without
+    length and turn, and for blends that are longer than their segments.
     """
     radii = [0.0, *blends, 0.0]
     for index, (segment, (begin, end)) in enumerate(zip(segments, pairwise(radii), strict=True)):
@@ -231,7 +231,7 @@ def runs(segments: Sequence[PosePath], blends: Sequence[float]) -> list[Run]:
 
 
 def _part(path: PosePath, first: float, last: float) -> PosePath:
-    """Return the part of a path between two shares."""
+    """Return the part of a path between two fractions."""
     share = last - first
     scale = share ** np.arange(1, 4)[:, None]
     return PosePath(
@@ -243,9 +243,9 @@ def _part(path: PosePath, first: float, last: float) -> PosePath:
 
 
 def _corner(before: PosePath, after: PosePath, radius: float) -> PosePath:
-    """Return a path that rounds a corner, from `radius` m before it to `radius` m behind it.
+    """Return a path that rounds a corner, from `radius` m before it to `radius` m after it.
 
-    Its length is twice the radius: a bit more than the path has, as it cuts the corner.
+    Its nominal length is twice the radius, slightly more than its real length.
     Position and turn are polynomials, the turn as a rotation vector in the corner's frame.
     """
     leave, reach = 1.0 - radius / before.length, radius / after.length

@@ -1,10 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The fastest speed along a path whose parts have limits of their own: from rest to rest.
+"""The fastest speed along a path whose parts have individual limits: from rest to rest.
 
-Within each part speed, acceleration and jerk are limited; from one part to the next the speed goes
-over without acceleration. The speeds at the seams are the highest from which
-every part ahead can be driven.
+Speed, acceleration and jerk are limited in each part. The acceleration is 0 at the seam between
+two parts. The speeds at the seams are the highest from which every following part can be executed.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -16,17 +15,17 @@ import numpy as np
 from epson_driver.motion import Array, JointLimits
 
 HALVINGS = 60
-"""To all digits."""
+"""Bisection steps for full precision."""
 
 END_SHARE = 1e-9
-"""What is this near to the end is the end: where the speed is 0, time is known badly."""
+"""Relative distance from the end that counts as the end. At speed 0 the time is inaccurate."""
 
 
 @dataclass(frozen=True, slots=True)
 class PartLimits:
     """A part of a path: its length, and the limits along it: /s, /s², /s³ of its unit.
 
-    Whatever the unit is, it is the same for parts that follow each other.
+    Consecutive parts must have the same unit.
     """
 
     length: float
@@ -42,10 +41,11 @@ def share_of_limits(
     acceleration: Array | float,
     jerk: Array | float,
 ) -> Array:
-    """Return the share of a speed that keeps every joint limit, from 0 to 1, shape (…).
+    """Return the share of a speed within every joint limit, from 0 to 1, shape (…).
 
-    The acceleration may have the square of it, the jerk the cube: all three at once. derivatives:
-    sizes of the joints' first three by the distance, shapes (…, n).
+    With it, the square of the share applies to the acceleration and the cube to the jerk, all
+    three at the same time. derivatives: magnitudes of the joints' first three derivatives by the
+    distance, shapes (…, n).
     """
     first, second, third = derivatives
     with np.errstate(divide='ignore'):
@@ -64,8 +64,8 @@ def share_of_limits(
 class SpeedProfile:
     """The distance along a path as pieces of constant jerk.
 
-    times: when each begins, and the end, s, shape (k + 1,); distances, speeds, accelerations then;
-    jerks: of each piece, shape (k,).
+    times: start of each piece, and the end, s, shape (k + 1,). distances, speeds, accelerations:
+    values at these times. jerks: jerk of each piece, shape (k,).
     """
 
     times: Array
@@ -76,7 +76,7 @@ class SpeedProfile:
 
     @property
     def duration(self) -> float:
-        """How long it takes, s."""
+        """Duration, s."""
         return float(self.times[-1])
 
     def at(self, times: Array) -> tuple[Array, Array, Array, Array]:
@@ -93,7 +93,7 @@ class SpeedProfile:
         )
 
     def when(self, distances: Array) -> Array:
-        """Return when distances, shape (m,), from 0 to the last, are reached, s."""
+        """Return the times at which distances, shape (m,), from 0 to the last, are reached, s."""
         early, late = np.zeros(len(distances)), np.full(len(distances), self.duration)
         for _ in range(HALVINGS):
             middle = (early + late) / 2.0
@@ -118,7 +118,7 @@ def fastest(parts: Sequence[PartLimits]) -> SpeedProfile:
             speed += duration * (acceleration + duration * jerk / 2.0)
             acceleration += duration * jerk
             time += duration
-        distance = end  # without the rounding of the pieces
+        distance = end  # removes the rounding of the pieces
     columns.append((time, distance, 0.0, 0.0, 0.0))
     times, distances, rates, accelerations, jerks = np.array(columns).T
     return SpeedProfile(times, distances, rates, accelerations, jerks[:-1])
@@ -135,14 +135,14 @@ def _seam_speeds(parts: Sequence[PartLimits]) -> list[float]:
 
 
 def _reached(part: PartLimits, first: float) -> float:
-    """Return the highest speed at the end of a part that begins with a speed, not above it."""
+    """Return the highest speed at the end of a part that starts at a speed, within its limit."""
     if first >= part.speed:
         return part.speed
     return highest(lambda last: _ramp_length(part, first, last) <= part.length, first, part.speed)
 
 
 def highest(fits: Callable[[float], bool], low: float, high: float) -> float:
-    """Return the highest number from `low`, which fits, to `high`: those that fit are below."""
+    """Return the highest fitting number from `low`, which fits, to `high`, by bisection."""
     if fits(high):
         return high
     for _ in range(HALVINGS):
@@ -171,7 +171,7 @@ def _ramp(part: PartLimits, first: float, last: float) -> Iterator[tuple[float, 
     if change == 0.0:
         return
     jerk = part.jerk if last > first else -part.jerk
-    full = part.acceleration**2 / part.jerk  # changes of speed beyond it reach the acceleration
+    full = part.acceleration**2 / part.jerk  # a larger change of speed reaches the acceleration
     rise = part.acceleration / part.jerk if change >= full else float(np.sqrt(change / part.jerk))
     yield rise, jerk
     if change > full:

@@ -11,14 +11,14 @@ import numpy.typing as npt
 from epson_driver.motion import Array
 
 UNIT_TOLERANCE = 1e-3
-"""How far the length of a quaternion may be from 1; it is made 1."""
+"""Tolerance of the length of a quaternion, which is then normalized."""
 
 MAX_TOOL_M = 10.0
-"""How far a tool may be from the flange."""
+"""Maximum distance of a tool from the flange."""
 
 
 def numbers(field: str, values: object, form: str = 'numbers') -> Array:
-    """Return numbers as an array, also those that are not finite. Raises ValueError."""
+    """Return numbers as an array, including non-finite ones. Raises ValueError."""
     try:
         array = np.array(values)
         if array.dtype.kind not in 'iuf' and array.size:
@@ -59,7 +59,7 @@ def pose_of_quaternion(field: str, values: Array) -> Array:
 
 
 def check_tool_distance(field: str, pose: Array) -> None:
-    """Raise ValueError for a tool, shape (4, 4), m in tool0, that is absurdly far away."""
+    """Raise ValueError if a tool, shape (4, 4), m in tool0, is implausibly far away."""
     away = float(np.linalg.norm(pose[:3, 3]))
     if away > MAX_TOOL_M:
         raise ValueError(
@@ -69,7 +69,7 @@ def check_tool_distance(field: str, pose: Array) -> None:
 
 
 def rotation(turn: Array) -> Array:
-    """Return the rotation by a rotation vector, rad, shape (3,): about it, by its length."""
+    """Return the rotation by a rotation vector, rad, shape (3,): its length about its axis."""
     angle = float(np.linalg.norm(turn))
     x, y, z = turn / angle if angle > 0.0 else turn
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -78,7 +78,7 @@ def rotation(turn: Array) -> Array:
 
 
 def homogeneous(turned: Array, place: Array) -> Array:
-    """Return the pose of a rotation matrix, shape (3, 3), and a place, shape (3,), m."""
+    """Return the pose of a rotation matrix, shape (3, 3), and a position, shape (3,), m."""
     pose = np.eye(4)
     pose[:3, :3] = turned
     pose[:3, 3] = place
@@ -88,7 +88,7 @@ def homogeneous(turned: Array, place: Array) -> Array:
 def quaternion_pose(pose: Array) -> Array:
     """Return x y z and the quaternion x y z w, w ≥ 0, of a homogeneous matrix: shape (7,), m."""
     turn = pose[:3, :3]
-    # the eigenvector of the largest eigenvalue: no case has small divisors; the lower half counts
+    # eigenvector of the largest eigenvalue, so no small divisors. eigh reads the lower half only
     xx, yy, zz = np.diag(turn)
     x, y, z = turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]
     products = np.array(

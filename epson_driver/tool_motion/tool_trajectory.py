@@ -1,10 +1,11 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""From lines and arcs of the tool to a trajectory of the joints, or why there is none.
+"""Converts lines and arcs of the tool to a joint trajectory, or reports why that is impossible.
 
-The whole motion is looked at before any of it is sent: each joint must keep its velocity,
-acceleration and jerk limits all the way. Near a singularity some joint would have to be very fast
-for a short distance: that is refused with the joint and the place, or slow there if asked.
+The whole motion is checked before any of it is sent: each joint must respect its velocity,
+acceleration and jerk limits everywhere. Near a singularity some joint would have to be very fast
+for a short distance. Such a motion is refused with the joint and the place, or slowed down there
+if requested.
 """
 
 from collections.abc import Sequence
@@ -20,28 +21,28 @@ from epson_driver.tool_motion.pose_path import PosePath, Run, size_of
 from epson_driver.tool_motion.speed_profile import PartLimits
 
 JERK_PER_ACCELERATION = 10.0
-"""The usual jerk of the tool as a multiple of its acceleration, 1/s: a ramp of 0.1 s."""
+"""Default jerk of the tool as a multiple of its acceleration, 1/s: a ramp of 0.1 s."""
 
 SIDEWAYS_SHARE = 0.8
-"""How much of the acceleration a bend may take at most. At right angles to it, 0.6 are left for
-speeding up and slowing down."""
+"""Maximum share of the acceleration used by a bend. At right angles to it, 0.6 remain for changes
+of speed."""
 
 TINY = 1e-12
-"""Less of a derivative counts as this much."""
+"""Lower bound of a derivative."""
 
 BEND_LOOKS = 33
-"""At how many places of a part its bend is looked at."""
+"""Number of samples of a part for its bend."""
 
 
 @dataclass(frozen=True, slots=True)
 class ToolLimits:
-    """How the tool may move, in m/s and m/s², and turn, in rad/s and rad/s².
+    """Limits of the tool's motion, in m/s and m/s², and of its turn, in rad/s and rad/s².
 
-    Both are kept in bends as well, where the speed is less for it.
+    They also apply in bends, where the speed is reduced for them.
 
-    accuracy: how far the straight line in joint space between two points that are sent may be from
-    the path, m. slow: go slower where a joint limit asks for it. jerk_ratio: the jerk, of the turn
-    too, as a multiple of the acceleration, 1/s.
+    accuracy: maximum distance of the straight joint-space line between two sent points from the
+    path, m. slow: move slower where a joint limit requires it. jerk_ratio: the jerk, also of the
+    turn, as a multiple of the acceleration, 1/s.
     """
 
     speed: float = 0.1
@@ -53,7 +54,7 @@ class ToolLimits:
     jerk_ratio: float = JERK_PER_ACCELERATION
 
     def beside(self, other: 'ToolLimits') -> 'ToolLimits':
-        """Return the tighter of these limits and others, for a blend between two motions."""
+        """Return the tighter of two sets of limits, for a blend between two motions."""
         least = [min(pair) for pair in zip(astuple(self), astuple(other), strict=True)]
         return ToolLimits(*least)
 
@@ -67,9 +68,9 @@ def runs_trajectory(
 ) -> Trajectory:
     """Return a trajectory along the runs of a path, with a rest after each.
 
-    It begins where the joints `start`, shape (n,), are, has velocities, and begins and ends at
-    rest. Raises PathError that says what is in the way, at which place and for which joint; and
-    as `joint_path`.
+    It starts at the joints `start`, shape (n,), has velocities, and starts and ends at rest.
+    Raises PathError, with reason, place and joint, if the motion is impossible, and raises like
+    `joint_path`.
     """
     found: list[TimedRun] = []
     tools = [tool] * (path[-1].last + 1)
@@ -88,9 +89,9 @@ def timed_run(
     name: str = 'the way',
     look: Look = lambda: None,
 ) -> TimedRun:
-    """Return the points along a run. tools: how the tool may move in each segment, by index.
+    """Return the points along a run. tools: limits of the tool in each segment, by index.
 
-    In a blend it keeps the limits of both. Raises as `runs_trajectory`.
+    A blend respects the limits of both segments. Raises like `runs_trajectory`.
     """
     limits = []
     for part, owners in zip(run.parts, run.segments, strict=True):
@@ -106,13 +107,13 @@ def timed_run(
 
 
 def _part_limits(part: PosePath, tool: ToolLimits) -> PartLimits:
-    """Return the limits along a part, so that tool and turn keep theirs in bends."""
+    """Return the limits along a part within which tool and turn respect theirs in bends."""
     size = size_of(part)
     powers = size ** np.arange(1, 4)[:, None]
     looks = np.array(
         [part.derivatives(share) / powers for share in np.linspace(0.0, 1.0, BEND_LOOKS).tolist()]
     )
-    # per m (rad) of the path, its square and its cube: of the tool's position, and of its turn
+    # per m (rad) of the path, its square and its cube, for the tool's position and for its turn
     most = np.linalg.norm(looks.reshape(BEND_LOOKS, 3, 2, 3), axis=-1).max(axis=0)
     most = np.maximum(most, TINY)
     speed_limits = np.array([tool.speed, tool.turn_speed])

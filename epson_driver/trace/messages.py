@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The messages of a recording, both ways, in the recorded order."""
+"""The messages of a recording, in both directions, in the recorded order."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -18,7 +18,7 @@ from epson_driver.simple_message import (
 from epson_driver.trace.recording import Step
 
 USUAL_PORTS = {11000: 'motion', 11002: 'state', 11003: 'io', 50240: 'motion', 50241: 'state'}
-"""Of a port that carried nothing that tells."""
+"""Default role of a port whose traffic does not identify it."""
 
 ROLES = ('motion', 'state', 'io')
 
@@ -35,15 +35,15 @@ TELLS = {
     MessageType.IO_WRITE: 'io',
     MessageType.IO_STREAM_SUB: 'io',
 }
-"""What a port is for, by the topics that the controller sends and the requests that it gets."""
+"""Role of a port, by the topics that the controller sends and the requests that it receives."""
 
 
 class MessagesError(ValueError):
-    """A recording in which no controller's messages are found, with the reason as its text."""
+    """A recording without a controller's messages, with the reason as its text."""
 
 
 class Kind(Enum):
-    """The kind of an entry: REQUEST is the driver's, SEND, END and RESET are the controller's."""
+    """Type of an entry: REQUEST by the driver, or SEND, END or RESET by the controller."""
 
     OPEN = auto()
     REQUEST = auto()
@@ -54,7 +54,7 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One entry at `time`, s from the beginning, never before the entry before it."""
+    """One entry at `time`, s from the start, never before the previous entry."""
 
     time: float
     kind: Kind
@@ -66,17 +66,17 @@ class Entry:
 
 @dataclass(frozen=True)
 class Messages:
-    """What went between one controller and its drivers."""
+    """The messages between one controller and its drivers."""
 
     began: float
-    """When, s since 1970."""
+    """Start time, s since 1970."""
     entries: tuple[Entry, ...]
     roles: dict[int, str]
-    """What each connection is for, one of ROLES."""
+    """Role of each connection, one of ROLES."""
 
 
 class Splitter:
-    """Divides a stream into frames, and passes on bytes that are none."""
+    """Splits a stream into frames, and passes on bytes that are no frame."""
 
     def __init__(self) -> None:
         self._framer = Framer()
@@ -84,7 +84,7 @@ class Splitter:
         self._broken = False
 
     def split(self, data: bytes) -> Iterator[tuple[bytes, Frame | None]]:
-        """Yield bytes and their frame, None after the first that cannot be one."""
+        """Yield bytes and their frame, or None from the first bytes that cannot be a frame."""
         self._bytes += data
         self._framer.receive_data(data)
         while not self._broken:
@@ -99,7 +99,7 @@ class Splitter:
         yield from self.rest()
 
     def rest(self) -> Iterator[tuple[bytes, None]]:
-        """Yield the remaining part of a frame, if there is one."""
+        """Yield the incomplete frame at the end, if any."""
         if self._bytes:
             yield self._taken(len(self._bytes)), None
 
@@ -110,9 +110,9 @@ class Splitter:
 
 
 def messages_of(steps: Sequence[Step], controller: str | None = None) -> Messages:
-    """Return the messages of a recording, of one controller's address if there are several.
+    """Return the messages of a recording. Choose a controller's address if it has several.
 
-    Connections that do not speak simple message are left out. Raises MessagesError.
+    Connections with another protocol than simple message are ignored. Raises MessagesError.
     """
     steps = _of_one_controller(steps, controller)
     if not steps:
@@ -170,7 +170,7 @@ def _entries(steps: Sequence[Step]) -> Iterator[Entry]:
 
 
 def _roles(entries: Sequence[Entry], port_of: dict[int, int]) -> dict[int, str]:
-    """Find out what each port is for."""
+    """Return the role of each port."""
     roles: dict[int, str] = {}
     for entry in entries:
         told_by = CommType.TOPIC if entry.kind is Kind.SEND else CommType.SERVICE_REQUEST

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A capture as the steps of its connections, in order, without TCP's details."""
+"""A capture as the events of its connections, in order, without TCP's details."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,14 +12,14 @@ from epson_driver.trace.pcap import Flag, PcapError, Segment, Stream, read_segme
 Pair = frozenset[Address]
 
 MAX_RECORDING_BYTES = 1_000_000_000
-"""The largest recording that is read, bytes: all of it is held in memory."""
+"""Maximum size of a recording, bytes, because it is read into memory."""
 
 CARRIES = (WireEvent.SENT, WireEvent.RECEIVED)
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One step of the connection `number`, counted from 0, at `time`, s since 1970."""
+    """One event of the connection `number`, counted from 0, at `time`, s since 1970."""
 
     time: float
     number: int
@@ -29,7 +29,7 @@ class Step:
 
 
 class _Connection:
-    """A connection while its packets are read."""
+    """State of a connection while its packets are read."""
 
     def __init__(self, number: int, client: Address, server: Address) -> None:
         self.number = number
@@ -40,7 +40,7 @@ class _Connection:
 
     @property
     def gap(self) -> str:
-        """What waits behind a packet that never came, or nothing."""
+        """Sentence on data after a missing packet, or ''."""
         lost = sum(len(data) for each in self.streams.values() for data in each.waiting.values())
         host, port = self.server
         return (
@@ -48,7 +48,7 @@ class _Connection:
         )
 
     def steps(self, segment: Segment) -> list[Step]:
-        """Return the steps that a packet shows."""
+        """Return the events of a packet."""
         by_client = segment.source == self.client
         steps = []
         data = self.streams[segment.source].take(segment)
@@ -67,7 +67,7 @@ class _Connection:
 
 
 class DamagedError(PcapError):
-    """A file in which a packet cannot be, with the `steps` before it."""
+    """A file with an invalid packet, with the `steps` before it."""
 
     def __init__(self, text: str, steps: list[Step]) -> None:
         super().__init__(text)
@@ -75,11 +75,12 @@ class DamagedError(PcapError):
 
 
 def read_recording(path: Path, gaps: list[str] | None = None) -> list[Step]:
-    """Return all steps of all connections in a pcap file.
+    """Return all events of all connections in a pcap file.
 
-    A connection whose beginning was not captured begins with its first packet; the lower port is
-    taken for the server's. `gaps` gets a sentence for each connection that lacks a packet. Raises
-    PcapError, DamagedError if some can be read, or InputError if the file cannot be read.
+    A connection whose start was not captured starts with its first packet, and its lower port is
+    assumed to be the server's. `gaps` receives a sentence for each connection with a missing
+    packet. Raises PcapError, DamagedError if a part could be read, or InputError if the file
+    cannot be read.
     """
     steps: list[Step] = []
     try:
@@ -92,7 +93,7 @@ def read_recording(path: Path, gaps: list[str] | None = None) -> list[Step]:
 
 
 def _read(path: Path, steps: list[Step], gaps: list[str]) -> None:
-    """Add the steps of a file, one after the other."""
+    """Append the events of a file to `steps`."""
     connections: dict[Pair, _Connection] = {}
     every: list[_Connection] = []
     for segment in read_segments(read_file(path, MAX_RECORDING_BYTES)):

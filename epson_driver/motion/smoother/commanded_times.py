@@ -15,7 +15,7 @@ UNBOUND_SPEED = 1e6
 """Speed without a commanded time: more than any joint limit allows."""
 
 SMOOTHED_S, LEAST_SHARE = 0.03, 0.9
-"""Time before and after a knot over which the commanded speed may be smoothed, s, and the minimum
+"""Maximum deviation from a knot's time for smoothing the commanded speeds, s, and the minimum
 smoothed speed as a share of the lowest commanded speed."""
 
 IN_TIME_S = 0.01

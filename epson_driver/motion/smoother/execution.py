@@ -74,7 +74,7 @@ class Execution:
 
     @property
     def beside_last(self) -> bool:
-        """Whether the arm rests within the merge tolerance of the last point."""
+        """Whether the arm rests near the last point, within the merge tolerance, and not at it."""
         return not self.in_motion and self._waypoints.beside_last(self._position)
 
     # Time.

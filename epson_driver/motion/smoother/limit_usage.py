@@ -148,7 +148,7 @@ def _spans(path: Path, timing: TimeParametrisation) -> _Spans:
     first = int(np.clip(begin - 1, 0, len(knots) - 2))
     last = int(np.clip(end - 1, first, len(knots) - 2))
     passed = np.arange(first + 1, last + 1)
-    # a knot within rounding of breakpoints counts as at the first piece after them
+    # a knot within rounding of a breakpoint counts as at it, preferably at the next one
     within = reached.searchsorted(knots[passed] + KNOT_TOLERANCE, side='right') - 1
     within = np.clip(within, 0, len(durations) - 1)
     since = np.zeros(len(passed))

@@ -17,7 +17,8 @@ from epson_driver.motion.smoother.time_parametrisation import State, TimeParamet
 class Request:
     """A planning request: from a state on a path through kept knots, then through points.
 
-    start: start time of the plan, s on the smoother's clock. None: the arm rests until then.
+    start: start time of the plan, s on the smoother's clock. None: it starts when it
+    arrives, and the arm rests.
     state: u and its derivatives at the start. kept: the knots that stay, from the knot before the
     state, or a single one if the path starts there at rest. older: more knots of the current path,
     for a plan that needs them. points: positions after the kept knots, shape (m, n). clock: time

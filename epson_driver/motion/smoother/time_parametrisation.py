@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Time parametrisations ("timings"): where on a path to be when, u(t), from a start to a rest.
+"""Time parametrisations ("timings"): position on a path over time, u(t), from a start to a rest.
 
-u is the path parameter of `path`. A timing is a chain of pieces of constant jerk, so that every
-value between its breakpoints is exact.
+u is the path parameter of `path`. A timing is a chain of pieces of constant jerk, so every value
+between its breakpoints is exact.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ State = tuple[float, float, float]
 """u, its velocity, its acceleration."""
 
 MIN_PIECE_S = 1e-9
-"""Pieces of Ruckig's that are shorter (s) are rounding."""
+"""Ruckig pieces shorter than this (s) are rounding."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,16 +36,16 @@ class TimeParametrisation:
 
     @property
     def duration(self) -> float:
-        """Time until it rests, s."""
+        """Time until rest, s."""
         return float(self.times[-1])
 
     @property
     def end(self) -> float:
-        """The u where it rests."""
+        """Position u of the rest."""
         return float(self.positions[-1])
 
     def at(self, time: float) -> State:
-        """Return the state at one time (the start's before the start, rest after the end)."""
+        """Return the state at one time: the initial state before the start, rest after the end."""
         if time >= self.times[-1]:
             return self.end, 0.0, 0.0
         piece = max(int(self.times.searchsorted(time, side='right')) - 1, 0)
@@ -72,9 +72,9 @@ class TimeParametrisation:
         )
 
     def part(self, begin: float, end: float = np.inf) -> 'TimeParametrisation | None':
-        """Return what it does between two times, from 0, or None if that is nothing.
+        """Return the timing between two times, starting at 0, or None if it is empty.
 
-        It need not be at rest at the end of a part.
+        A part may end in motion.
         """
         begin, end = max(begin, 0.0), min(end, self.duration)
         if not begin < end:
@@ -92,7 +92,7 @@ class TimeParametrisation:
         )
 
     def then(self, next_: 'TimeParametrisation') -> 'TimeParametrisation':
-        """Concatenate with what follows."""
+        """Concatenate with the timing that follows."""
         return TimeParametrisation(
             np.concatenate((self.times, self.duration + next_.times[1:])),
             np.concatenate((self.positions, next_.positions[1:])),
@@ -120,9 +120,9 @@ def from_ruckig(trajectory: RuckigTrajectory) -> TimeParametrisation:
 def from_pieces(
     start: State, durations: Array, jerks: Array, end: float | None = None
 ) -> TimeParametrisation:
-    """Return the timing that starts in a state and has constant jerks for durations, shapes (k,).
+    """Return the timing from a state with constant jerks for durations, shapes (k,).
 
-    It must come to rest; `end`, where it does, removes the rounding of the way there.
+    It must come to rest. `end`, the position of the rest, removes the rounding of the integration.
     """
     times = np.append(0.0, np.cumsum(durations))
     a = start[2] + np.append(0.0, np.cumsum(durations * jerks))

@@ -150,7 +150,7 @@ class Waypoints:
             self.ahead.popleft()
 
     def beside_last(self, position: Array) -> bool:
-        """Return whether a rest near the last point differs from it, by less than a merge."""
+        """Return whether a rest is near the last point (within the merge tolerance), not at it."""
         if self.last is not self.origin:
             return False
         return bool(np.max(np.abs(self.origin.position - position)) > MIN_MOVE)
