@@ -16,7 +16,7 @@ Rules:
    goal when the arm is at rest. If the STOP reply was mistaken for a missing point reply, a longer
    standstill in the joint state decides. A fault sends STOP and ends the goal immediately, because
    it cannot wait for an arm whose state may no longer be available.
-5. After a FAILURE reply STOP is sent, and the next STATUS is awaited for up to CAUSE_TIMEOUT_S: it
+5. After a FAILURE reply STOP is sent, and the next STATUS is awaited for up to `cause_timeout`: it
    contains the cause. While the arm still brakes, the cause may not be set yet, so the wait
    extends to the reply timeout.
 6. A joint that leaves its path tolerance stops the arm, and the goal ends when the arm is at rest.
