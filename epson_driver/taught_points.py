@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Taught points as a pendant shows them, and by name in files of RC+ (.pts) or our own (.yaml).
+"""Taught points in the pendant's form, and by name in files: RC+ (.pts) or this package's (.yaml).
 
-A .pts file keeps its unknown content, and is unchanged to the byte if no point is changed. Our own
-format contains X Y Z U V W, mm and degrees, by name:
+Unknown content of a .pts file is preserved, and every byte of an unchanged file. The .yaml file
+has X Y Z U V W, mm and degrees, by name:
 
     pick: {x: 350.0, y: 20.0, z: -30.0, u: 45.0, v: 0.0, w: 0.0}
 """
@@ -43,9 +43,10 @@ _ANGLE = number(-36000.0, 36000.0, 'degrees')
 
 @dataclass(frozen=True)
 class EpsonPoint:
-    """A point as a teach pendant shows it: X, Y, Z in mm, and U, V, W in degrees.
+    """A point as shown on a teach pendant: X, Y, Z in mm, and U, V, W in degrees.
 
-    Its frame is EPSON's world unless the call names another frame. V and W are 0 on a SCARA.
+    Its frame is EPSON's world, unless the user of the point specifies another. V and W are 0 on a
+    SCARA.
     """
 
     x: float
@@ -77,7 +78,7 @@ class EpsonPoint:
         return replace(self, x=self.x + x, y=self.y + y, z=self.z + z, u=self.u + u)
 
     def before(self, distance: float) -> 'EpsonPoint':
-        """Return the approach point, `distance` mm back along the point's own Z axis."""
+        """Return the approach point, `distance` mm back along the point's Z axis."""
         pose = self.pose
         pose[:3, 3] -= pose[:3, 2] * (_LENGTH.checked(plain(distance), 'distance') / 1e3)
         return EpsonPoint.of(pose)
@@ -92,20 +93,20 @@ class EpsonPoint:
 
 
 def plain(value: object) -> object:
-    """Convert a numpy number to Python's own type."""
+    """Convert a numpy number to a Python number."""
     return value.item() if isinstance(value, np.generic) else value
 
 
 Posture = dict[str, int]
-"""Flags of a point by their keys in a .pts file. A missing flag is 0."""
+"""Flags of a point by their keys in a .pts file. Missing flags are 0."""
 
 
 def posture(model: RobotModel, joints: Array) -> Posture:
     """Return the flags of an arm at joints, shape (n,). Raises ValueError if they are unknown.
 
-    They are the flags in RC+'s .pts files. Hand: 1 right, 2 left. Elbow: 1 above, 2 below. Wrist:
-    1 as at home with the tool down, 2 flipped. The source is public files and programs that write
-    them, not a controller. Where these disagree or are incomplete, the flags count as unknown.
+    Values in .pts files of RC+: hand 1 is right, 2 left; elbow 1 above, 2 below; wrist 1 like
+    the home pose with the tool down, 2 flipped. Derived from public files and the programs that
+    write them, not from a controller. Where these disagree or lack data, the flags are unknown.
     """
     low, high = (-pi / 2.0, pi) if model.name.startswith('rs') else (-pi, pi)
     if not low <= joints[0] <= high:
@@ -165,7 +166,7 @@ _NAME = re.compile(r'(?!p\d+$)[A-Za-z_]\w{0,31}', re.ASCII | re.IGNORECASE)
 _AXES = 'XYZUVW'
 _FLAGS = ('nHand', 'nElbow', 'nWrist', 'nJ1Flag', 'nJ2Flag', 'nJ4Flag', 'nJ6Flag')
 _NO_PLACE = 0xF
-"""Bits of nUndefined for X, Y, Z or U without a value."""
+"""Bits of nUndefined: X, Y, Z or U has no value."""
 
 _ONLY_PLACE = '448'
 """nUndefined of a point with X to W: R, S and T have no value."""
@@ -175,8 +176,8 @@ _ONLY_PLACE = '448'
 class _Held:
     """A point: its position, or None for a label without one, and its block of a .pts file.
 
-    posture: posture of the arm that taught it, or why it is unknown. None: as in the block. why:
-    reason why the point cannot be used.
+    posture: of the arm that taught it, or why it is unknown. None: the block's. why: the reason
+    that it cannot be used.
     """
 
     name: str
@@ -205,7 +206,7 @@ class TaughtPoints:
         return held.point
 
     def set(self, name: str, point: EpsonPoint, taught: Posture | str | None = None) -> None:
-        """Set a point, or add it. taught: the arm's posture there, or why it is unknown.
+        """Set or add a point. taught: the arm's posture at the point, or why it is unknown.
 
         Raises InputError.
         """
@@ -243,19 +244,19 @@ class TaughtPoints:
         return len(self._points)
 
     def __contains__(self, name: object) -> bool:
-        """Return whether a point exists, with a position or without."""
+        """Return whether a point exists, with or without a position."""
         return isinstance(name, str) and self._find(name) is not None
 
     @property
     def places(self) -> dict[str, EpsonPoint]:
-        """Points with a usable position."""
+        """The points that the arm can move to."""
         held = self._points.values()
         return {each.name: each.point for each in held if each.point and not each.why}
 
     def load(self, path: str | PathLike[str]) -> int:
-        """Replace all points by a .pts or .yaml file and return their number.
+        """Replace all points by those in a .pts or .yaml file, and return their number.
 
-        Raises OSError, and ValueError, with file and reason, if the file is invalid.
+        Raises OSError, and ValueError with the file and the error in it.
         """
         file = Path(path)
         read = _READERS.get(file.suffix.lower())
@@ -268,8 +269,8 @@ class TaughtPoints:
     def save(self, path: str | PathLike[str]) -> None:
         """Write all points to a .pts or .yaml file.
 
-        Unchanged content of a .pts file is written unchanged. Raises OSError, and InputError for a
-        point that the file format does not support.
+        Unchanged content of a .pts file is preserved. Raises OSError, and InputError for a point
+        that the file format does not support.
         """
         file = Path(path)
         if file.suffix.lower() == '.pts':
@@ -369,7 +370,7 @@ _Read = tuple[dict[str, _Held], tuple[bytes, Block] | None]
 
 
 def _from_pts(file: Path) -> _Read:
-    """Raises ValueError, OSError."""
+    """Read a .pts file. Raises ValueError, OSError."""
     content = read_file(file, MOST_BYTES)
     top = parsed(file.name, content.decode('latin-1'))
     points: dict[str, _Held] = {}
@@ -391,7 +392,7 @@ def _from_pts(file: Path) -> _Read:
 
 
 def _from_yaml(file: Path) -> _Read:
-    """Raises ValueError, OSError."""
+    """Read a .yaml file. Raises ValueError, OSError."""
     data = read_yaml(file)
     if not isinstance(data, dict):
         raise InputError(f'{printable(file)}: must be a mapping of names to points')
@@ -418,7 +419,7 @@ _READERS: dict[str, Callable[[Path], _Read]] = {
 
 
 def _yaml_line(held: _Held) -> str:
-    """Raises InputError for a point without a valid name or position."""
+    """Return a line for a point. Raises InputError for a point without a name or position."""
     if held.point is None or held.why or not _NAME.fullmatch(held.name):
         why = held.why or ('has no label' if held.point else 'has no place yet')
         raise InputError(f'point {held.name} {why}: it cannot be saved as .yaml')

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Trajectories in files: trajectory_msgs/JointTrajectory as YAML (`ros2 topic echo`)."""
+"""Trajectory files: trajectory_msgs/JointTrajectory as YAML (`ros2 topic echo`)."""
 
 from pathlib import Path
 from typing import Any
@@ -20,19 +20,19 @@ from epson_driver.inputs import (
 from epson_driver.motion import Array, Trajectory
 
 MAX_FILE_BYTES = 64_000_000
-"""Enough for 180,000 points of six joints with velocities and accelerations."""
+"""180,000 points of six joints with velocities and accelerations."""
 
 MAX_DURATION_S = 1_000_000
-"""Latest time of a point, s (11 days). Beyond it, a float does not resolve nanoseconds."""
+"""Latest time of a point, s (11 days). Above it, a float does not resolve nanoseconds."""
 
 MAX_VALUE = 1e6
-"""Bound of positions, velocities and accelerations (rad or m). Robot limits are checked later."""
+"""Limit for positions, velocities and accelerations (rad or m). Robot limits are checked later."""
 
 FORM = (
     'must have joint_names: [joint_1, …] and points: [{positions: […], time_from_start: {sec: 0, '
     'nanosec: 0}}, …]'
 )
-"""Required form of a file, for the error on an empty one."""
+"""Required content, for the error about an empty file."""
 
 _SECONDS = count(0, MAX_DURATION_S)
 _NANOSECONDS = count(0, 2**32 - 1)
@@ -41,12 +41,12 @@ _VALUE = number(-MAX_VALUE, MAX_VALUE)
 
 
 def read_trajectory(path: Path, *, timed: bool = True) -> Trajectory:
-    """Return the trajectory in a file, the first one of several YAML documents.
+    """Return the trajectory in a file. Only the first of several YAML documents is read.
 
     A `time_from_start` is a mapping of `sec` and `nanosec`, or a number of seconds.
 
-    `timed`: whether every point must have a time. If not, a point without one is at 0 s. Raises
-    InputError, with file, point and key, if the file is invalid.
+    `timed`: whether every point must have a time. Otherwise a missing time is 0 s. Raises
+    InputError with the file, the point and the key.
     """
     data = read_yaml(path, largest=MAX_FILE_BYTES, several=True)
     file = printable(path)
@@ -69,7 +69,7 @@ def read_trajectory(path: Path, *, timed: bool = True) -> Trajectory:
 
 
 def write_trajectory(path: Path, trajectory: Trajectory, comment: str) -> None:
-    """Write a trajectory as a file for `read_trajectory`, with a comment as its first line.
+    """Write a trajectory, with a comment line, as a file for `read_trajectory`.
 
     Raises OSError if it cannot be written.
     """

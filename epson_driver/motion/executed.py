@@ -19,7 +19,7 @@ from epson_driver.motion.smoother.active_plan import ActivePlan
 from epson_driver.motion.trajectory import Trajectory, sample_times
 
 MIN_APART_S = 1e-4
-"""Minimum time between two instants, s. Of closer ones only the first is used."""
+"""Minimum time between two instants, s. Later ones within this time are ignored."""
 
 BISECTIONS = 50
 """Bisection steps for the passage of a knot, to rounding."""

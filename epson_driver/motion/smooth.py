@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Makes a smooth motion of waypoints, in one call."""
+"""Smooths waypoints into a motion, in one call."""
 
 from collections.abc import Callable
 from typing import Any

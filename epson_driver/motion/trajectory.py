@@ -117,7 +117,7 @@ def problems(
 def _like_degrees(positions: Array, limits: JointLimits) -> bool:
     """Return whether angles exceed the limits as rad, but all are within them as degrees.
 
-    Only if one of them exceeds MAX_USUAL_ANGLE_RAD. Smaller ones are more likely errors in rad.
+    At least one angle must exceed MAX_USUAL_ANGLE_RAD. Smaller ones are more likely errors in rad.
     """
     turning = np.array([unit == 'rad' for unit in limits.units])
     angles = positions[:, turning]

@@ -115,7 +115,7 @@ class ProgramProfile:
     * `accepts`: which messages are points. 'exact': a JOINT_TRAJ_PT of its exact length. 'longer':
       also a longer one, and STOP may be sent as a topic. 'any': every message long enough for the
       joints, whatever its type. Shorter ones are not answered.
-    * `special_sequences`: 'stop': only STOP is obeyed; other negative sequence numbers are not
+    * `special_sequences`: 'stop': only STOP is obeyed. Other negative sequence numbers are not
       answered.
     * `skip_first`: a first point is skipped if each joint is within this distance, rad or m, of
       the arm's position (0: never).

@@ -20,7 +20,7 @@ from typing import Protocol
 from epson_driver.link.connection import Address
 
 MAX_SEGMENT_BYTES = 16384
-"""Maximum data of a segment. Longer data is split; the maximum IPv4 packet is 65,535 bytes."""
+"""Maximum data of a segment. Longer data is split, as an IPv4 packet is at most 65,535 bytes."""
 
 MAX_UNACKNOWLEDGED_BYTES = 16384
 """Maximum unacknowledged data of one side, well within the window of 65,535 bytes."""

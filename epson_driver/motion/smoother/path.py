@@ -139,7 +139,7 @@ class Path:
     def sample(self, us: Array, before: bool = False) -> tuple[Array, Array, Array, Array]:
         """Return position and three derivatives at every u, shapes (m, n).
 
-        The third derivative at a knot is taken after the knot, or `before` it.
+        The third derivative at a knot is the one after the knot, or the one `before` it.
         """
         after = self.knots.u.searchsorted(us, side='left' if before else 'right')
         index = np.clip(after - 1, 0, len(self._lengths) - 1)

@@ -33,7 +33,8 @@ RESERVE_IN_STOPPING_TIMES = 2.5
 """A plan is replaced only if it ends within this time, in multiples of the stopping time."""
 
 URGENT_RESERVE_SHARE = 0.4
-"""A plan that ends within this share of the reserve is urgently replaced: by any other plan."""
+"""A plan that ends within this share of the reserve is replaced by any found plan, even a slow
+one."""
 
 LATE_TOLERANCE_S = 1e-9
 """Tolerance for a plan that starts slightly in the past, s."""

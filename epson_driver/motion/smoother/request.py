@@ -18,10 +18,9 @@ class Request:
     """A planning request: from a state on a path through kept knots, then through points.
 
     start: start time of the plan, s on the smoother's clock. None: it starts when it
-    arrives, and the arm rests.
-    state: u and its derivatives at the start. kept: the knots that stay, from the knot before the
-    state, or a single one if the path starts there at rest. older: more knots of the current path,
-    for a plan that needs them. points: positions after the kept knots, shape (m, n). clock: time
+    arrives, and the arm rests until then. state: u and its derivatives at the start. kept: the
+    knots that stay, from the knot before the state, or a single one if the path starts there at
+    rest. older: more knots of the current path, for a plan that needs them. points: positions after the kept knots, shape (m, n). clock: time
     at which each kept knot and point should be reached, shape (k + m,), s with any origin. timed:
     whether the clock is commanded in the segment before it, shape (k + m,). lag: delay of the
     state on this clock, s. pause: come to rest on the path as soon as possible. horizon:
