@@ -17,15 +17,16 @@ from epson_driver.motion.smoother.time_parametrisation import State, TimeParamet
 class Request:
     """A planning request: from a state on a path through kept knots, then through points.
 
-    start: start time of the plan, s on the smoother's clock. None: it starts when it
-    arrives, and the arm rests until then. state: u and its derivatives at the start. kept: the
-    knots that stay, from the knot before the state, or a single one if the path starts there at
-    rest. older: more knots of the current path, for a plan that needs them. points: positions after the kept knots, shape (m, n). clock: time
-    at which each kept knot and point should be reached, shape (k + m,), s with any origin. timed:
-    whether the clock is commanded in the segment before it, shape (k + m,). lag: delay of the
-    state on this clock, s. pause: come to rest on the path as soon as possible. horizon:
-    approximate maximum planning horizon, s. urgent: whether a slow plan is better than none.
-    former: the current plan's timing from the state on, with all of its knots in `older`.
+    start: start time of the plan, s on the smoother's clock. None: it starts when it arrives, and
+    the arm rests until then. state: u and its derivatives at the start. kept: the knots that stay,
+    from the knot before the state, or a single one if the path starts there at rest. older: more
+    knots of the current path, for a plan that needs them. points: positions after the kept knots,
+    shape (m, n). clock: time at which each kept knot and point should be reached, shape (k + m,),
+    s with any origin. timed: whether the clock is commanded in the segment before it, shape (k +
+    m,). lag: delay of the state on this clock, s. pause: come to rest on the path as soon as
+    possible. horizon: approximate maximum planning horizon, s. urgent: whether a slow plan is
+    better than none. former: the current plan's timing from the state on, with all of its knots in
+    `older`.
     whole: whether the trajectory ends at the last of the points.
     catch_up: maximum ratio to the commanded speed for making up lost time.
     """
