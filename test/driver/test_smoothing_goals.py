@@ -42,6 +42,7 @@ def slow(monkeypatch):
     answered = smoothing.answered
 
     async def seen(process, *arguments):
+        process.send_signal(signal.SIGSTOP)  # else it may end by itself before it is killed
         asked.append(process)
         return await answered(process, *arguments)
 
