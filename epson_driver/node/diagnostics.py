@@ -154,7 +154,7 @@ class Diagnostics:
         yield 'stream source', servo.source
         for topic, seconds in servo.blocked(now).items():
             yield (
-                f'stream to be let go of: {topic}',
+                f'stream to release: {topic}',
                 (
                     f'{seconds:.1f} s more without a setpoint that asks for motion; '
                     f'publishers: {self._publishers(topic)}'

@@ -556,6 +556,12 @@ def test_a_start_outside_the_limits_is_refused() -> None:
         Smoother(LIMITS, np.array([9.0, 0, 0, 0, 0, 0]))
 
 
+def test_a_linear_joint_outside_its_limits_is_reported_in_metres() -> None:
+    limits = dataclasses.replace(LIMITS, units=('m', *['rad'] * 5))
+    with pytest.raises(ValueError, match=r'joint_1: position 9 is outside .* m$'):
+        Smoother(limits, np.array([9.0, 0, 0, 0, 0, 0]))
+
+
 @pytest.mark.parametrize('dt', [-1.0, -1e-9, np.nan, np.inf])
 def test_a_bad_time_is_refused_and_none_passes(dt: float) -> None:
     smoother = Smoother(LIMITS, HOME)

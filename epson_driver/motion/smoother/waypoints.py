@@ -99,7 +99,7 @@ class Waypoints:
         elif duration == 0.0:
             raise ValueError(
                 f'{what}: duration = 0 s must be positive: {self.limits.names[joint]} has '
-                f'{ways[joint]:.6g} rad to go'
+                f'{ways[joint]:.6g} {self.limits.units[joint]} to go'
             )
         else:
             self._add(position, duration, now)
@@ -172,13 +172,18 @@ class Waypoints:
                 f'{what}: shape {np.shape(position)} instead of one number for each of '
                 f'{len(limits.names)} joints'
             )
-        for name, value, low, high in zip(
-            limits.names, position.tolist(), limits.position_min, limits.position_max, strict=True
+        for name, value, low, high, unit in zip(
+            limits.names,
+            position.tolist(),
+            limits.position_min,
+            limits.position_max,
+            limits.units,
+            strict=True,
         ):
             if not low - POSITION_TOLERANCE <= value <= high + POSITION_TOLERANCE:  # NaN too
                 raise ValueError(
                     f'{what}, {name}: position {value:.6g} is outside the limits '
-                    f'{low:.6g} … {high:.6g} rad'
+                    f'{low:.6g} … {high:.6g} {unit}'
                 )
         if duration is not None and not 0.0 <= duration < np.inf:  # NaN too
             raise ValueError(f'{what}: duration = {duration} s must be a positive number')
