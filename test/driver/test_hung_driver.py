@@ -18,7 +18,7 @@ from support.driver_harness import Harness, pose, simulated
 from support.event_loop import hanging, now, until
 from support.examples import one_in, quickly
 from support.fault_play import cell_of, make_ready
-from support.streams import going_on, positions, velocities
+from support.streams import positions, sending, velocities
 
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.outcome import End
@@ -172,7 +172,7 @@ async def test_a_stream_that_goes_on_through_a_hang_is_over(kind, stream):
         return velocities(pose(0.3)) if stream == 'velocities' else positions(pose(0.3 * t))
 
     async with cell(kind) as (harness, _, arm):
-        async with going_on(Inbox(harness), setpoint_at):
+        async with sending(Inbox(harness), setpoint_at):
             await until(lambda: arm.at[0] > 0.2)
             with hanging():
                 began = now()

@@ -14,7 +14,7 @@ import pytest
 from support.driver_harness import HOME, JOINTS, LIMITS, Submitted, pose, smooth_on_the_spot
 from support.event_loop import now, until
 from support.fault_play import cell_of, make_ready, standing, where
-from support.streams import going_on, velocities
+from support.streams import sending, velocities
 
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
 from epson_driver.driver.goal.goal import Goal, GoalSettings, cause_timeout
@@ -300,7 +300,7 @@ async def test_inv10_a_pause_stops_a_stream_which_continues_after_it(name):
     async with robot(name) as (harness, controller):
         period = load_controller_profile(name).program.setpoint_period
         harness.driver.servo.settings = replace(harness.driver.servo.settings, period=period)
-        async with going_on(harness, lambda _: velocities(pose(0.2))):
+        async with sending(harness, lambda _: velocities(pose(0.2))):
             await until(lambda: where(controller)[0] > 0.1)
             here = where(controller)
             harness.driver.goal_queue.set_speed(0.0)

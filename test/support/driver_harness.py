@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A driver, what it reported, and a controller for it: the simulated one, or a scripted one."""
+"""A driver, its recorded events, and a simulated or scripted controller for it."""
 
 import asyncio
 import contextlib
@@ -37,7 +37,7 @@ HOME = np.zeros(JOINTS)
 
 
 class PlannerOnTheSpot:
-    """Plans in the call that asks."""
+    """A planner that answers within the call."""
 
     ready = True
 
@@ -46,7 +46,7 @@ class PlannerOnTheSpot:
 
 
 class Recorder:
-    """The driver's events, each with the time it came."""
+    """The driver's events with their times."""
 
     def __init__(self):
         self.samples = []
@@ -68,7 +68,7 @@ class Recorder:
 
 
 class Submitted:
-    """A goal that was handed in, and what became of it."""
+    """A submitted goal and its outcome."""
 
     def __init__(self, goal):
         self.outcomes = []
@@ -95,7 +95,7 @@ class Submitted:
 
 
 class Harness:
-    """A driver that runs, its services, its events, and goals for it."""
+    """A running driver with its services, its events, and goals for it."""
 
     def __init__(self, ports: Any, **options: Any) -> None:
         self.process = own_process()
@@ -151,9 +151,9 @@ class Harness:
         )
 
     def submit(self, *points, step=0.6, tolerance=0.01, start=None, ahead=None):
-        """Hand in a goal along the points, `step` s apart, from where the arm is, or `start`.
+        """Submit a goal along the points, `step` s apart, from the arm's position or `start`.
 
-        ahead: time from now to its start, s.
+        ahead: time until its start, s.
         """
         positions = np.vstack([self.at if start is None else start, *points])
         times = np.arange(len(positions)) * step
@@ -172,7 +172,7 @@ class Harness:
         await until(lambda: abs(self.at - start).max() > 1e-3)
 
     async def rests(self):
-        """Return whether the arm stands still for a fifth of a second."""
+        """Return whether the arm is at rest for 0.2 s."""
         await asyncio.sleep(0.05)
         before = self.at
         await asyncio.sleep(0.2)
@@ -180,7 +180,7 @@ class Harness:
 
 
 def plan_in_real_time(patch):
-    """Prepare motions in real time, however long that takes, in a loop of virtual time."""
+    """Prepare motions in real time within a loop of virtual time."""
     prepared = SmoothingProcess.prepared
 
     async def in_real_time(*arguments):
@@ -196,21 +196,21 @@ def smooth_on_the_spot(patch, delay=0.0):
 
     async def prepared(process, trajectory, start):
         await asyncio.sleep(delay)
-        kept = (process._limits, process._smoothing)  # noqa: SLF001
-        return smoothed_trajectory(trajectory, start, *kept)
+        settings = (process._limits, process._smoothing)  # noqa: SLF001
+        return smoothed_trajectory(trajectory, start, *settings)
 
     patch.setattr(SmoothingProcess, 'prepared', prepared)
     patch.setattr(SmoothingProcess, 'make_ready', lambda process: None)
 
 
 def open_gate(gate):
-    """Enable, without a controller."""
+    """Open the gate without a controller."""
     with gate.enabling() as enabling:
         gate.open(enabling)
 
 
 def pose(*values: float) -> Array:
-    """Return joint angles, the rest 0."""
+    """Return joint angles; missing ones are 0."""
     return np.array([*values, *[0.0] * (JOINTS - len(values))])
 
 
@@ -223,9 +223,9 @@ def _built(files: tuple[tuple[str, str], ...]) -> Program:
 async def simulated(dialect=None, profile='simulated', model=None, *, smooth=False, start=None):
     """Run the simulated controller in this process; yield it and its ports.
 
-    `profile` is the name of one, or one, with its SPEL+ program if it has any; `model` the name of
-    a robot. `smooth`: it moves smoothly, and plans take no time. `start`: its first
-    joints.
+    `profile`: a profile, with its SPEL+ program if it has one, or a profile's name. `model`: a
+    robot's name. `smooth`: it moves smoothly, and planning takes no time. `start`: its initial
+    joint positions.
     """
     if isinstance(profile, str):
         profile = load_controller_profile(profile)
@@ -249,11 +249,11 @@ async def simulated(dialect=None, profile='simulated', model=None, *, smooth=Fal
 
 
 def options_of(name):
-    """Return what a profile sets of a driver's configuration."""
+    """Return the part of a driver's configuration that a profile sets."""
     profile = load_controller_profile(name)
-    usual = profile_defaults(profile)
+    defaults = profile_defaults(profile)
     return {
-        'delivery': delivery_rules(profile, 'streaming', usual['point_message']),
+        'delivery': delivery_rules(profile, 'streaming', defaults['point_message']),
         'usual_byte_order': profile.byte_order,
         'motors': profile.program.motors,
     }
@@ -273,10 +273,10 @@ async def cell(*, enabled=True, smooth=False, profile='simulated', **options):
 
 
 class ScriptedController:
-    """A controller that does what a test says: `reply(sequence)` gives the bytes for a point.
+    """A controller scripted by a test: `reply(sequence)` returns the bytes that answer a point.
 
-    Its state port sends joints and a status each `period` s; `shows_joints` and `shows_status`
-    stop one of them. It never moves.
+    It never moves. Its state port sends joints and a STATUS each `period` s. `shows_joints` and
+    `shows_status` suppress one of them.
     """
 
     STATUS = (1, 0, 0, 0, 0, 2, 1)
@@ -297,7 +297,7 @@ class ScriptedController:
             await asyncio.start_server(self._serve(talk), '127.0.0.1', 0)
             for talk in (self._motion, self._state)
         ]
-        motion, state = (each.sockets[0].getsockname()[1] for each in self._servers)
+        motion, state = (server.sockets[0].getsockname()[1] for server in self._servers)
         self.ports = Ports(motion, state, 0, 0)
         return self
 
@@ -354,9 +354,9 @@ def answer(code, sequence=0):
 
 
 @contextlib.asynccontextmanager
-async def scripted_cell(reply=None, *, enabled=True):
+async def scripted_cell(reply=None, *, enabled=True, controller=ScriptedController, **options):
     """Run a driver with a scripted controller; yield both."""
-    async with ScriptedController(reply) as scripted, Harness(scripted.ports) as harness:
+    async with controller(reply) as scripted, Harness(scripted.ports, **options) as harness:
         await harness.ready()
         if enabled:
             await harness.commands.enable()

@@ -37,7 +37,7 @@ from support.driver_harness import Harness, pose, simulated
 from support.event_loop import now, until
 from support.fault_cells import STATE_TIMEOUT, STOPPED, USUAL, WIDER, Cell, Row
 from support.fault_strikes import STRIKES, watch
-from support.streams import going_on, positions
+from support.streams import positions, sending
 
 REPLY_TIMEOUT = 0.4
 
@@ -327,7 +327,7 @@ async def _reach(
         return None
     if cell.interface == 'setpoints':
         first = now()
-        ramp = going_on(harness, lambda _time: positions(pose(SPEED * (now() - first))))
+        ramp = sending(harness, lambda _time: positions(pose(SPEED * (now() - first))))
         await stream.enter_async_context(ramp)
         await until(lambda: np.abs(where(controller) - begin).max() > ON_ITS_WAY)
         return None

@@ -24,12 +24,12 @@ def positions(values: Array, velocities: Array | None = None, source: Any = SERV
 
 
 def window(state_at, ends=0.1, step=0.01, begins=0.0, source=SERVO):
-    """Return a window of MoveIt Servo. state_at(t): positions and velocities, t s from now."""
+    """Return a window of MoveIt Servo. state_at(t): positions and velocities in t s."""
     times = np.arange(begins, ends + step / 2.0, step)
     states = [state_at(t) for t in times]
-    ways = np.array([each for each, _ in states], dtype=float)
-    speeds = np.array([each for _, each in states], dtype=float)
-    return Setpoint(source, ways[-1], speeds[-1], Window(times, ways, speeds))
+    positions = np.array([position for position, _ in states], dtype=float)
+    speeds = np.array([speed for _, speed in states], dtype=float)
+    return Setpoint(source, positions[-1], speeds[-1], Window(times, positions, speeds))
 
 
 def velocities(values, source=JOG):
@@ -37,15 +37,15 @@ def velocities(values, source=JOG):
 
 
 async def send(harness, setpoint_at, duration, period=PERIOD):
-    """Send the setpoint of each moment, from 0 s on, for so long."""
+    """Send setpoint_at(time) every `period` for `duration` s, from time 0."""
     for count in range(round(duration / period)):
         harness.driver.servo.take(setpoint_at(count * period))
         await asyncio.sleep(period)
 
 
 @contextlib.asynccontextmanager
-async def going_on(harness, setpoint_at, period=PERIOD):
-    """Send all the time, until the block ends."""
+async def sending(harness, setpoint_at, period=PERIOD):
+    """Send setpoints until the block ends."""
     task = asyncio.create_task(send(harness, setpoint_at, 1e6, period))
     try:
         yield task
@@ -57,7 +57,7 @@ async def going_on(harness, setpoint_at, period=PERIOD):
 
 @contextlib.asynccontextmanager
 async def jogging(profile: str, smooth: bool) -> AsyncIterator[Harness]:
-    """A driver with the setpoint period of a simulated controller, enabled and at rest."""
+    """Run an enabled driver at rest with the setpoint period of a simulated controller."""
     async with (
         simulated(profile=profile, smooth=smooth) as (_, ports),
         Harness(ports, **options_of(profile)) as harness,

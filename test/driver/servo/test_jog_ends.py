@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A jog that ends, however it ends: on every controller the arm stands as after STOP alone.
+"""Every end of a jog brings the arm to rest about as fast as STOP, on every controller.
 
-Times are virtual; `pytest -rP -m '' -k as_stop_does test/driver/servo/test_jog_ends.py` prints the
-figures of docs/servo.md.
+Times are virtual. `pytest -rP -m '' -k as_fast_as_stop test/driver/servo/test_jog_ends.py` prints
+the figures of docs/servo.md.
 """
 
 import asyncio
@@ -11,33 +11,32 @@ import asyncio
 import pytest
 from support.driver_harness import HOME, cell, pose
 from support.event_loop import now, run, until
-from support.streams import going_on, jogging, send, velocities
+from support.streams import jogging, send, sending, velocities
 
 from epson_driver.driver.outcome import End
 
 RELEASED = velocities(HOME)
 SPEED = 1.5
-"""rad/s, nearly all that servo.scale leaves."""
+"""rad/s, nearly the limit of servo.scale."""
 
 JOG_PERIOD_S = 0.025
-"""Of the panel, while a button is held."""
+"""Setpoint period of the panel while a button is pressed."""
 
 WITHIN_S = 0.15
-"""What the end of a jog may take beyond the controller's own braking."""
+"""Maximum extra time of a jog's end over STOP."""
 
-STANDS = 1e-4
-"""An arm that is so near to where it comes to rest, rad, stands."""
+AT_REST = 1e-4
+"""Maximum distance of an arm at rest from its final position, rad."""
 
 PHASES = (0.003, 0.061, 0.171, 0.327)
-"""How much longer than a whole number of periods a jog lasts, s: an arm that goes from point to
-point may stand just then."""
+"""Extra durations of the jog, s, because a point-to-point arm may be at rest at full periods."""
 
 
 def held(_time):
     return velocities(pose(SPEED))
 
 
-async def let_go(harness):
+async def release(harness):
     harness.driver.servo.take(RELEASED)
 
 
@@ -49,36 +48,36 @@ async def stopped(harness):
     await harness.commands.stop()
 
 
-ENDS = {'STOP': stopped, 'released': let_go, 'silent': silent}
+ENDS = {'STOP': stopped, 'released': release, 'silent': silent}
 
 
 async def to_rest(controller, phase, end):
-    """Return how long the arm still moved after the end of a jog, s."""
+    """Return how long the arm moves after the end of a jog, s."""
     async with jogging(*controller) as harness:
-        async with going_on(harness, held, JOG_PERIOD_S):
+        async with sending(harness, held, JOG_PERIOD_S):
             await asyncio.sleep(1.2 + phase)
         ended, before = now(), len(harness.events.samples)
         ending = asyncio.create_task(end(harness))
         await asyncio.sleep(2.0)
         await ending
-        ways = [(each.measured, each.positions[0]) for _, each in harness.events.samples]
-        there = ways[-1][1]
-        assert ways[before][1] - ways[0][1] > 0.01
+        path = [(sample.measured, sample.positions[0]) for _, sample in harness.events.samples]
+        end_position = path[-1][1]
+        assert path[before][1] - path[0][1] > 0.01
         assert harness.gate is None
-        return max(time for time, way in ways if abs(way - there) > STANDS) - ended
+        return max(time for time, at in path if abs(at - end_position) > AT_REST) - ended
 
 
 CONTROLLERS = [
     ('simulated', True),
     *((name, False) for name in ('simulated', 'generic', 'fanuc', 'spel')),
 ]
-"""Profiles that follow streams, and whether the arm moves smoothly."""
+"""Profiles that accept streams, and whether the arm moves smoothly."""
 
 
 @pytest.mark.slow
 @pytest.mark.invariant(3)
 @pytest.mark.parametrize('controller', CONTROLLERS, ids=lambda row: row[0] + ' smooth' * row[1])
-def test_a_jog_that_ends_leaves_the_arm_at_rest_as_stop_does(controller):
+def test_jog_ends_as_fast_as_stop(controller):
     took = {how: [] for how in ENDS}
 
     async def measure(phase):
@@ -94,22 +93,22 @@ def test_a_jog_that_ends_leaves_the_arm_at_rest_as_stop_does(controller):
 
 
 @pytest.mark.parametrize('smooth', [True, False], ids=['smooth', 'point to point'])
-async def test_a_key_that_is_pressed_anew_moves_the_arm_as_soon_as_it_stands(smooth):
+async def test_key_pressed_again_moves_the_arm_without_a_pause(smooth):
     async with cell(smooth=smooth) as (harness, _):
         await send(harness, held, 0.6)
-        await let_go(harness)
+        await release(harness)
         pressed = now()
-        async with going_on(harness, lambda _: velocities(pose(-SPEED))):
+        async with sending(harness, lambda _: velocities(pose(-SPEED))):
             await until(lambda: harness.driver.robot.sample.velocities[0] < -0.01)
         assert now() - pressed < 1.0
         assert not harness.driver.servo.blocked(now())
         assert harness.gate is None
 
 
-async def test_a_goal_runs_as_soon_as_the_arm_stands_after_a_jog():
+async def test_goal_runs_as_soon_as_the_arm_rests_after_a_jog():
     async with cell() as (harness, _):
         await send(harness, held, 0.6)
-        await let_go(harness)
+        await release(harness)
         assert 'follows a stream' in harness.driver.servo.occupation()
         await until(lambda: harness.driver.servo.occupation() is None)
         assert await harness.rests()
@@ -117,22 +116,22 @@ async def test_a_goal_runs_as_soon_as_the_arm_stands_after_a_jog():
 
 
 @pytest.mark.invariant(4)
-async def test_inv4_a_stop_while_a_released_key_has_the_arm_brake_counts():
+async def test_inv4_stop_while_a_released_jog_brakes_blocks_the_stream():
     async with cell(smooth=True) as (harness, _):
-        async with going_on(harness, held):
+        async with sending(harness, held):
             await asyncio.sleep(0.6)
-            await let_go(harness)
+            await release(harness)
             await harness.commands.stop()
             at = harness.at
             await asyncio.sleep(2.0)
-            assert abs(harness.at - at).max() < STANDS
+            assert abs(harness.at - at).max() < AT_REST
         assert not harness.driver.servo.active
 
 
-async def test_a_stick_at_rest_sends_no_stop():
+async def test_released_joystick_sends_no_stop():
     async with cell(smooth=True) as (harness, _):
         await send(harness, held, 0.3)
-        await let_go(harness)
+        await release(harness)
         await until(lambda: not harness.driver.servo.active)
         frames = harness.driver.motion_link.statistics.frames_sent
         await send(harness, lambda _: RELEASED, 0.5)

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""How far the arm is behind a stream: the figures of docs/servo.md, in virtual time.
+"""Lag of the arm behind a stream: the figures of docs/servo.md, in virtual time.
 
-Streams of 50 Hz with 4 ms of jitter, 2 % lost. What ROS, networks and planning add is not in it.
+The streams have 50 Hz, 4 ms of jitter and 2 % loss. ROS, networks and planning are not included.
 `pytest -rP -m '' -k held_key test/driver/servo/test_servo_lag.py` prints the figures of jogs.
 """
 
@@ -30,7 +30,7 @@ def sine(t):
 
 
 def triangle(t):
-    """To and fro at 0.5 rad/s."""
+    """Back and forth at 0.5 rad/s."""
     phase = t % 4.0
     return (0.5 * phase, 0.5) if phase < 2.0 else (0.5 * (4.0 - phase), -0.5)
 
@@ -40,22 +40,22 @@ def only_positions(wave, t):
 
 
 def with_velocities(wave, t):
-    way, velocity = wave(t)
-    return positions(pose(way), pose(velocity))
+    position, velocity = wave(t)
+    return positions(pose(position), pose(velocity))
 
 
 def windows(wave, t):
-    """Return what the node takes of a window that ends 0.1 s ahead."""
+    """Return the setpoint that the node makes of a window ending 0.1 s ahead."""
 
     def state(ahead):
-        way, velocity = wave(t + ahead)
-        return pose(way), pose(velocity)
+        position, velocity = wave(t + ahead)
+        return pose(position), pose(velocity)
 
     return window(state, WINDOW)
 
 
 async def followed(harness, stream, wave, duration=DURATION):
-    """Send a stream; return times, s, and ways of joint 1 as they were measured."""
+    """Send a stream, and return the measured times, s, and positions of joint 1."""
     random = np.random.default_rng(0)
     begin = now()
     first = len(harness.events.samples)
@@ -83,7 +83,7 @@ BARS = {  # s, for sine and triangle: positions, with velocities, windows
     ('fanuc', False): ((0.34, 0.36), (0.3, 0.34), (0.21, 0.24)),
     ('spel', False): ((0.27, 0.5), (0.24, 0.51), (0.12, 0.42)),
 }
-"""By profile, and whether the arm moves smoothly; some more than was measured."""
+"""By profile and whether the arm moves smoothly, with a margin over the measured lag."""
 
 WAVES = (sine, triangle)
 
@@ -92,10 +92,10 @@ WAVES = (sine, triangle)
 @pytest.mark.parametrize('wave', WAVES, ids=['sine', 'triangle'])
 @pytest.mark.parametrize('stream', STREAMS)
 @pytest.mark.parametrize('controller', BARS, ids=lambda row: f'{row[0]} {"smooth" * row[1]}')
-async def test_the_lag_behind_a_stream_is_as_documented(controller, stream, wave, record_property):
+async def test_lag_behind_a_stream_is_as_documented(controller, stream, wave, record_property):
     async with jogging(*controller) as harness:
-        times, ways = await followed(harness, STREAMS[stream], wave)
-        lag, rms = behind(times, ways, lambda each: np.array([wave(t)[0] for t in each]))
+        times, path = await followed(harness, STREAMS[stream], wave)
+        lag, rms = behind(times, path, lambda at: np.array([wave(t)[0] for t in at]))
         record_property('figures', f'lag {lag * 1e3:.0f} ms, rms {rms * 1e3:.1f} mrad')
         bar = BARS[controller][list(STREAMS).index(stream)][WAVES.index(wave)]
         assert lag <= bar + 1e-9
@@ -111,21 +111,21 @@ JOG_BARS = {
     ('fanuc', False): 0.31,
     ('spel', False): 0.28,
 }
-"""s; some more than was measured."""
+"""Maximum lag, s, with a margin over the measured lag."""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('controller', JOG_BARS, ids=lambda row: f'{row[0]} {"smooth" * row[1]}')
-async def test_the_lag_behind_a_held_key_is_as_documented(controller):
+async def test_lag_behind_a_held_key_is_as_documented(controller):
     async with jogging(*controller) as harness:
         key = velocities(pose(JOG_SPEED))
-        times, ways = await followed(harness, lambda _wave, _t: key, None, HELD_S)
-        later = times + SETTLED_S  # what comes before is not judged
+        times, path = await followed(harness, lambda _wave, _t: key, None, HELD_S)
+        later = times + SETTLED_S  # `behind` ignores the time before
 
-        def wave(each):
-            return JOG_SPEED * np.clip(each - SETTLED_S, 0.0, HELD_S)
+        def wave(at):
+            return JOG_SPEED * np.clip(at - SETTLED_S, 0.0, HELD_S)
 
-        lag, rms = behind(later, ways - ways[0], wave)
+        lag, rms = behind(later, path - path[0], wave)
         print(f'lag {lag * 1e3:.0f} ms, rms {rms * 1e3:.0f} mrad')
         assert lag <= JOG_BARS[controller]
         assert harness.gate is None
@@ -136,22 +136,21 @@ SPEED = 0.5
 """rad/s"""
 
 
-def seen(lag, time, position):
-    here = np.array([position])
-    lag.see(JointSample(time, here, np.zeros(1), time))
+def measure(lag, time, position):
+    lag.see(JointSample(time, np.array([position]), np.zeros(1), time))
 
 
-def test_an_arm_that_follows_at_a_distance_is_so_far_behind():
+def test_constant_lag_is_measured():
     lag = StreamLag()
     for time in np.arange(0.0, 3.0, PERIOD_S):
         lag.sent(time, np.array([SPEED * time]))
-        seen(lag, time, SPEED * max(time - 0.3, 0.0))
+        measure(lag, time, SPEED * max(time - 0.3, 0.0))
     assert lag.behind == pytest.approx(0.3, abs=0.02)
     assert lag.now == pytest.approx(0.3, abs=0.02)
 
 
-def test_an_arm_that_gets_the_next_point_when_it_is_at_the_last_is_behind_all_the_same():
-    """Whenever a point is sent, the arm is where it was sent before."""
+def test_lag_is_measured_if_each_point_is_sent_after_reaching_the_last():
+    """The arm is at the previous point whenever a point is sent."""
     lag = StreamLag()
     step = 0.2
     time = at = 0.0
@@ -159,20 +158,20 @@ def test_an_arm_that_gets_the_next_point_when_it_is_at_the_last_is_behind_all_th
     for _ in range(20):
         assert lag.now == 0.0
         lag.sent(time, np.array([at + SPEED * step]))
-        for share in np.arange(PERIOD_S, step + PERIOD_S / 2.0, PERIOD_S) / step:
-            seen(lag, time + share * step, at + share * SPEED * step)
+        for fraction in np.arange(PERIOD_S, step + PERIOD_S / 2.0, PERIOD_S) / step:
+            measure(lag, time + fraction * step, at + fraction * SPEED * step)
         time += step
         at += SPEED * step
     assert 0.5 * step < lag.behind < 1.5 * step
 
 
-def test_once_nothing_is_sent_less_is_ahead_of_an_arm_that_is_as_late_as_before():
+def test_after_the_last_point_the_lag_stays_and_the_distance_shrinks():
     lag, behind, end = StreamLag(), 0.6, 1.0
     ahead = []
     for time in np.arange(0.0, end + behind + 2.0 * PERIOD_S, PERIOD_S):
         if time <= end:
             lag.sent(time, np.array([SPEED * time]))
-        seen(lag, time, SPEED * max(time - behind, 0.0))
+        measure(lag, time, SPEED * max(time - behind, 0.0))
         ahead.append(lag.ahead)
         if behind < time < end + behind - PERIOD_S:
             assert lag.now == pytest.approx(behind, abs=0.02)
@@ -182,16 +181,16 @@ def test_once_nothing_is_sent_less_is_ahead_of_an_arm_that_is_as_late_as_before(
 
 
 @pytest.mark.parametrize('phase', [0.0, 0.3, 0.5, 0.8])
-def test_an_arm_that_turns_before_the_last_place_is_no_farther_behind(phase):
-    """Points 0.1 s apart, to and fro; the arm blends them, so it does not get to the outermost."""
+def test_turning_before_the_outermost_point_does_not_increase_the_lag(phase):
+    """Points 0.1 s apart, back and forth. The arm blends them and misses the outermost one."""
     lag, step, behind = StreamLag(), 0.1, 0.3
-    seen_lags = []
+    lags = []
     for count in range(400):
         time = count * PERIOD_S
         if count % 10 == 0:
             lag.sent(time, np.array([sine(time + phase * step)[0]]))
         blended = np.mean([sine(time - behind + off)[0] for off in (-0.1, -0.05, 0.0, 0.05, 0.1)])
-        seen(lag, time, float(blended) if time > behind + 0.1 else 0.0)
+        measure(lag, time, float(blended) if time > behind + 0.1 else 0.0)
         if time > 0.6:
-            seen_lags.append(lag.now)
-    assert max(seen_lags) < behind + 1.5 * step
+            lags.append(lag.now)
+    assert max(lags) < behind + 1.5 * step

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Streams, goals, stops, E-stops and silences in any order: what is sent, and how it ends."""
+"""Random sequences of streams, goals, stops, E-stops and gaps send only permitted points."""
 
 import asyncio
 import contextlib
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.driver_harness import JOINTS, LIMITS, cell, pose
 from support.event_loop import run, stand_still, until
-from support.streams import JOG, SERVO, going_on, positions, velocities
+from support.streams import JOG, SERVO, positions, sending, velocities
 
 from epson_driver.driver.arm_commands import CommandError
 from epson_driver.driver.delivery.trajectory_points import STOP
@@ -17,11 +17,11 @@ from epson_driver.driver.outcome import End
 from epson_driver.sim_controller.condition.states import Event
 
 ACTIONS = 12
-"""How many things happen in one run."""
+"""Number of actions in one run."""
 
 
 class Spy:
-    """Judges every message for the motion port in the moment in which it is sent."""
+    """Checks every message for the motion port when it is sent."""
 
     def __init__(self, harness):
         self._driver = harness.driver
@@ -43,7 +43,7 @@ class Spy:
 
 
 class Sender:
-    """Two streams, of which either may be on: positions near the arm or far, and velocities."""
+    """Two streams, either of which may be active: positions near or far, and velocities."""
 
     def __init__(self, harness, random):
         self._harness = harness
@@ -71,7 +71,7 @@ class Sender:
 
 
 async def act(harness, controller, sender, random):
-    """Let something happen."""
+    """Perform a random action."""
     action = random.integers(0, 10)
     if action < 3:
         sender.change()
@@ -98,8 +98,8 @@ async def act(harness, controller, sender, random):
 
 
 async def repaired(harness, controller):
-    """Do what people do after an E-stop or a lost link."""
-    await asyncio.sleep(1.0)  # the arm stands, or the controller refuses what follows
+    """Reset and enable the arm as a user does after an E-stop or a lost link."""
+    await asyncio.sleep(1.0)  # the controller refuses a reset while the arm moves
     for event in (Event.ESTOP_RELEASE, Event.RESET, Event.MOTORS_ON):
         controller.apply(event)
     await asyncio.sleep(0.3)
@@ -114,13 +114,13 @@ async def repaired(harness, controller):
 @pytest.mark.invariant(4)
 @pytest.mark.slow
 @pytest.mark.parametrize('seed', range(16))
-def test_inv4_any_order_of_events_sends_nothing_that_is_forbidden_and_ends_at_rest(seed):
+def test_inv4_random_events_send_no_forbidden_point_and_end_at_rest(seed):
     async def check():
         random = np.random.default_rng(seed)
         async with cell(smooth=bool(seed % 2)) as (harness, controller):
             spy = Spy(harness)
             sender = Sender(harness, random)
-            async with going_on(harness, sender.positions), going_on(harness, sender.velocities):
+            async with sending(harness, sender.positions), sending(harness, sender.velocities):
                 for _ in range(ACTIONS):
                     await act(harness, controller, sender, random)
                 assert harness.running
@@ -131,12 +131,12 @@ def test_inv4_any_order_of_events_sends_nothing_that_is_forbidden_and_ends_at_re
             goal = harness.submit(harness.at + 0.01 * np.sign(-harness.at))
             assert (await goal.end()).end is End.SUCCEEDED
             assert spy.points > 0
-            assert all(abs(v).max() < 1.3 for v in shares(harness))
+            assert all(abs(ratio).max() < 1.3 for ratio in velocity_ratios(harness))
 
     run(check(), patience=240.0)
 
 
-def shares(harness):
-    """Yield the velocities that were measured, as shares of the limits."""
+def velocity_ratios(harness):
+    """Yield the measured velocities divided by the limits."""
     for _, sample in harness.events.samples:
         yield sample.velocities / LIMITS.velocity

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A stopped stream moves nothing until it was let go of, whoever else sends on its topic."""
+"""A stopped stream moves nothing until it pauses, whatever other publishers send."""
 
 import asyncio
 import contextlib
@@ -12,7 +12,7 @@ import pytest
 from support.driver_harness import HOME, Harness, ScriptedController, cell, pose
 from support.event_loop import now, run, until
 from support.examples import quickly
-from support.streams import JOG, SERVO, going_on, positions, velocities, window
+from support.streams import JOG, SERVO, positions, sending, velocities, window
 
 from epson_driver.driver.servo.restart_interlock import RELEASE_S, RestartInterlock
 from epson_driver.node.diagnostics import Diagnostics
@@ -26,7 +26,7 @@ def jog(_time):
 
 
 def zero_each(period):
-    """Return a velocity stream with a zero instead of a velocity, once in a period, s."""
+    """Return a velocity stream that is zero once per period, s."""
     return lambda time: ALL_STILL if time % period < 0.02 else velocities(pose(0.3))
 
 
@@ -95,10 +95,10 @@ STREAMS = {
         product(STREAMS, STOPS),
     ),
 )
-async def test_inv4_a_stream_that_goes_on_moves_nothing_after_a_stop_or_an_enable(streams, stop):
+async def test_inv4_continuing_stream_moves_nothing_after_stop_and_enable(streams, stop):
     async with cell(smooth=True) as (harness, controller), contextlib.AsyncExitStack() as on:
         for stream in STREAMS[streams]:
-            await on.enter_async_context(going_on(harness, stream))
+            await on.enter_async_context(sending(harness, stream))
         await asyncio.sleep(1.1)
         await stop(harness, controller)
         assert harness.gate is None
@@ -110,27 +110,27 @@ async def test_inv4_a_stream_that_goes_on_moves_nothing_after_a_stop_or_an_enabl
 
 
 @pytest.mark.invariant(4)
-async def test_inv4_the_second_of_silence_counts_from_the_stop_on():
+async def test_inv4_silence_before_the_stop_does_not_release_a_stream():
     async with cell(smooth=True) as (harness, _):
         await asyncio.sleep(3.0)
         await harness.commands.stop()
-        async with going_on(harness, jog):
+        async with sending(harness, jog):
             await asyncio.sleep(2.0)
         assert abs(harness.at[0]) < 1e-6
         await asyncio.sleep(1.1 * RELEASE_S)
-        async with going_on(harness, jog):
+        async with sending(harness, jog):
             await until(lambda: harness.at[0] > 0.05)
 
 
 @pytest.mark.invariant(4)
-async def test_inv4_a_stick_that_was_let_go_for_a_second_moves_the_arm_again():
+async def test_inv4_joystick_released_for_one_second_moves_the_arm_again():
     async with cell(smooth=True) as (harness, _):
         begin = now()
 
         def stick(_time):
             return ALL_STILL if 1.0 < now() - begin < 2.2 else velocities(pose(0.3))
 
-        async with going_on(harness, stick):
+        async with sending(harness, stick):
             await asyncio.sleep(0.8)
             await harness.commands.stop()
             there = harness.at[0]
@@ -140,11 +140,11 @@ async def test_inv4_a_stick_that_was_let_go_for_a_second_moves_the_arm_again():
             assert now() - begin > 2.2
 
 
-async def test_ros2_control_goes_on_after_an_estop_without_a_restart():
-    """Its controller holds a position that the arm has left; the next goal begins at the arm."""
+async def test_position_stream_after_estop_resumes_from_the_arm_position():
+    """ros2_control first holds the old position, and its next goal starts at the arm."""
     async with cell(smooth=True) as (harness, controller):
         to = pose(0.05)
-        async with going_on(harness, lambda _: positions(to)):
+        async with sending(harness, lambda _: positions(to)):
             await until(lambda: harness.at[0] > 0.02)
             await estop_and_back(harness, controller)
             there = harness.at
@@ -155,8 +155,8 @@ async def test_ros2_control_goes_on_after_an_estop_without_a_restart():
             await until(lambda: np.abs(harness.at - to).max() < 1e-3)
 
 
-async def test_what_is_waited_for_is_told():
-    async with cell(smooth=True) as (harness, _), going_on(harness, jog):
+async def test_diagnostics_report_the_remaining_release_time():
+    async with cell(smooth=True) as (harness, _), sending(harness, jog):
         await asyncio.sleep(0.5)
         assert not harness.driver.servo.blocked(now())
         await harness.commands.stop()
@@ -166,12 +166,12 @@ async def test_what_is_waited_for_is_told():
         assert 0.9 < left <= RELEASE_S
         diagnostics = Diagnostics(harness.driver, 'x', lambda _: 2)
         values = diagnostics.build(None, now()).status[-1].values
-        (said,) = [each.value for each in values if each.key.endswith(JOG)]
-        assert 's more without a setpoint that asks for motion; publishers: 2' in said
+        (text,) = [value.value for value in values if value.key.endswith(JOG)]
+        assert 's more without a setpoint that asks for motion; publishers: 2' in text
 
 
-def test_silence_that_nobody_saw_releases_nothing():
-    """Who was held up has messages waiting, of which only the newest is left."""
+def test_gap_with_missed_messages_does_not_release_a_stream():
+    """A stalled process finds only the newest message in its queue."""
     interlock = RestartInterlock()
     interlock.trip(0.0)
     interlock.hear(JOG, velocities(pose(0.3)), 0.1, missed=False)
@@ -182,8 +182,8 @@ def test_silence_that_nobody_saw_releases_nothing():
 
 
 @pytest.mark.invariant(4)
-def test_inv4_a_stream_that_was_there_before_the_driver_must_be_let_go_of():
-    """A zero is the first that is seen of it: what came before it may have asked for motion."""
+def test_inv4_stream_older_than_the_driver_must_pause_first():
+    """Messages before the first one received, a zero, may have asked for motion."""
     for first in (ALL_STILL, velocities(pose(0.3))):
         interlock = RestartInterlock()
         interlock.hear(JOG, first, 0.0, missed=True)
@@ -194,8 +194,8 @@ def test_inv4_a_stream_that_was_there_before_the_driver_must_be_let_go_of():
         assert interlock.permits(JOG)
 
 
-def test_a_message_that_seems_to_have_come_long_ago_releases_nothing():
-    """The system clock was set forward while it waited for its callback."""
+def test_message_with_an_old_arrival_time_does_not_release_a_stream():
+    """The system clock was set forward while the message was queued."""
     interlock = RestartInterlock()
     interlock.trip(0.0)
     for moment in (0.5, 1.4, 2.3, -2.6, 2.4):
@@ -208,8 +208,8 @@ def held(time):
 
 
 @pytest.mark.parametrize('hold', [held, lambda _: positions(pose(0.03)), lambda _: ALL_STILL])
-def test_what_holds_still_for_a_second_releases(hold):
-    """A filter leaves something of the velocities of a window; the positions tell."""
+def test_stream_that_holds_still_for_one_second_is_released(hold):
+    """A filter leaves small velocities in a window, so the positions decide."""
     interlock = RestartInterlock()
     interlock.trip(0.0)
     times = np.arange(0.0, 1.2, 0.02)
@@ -219,7 +219,7 @@ def test_what_holds_still_for_a_second_releases(hold):
     assert interlock.permits(SERVO)
 
 
-def test_a_position_that_creeps_is_not_held():
+def test_creeping_position_does_not_release_a_stream():
     interlock = RestartInterlock()
     interlock.trip(0.0)
     for count in range(500):
@@ -227,45 +227,45 @@ def test_a_position_that_creeps_is_not_held():
     assert not interlock.permits(SERVO)
 
 
-# --- any sequence -----------------------------------------------------------------------------
+# --- random sequences ------------------------------------------------------------------------
 
 
 class Oracle:
-    """What may be followed, worked out from nothing but messages and stops.
+    """Decides which setpoint may start a stream, from messages and stops alone.
 
-    Every message of a topic in the second before one that begins a stream must have asked for no
-    motion, and no stop may lie in that second. What was followed itself may go on: a window that
-    ends and a key that is let go of let the arm rest, and the next message begins again.
+    In the second before that setpoint, every message of its topic must have asked for no motion,
+    and no stop may have happened. Messages of a followed stream do not count, because a stream may
+    pause and start again.
     """
 
     def __init__(self, harness):
         self._servo = harness.driver.servo
-        self._heard = deque()
+        self._received = deque()
         self._begin = self._servo._begin
         self._servo._begin = self._checked
         self.stopped = -np.inf
-        self.begun = 0
+        self.started = 0
         self._followed = set()
 
     def send(self, setpoint):
-        while self._heard and now() - self._heard[0][0] > RELEASE_S:
-            self._heard.popleft()
-        self._heard.append((now(), setpoint))
+        while self._received and now() - self._received[0][0] > RELEASE_S:
+            self._received.popleft()
+        self._received.append((now(), setpoint))
         if self._servo.take(setpoint) is None and self._servo.source == setpoint.source:
             self._followed.add(setpoint)
 
     def send_invalid(self, source):
         invalid = velocities(np.full(len(HOME), np.inf), source=source)
-        self._heard.append((now(), invalid))
+        self._received.append((now(), invalid))
         if self._servo.source == source:
             self._followed.add(invalid)
         self._servo.refuse(source, 'for the test')
 
-    def _checked(self, setpoint, sample, moment, came):
-        assert moment - self.stopped >= RELEASE_S
+    def _checked(self, setpoint, sample, time, arrival):
+        assert time - self.stopped >= RELEASE_S
         held = None
-        for heard, other in self._heard:
-            if other.source != setpoint.source or moment - heard >= RELEASE_S - 1e-9:
+        for received, other in self._received:
+            if other.source != setpoint.source or time - received >= RELEASE_S - 1e-9:
                 continue
             if other is setpoint or other in self._followed:
                 continue
@@ -274,14 +274,14 @@ class Oracle:
             if other.positions is not None:
                 held = other.positions if held is None else held
                 np.testing.assert_array_equal(other.positions, held)
-        self.begun += 1
-        self._begin(setpoint, sample, moment, came)
+        self.started += 1
+        self._begin(setpoint, sample, time, arrival)
 
 
 async def publisher(oracle, random):
-    """Send on one of two topics in bursts with pauses, zeros and holds among them, and restart.
+    """Send bursts of setpoints on two topics, with pauses and restarts.
 
-    Positions, windows that hold or move, velocities, zeros, and what is no setpoint.
+    They are positions, windows that hold or move, velocities, zeros, and invalid setpoints.
     """
     while True:
         topic = random.choice([JOG, SERVO])
@@ -305,7 +305,7 @@ async def publisher(oracle, random):
 
 
 async def stop_somehow(harness, controller, random):
-    """Stop the arm, or close its gate and open it again; return when it was stopped."""
+    """Stop the arm or close and reopen its gate, and return the time of the stop."""
     how, stopped = random.integers(0, 4), now()
     if how == 0:
         await harness.commands.stop()
@@ -335,8 +335,8 @@ async def stop_somehow(harness, controller, random):
         *(pytest.param(seed, 1000, marks=pytest.mark.soak) for seed in range(2, 11)),
     ],
 )
-def test_inv4_publishers_in_any_order_move_no_stopped_arm(seed, sequences):
-    """Ten thousand sequences in all. The controller takes points and counts them."""
+def test_inv4_random_publishers_do_not_move_a_stopped_arm(seed, sequences):
+    """10,000 sequences in all. The controller only counts the points."""
 
     async def check():
         random = np.random.default_rng(seed)
@@ -358,6 +358,6 @@ def test_inv4_publishers_in_any_order_move_no_stopped_arm(seed, sequences):
                     assert {*controller.received[sent:]} <= {-4}
                 for sender in senders:
                     sender.cancel()
-            assert oracle.begun >= sequences / 50
+            assert oracle.started >= sequences / 50
 
     run(check(), patience=3600.0)

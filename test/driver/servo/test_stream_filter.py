@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""How single setpoints are followed: lag, jerk, noise, ends (the figures of docs/servo.md)."""
+"""Filtering of single setpoints: lag, jerk, noise and ends (the figures of docs/servo.md)."""
 
 from dataclasses import replace
 from itertools import product
@@ -15,9 +15,9 @@ from epson_driver.driver.servo.stream import PASSED, StreamFilter
 from epson_driver.motion.setpoint_tracker import SetpointTracker, servo_limits
 
 SERVO = servo_limits(LIMITS, 0.25, 0.3)
-SERVO = replace(SERVO, velocity=0.8 * SERVO.velocity)  # as driver/servo/servo.py has them
+SERVO = replace(SERVO, velocity=0.8 * SERVO.velocity)  # like driver/servo/servo.py
 STEPS = (0.004, 0.02)
-"""s, of the tracker."""
+"""Periods of the tracker, s."""
 
 
 def sine(t):
@@ -33,18 +33,18 @@ def still(_):
     return 0.0, 0.0
 
 
-def followed(wave, duration, *, step=0.02, given=False, noise=0.0, lost=0.0, phase=0.5):
-    """Follow a stream of 50 Hz; return times, ways and shares of the greatest jerk, of joint 1."""
+def followed(wave, duration, *, step=0.02, velocities=False, noise=0.0, lost=0.0, phase=0.5):
+    """Follow a 50 Hz stream, and return times, positions and jerk ratios of joint 1."""
     random = np.random.default_rng(0)
     stream, tracker = StreamFilter(SERVO), SetpointTracker(SERVO, HOME)
     rows = []
     count = 0
     for now in np.arange(phase * step, duration, step):
         while count * PERIOD <= now:
-            way, velocity = wave(count * PERIOD)
-            way += noise * random.standard_normal()
+            position, velocity = wave(count * PERIOD)
+            position += noise * random.standard_normal()
             if count == 0 or random.random() >= lost:
-                stream.add(count * PERIOD, pose(way), pose(velocity) if given else None)
+                stream.add(count * PERIOD, pose(position), pose(velocity) if velocities else None)
             count += 1
         tracker.follow(step, stream.aim(now))
         jerk = mean_jerk(tracker.motion, step)
@@ -53,75 +53,73 @@ def followed(wave, duration, *, step=0.02, given=False, noise=0.0, lost=0.0, pha
 
 
 def mean_jerk(motion, step):
-    """Return the mean jerk of joint 1 in a step, of the greatest."""
+    """Return the mean jerk of joint 1 in a step, as a fraction of its limit."""
     times = np.clip(motion.times[0], 0.0, step)
     return float(np.abs(motion.jerks[0]) @ np.diff(times)) / step / SERVO.jerk[0]
 
 
-def lag_of(times, ways, wave):
-    """Return the delay with which the wave is nearest, s, and what is left, rms."""
+def lag_of(times, path, wave):
+    """Return the delay, s, with the smallest rms error to the wave, and that error."""
     chosen = times > 2.0
 
-    def left(lag):
-        wanted = np.array([wave(t - lag)[0] for t in times[chosen]])
-        return float(np.sqrt(np.mean((ways[chosen] - wanted) ** 2)))
+    def error(lag):
+        expected = np.array([wave(t - lag)[0] for t in times[chosen]])
+        return float(np.sqrt(np.mean((path[chosen] - expected) ** 2)))
 
-    return min((left(lag), lag) for lag in np.arange(-0.05, 0.2, 0.002))[::-1]
+    return min((error(lag), lag) for lag in np.arange(-0.05, 0.2, 0.002))[::-1]
 
 
 @pytest.mark.parametrize(
-    ('given', 'most', 'noise'),
+    ('velocities', 'max_lag', 'noise'),
     quickly(
         [(False, 0.04, 2e-4), (True, 0.01, 0.0)],
         [(False, 0.04, 0.0), (False, 0.04, 2e-4), (True, 0.01, 0.0), (True, 0.01, 2e-4)],
     ),
 )
 @pytest.mark.parametrize('step', one_in(2, reversed(STEPS)))
-def test_a_sine_is_followed_closely_and_quietly(step, given, most, noise):
-    """Before, it was 0.034 to 0.038 and 0 to 0.004 s, at full jerk, 4 to 5 mrad beside it."""
-    times, ways, jerks = followed(
-        sine, 6.0, step=step, given=given, noise=noise, lost=0.02 * (noise > 0.0)
+def test_sine_is_followed_with_low_lag_and_jerk(step, velocities, max_lag, noise):
+    times, path, jerks = followed(
+        sine, 6.0, step=step, velocities=velocities, noise=noise, lost=0.02 * (noise > 0.0)
     )
-    lag, rms = lag_of(times, ways, sine)
-    assert lag <= most
+    lag, rms = lag_of(times, path, sine)
+    assert lag <= max_lag
     assert rms < 0.0025
     assert jerks[times > 2.0].mean() < 0.2
 
 
-@pytest.mark.parametrize('given', one_in(2, [False, True]))
-def test_noise_of_a_stream_that_holds_still_hardly_moves_the_arm(given):
-    times, ways, _ = followed(still, 20.0, given=given, noise=1e-3)
-    assert ways[times > 2.0].std() < 2e-4  # 1.25e-3 before
+@pytest.mark.parametrize('velocities', one_in(2, [False, True]))
+def test_noise_of_a_constant_stream_barely_moves_the_arm(velocities):
+    times, path, _ = followed(still, 20.0, velocities=velocities, noise=1e-3)
+    assert path[times > 2.0].std() < 2e-4
 
 
-@pytest.mark.parametrize('given', [False, True])
+@pytest.mark.parametrize('velocities', [False, True])
 @pytest.mark.parametrize('step', STEPS)
 @pytest.mark.parametrize(
     ('speed', 'phase'),
     quickly([(0.5, 0.05), (1.0, 0.8)], product([0.5, 1.0], [0.05, 0.3, 0.55, 0.8])),
 )
-def test_a_ramp_that_ends_at_once_is_not_passed(speed, step, given, phase):
-    """By 19 to 97 mrad before."""
-    _, ways, _ = followed(ramp(speed, 0.8), 2.5, step=step, given=given, phase=phase)
-    assert ways.max() <= speed * 0.8 + 0.002
-    assert ways[-1] == pytest.approx(speed * 0.8, abs=1e-6)
+def test_ramp_that_ends_abruptly_is_not_overshot(speed, step, velocities, phase):
+    _, path, _ = followed(ramp(speed, 0.8), 2.5, step=step, velocities=velocities, phase=phase)
+    assert path.max() <= speed * 0.8 + 0.002
+    assert path[-1] == pytest.approx(speed * 0.8, abs=1e-6)
 
 
-def test_a_small_motion_is_no_noise():
-    """A millimetre of a hand is followed as it is, where nothing scatters."""
+def test_small_motion_is_not_filtered_as_noise():
+    """A hand's motion of a millimetre is followed if the stream has no scatter."""
 
     def small(t):
-        way, velocity = sine(t)
-        return way / 200.0, velocity / 200.0
+        position, velocity = sine(t)
+        return position / 200.0, velocity / 200.0
 
-    times, ways, _ = followed(small, 6.0)
-    lag, rms = lag_of(times, ways, small)
+    times, path, _ = followed(small, 6.0)
+    lag, rms = lag_of(times, path, small)
     assert lag <= 0.04
     assert rms < 2e-5
 
 
 @pytest.mark.invariant(2)
-def test_inv2_a_stream_that_falls_silent_is_taken_to_stand_at_its_last_setpoint():
+def test_inv2_silent_stream_stays_at_its_last_setpoint():
     stream = StreamFilter(SERVO)
     for count in range(30):
         stream.add(count * PERIOD, pose(0.01 * count), pose(0.5))
@@ -132,7 +130,7 @@ def test_inv2_a_stream_that_falls_silent_is_taken_to_stand_at_its_last_setpoint(
 
 
 @pytest.mark.invariant(2)
-def test_inv2_what_comes_beyond_the_range_or_too_fast_is_cut():
+def test_inv2_setpoints_beyond_range_and_velocity_are_clipped():
     stream = StreamFilter(SERVO)
     for count in range(20):
         stream.add(count * PERIOD, np.full(6, 1e6 * count), np.full(6, 1e9))
@@ -143,7 +141,7 @@ def test_inv2_what_comes_beyond_the_range_or_too_fast_is_cut():
 
 
 @pytest.mark.parametrize('later', [0.0, -0.5])
-def test_of_setpoints_of_one_moment_the_last_counts(later):
+def test_last_of_simultaneous_setpoints_is_followed(later):
     stream = StreamFilter(SERVO)
     stream.add(1.0, pose(0.3))
     stream.add(1.0 + later, pose(0.1))
