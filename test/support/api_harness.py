@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The Python API with a simulated controller, and programs that use it, as processes."""
+"""The Python API with a simulated controller, and programs that use the API as processes."""
 
 import contextlib
 import os
@@ -13,10 +13,10 @@ from support.driver_harness import simulated
 from support.interrupts import obey_interrupts
 
 NO_ROS = Path(__file__).parent / 'no_ros'
-"""Has a sitecustomize.py, which Python runs at its start: no ROS package can be imported then."""
+"""Folder whose sitecustomize.py blocks the import of ROS packages at Python's start."""
 
 PATIENCE = 'from support.api_patience import be_patient; be_patient(setattr)\n'
-"""How each program begins: on a busy machine it is as right as elsewhere."""
+"""First line of each program: long time-outs for a busy machine."""
 
 FAR = [1.5, 0.2, -0.2, 0.0, 0.5, 0.0]
 
@@ -30,7 +30,7 @@ def ports_of(ports):
 async def robot_cell(
     *, enabled=True, profile='simulated', model='c3_a601s', settings=None, smooth=False
 ):
-    """Run a simulated controller in this process; yield a connected robot, and the controller."""
+    """Run a simulated controller in this process, and yield a connected robot and it."""
     async with (
         simulated(profile=profile, model=model, smooth=smooth) as (controller, ports),
         aio.Robot(controller=profile, model=model, settings=settings, **ports_of(ports)) as robot,
@@ -41,7 +41,7 @@ async def robot_cell(
 
 
 def program(code, *arguments, **options):
-    """Start a Python program without ROS, its output as text."""
+    """Start a Python program without ROS, with text output."""
     path = os.pathsep.join([str(NO_ROS), *filter(None, sys.path)])
     return subprocess.Popen(
         [sys.executable, '-c', PATIENCE + code, *map(str, arguments)],
@@ -55,7 +55,7 @@ def program(code, *arguments, **options):
 
 
 def output(process):
-    """Return what a program printed. It must end with 0."""
+    """Return a program's output, and assert that it exits with 0."""
     out, err = process.communicate(timeout=300)
     assert process.returncode == 0, err
     return out

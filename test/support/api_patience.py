@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Long time-outs for the Python API; without ROS, as patient.py is for the client."""
+"""Long time-outs for the Python API, without ROS (patient.py is for the client)."""
 
 from importlib import import_module
 
@@ -25,13 +25,15 @@ DEFAULTS = {'state_timeout': LONG, 'io_timeout': LONG, 'reply_timeout': 2 * LONG
 
 
 def be_patient(set_attribute):
-    """Make them long: `setattr`, or one that takes it back, as monkeypatch has."""
+    """Extend all time-outs by `setattr` or `monkeypatch.setattr`."""
     for name, constants in TIMEOUTS.items():
         module = import_module(name)
         for constant in constants:
             assert isinstance(getattr(module, constant), float)
             set_attribute(module, constant, LONG)
     heartbeat = import_module('epson_driver.driver.stopping.heartbeat').Heartbeat
-    set_attribute(heartbeat, 'ask', lambda _self: None)  # nor is one that is not scheduled hung
+    set_attribute(
+        heartbeat, 'ask', lambda _self: None
+    )  # a process that is not scheduled is not stalled
     settings = import_module('epson_driver.api.settings').Settings
     set_attribute(settings.__init__, '__kwdefaults__', settings.__init__.__kwdefaults__ | DEFAULTS)

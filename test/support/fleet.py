@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Several robot cells in one ROS domain, their drivers a process each or all in one."""
+"""Several robot cells in one ROS domain, with one driver process each or one for all."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +16,7 @@ NAMES = ('left', 'middle', 'right')
 
 
 class Fleet:
-    """A controller and a peer for each name, and the drivers. The first joint tells them apart."""
+    """A controller and a peer per name, and the drivers. The first joint identifies the robot."""
 
     def __init__(
         self, folder: Path, *, together: bool, names: Sequence[str] = NAMES, **parameters: Any
@@ -26,7 +26,7 @@ class Fleet:
         self.domain = processes.free_ros_domain()
         self.start = {name: [0.1 * i, *[0.0] * 5] for i, name in enumerate(names, 1)}
         self.controllers = {name: self._start_controller(name) for name in names}
-        self.ports = {name: each.ports() for name, each in self.controllers.items()}
+        self.ports = {name: process.ports() for name, process in self.controllers.items()}
         self.clients = []
         for group in [list(names)] if together else [[name] for name in names]:
             ports = {name: self.ports[name] for name in group}
@@ -56,11 +56,11 @@ class Fleet:
         return self
 
     def pendant(self, name: str, *words: str) -> None:
-        """Do what a person does at one of the controllers."""
+        """Send a command to the simulated hand of one controller."""
         do(self.ports[name].remote, *words)
 
     def log_text(self) -> str:
-        """Return what the drivers have logged so far."""
+        """Return the logs of all drivers."""
         return ''.join(client.log_text() for client in self.clients)
 
     def close(self) -> None:

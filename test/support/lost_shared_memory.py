@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A user in a moving cell whose shared memory is lost; run in a mount namespace of its own.
+"""A user of a moving cell whose shared memory is lost. Runs in a private mount namespace.
 
-Arguments: a folder, and how it is lost. The user's nodes have Fast DDS' own transports.
+Arguments: a folder, and how the memory is lost. The user's nodes have Fast DDS' own transports.
 """
 
 import os
@@ -30,7 +30,7 @@ def main(folder: Path, how: str) -> None:
         goal = cell.peer.goal(trajectory((LASTS, [1.0, *START[1:]])))
         cell.peer.wait_for_motion()
         files = [path for path in SHARED.iterdir() if path.name.startswith('fast')]
-        assert files, 'the user has no shared memory: nothing is tested'
+        assert files, 'the user has no shared memory'
         if how == 'removed':
             for path in files:
                 path.unlink()
@@ -40,7 +40,7 @@ def main(folder: Path, how: str) -> None:
             peers[-1].wait_until_ready()
         print('stop', *peers[-1].call('stop'))
         print('ended', *goal.result() if how == 'removed' else peers[-1].assert_still()[:1])
-        if how == 'removed':  # and who comes later
+        if how == 'removed':  # a new peer
             peers.append(RosPeer(cell.domain, contexts=Contexts()))
             peers[-1].wait_until_ready()
             print('stop', *peers[-1].call('stop'))

@@ -1,13 +1,13 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A program that looks for robots, for the test with two hosts.
+"""A program that discovers robots, for the test with two hosts.
 
-It prints a line for each thing it sees, with the time (CLOCK_MONOTONIC, s), until it is ended:
+It prints a line for each event, with the time (CLOCK_MONOTONIC, s), until SIGINT:
 
-* `created TIME`: it begins to be a participant of DDS;
-* `seen NAME TIME`: the first message of that robot's driver has come;
-* with --states `heard NAME TIME`, `silent NAME TIME`: joint states come (again); none came for a
-  while; `gone NAME TIME`: DDS has given that robot up.
+* `created TIME`: the program becomes a DDS participant
+* `seen NAME TIME`: first message of that robot's driver
+* with --states: `heard NAME TIME` (joint states arrive), `silent NAME TIME` (none for SILENCE_S)
+  and `gone NAME TIME` (DDS has removed that robot)
 """
 
 import argparse
@@ -27,7 +27,7 @@ TURN_S = 0.1
 
 
 class Observer:
-    """Subscribes to what each robot keeps for those who come late, and to its joint states."""
+    """Subscribes to each robot's latched link state, and to its joint states."""
 
     def __init__(self, node: Node, names: list[str], *, states: bool) -> None:
         self._node = node
@@ -43,50 +43,50 @@ class Observer:
                     JointState, f'/{name}/joint_states', partial(self._on_state, name), 10
                 )
 
-    def look(self) -> None:
-        """Say who is silent now."""
+    def poll(self) -> None:
+        """Print the robots that became silent or disappeared."""
         now = time.monotonic()
         for name, last in list(self._last.items()):
             if now - last > SILENCE_S:
                 del self._last[name]
                 self._silent.add(name)
-                tell('silent', name)
+                print_event('silent', name)
         for name in list(self._silent):
             if not self._node.count_publishers(f'/{name}/joint_states'):
                 self._silent.discard(name)
-                tell('gone', name)
+                print_event('gone', name)
 
     def _on_link(self, name: str, _message: Any) -> None:
         if name not in self._seen:
             self._seen.add(name)
-            tell('seen', name)
+            print_event('seen', name)
 
     def _on_state(self, name: str, _message: Any) -> None:
         if name not in self._last:
             self._silent.discard(name)
-            tell('heard', name)
+            print_event('heard', name)
         self._last[name] = time.monotonic()
 
 
-def tell(*words: str) -> None:
-    """Print a line that ends with the time."""
+def print_event(*words: str) -> None:
+    """Print the words and the time."""
     print(*words, f'{time.monotonic():.3f}', flush=True)
 
 
 def main() -> None:
-    """Look until SIGINT or SIGTERM."""
+    """Observe until SIGINT or SIGTERM."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('names', nargs='+')
     parser.add_argument('--states', action='store_true')
     arguments = parser.parse_args()
     rclpy.init()
-    tell('created')
+    print_event('created')
     node = rclpy.create_node('observer')
     observer = Observer(node, arguments.names, states=arguments.states)
     try:
         while rclpy.ok():
             rclpy.spin_once(node, timeout_sec=TURN_S)
-            observer.look()
+            observer.poll()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a user's program sees of the driver, kept for assertions: a node with its own thread."""
+"""A ROS node in a thread that records the driver's messages for assertions."""
 
 import itertools
 import threading
@@ -30,7 +30,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 PATIENCE = 120.0
-"""Until what does not come is taken for a hang, s: no assertion depends on it."""
+"""Time limit for an event, s. No assertion depends on it."""
 
 JOINTS = [f'joint_{i}' for i in range(1, 7)]
 STATUS_NAMES = {
@@ -57,7 +57,7 @@ def stamp(message: Any) -> float:
 
 
 class Goal:
-    """A goal that was sent: feedback as it came, and the result."""
+    """A goal sent to the driver, with its feedback and result."""
 
     def __init__(self, peer: 'RosPeer', message: JointTrajectory, **fields: Any) -> None:
         self.feedback: list[Any] = []
@@ -80,7 +80,7 @@ class Goal:
         self._peer.complete(self._peer.in_executor(self.handle.cancel_goal_async))
 
     def result(self) -> tuple[str, int, str]:
-        """Return how it ended (`succeeded`, …), the error code, and the error string."""
+        """Return the final status (`succeeded`, …), the error code, and the error string."""
         answer = self._peer.complete(self._result)
         return (
             STATUS_NAMES[answer.status],
@@ -90,14 +90,14 @@ class Goal:
 
 
 class Contexts:
-    """The ROS contexts of this process, one for each domain, shared by its peers."""
+    """The ROS contexts of this process, one per domain, shared by its peers."""
 
     def __init__(self) -> None:
         self._open: dict[int, Context] = {}
         self._peers: Counter[int] = Counter()
 
     def take(self, domain: int) -> Context:
-        """Return that of a domain; call `give` when it is not needed any more."""
+        """Return the context of a domain. Call `give` when it is not needed any more."""
         if domain not in self._open:
             self._open[domain] = Context()
             self._open[domain].init(domain_id=domain)
@@ -105,7 +105,7 @@ class Contexts:
         return self._open[domain]
 
     def give(self, domain: int) -> None:
-        """Shut a domain's context down with its last peer: the next one hears of all anew."""
+        """Shut a domain's context down with its last peer, so the next peer discovers afresh."""
         self._peers[domain] -= 1
         if not self._peers[domain]:
             self._open.pop(domain).shutdown()
@@ -113,11 +113,11 @@ class Contexts:
 
 CONTEXTS = Contexts()
 NUMBERS = itertools.count(1)
-"""A node's name, so that no two are alike."""
+"""Numbers for unique node names."""
 
 
 class RosPeer:
-    """Subscribes to all that the driver publishes and keeps it."""
+    """Records all messages that the driver publishes."""
 
     def __init__(
         self,
@@ -128,7 +128,7 @@ class RosPeer:
     ) -> None:
         self._domain, self._contexts = domain, contexts
         context = contexts.take(domain)
-        self.node = Node(  # with nothing that the executor would look at in each turn for nobody
+        self.node = Node(  # without unused entities, which the executor would poll
             f'peer_{next(NUMBERS)}',
             context=context,
             start_parameter_services=False,
@@ -142,7 +142,7 @@ class RosPeer:
         self.link_states: list[str] = []
         self.diagnostics: list[DiagnosticArray] = []
         self.controller_states: list[JointTrajectoryControllerState] = []
-        """Those of a goal: without one they have no reference."""
+        """Messages with a reference, which exists during a goal only."""
         latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         driver = f'{prefix}/{node}'
         for kind, topic, kept, qos in (
@@ -191,8 +191,8 @@ class RosPeer:
 
     def close(self) -> None:
         self._closing = True
-        self._executor.create_task(lambda: None)  # a turn, after which it sees that
-        self._thread.join(PATIENCE)  # nothing is taken from a thread that still uses it
+        self._executor.create_task(lambda: None)  # wakes up the executor
+        self._thread.join(PATIENCE)  # before its node is destroyed
         assert not self._thread.is_alive(), 'a callback does not end'
         self._executor.shutdown()
         self.node.destroy_node()
@@ -205,7 +205,7 @@ class RosPeer:
     def _subscribe(
         self, kind: Any, topic: str, store: Callable[[Any], None], qos: QoSProfile | int
     ) -> None:
-        """Store what a topic brings; without events, which cost the executor time in each turn."""
+        """Store a topic's messages. Event callbacks are off because they cost executor time."""
 
         def callback(message: Any) -> None:
             with self._changed:
@@ -220,21 +220,23 @@ class RosPeer:
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
 
-    def wait_for(self, what: Callable[[], Any], meaning: str, patience: float = PATIENCE) -> Any:
-        """Wait until `what()` is true, checked at each message; fail with `meaning` otherwise."""
+    def wait_for(
+        self, condition: Callable[[], Any], meaning: str, patience: float = PATIENCE
+    ) -> Any:
+        """Wait until `condition()` is true, checked at each message. Fails with `meaning`."""
         with self._changed:
             until = time.monotonic() + patience
-            while not (value := what()):
+            while not (value := condition()):
                 left = until - time.monotonic()
                 assert left > 0, f'{meaning}: not within {patience:g} s'
                 self._changed.wait(min(left, 0.1))
             return value
 
     def in_executor(self, send: Callable[[], Any]) -> Any:
-        """Send an action's request where its answer is taken, and return the answer's future.
+        """Send an action's request in the executor's thread, and return the reply's future.
 
-        rclpy's action client notes a request after it was sent: an answer that another thread
-        takes sooner would be lost.
+        rclpy's action client registers a request after sending it, so a reply that another
+        thread takes earlier would be lost.
         """
         return self.complete(self._executor.create_task(send))
 
@@ -257,7 +259,7 @@ class RosPeer:
 
     @contextmanager
     def client(self, kind: Any, name: str, **options: Any) -> Iterator[Any]:
-        """Make a client of a service that is there; it is destroyed at the end of the block."""
+        """Yield a client of an available service, and destroy it at the end."""
         client = self.node.create_client(kind, name, **options)
         try:
             assert client.wait_for_service(PATIENCE)
@@ -266,7 +268,7 @@ class RosPeer:
             self.node.destroy_client(client)
 
     def begin_call(self, service: str) -> Any:
-        """Call `~/stop`, `~/enable`, … and return the future of its answer."""
+        """Call `~/stop`, `~/enable`, … and return the future of the reply."""
         client = self._services[service]
         return self.in_executor(lambda: client.call_async(Trigger.Request()))
 
@@ -292,13 +294,12 @@ class RosPeer:
         assert success, message
 
     def newer(self, count: int = 1) -> list[JointState]:
-        """Return so many joint states that are of a time after this call.
+        """Return `count` joint states that are stamped after this call.
 
-        What merely comes after it may have waited: a goal's result takes another way, and passes
-        joint states that were published before it.
+        A message received after this call may be older, because results of goals overtake joint
+        states.
         """
-        begin, now = len(self.joint_states), time.time()
-        old = begin
+        old, now = len(self.joint_states), time.time()
 
         def there() -> bool:
             nonlocal old
@@ -310,11 +311,11 @@ class RosPeer:
         return self.joint_states[old : old + count]
 
     def position(self) -> np.ndarray:
-        """Return joints that were measured after this call."""
+        """Return joint positions measured after this call."""
         return np.array(self.newer()[0].position)
 
     def wait_for_motion(self, start: np.ndarray | None = None) -> None:
-        """Wait until the joints really move: are away from `start`, or from where they are now."""
+        """Wait until the joints are away from `start` (default: from their present position)."""
         start = self.position() if start is None else start
         self.wait_for(
             lambda: np.abs(np.array(self.joint_states[-1].position) - start).max() > 0.01,
@@ -322,9 +323,9 @@ class RosPeer:
         )
 
     def wait_until_still(self, seconds: float = 0.5) -> np.ndarray:
-        """Wait until the joints and the controller report rest for so long; return the position.
+        """Wait until joints and controller report standstill for `seconds`, and return the joints.
 
-        A controller that was not scheduled sends many states at once: their number is no time.
+        Time stamps count, not messages: a controller that was not scheduled sends a burst.
         """
         begin = len(self.joint_states)
 
@@ -333,14 +334,14 @@ class RosPeer:
             if not states or self.robot_status[-1].in_motion.val != 0:
                 return False
             until = stamp(states[-1]) - seconds
-            moved = (each for each in reversed(states) if each.position != states[-1].position)
+            moved = (state for state in reversed(states) if state.position != states[-1].position)
             return stamp(next(moved, states[0])) <= until
 
         self.wait_for(still, 'standstill')
         return np.array(self.joint_states[-1].position)
 
     def assert_still(self, states: int = 30) -> np.ndarray:
-        """Check that the next joint states are all the same; return the position."""
+        """Assert that the next joint states are equal, and return the position."""
         first, *others = self.newer(states)
         for state in others:
             assert list(state.position) == list(first.position)

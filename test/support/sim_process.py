@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated controllers as processes, and ports that nobody listens on."""
+"""Simulated controllers as processes, and ports without a listener."""
 
 import functools
 import re
@@ -11,11 +11,11 @@ import time
 from collections.abc import Callable
 
 PATIENCE_S = 120.0
-"""How long a busy machine may take for what is waited for, s."""
+"""Time limit for an event on a busy machine, s."""
 
 
 def wait_for(condition: Callable[[], object]) -> None:
-    """Wait in real time until a condition holds that another thread or process makes true."""
+    """Wait in real time until another thread or process makes a condition true."""
     deadline = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < deadline
@@ -23,22 +23,22 @@ def wait_for(condition: Callable[[], object]) -> None:
 
 
 @functools.cache
-def _held() -> socket.socket:
-    held = socket.socket()
-    # A server of the same test may still listen there later; ports that the kernel chooses for
-    # others are never this one.
-    held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    held.bind(('127.0.0.1', 0))
-    return held
+def _bound_socket() -> socket.socket:
+    bound = socket.socket()
+    # A server of the same test may still listen there later. The kernel never chooses this port
+    # for others.
+    bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    bound.bind(('127.0.0.1', 0))
+    return bound
 
 
 def vacant_port() -> int:
-    """Return a TCP port of 127.0.0.1 that refuses connections: one for each process.
+    """Return a TCP port of 127.0.0.1 that refuses connections, one per process.
 
-    A port that was merely free a moment ago may be somebody's server a moment later. This one is
-    bound for as long as the process lives, and nobody listens.
+    Another process could start to listen on a free port. This port stays bound as long as the
+    process lives, without a listener.
     """
-    return int(_held().getsockname()[1])
+    return int(_bound_socket().getsockname()[1])
 
 
 COMMAND = [sys.executable, '-m', 'epson_driver.cli', 'sim_controller']
@@ -48,7 +48,7 @@ PORTS = ('motion', 'state', 'io', 'remote')
 
 
 def started(*arguments, stderr=subprocess.DEVNULL):
-    """Start it; return the process and its ports by name."""
+    """Start a simulated controller, and return the process and its ports by name."""
     process = subprocess.Popen(
         [*COMMAND, *FREE, *arguments], stdout=subprocess.PIPE, stderr=stderr, text=True
     )
