@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What tests of the Python API share."""
+"""Fixture of the Python API's tests."""
 
 import signal
 
@@ -10,7 +10,7 @@ from support import sim_process
 
 @pytest.fixture
 def ports():
-    """Yield the ports of a simulated controller in a process of its own."""
+    """Yield the ports of a simulated controller that runs in a separate process."""
     process, numbers = sim_process.started()
     yield numbers
     process.send_signal(signal.SIGINT)

@@ -32,8 +32,8 @@ async def motion_error(coroutine):
     return caught.value
 
 
-async def begun(robot):
-    """Begin a long motion and see the arm move."""
+async def moving_slowly(robot):
+    """Start a long slow motion, and return once the arm moves."""
     motion = await robot.move_joints(FAR, speed=SLOW, wait=False)
     await until(lambda: robot.joints[0] > 0.01)
     return motion
@@ -44,7 +44,7 @@ async def begun(robot):
 
 @pytest.mark.parametrize('profile', ['simulated', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman'])
 @pytest.mark.invariant(5)
-def test_a_move_ends_at_its_target_on_every_kind_of_controller(profile):
+def test_move_reaches_its_target_on_every_kind_of_controller(profile):
     async def scenario():
         own_speed = Settings(require_planned_speed=profile != 'fanuc')
         async with robot_cell(profile=profile, settings=own_speed) as (robot, _):
@@ -58,7 +58,7 @@ def test_a_move_ends_at_its_target_on_every_kind_of_controller(profile):
 
 
 @pytest.mark.invariant(2)
-def test_a_share_of_the_speed_is_what_the_arm_does():
+def test_speed_fraction_limits_the_joint_velocity():
     async def scenario():
         async with robot_cell() as (robot, _):
             fastest = np.zeros(6)
@@ -73,7 +73,7 @@ def test_a_share_of_the_speed_is_what_the_arm_does():
     run(scenario())
 
 
-def test_a_trajectory_in_another_joint_order_is_executed():
+def test_trajectory_in_another_joint_order_is_executed():
     async def scenario():
         async with robot_cell() as (robot, _):
             names = robot.model.joint_names[::-1]
@@ -84,7 +84,7 @@ def test_a_trajectory_in_another_joint_order_is_executed():
     run(scenario())
 
 
-def test_a_move_to_where_the_arm_is_succeeds_at_once():
+def test_move_to_the_current_position_succeeds():
     async def scenario():
         async with robot_cell() as (robot, _):
             assert (await robot.move_joints(robot.joints)).text.startswith('at the goal')
@@ -92,7 +92,7 @@ def test_a_move_to_where_the_arm_is_succeeds_at_once():
     run(scenario())
 
 
-def test_the_pose_is_that_of_the_measured_joints():
+def test_pose_follows_from_the_measured_joints():
     async def scenario():
         async with robot_cell(enabled=False) as (robot, _):
             assert np.allclose(robot.pose @ np.linalg.inv(robot.pose), np.eye(4))
@@ -104,7 +104,7 @@ def test_the_pose_is_that_of_the_measured_joints():
 
 
 @pytest.mark.invariant(6)
-def test_joints_that_are_too_old_are_not_told_and_newer_ones_are_caught_up_with():
+def test_stale_joints_raise_until_catch_up():
     async def scenario():
         async with robot_cell() as (robot, _):
             for read in (lambda: robot.joints, lambda: robot.joint_velocities, lambda: robot.pose):
@@ -120,33 +120,33 @@ def test_joints_that_are_too_old_are_not_told_and_newer_ones_are_caught_up_with(
 
 
 @pytest.mark.invariant(6)
-def test_what_is_measured_is_as_of_when_it_came_however_long_the_process_is_held_up():
-    """Between catching up and reading, too; the joints of a silent controller are still old."""
+def test_measured_reads_fresh_joints_after_a_stall_and_not_of_a_silent_controller():
+    """The stall may also fall between catching up and reading."""
 
     async def scenario():
         async with robot_cell() as (robot, controller):
 
-            def held_up():
+            def read_after_stall():
                 stand_still(1.0)
                 return robot.joints
 
             stand_still(1.0)
-            assert len(await robot.measured(held_up)) == 6
+            assert len(await robot.measured(read_after_stall)) == 6
             with pytest.raises(RobotError, match=r'the newest joint state is .* s old'):
-                held_up()
+                read_after_stall()
             await robot.catch_up()
             controller.faults.start(parse('half_open port=state for=30'))
-            await asyncio.sleep(0.4)  # and 0.5 s of waiting: the link is lost after 1 s
+            await asyncio.sleep(0.4)  # plus 0.5 s in measured(): the link is lost after 1 s
             with pytest.raises(RobotError, match=r'the newest joint state is .* s old'):
                 await robot.measured(lambda: robot.joints)
 
     run(scenario())
 
 
-def test_progress_grows_and_canceling_stops_the_arm():
+def test_cancel_stops_the_arm_and_ends_the_motion():
     async def scenario():
         async with robot_cell() as (robot, _):
-            motion = await begun(robot)
+            motion = await moving_slowly(robot)
             before = motion.progress
             assert 0.0 < before < 1.0
             await until(lambda: motion.progress > before)
@@ -154,14 +154,14 @@ def test_progress_grows_and_canceling_stops_the_arm():
             assert motion.done
             assert not robot.status.moving
             assert (await motion_error(motion.wait())).end is End.CANCELED
-            await motion.cancel()  # nothing more
+            await motion.cancel()  # no effect
             await robot.move_joints(HOME)
 
     run(scenario())
 
 
 @pytest.mark.invariant(3)
-def test_a_caller_that_is_cancelled_stops_the_arm_before_it_ends():
+def test_cancelled_caller_stops_the_arm():
     async def scenario():
         async with robot_cell() as (robot, _):
             with pytest.raises(TimeoutError):
@@ -171,12 +171,12 @@ def test_a_caller_that_is_cancelled_stops_the_arm_before_it_ends():
             await asyncio.sleep(0.5)
             assert np.array_equal(there, robot.joints)
             assert there[0] < 1.0
-            await robot.move_joints(HOME)  # it is still enabled
+            await robot.move_joints(HOME)  # the arm is still enabled
 
     run(scenario())
 
 
-def test_giving_up_waiting_does_not_end_a_motion():
+def test_timeout_of_wait_does_not_end_the_motion():
     async def scenario():
         async with robot_cell() as (robot, _):
             motion = await robot.move_joints([0.5, 0, 0, 0, 0, 0], speed=0.1, wait=False)
@@ -187,7 +187,7 @@ def test_giving_up_waiting_does_not_end_a_motion():
     run(scenario())
 
 
-def test_speed_scaling_pauses_and_is_refused_out_of_range():
+def test_speed_scaling_zero_pauses_and_out_of_range_is_rejected():
     async def scenario():
         async with robot_cell() as (robot, _):
             robot.set_speed_scaling(0.0)
@@ -204,18 +204,18 @@ def test_speed_scaling_pauses_and_is_refused_out_of_range():
     run(scenario())
 
 
-async def begun_slowly(robot, way):
-    """Begin a motion of several seconds with few points."""
-    if way == 'joints':
+async def started(robot, how):
+    """Start a motion of several seconds with few points."""
+    if how == 'joints':
         return await robot.move_joints(LONG, speed=0.08, wait=False)
-    if way == 'waypoints':
-        with real_time():  # a worker plans
+    if how == 'waypoints':
+        with real_time():  # for the planning process
             return await robot.move_waypoints([LONG], speed=0.08, wait=False)
     return await robot.move_trajectory([6.0], [LONG], wait=False)
 
 
 @pytest.mark.parametrize(
-    ('profile', 'smooth', 'way'),
+    ('profile', 'smooth', 'how'),
     one_in(
         5,
         [
@@ -225,16 +225,16 @@ async def begun_slowly(robot, way):
             ('fanuc', False, 'joints'),
             ('motoman', True, 'trajectory'),
             ('motoman', True, 'waypoints'),
-            *(('simulated', True, way) for way in ('joints', 'waypoints', 'trajectory')),
+            *(('simulated', True, how) for how in ('joints', 'waypoints', 'trajectory')),
         ],
         several=True,
     ),
 )
-def test_a_pause_holds_every_motion_and_it_goes_on(profile, smooth, way):
+def test_paused_motion_of_every_kind_resumes(profile, smooth, how):
     async def scenario():
         own_speed = Settings(require_planned_speed=profile != 'fanuc')
         async with robot_cell(profile=profile, smooth=smooth, settings=own_speed) as (robot, _):
-            motion = await begun_slowly(robot, way)
+            motion = await started(robot, how)
             await asyncio.sleep(0.7)
             robot.set_speed_scaling(0.0)
             assert robot.status.paused
@@ -256,10 +256,10 @@ def test_a_pause_holds_every_motion_and_it_goes_on(profile, smooth, way):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('profile', ['simulated', 'generic', 'motoman'])
-def test_half_the_speed_acts_on_a_move_that_runs(profile):
+def test_speed_scaling_slows_a_running_move(profile):
     async def scenario():
         async with robot_cell(profile=profile, smooth=profile != 'generic') as (robot, _):
-            motion = await begun_slowly(robot, 'joints')
+            motion = await started(robot, 'joints')
             await asyncio.sleep(0.5)
             robot.set_speed_scaling(0.1)
             await asyncio.sleep(motion.duration)
@@ -270,10 +270,10 @@ def test_half_the_speed_acts_on_a_move_that_runs(profile):
     run(scenario())
 
 
-def test_a_controller_that_cannot_be_slowed_says_so():
+def test_speed_scaling_is_rejected_if_the_controller_cannot_be_slowed():
     async def scenario():
         async with robot_cell(profile='abb') as (robot, _):
-            motion = await begun_slowly(robot, 'joints')
+            motion = await started(robot, 'joints')
             await asyncio.sleep(0.7)
             for factor in (0.0, 0.5):
                 with pytest.raises(RobotError, match=r'the controller has all points'):
@@ -290,11 +290,11 @@ def test_a_controller_that_cannot_be_slowed_says_so():
     run(scenario())
 
 
-# --- what is refused --------------------------------------------------------------------------
+# --- rejected motions --------------------------------------------------------------------------
 
 
 @pytest.mark.invariant(1, 4)
-def test_a_move_before_enable_is_refused_with_what_to_do():
+def test_move_before_enable_is_rejected_with_remedy():
     async def scenario():
         async with robot_cell(enabled=False) as (robot, _):
             error = await motion_error(robot.move_joints(FAR))
@@ -307,7 +307,7 @@ def test_a_move_before_enable_is_refused_with_what_to_do():
     run(scenario())
 
 
-def test_a_move_while_another_runs_is_refused_and_that_one_goes_on():
+def test_move_is_rejected_while_another_runs():
     async def scenario():
         async with robot_cell() as (robot, _):
             motion = await robot.move_joints([0.3, 0, 0, 0, 0, 0], speed=0.1, wait=False)
@@ -324,7 +324,7 @@ def test_a_move_while_another_runs_is_refused_and_that_one_goes_on():
 
 
 @pytest.mark.invariant(1)
-def test_a_trajectory_that_begins_elsewhere_is_refused():
+def test_trajectory_from_another_position_is_rejected():
     async def scenario():
         async with robot_cell() as (robot, _):
             error = await motion_error(robot.move_trajectory([0.0, 5.0], [FAR, HOME]))
@@ -333,17 +333,17 @@ def test_a_trajectory_that_begins_elsewhere_is_refused():
     run(scenario())
 
 
-# --- what stops the arm -----------------------------------------------------------------------
+# --- stops -----------------------------------------------------------------------
 
 
 @pytest.mark.invariant(3, 4, 5)
-def test_an_estop_ends_the_motion_and_only_enable_lets_the_arm_move_again():
+def test_estop_ends_the_motion_and_only_enable_permits_the_next():
     async def scenario():
         pressed, errors = [], []
         async with robot_cell() as (robot, controller):
             robot.on_estop(pressed.append)
             robot.on_error(errors.append)
-            motion = await begun(robot)
+            motion = await moving_slowly(robot)
             controller.apply(Event.ESTOP_PRESS)
             error = await motion_error(motion.wait())
             assert 'E-stop is pressed' in str(error)
@@ -372,10 +372,10 @@ def test_an_estop_ends_the_motion_and_only_enable_lets_the_arm_move_again():
     run(scenario())
 
 
-def test_a_controller_that_is_paused_says_so_and_what_helps():
+def test_paused_controller_is_reported_with_remedy():
     async def scenario():
         async with robot_cell() as (robot, controller):
-            await begun(robot)
+            await moving_slowly(robot)
             controller.apply(Event.PAUSE)
             await until(lambda: robot.status.paused)
             assert robot.status.text.startswith('the controller is paused')
@@ -384,12 +384,12 @@ def test_a_controller_that_is_paused_says_so_and_what_helps():
     run(scenario())
 
 
-def test_an_error_of_the_controller_is_told_with_its_meaning_and_remedy():
+def test_controller_error_is_reported_and_reset_clears_it():
     async def scenario():
         errors = []
         async with robot_cell() as (robot, controller):
             robot.on_error(errors.append)
-            motion = await begun(robot)
+            motion = await moving_slowly(robot)
             controller.servo_error(0)
             assert 'error' in str(await motion_error(motion.wait()))
             (error,) = errors
@@ -404,12 +404,12 @@ def test_an_error_of_the_controller_is_told_with_its_meaning_and_remedy():
 
 
 @pytest.mark.invariant(3, 4, 5, 6)
-def test_a_cut_link_ends_the_motion_and_joints_are_not_told_any_more():
+def test_cut_state_link_ends_the_motion_and_reading_joints_raises():
     async def scenario():
         links = []
         async with robot_cell() as (robot, controller):
             robot.on_link(lambda name, _why: links.append(name))
-            motion = await begun(robot)
+            motion = await moving_slowly(robot)
             controller.faults.start(parse('cut port=state for=0.5'))
             assert 'the state link was lost' in str(await motion_error(motion.wait()))
             with pytest.raises(RobotError, match='no joint state'):
@@ -422,14 +422,14 @@ def test_a_cut_link_ends_the_motion_and_joints_are_not_told_any_more():
 
 
 @pytest.mark.invariant(3, 9)
-def test_a_callback_that_raises_stops_the_arm_and_is_reported():
+def test_raising_callback_stops_the_arm_and_is_reported():
     async def scenario():
         reported = []
         asyncio.get_running_loop().set_exception_handler(
             lambda _loop, context: reported.append(str(context['exception']))
         )
         async with robot_cell() as (robot, controller):
-            motion = await begun(robot)
+            motion = await moving_slowly(robot)
 
             def fail(_name, _why):
                 raise ZeroDivisionError('mine')
@@ -443,25 +443,25 @@ def test_a_callback_that_raises_stops_the_arm_and_is_reported():
     run(scenario())
 
 
-def test_a_callback_can_be_taken_away():
+def test_removed_callback_is_not_called():
     async def scenario():
-        told = []
+        calls = []
         async with robot_cell() as (robot, controller):
             with pytest.raises(aio.ArgumentError, match='callback = 3: must be a function'):
                 robot.on_estop(3)
-            remove = robot.on_estop(told.append)
+            remove = robot.on_estop(calls.append)
             remove()
             remove()
             controller.apply(Event.ESTOP_PRESS)
             await until(lambda: robot.status.e_stopped)
-            assert told == []
+            assert calls == []
 
     run(scenario())
 
 
 @pytest.mark.invariant(3)
 @pytest.mark.parametrize('error', [ZeroDivisionError, KeyboardInterrupt, None])
-def test_leaving_the_block_stops_the_arm(error):
+def test_leaving_the_context_manager_stops_the_arm(error):
     async def scenario():
         async with simulated() as (controller, ports):
             robot = Robot(
@@ -470,7 +470,7 @@ def test_leaving_the_block_stops_the_arm(error):
             try:
                 async with robot:
                     await robot.enable()
-                    motion = await begun(robot)
+                    motion = await moving_slowly(robot)
                     if error is not None:
                         raise error
             except (ZeroDivisionError, KeyboardInterrupt):
@@ -486,14 +486,14 @@ def test_leaving_the_block_stops_the_arm(error):
 
 
 @pytest.mark.invariant(9)
-def test_a_driver_that_ends_by_itself_is_said_and_the_motion_has_its_outcome(monkeypatch):
+def test_driver_defect_ends_the_motion_and_is_reported(monkeypatch):
     async def scenario():
         reported = []
         asyncio.get_running_loop().set_exception_handler(
             lambda _loop, context: reported.append(context)
         )
         async with robot_cell() as (robot, _):
-            motion = await begun(robot)
+            motion = await moving_slowly(robot)
 
             def fail(_sample, _now):
                 raise ZeroDivisionError('a defect')
@@ -511,7 +511,7 @@ def test_a_driver_that_ends_by_itself_is_said_and_the_motion_has_its_outcome(mon
 # --- connecting -------------------------------------------------------------------------------
 
 
-def test_connect_says_that_nothing_listens():
+def test_connect_without_listener_names_port_and_remedy():
     async def scenario():
         port = vacant_port()
         robot = Robot(motion_port=port, state_port=port, io_port=0)
@@ -528,7 +528,7 @@ def test_connect_says_that_nothing_listens():
     ('shows', 'missing'),
     [('shows_joints', 'no joint state'), ('shows_status', 'sends no STATUS')],
 )
-def test_connect_says_what_the_controller_does_not_tell(shows, missing):
+def test_connect_names_the_missing_message(shows, missing):
     async def scenario():
         async with ScriptedController() as controller:
             setattr(controller, shows, False)
@@ -540,7 +540,7 @@ def test_connect_says_what_the_controller_does_not_tell(shows, missing):
     run(scenario())
 
 
-def test_a_robot_can_be_connected_again_but_not_twice():
+def test_robot_reconnects_but_rejects_a_second_connect():
     async def scenario():
         async with simulated() as (_, ports):
             robot = Robot(
@@ -561,7 +561,7 @@ def test_a_robot_can_be_connected_again_but_not_twice():
 
 
 @pytest.mark.invariant(4)
-async def test_connecting_enables_the_arm_only_where_that_is_asked_for_and_can_be():
+async def test_connect_enables_the_arm_only_with_enable_true():
     async with simulated() as (controller, ports):
         with pytest.raises(ValueError, match='enable = 1: must be True or False'):
             Robot(enable=1)
@@ -586,7 +586,7 @@ async def test_connecting_enables_the_arm_only_where_that_is_asked_for_and_can_b
             assert not asking.status.enabled
 
 
-def test_io_is_read_and_written_and_refused_in_the_driver_s_words():
+def test_io_reads_writes_and_rejects_bad_requests():
     async def scenario():
         async with robot_cell() as (robot, _):
             await robot.io.write('DO', 3, 1)
@@ -602,7 +602,7 @@ def test_io_is_read_and_written_and_refused_in_the_driver_s_words():
     run(scenario())
 
 
-def test_without_an_io_port_a_request_says_so():
+def test_io_without_a_port_is_rejected():
     async def scenario():
         async with ScriptedController() as controller:
             ports = controller.ports
@@ -614,7 +614,7 @@ def test_without_an_io_port_a_request_says_so():
 
 
 @pytest.mark.parametrize('profile', one_in(2, ['rc700a', 'spel', 'motoman']))
-def test_io_is_the_same_by_every_way_to_it(profile):
+def test_io_works_on_every_backend(profile):
     async def scenario():
         async with robot_cell(profile=profile, enabled=False) as (robot, controller):
             controller.io.set_input(IoType.DIGITAL_INPUT, 3, 1)
@@ -628,7 +628,7 @@ def test_io_is_the_same_by_every_way_to_it(profile):
     run(scenario())
 
 
-def test_a_gripper_opens_and_closes_and_says_why_it_does_not():
+def test_gripper_opens_closes_holds_and_reports_stuck_jaws():
     wiring = aio.GripperWiring(open_output=0, close_output=1, opened_input=0, closed_input=1)
 
     async def scenario():
@@ -647,7 +647,7 @@ def test_a_gripper_opens_and_closes_and_says_why_it_does_not():
     run(scenario())
 
 
-def test_a_gripper_of_which_no_input_was_ever_on_is_not_closed():
+def test_gripper_without_any_input_signal_is_rejected():
     wiring = aio.GripperWiring(open_output=0, close_output=1, opened_input=0, closed_input=1)
 
     async def scenario():
@@ -658,18 +658,18 @@ def test_a_gripper_of_which_no_input_was_ever_on_is_not_closed():
     run(scenario())
 
 
-def test_a_motion_that_is_aborted_is_logged_only_if_nobody_ever_asks(caplog):
+def test_aborted_motion_is_logged_only_if_never_awaited(caplog):
     gc.collect()  # motions of other tests
     caplog.clear()
 
     async def scenario():
         async with robot_cell() as (robot, _):
-            for asked in (True, False):
-                motion = await begun(robot)
+            for awaited in (True, False):
+                motion = await moving_slowly(robot)
                 assert repr(motion).startswith('<Motion: ')
                 await robot.stop()
                 assert 'nobody waited' not in caplog.text
-                if asked:
+                if awaited:
                     assert 'stopped on request' in str(await motion_error(motion.wait()))
                 assert 'stopped on request' in repr(motion)
                 del motion
@@ -681,7 +681,7 @@ def test_a_motion_that_is_aborted_is_logged_only_if_nobody_ever_asks(caplog):
     run(scenario())
 
 
-def test_io_kinds_may_be_in_small_letters():
+def test_io_kinds_may_be_lower_case():
     async def scenario():
         async with robot_cell() as (robot, _):
             await robot.io.write('do', 3, 1)
@@ -694,7 +694,7 @@ def test_io_kinds_may_be_in_small_letters():
     run(scenario())
 
 
-def test_without_a_wiring_there_is_no_gripper():
+def test_gripper_without_wiring_is_rejected():
     async def scenario():
         async with robot_cell() as (robot, _):
             with pytest.raises(RobotError, match='no gripper is known'):
@@ -706,7 +706,7 @@ def test_without_a_wiring_there_is_no_gripper():
 
 
 @pytest.mark.invariant(5)
-def test_a_point_that_the_controller_refuses_ends_the_motion_with_its_words():
+def test_point_rejected_by_the_controller_ends_the_motion():
     async def scenario():
         async with ScriptedController(reply=lambda sequence: answer(2, sequence)) as controller:
             ports = controller.ports
@@ -733,7 +733,7 @@ def test_moves_leave_no_task_behind(count):
     run(scenario(), patience=600.0)
 
 
-def test_the_public_names_are_those_of_the_synchronous_door():
+def test_both_apis_have_the_same_public_names():
     from epson_driver import robot
 
     assert robot.__all__ == aio.__all__
@@ -747,32 +747,8 @@ def test_the_public_names_are_those_of_the_synchronous_door():
         assert missing <= {'begin', 'finish'}, name
 
 
-def test_whatever_is_wrong_with_a_motion_is_a_robot_error():
-    async def scenario():
-        async with robot_cell() as (robot, _):
-            for wrong in (
-                robot.move_joints([9.0] * 6),
-                robot.move_joints(None),
-                robot.move_joints([0.0] * 6, speed=2.0),
-                robot.move_waypoints([]),
-                robot.move_waypoints([[0.0] * 5]),
-                robot.move_trajectory([1.0], [['a'] * 6]),
-                robot.move_trajectory([1.0], [[0.0] * 6], joint_names=['a']),
-                robot.move_line('here'),
-                robot.move_line(robot.pose, frame='tabel'),
-                robot.move_arc([0.0], robot.pose),
-                robot.move_path([]),
-            ):
-                with pytest.raises(aio.ArgumentError) as caught:
-                    await wrong
-                assert isinstance(caught.value, RobotError)
-                assert isinstance(caught.value, ValueError)
-
-    run(scenario())
-
-
 @pytest.mark.invariant(4)
-async def test_a_disable_during_a_recovery_keeps_the_arm_disabled():
+async def test_disable_during_recovery_keeps_the_arm_disabled():
     async with robot_cell() as (robot, controller):
         controller.apply(Event.ESTOP_PRESS)
         await until(lambda: robot.status.e_stopped)

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the ROS side is tested for in test/system/test_safety.py, through both doors of the API.
+"""Stops through the asynchronous and the synchronous API.
 
-Whatever ends a motion: it is said why, the arm comes to rest, it stays disabled until enabled
-afterwards, and then works again.
+After each disturbance, the motion reports the cause, the arm comes to rest and stays disabled
+until it is enabled, and the next motion succeeds.
 """
 
 import asyncio
@@ -50,11 +50,11 @@ TROUBLE = {
         'no joint state for 1 s|no STATUS for 1 s|silent for 1 s',
     ),
 }
-"""What happens to the controller in mid-move, and a part of the sentence of the motion."""
+"""Disturbances during a move, and a pattern of the motion's error."""
 
 
 async def recover(robot, controller):
-    """Do what the robot says until it is enabled."""
+    """Clear the disturbance, reset if needed, and enable."""
     controller.faults.clear()
     if controller.condition.estopped:
         controller.apply(Event.ESTOP_RELEASE)
@@ -68,14 +68,14 @@ async def recover(robot, controller):
 
 @pytest.mark.parametrize('trouble', one_in(2, TROUBLE))
 @pytest.mark.invariant(3, 4, 5)
-async def test_whatever_ends_a_motion_the_arm_rests_and_moves_only_when_enabled_again(trouble):
-    happens, said = TROUBLE[trouble]
+async def test_disturbed_arm_comes_to_rest_and_moves_only_after_enable(trouble):
+    disturb, expected = TROUBLE[trouble]
 
     async with robot_cell() as (robot, controller):
         motion = await robot.move_joints(FAR, speed=SLOW, wait=False)
         await until(lambda: robot.joints[0] > 0.01)
-        happens(controller)
-        with pytest.raises(MotionError, match=said):
+        disturb(controller)
+        with pytest.raises(MotionError, match=expected):
             await motion.wait()
         assert motion.done
         assert not robot.status.enabled
@@ -91,7 +91,7 @@ async def test_whatever_ends_a_motion_the_arm_rests_and_moves_only_when_enabled_
 
 
 @pytest.mark.invariant(3, 4, 5)
-async def test_disable_in_mid_move_stops_the_arm_and_switches_the_motors_off():
+async def test_disable_during_a_move_stops_it_and_switches_the_motors_off():
     async with robot_cell() as (robot, controller):
         motion = await robot.move_joints(FAR, speed=SLOW, wait=False)
         await until(lambda: robot.joints[0] > 0.01)
@@ -102,7 +102,7 @@ async def test_disable_in_mid_move_stops_the_arm_and_switches_the_motors_off():
 
 
 @pytest.mark.invariant(3, 5)
-async def test_stop_in_mid_move_brings_the_arm_to_rest_and_leaves_it_enabled():
+async def test_stop_during_a_move_leaves_the_arm_at_rest_and_enabled():
     async with robot_cell() as (robot, controller):
         motion = await robot.move_joints(FAR, speed=SLOW, wait=False)
         await until(lambda: robot.joints[0] > 0.01)
@@ -117,8 +117,8 @@ async def test_stop_in_mid_move_brings_the_arm_to_rest_and_leaves_it_enabled():
 
 
 @pytest.mark.invariant(3)
-async def test_a_task_that_is_cancelled_between_two_moves_leaves_the_arm_at_rest():
-    """What Ctrl-C does to asyncio.run: the task is cancelled wherever it is."""
+async def test_task_cancelled_at_any_time_leaves_the_arm_at_rest():
+    """Ctrl-C in asyncio.run() cancels the task in this manner."""
 
     async def moves(robot):
         while True:
@@ -169,20 +169,20 @@ WHILE_PLANNED = {
 }
 
 
-@pytest.mark.parametrize('what', one_in(2, WHILE_PLANNED))
+@pytest.mark.parametrize('case', one_in(2, WHILE_PLANNED))
 @pytest.mark.invariant(4, 5)
-def test_a_motion_that_was_being_planned_never_begins_after_what_ended_it(what, monkeypatch):
-    """It is said at once, though the thread that plans goes on, and the arm is enabled again."""
-    happens, said = WHILE_PLANNED[what]
-    begun, go_on = threading.Event(), threading.Event()
+def test_motion_ended_during_planning_never_starts(case, monkeypatch):
+    """The error comes immediately, although the planning thread still runs."""
+    disturb, expected = WHILE_PLANNED[case]
+    planning, release = threading.Event(), threading.Event()
     planned = motions.runs_trajectory
 
-    def held_up(*args):
-        begun.set()
-        go_on.wait(PATIENCE)
-        return planned(*args[:4])  # whether anybody wants it or not
+    def plan_slowly(*args):
+        planning.set()
+        release.wait(PATIENCE)
+        return planned(*args[:4])  # without the cancellation check
 
-    monkeypatch.setattr(motions, 'runs_trajectory', held_up)
+    monkeypatch.setattr(motions, 'runs_trajectory', plan_slowly)
 
     async def scenario():
         async with robot_cell(model='gx4_c251s') as (robot, controller):
@@ -191,14 +191,14 @@ def test_a_motion_that_was_being_planned_never_begins_after_what_ended_it(what, 
             pose = robot.pose
             pose[2, 3] += 0.02
             task = asyncio.create_task(robot.move_line(pose))
-            await until(begun.is_set)
-            await happens(robot, controller)
-            with pytest.raises(MotionError, match=said):
+            await until(planning.is_set)
+            await disturb(robot, controller)
+            with pytest.raises(MotionError, match=expected):
                 await task
             if not robot.status.enabled:
                 await robot.enable()
             there = controller.arm.commanded
-            go_on.set()
+            release.set()
             await asyncio.sleep(1.0)
             assert np.array_equal(there, controller.arm.commanded)
             await robot.move_joints([0.0, 1.0, -0.05, 0.0])
@@ -211,7 +211,7 @@ def test_a_motion_that_was_being_planned_never_begins_after_what_ended_it(what, 
 
 @pytest.fixture(autouse=True)
 def _patience(request, monkeypatch):
-    """A machine that is busy does not make a controller slow."""
+    """Extend time-outs for a busy machine."""
     if 'ports' in request.fixturenames:
         be_patient(monkeypatch.setattr)
 
@@ -220,7 +220,7 @@ def robot_at(ports):
     return Robot(**{f'{name}_port': ports[name] for name in ports})
 
 
-HANDS = {
+COMMANDS = {
     'motors off': (('motors', 'off'), 'motors are off|refused'),
     'motion link cut': (('fault', 'cut', 'port=motion', 'for=0.5'), 'motion link was lost'),
     'state link cut': (('fault', 'cut', 'port=state', 'for=0.5'), 'state link was lost'),
@@ -232,18 +232,18 @@ HANDS = {
     'trouble',
     [
         each if each == 'motors off' else pytest.param(each, marks=pytest.mark.slow)
-        for each in HANDS
+        for each in COMMANDS
     ],
 )
 @pytest.mark.invariant(3, 4, 5)
-def test_through_the_synchronous_door_too(ports, trouble):
-    words, said = HANDS[trouble]
+def test_synchronous_api_reports_the_stop_and_works_after_enable(ports, trouble):
+    words, expected = COMMANDS[trouble]
     with robot_at(ports) as robot:
         robot.enable()
         motion = robot.move_joints(FAR, speed=SLOW, wait=False)
         wait_for(lambda: robot.joints[0] > 0.01)
         do(ports['remote'], *words)
-        with pytest.raises(MotionError, match=said):
+        with pytest.raises(MotionError, match=expected):
             motion.wait(PATIENCE)
         with pytest.raises(RobotError):
             robot.move_joints(HOME)
@@ -255,7 +255,7 @@ def test_through_the_synchronous_door_too(ports, trouble):
 
 
 def enabled(robot):
-    """Return whether the robot could be enabled: a link may be cut a second time meanwhile."""
+    """Return whether the robot could be enabled: the link may be cut twice."""
     try:
         robot.enable()
     except RobotError:
@@ -280,8 +280,8 @@ time.sleep(1000)
 
 @pytest.mark.slow
 @pytest.mark.invariant(3)
-def test_a_program_that_is_killed_in_mid_move_leaves_an_arm_that_stands(ports):
-    """It could say nothing: the controller stops the arm, as its connection is gone."""
+def test_killed_program_leaves_the_arm_at_rest(ports):
+    """The controller stops the arm because the connection closes."""
     process = program(KILLED, *(ports[name] for name in sim_process.PORTS))
     assert process.stdout.readline() == 'moving\n'
     process.kill()
@@ -295,14 +295,14 @@ def test_a_program_that_is_killed_in_mid_move_leaves_an_arm_that_stands(ports):
 
 @pytest.mark.slow
 @pytest.mark.invariant(5)
-def test_two_threads_that_move_at_once_are_one_motion_and_one_refusal(ports):
-    said = []
+def test_of_two_threads_that_move_one_is_rejected(ports):
+    results = []
 
     def move(robot, target):
         try:
-            said.append(robot.move_joints([target, 0, 0, 0, 0, 0], speed=0.2).text)
+            results.append(robot.move_joints([target, 0, 0, 0, 0, 0], speed=0.2).text)
         except MotionError as error:
-            said.append(str(error))
+            results.append(str(error))
 
     with robot_at(ports) as robot:
         robot.enable()
@@ -311,6 +311,6 @@ def test_two_threads_that_move_at_once_are_one_motion_and_one_refusal(ports):
             thread.start()
         for thread in threads:
             thread.join(PATIENCE)
-        assert len(said) == 2
-        assert sum('at the goal' in each for each in said) == 1
-        assert sum('another motion runs' in each for each in said) == 1
+        assert len(results) == 2
+        assert sum('at the goal' in each for each in results) == 1
+        assert sum('another motion runs' in each for each in results) == 1

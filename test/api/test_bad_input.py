@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Wrong units, NaN, names, shapes, poses out of reach: one sentence, and nothing is sent."""
+"""Invalid arguments give a one-line error and send nothing."""
 
 import inspect
 
@@ -87,16 +87,16 @@ CASES = [
 ]
 
 
-async def asked(robot, ask):
-    """Return what a case returns, awaited where it is to be."""
+async def result_of(robot, ask):
+    """Return the result of a call, awaited if needed."""
     answer = ask(robot)
     return await answer if inspect.isawaitable(answer) else answer
 
 
 @pytest.fixture(scope='module')
 def answers():
-    """Return what each case raised, or returned, and how far the arm was moved by all of them."""
-    found = {}
+    """Return each case's error or result, the arm's displacement and the frames sent."""
+    results = {}
 
     async def scenario():
         async with robot_cell(enabled=False) as (robot, controller):
@@ -106,35 +106,35 @@ def answers():
             before, sent = robot.joints, driver.motion_link.statistics.frames_sent
             for name, ask, _ in CASES:
                 try:
-                    found[name] = await asked(robot, ask)
-                except Exception as error:  # noqa: BLE001 - the tests look at it
-                    found[name] = error
+                    results[name] = await result_of(robot, ask)
+                except Exception as error:  # noqa: BLE001 - checked by the tests
+                    results[name] = error
                 await robot.servo_end()
             assert controller
-            found['moved'] = np.abs(robot.joints - before).max()
-            found['sent'] = driver.motion_link.statistics.frames_sent - sent
+            results['moved'] = np.abs(robot.joints - before).max()
+            results['sent'] = driver.motion_link.statistics.frames_sent - sent
 
     run(scenario())
-    return found
+    return results
 
 
-@pytest.mark.parametrize(('name', 'said'), [(name, said) for name, _, said in CASES])
-def test_what_cannot_be_is_one_sentence_with_field_and_value(answers, name, said):
+@pytest.mark.parametrize(('name', 'expected'), [(name, expected) for name, _, expected in CASES])
+def test_invalid_argument_raises_one_sentence_with_field_and_value(answers, name, expected):
     error = answers[name]
     assert isinstance(error, RobotError), error
     assert isinstance(error, ArgumentError) or name in ('servo far', 'no output', 'too fast')
-    with pytest.raises(RobotError, match=said):
+    with pytest.raises(RobotError, match=expected):
         raise error
     assert '\n' not in str(error)
 
 
-def test_of_all_of_them_nothing_was_sent(answers):
+def test_invalid_arguments_send_nothing(answers):
     assert answers['moved'] == pytest.approx(0.0, abs=1e-9)
     assert answers['sent'] == 0
 
 
 @pytest.mark.parametrize(
-    ('make', 'said'),
+    ('make', 'expected'),
     [
         (lambda: Robot(3), 'host = 3: must be an IP address'),
         (lambda: Robot(controller=None), 'controller = None: must be a name'),
@@ -147,6 +147,6 @@ def test_of_all_of_them_nothing_was_sent(answers):
         (lambda: EpsonPoint(INF, 0, 0), 'x = inf: must be a number'),
     ],
 )
-def test_what_cannot_be_made_says_why(make, said):
-    with pytest.raises(ValueError, match=said):
+def test_invalid_constructor_argument_is_named(make, expected):
+    with pytest.raises(ValueError, match=expected):
         make()

@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Every argument of every public method, given what cannot be: one sentence that names it.
+"""Invalid values for every argument of every public method give one sentence with its name.
 
-Methods and arguments are found by their signatures: a new one is tried, too.
+Methods and arguments are found by their signatures, so new ones are covered.
 """
 
 import inspect
@@ -36,7 +36,7 @@ OWNERS = {
     'point': EpsonPoint,
 }
 
-MADE: dict[str, Callable[..., Any]] = {
+CONSTRUCTORS: dict[str, Callable[..., Any]] = {
     'Robot': aio.Robot,
     'Robot.simulated': aio.Robot.simulated,
     'EpsonPoint': EpsonPoint,
@@ -45,7 +45,7 @@ MADE: dict[str, Callable[..., Any]] = {
 }
 
 WITHIN = {'begin', 'finish', 'plan', 'simulated'}
-"""Methods that no user calls, and one that is among MADE."""
+"""Internal methods, and `simulated` from CONSTRUCTORS."""
 
 GOOD: dict[str, Any] = {
     'target': HOME,
@@ -82,7 +82,7 @@ GOOD: dict[str, Any] = {
     'opened_input': 2,
     'closed_input': 3,
 }
-"""What the others are given, by the argument's name, or the method's and the argument's."""
+"""Valid values, by argument or by method and argument."""
 
 WRONG: dict[str, Any] = {
     'nothing': None,
@@ -102,7 +102,7 @@ FITS = {
     **dict.fromkeys(['name', 'path', 'recording', 'error_texts', 'trace_file', 'text'], 'text'),
     'joint_offsets': 'two',
 }
-"""What is of the right kind: whether there is such a thing is found out later."""
+"""Invalid values of the right type, by argument: they are rejected only on use."""
 
 
 def methods() -> Iterator[tuple[str, str]]:
@@ -115,24 +115,24 @@ def methods() -> Iterator[tuple[str, str]]:
 
 def arguments(function: Callable[..., Any]) -> dict[str, inspect.Parameter]:
     """Return the parameters of a function, without self."""
-    found = inspect.signature(function).parameters
-    return {name: each for name, each in found.items() if name not in ('self', 'cls')}
+    parameters = inspect.signature(function).parameters
+    return {name: value for name, value in parameters.items() if name not in ('self', 'cls')}
 
 
-def given(function: Callable[..., Any], name: str) -> dict[str, Any]:
-    """Return arguments that are good."""
-    found = {}
-    for each, parameter in arguments(function).items():
-        key = f'{name}.{each}'
-        if key in GOOD or each in GOOD:
-            found[each] = GOOD.get(key, GOOD.get(each))
+def valid_arguments(function: Callable[..., Any], name: str) -> dict[str, Any]:
+    """Return valid arguments for all required parameters."""
+    results = {}
+    for argument_name, parameter in arguments(function).items():
+        key = f'{name}.{argument_name}'
+        if key in GOOD or argument_name in GOOD:
+            results[argument_name] = GOOD.get(key, GOOD.get(argument_name))
         else:
-            assert parameter.default is not parameter.empty, f'{key}: what is a good one?'
-    return found
+            assert parameter.default is not parameter.empty, f'{key}: add a valid value to GOOD'
+    return results
 
 
 def wrong(parameter: inspect.Parameter) -> Iterator[str]:
-    """Yield what cannot be for an argument, by its annotation."""
+    """Yield the names of invalid values for a parameter, by its annotation."""
     kinds = get_args(parameter.annotation) or (parameter.annotation,)
     for what, value in WRONG.items():
         if (value is None and type(None) in kinds) or what == FITS.get(parameter.name):
@@ -148,16 +148,16 @@ CASES = [
 ]
 
 
-async def asked(method: Callable[..., Any], values: dict[str, Any]) -> Any:
-    """Return what a method returns, awaited where it is to be."""
+async def result_of(method: Callable[..., Any], values: dict[str, Any]) -> Any:
+    """Return the method's result, awaited if needed."""
     answer = method(**values)
     return await answer if inspect.isawaitable(answer) else answer
 
 
 @pytest.fixture(scope='module')
 def answers(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, ...], object]:
-    """Return what each case raised, or returned, and how many frames were sent meanwhile."""
-    found: dict[Any, object] = {}
+    """Return each case's error or result, and the number of frames sent."""
+    results: dict[Any, object] = {}
 
     async def scenario() -> None:
         async with robot_cell(enabled=False) as (robot, _):
@@ -175,21 +175,21 @@ def answers(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, ...], o
                 owner, name, argument, what = case
                 method = getattr(owners[owner], name)
                 try:
-                    found[case] = await asked(
-                        method, given(method, name) | {argument: WRONG[what]}
+                    results[case] = await result_of(
+                        method, valid_arguments(method, name) | {argument: WRONG[what]}
                     )
-                except Exception as error:  # noqa: BLE001 - the tests look at it
-                    found[case] = error
-            found['sent'] = link.statistics.frames_sent - sent
+                except Exception as error:  # noqa: BLE001 - checked by the tests
+                    results[case] = error
+            results['sent'] = link.statistics.frames_sent - sent
 
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path_factory.mktemp('here'))
         run(scenario())
-    return found
+    return results
 
 
 def check_sentence(error: object, argument: str, value: object) -> None:
-    """Assert that it is one sentence that names the argument, or shows the value."""
+    """Assert that the error is one sentence with the argument or the value."""
     text = str(error)
     assert isinstance(error, ValueError), repr(error)
     assert '\n' not in text
@@ -198,7 +198,7 @@ def check_sentence(error: object, argument: str, value: object) -> None:
 
 
 @pytest.mark.parametrize(('owner', 'name'), sorted({case[:2] for case in CASES}))
-def test_what_cannot_be_is_a_sentence_that_names_the_argument(
+def test_invalid_argument_of_every_method_is_named(
     answers: dict[Any, object], owner: str, name: str
 ) -> None:
     for case in CASES:
@@ -207,14 +207,14 @@ def test_what_cannot_be_is_a_sentence_that_names_the_argument(
             assert owner == 'point' or isinstance(answers[case], ArgumentError), case
 
 
-def test_nothing_was_sent(answers: dict[Any, object]) -> None:
+def test_invalid_method_arguments_send_nothing(answers: dict[Any, object]) -> None:
     assert answers['sent'] == 0
 
 
-@pytest.mark.parametrize('name', MADE)
-def test_what_cannot_be_made_is_a_sentence_that_names_the_argument(name: str) -> None:
-    make = MADE[name]
-    good = {} if name.startswith(('Robot', 'Settings')) else given(make, name)
+@pytest.mark.parametrize('name', CONSTRUCTORS)
+def test_invalid_argument_of_every_constructor_is_named(name: str) -> None:
+    make = CONSTRUCTORS[name]
+    good = {} if name.startswith(('Robot', 'Settings')) else valid_arguments(make, name)
     for argument, parameter in arguments(make).items():
         for what in wrong(parameter):
             with pytest.raises((ValueError, FileNotFoundError)) as caught:
@@ -236,8 +236,8 @@ WITHOUT = {
 
 
 @pytest.mark.parametrize(('owner', 'name'), one_in(4, methods(), several=True))
-def test_a_robot_that_is_closed_says_so(owner: str, name: str) -> None:
-    """Each method needs a connection, and says so, or none, and does what it says."""
+def test_method_of_a_closed_robot_raises(owner: str, name: str) -> None:
+    """Methods listed in WITHOUT are excluded."""
     if name in WITHOUT.get(owner, '').split() or name == 'connect' or owner == 'motion':
         return
 
@@ -246,7 +246,7 @@ def test_a_robot_that_is_closed_says_so(owner: str, name: str) -> None:
             pass
         method = getattr(robot if owner == 'robot' else getattr(robot, owner), name)
         with pytest.raises(RobotError, match=r'there is no connection|not simulated') as caught:
-            await asked(method, given(method, name))
+            await result_of(method, valid_arguments(method, name))
         assert '\n' not in str(caught.value)
 
     run(scenario())
@@ -256,11 +256,11 @@ def test_a_robot_that_is_closed_says_so(owner: str, name: str) -> None:
     'name',
     [
         name
-        for name, found in inspect.getmembers(aio.Robot)
-        if isinstance(found, property) and name not in ('frames', 'model', 'tool')
+        for name, member in inspect.getmembers(aio.Robot)
+        if isinstance(member, property) and name not in ('frames', 'model', 'tool')
     ],
 )
-async def test_what_a_robot_measures_is_not_known_once_it_is_closed(name: str) -> None:
+async def test_property_of_a_closed_robot_raises(name: str) -> None:
     async with robot_cell() as (robot, _):
         getattr(robot, name)
     with pytest.raises(RobotError, match='there is no connection'):

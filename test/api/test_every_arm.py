@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Every model: a SPEL+ point at zero, a plan and a line of its tool, within its limits."""
+"""Every model: its SPEL+ point at zero, a joint move and a line within its limits."""
 
 from itertools import product
 from types import SimpleNamespace
@@ -27,9 +27,9 @@ from epson_driver.tool_motion.pose_path import line, runs
 from epson_driver.tool_motion.tool_trajectory import ToolLimits, runs_trajectory
 
 BENT = [30.0, 60.0, -40.0, 10.0]
-"""Degrees and mm, where an arm is not singular; six axes: the next line."""
+"""Non-singular joints of a SCARA, degrees and mm."""
 
-SIX = [10.0, -20.0, 20.0, 5.0, -60.0, 10.0]
+SIX = [10.0, -20.0, 20.0, 5.0, -60.0, 10.0]  # degrees
 
 
 def _bent(model: RobotModel) -> Array:
@@ -39,7 +39,7 @@ def _bent(model: RobotModel) -> Array:
 
 
 @pytest.mark.parametrize('name', one_in(5, robot_models()))
-def test_spel_has_the_arm_at_zero_where_its_data_put_it(name: str) -> None:
+def test_spel_and_kinematics_agree_on_the_point_at_zero(name: str) -> None:
     model = load_robot_model(name)
     zero = np.zeros(len(model.joint_names))
     controller = new_controller(model, load_controller_profile('rc700a'), zero)
@@ -51,14 +51,12 @@ def test_spel_has_the_arm_at_zero_where_its_data_put_it(name: str) -> None:
         assert float(shown[1]) == pytest.approx(0.0, abs=1e-6)
 
 
-EACH_WAY = product(robot_models(), ['simulated', 'spel'])
+MODELS_AND_PROFILES = product(robot_models(), ['simulated', 'spel'])
 
 
-@pytest.mark.parametrize(('name', 'profile'), one_in(181, EACH_WAY, several=True))
-def test_the_driver_drives_it_through_a_plan_and_a_line_of_its_tool(
-    name: str, profile: str
-) -> None:
-    """With the simulated controller, its built-in program or SPEL+, over TCP, in virtual time."""
+@pytest.mark.parametrize(('name', 'profile'), one_in(181, MODELS_AND_PROFILES, several=True))
+def test_driver_executes_a_joint_move_and_a_line(name: str, profile: str) -> None:
+    """Runs over TCP, in virtual time, with the built-in and the SPEL+ program."""
     model = load_robot_model(name)
     arm, limits = Kinematics(model), model.limits
     zero, bent = np.zeros(len(limits.names)), _bent(model)
@@ -95,7 +93,7 @@ def test_the_driver_drives_it_through_a_plan_and_a_line_of_its_tool(
     run(check())
 
 
-def test_python_is_told_what_of_a_real_arm_nobody_has_confirmed(
+def test_connect_logs_the_unconfirmed_data_of_a_model(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     async def connected(model: str) -> None:
@@ -103,8 +101,8 @@ def test_python_is_told_what_of_a_real_arm_nobody_has_confirmed(
             pass
 
     run(connected('t6_602s'))
-    said = [each for each in caplog.messages if 'compare them with yours' in each]
-    assert said == list(load_robot_model('t6_602s').cautions)
+    logged = [message for message in caplog.messages if 'compare them with yours' in message]
+    assert logged == list(load_robot_model('t6_602s').cautions)
     caplog.clear()
     run(connected('c3_a601s'))
     assert 'compare' not in caplog.text

@@ -1,8 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""variants/lerobot_robot_epson in virtual time, with stand-ins for what it has of lerobot.
+"""variants/lerobot_robot_epson in virtual time, with stand-ins for lerobot.
 
-So its times of rest do not depend on this machine; its own tests run the genuine lerobot.
+Virtual time makes the stopping times independent of the machine. The variant's own tests run the
+genuine lerobot.
 """
 
 import asyncio
@@ -100,14 +101,14 @@ def anything(step, count):
                 ('cx7_a901s', far, (40, 47)),
                 ('vt6_a901s', far, (40, 47)),
                 ('c3_a601s', anything, (40, 47)),
-                # it has just turned back, and gathers speed
+                # just after a reversal, at rising speed
                 ('vt6_a901s', to_and_fro, (42, 47, 52)),
                 ('c3_a601s', against_each_other, (40, 52)),
             )
         ),
     ],
 )
-async def test_hostile_actions_break_no_limit_and_the_arm_rests_soon(
+async def test_hostile_actions_break_no_limit_and_the_arm_stops_soon(
     variant, model, policy, counts
 ):
     config = variant.EpsonRobotConfig(model=model)
@@ -124,11 +125,13 @@ async def test_hostile_actions_break_no_limit_and_the_arm_rests_soon(
                     last = now()
                 await asyncio.sleep(1.0 / RATE)
             await asyncio.sleep(1.2)
-            moving = [at for at, each in seen if np.abs(each.velocities).max() > MOVING]
+            moving = [time for time, sample in seen if np.abs(sample.velocities).max() > MOVING]
             assert max(moving) - last < REST_S
         limits = robot.limits
-        fastest = max(float((np.abs(each.velocities) / limits.velocity).max()) for _, each in seen)
+        fastest = max(
+            float((np.abs(sample.velocities) / limits.velocity).max()) for _, sample in seen
+        )
         assert 0.002 < fastest < 0.12
-        for _, each in seen:
-            assert (each.positions > limits.position_min - 1e-6).all()
-            assert (each.positions < limits.position_max + 1e-6).all()
+        for _, sample in seen:
+            assert (sample.positions > limits.position_min - 1e-6).all()
+            assert (sample.positions < limits.position_max + 1e-6).all()

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hundreds of motions of the C3 and of a SCARA through the API, in virtual time.
 
-The controller runs in this process, so what its servos are told is seen in every cycle.
+The controller runs in this process, so every servo cycle can be checked.
 """
 
 import asyncio
@@ -25,23 +25,23 @@ READY = {
     'c3_a601s': [0.0, 0.2, 0.2, 0.0, -1.9, 0.0],
     'gx4_c251s': [0.3, 1.2, -0.05, 0.0],
 }
-"""Joints of each model from which it can go anywhere."""
+"""Well-conditioned start position of each model."""
 
 ACCURACY_M = 1e-4
 LAG_S = load_controller_profile('simulated').servo.lag
 LOOK_S = 0.01
-"""How often a motion is looked at."""
+"""Sampling interval of a motion, s."""
 
 MODELS = pytest.mark.parametrize('model', one_in(2, READY))
 
 
 def resident_kb():
-    """Return how much memory this process has, kB."""
+    """Return the resident memory of this process, kB."""
     return int(Path('/proc/self/statm').read_text().split()[1]) * 4
 
 
-async def looks(motion, look):
-    """Return what `look` returns, all along a motion, which must succeed."""
+async def sampled(motion, look):
+    """Return the samples of `look` along a motion, which must succeed."""
     seen = [look()]
     while not motion.done:
         await asyncio.sleep(LOOK_S)
@@ -50,7 +50,7 @@ async def looks(motion, look):
     return seen
 
 
-def bend(points):
+def circumradius(points):
     """Return the radius of the circle through three points, shape (3, 3), m."""
     first, second, third = points
     sides = [np.linalg.norm(a - b) for a, b in ((first, second), (second, third), (third, first))]
@@ -60,8 +60,8 @@ def bend(points):
 
 @MODELS
 @pytest.mark.parametrize('count', [3, pytest.param(100, marks=pytest.mark.slow)])
-def test_random_lines_and_arcs_stay_on_their_path(model, count):
-    """But for a tenth of a millimetre, and what servos that lag cut of an arc."""
+def test_random_lines_and_arcs_follow_their_path(model, count):
+    """The tolerance is 0.1 mm, plus the corner that lagging servos cut off an arc."""
     random = np.random.default_rng(count)
     worst = {'line': 0.0, 'arc': 0.0}
 
@@ -80,12 +80,12 @@ def test_random_lines_and_arcs_stay_on_their_path(model, count):
         else:
             motion = await robot.move_line(end, speed=speed, wait=False)
             path = line(start, end)
-        seen = await looks(motion, lambda: robot.pose[:3, 3])
+        seen = await sampled(motion, lambda: robot.pose[:3, 3])
         places = np.array([path.pose(share)[:3, 3] for share in np.linspace(0.0, 1.0, 501)])
         away = max(distance_from(place, places) for place in seen)
         cut = 0.0
         if kind == 'arc':
-            cut = (speed * LAG_S) ** 2 / (2.0 * bend([start[:3, 3], via, end[:3, 3]]))
+            cut = (speed * LAG_S) ** 2 / (2.0 * circumradius([start[:3, 3], via, end[:3, 3]]))
         assert away < ACCURACY_M + cut
         assert np.abs(robot.pose - end).max() < 1e-5
         worst[kind] = max(worst[kind], away)
@@ -99,7 +99,7 @@ def test_random_lines_and_arcs_stay_on_their_path(model, count):
                 try:
                     await one(robot, driven)
                     driven += 1
-                except ValueError:  # beyond its reach or too fast
+                except ValueError:  # out of reach or too fast
                     refused += 1
             assert refused <= count
             said = ', '.join(f'{kind}: {away * 1e3:.3f} mm' for kind, away in worst.items())
@@ -109,14 +109,14 @@ def test_random_lines_and_arcs_stay_on_their_path(model, count):
 
 
 MIN_WINDOW_S = 1e-4
-"""Cycles are judged together until they last so long, s: over 1e-13 s, rounding is a jump."""
+"""Minimum duration for a velocity check, s: over 1e-13 s, rounding looks like a jump."""
 
 
 def merged(dt, before, after):
-    """Return cycles as windows of `MIN_WINDOW_S` or more without a gap; the rest joins the last.
+    """Return cycles joined to windows of at least `MIN_WINDOW_S`, without a gap.
 
-    dt: shape (k,), s; before, after: shape (k, n). What a limit allows for the change between two
-    mean velocities holds for windows of any length, and each jump of the velocity stays in sight.
+    dt: shape (k,), s. before, after: shape (k, n). The acceleration limit holds between the mean
+    velocities of windows of any length, so no velocity jump is lost.
     """
     ends, since = [], 0.0
     for index, duration in enumerate(dt):
@@ -129,22 +129,22 @@ def merged(dt, before, after):
     return np.add.reduceat(dt, begins), before[begins], after[ends]
 
 
-class Watched:
-    """What the servos of an arm are told, cycle by cycle."""
+class CycleRecorder:
+    """Records the commanded positions of an arm in every cycle."""
 
     def __init__(self, arm):
         self._arm, self._step = arm, arm.step
         self._cycles = []
-        arm.step = self._watched
+        arm.step = self._record
 
-    def _watched(self, dt, execute):
+    def _record(self, dt, execute):
         before = self._arm.commanded.copy()
         self._step(dt, execute)
         if dt > 0.0:
             self._cycles.append((dt, before, self._arm.commanded.copy()))
 
     def check(self, limits):
-        """Assert that every cycle kept every limit, by the mean velocities; begin anew."""
+        """Assert that mean velocities respect all limits in every cycle, and clear the record."""
         dt = np.array([dt for dt, _, _ in self._cycles])
         before, after = (np.array([each[k] for each in self._cycles]) for k in (1, 2))
         self._cycles.clear()
@@ -159,35 +159,35 @@ class Watched:
         assert np.all(changes <= limits.acceleration * (1.0 + 1e-3) + 1e-6)
 
 
-def judged(dt, velocities):
-    """Judge a joint that has these velocities in cycles that last dt: shapes (k,)."""
-    watched = Watched(SimpleNamespace(step=None))
+def check_cycles(dt, velocities):
+    """Check the limits for a joint with these velocities in cycles of dt s, shapes (k,)."""
+    recorder = CycleRecorder(SimpleNamespace(step=None))
     ends = np.cumsum(dt * velocities)[:, None]
-    watched._cycles = list(zip(dt, np.vstack([[[0.0]], ends[:-1]]), ends, strict=True))
-    watched.check(
+    recorder._cycles = list(zip(dt, np.vstack([[[0.0]], ends[:-1]]), ends, strict=True))
+    recorder.check(
         SimpleNamespace(position_min=-1.0, position_max=1.0, velocity=1.0, acceleration=10.0)
     )
 
 
-def test_the_judge_sees_a_jump_of_the_velocity_and_takes_no_rounding_for_one():
+def test_limit_check_detects_velocity_jumps_and_ignores_rounding():
     dt = np.tile([4e-3, 1e-6, 9e-6, 1.1e-13], 50)
     times = np.cumsum(dt) - dt / 2.0
-    judged(dt, 9.9 * np.minimum(times, times[-1] - times))
+    check_cycles(dt, 9.9 * np.minimum(times, times[-1] - times))
     with pytest.raises(AssertionError):
-        judged(dt, np.where(times < 0.1, 0.0, 0.05))
+        check_cycles(dt, np.where(times < 0.1, 0.0, 0.05))
     with pytest.raises(AssertionError):
-        judged(dt, 10.1 * np.minimum(times, 0.09))
+        check_cycles(dt, 10.1 * np.minimum(times, 0.09))
     with pytest.raises(AssertionError):
-        judged(dt, np.where(dt == 1e-6, 1.01e3, 0.0))
+        check_cycles(dt, np.where(dt == 1e-6, 1.01e3, 0.0))
 
 
 def near_trouble(model, number, random):
     """Return joints near a singularity or a limit, and how to turn the tool there."""
     joints = np.array(READY[model])
-    if model == 'c3_a601s':  # the straight wrist, the stretched arm, a limit
+    if model == 'c3_a601s':  # straight wrist, stretched arm, joint limit
         joint, value = ((4, -0.05), (2, 1.5), (1, 1.1))[number % 3]
         turn = random.uniform(-0.4, 0.4, 3)
-    else:  # the stretched arms, the folded ones
+    else:  # stretched or folded
         joint, value = (1, (0.05, 2.4)[number % 2])
         turn = np.array([random.uniform(-0.4, 0.4), 0.0, 0.0])
     joints[joint] = value
@@ -197,12 +197,12 @@ def near_trouble(model, number, random):
 @MODELS
 @pytest.mark.invariant(2)
 @pytest.mark.parametrize('count', [3, pytest.param(100, marks=pytest.mark.slow)])
-def test_near_singular_and_unreachable_lines_are_refused_or_driven_inside_all_limits(model, count):
+def test_lines_near_singularities_are_rejected_or_respect_all_limits(model, count):
     random = np.random.default_rng(18)
 
     async def scenario():
         async with robot_cell(model=model, smooth=True) as (robot, controller):
-            watched = Watched(controller.arm)
+            recorder = CycleRecorder(controller.arm)
             reasons = []
             for number in range(count):
                 joints, turn = near_trouble(model, number, random)
@@ -220,7 +220,7 @@ def test_near_singular_and_unreachable_lines_are_refused_or_driven_inside_all_li
                     continue
                 await motion.wait()
                 assert np.abs(robot.pose - end).max() < 1e-5
-                watched.check(robot.model.limits)
+                recorder.check(robot.model.limits)
             assert 0 < len(reasons) < count
             assert all('% of the way' in reason or 'accuracy' in reason for reason in reasons)
             print(f'{model}: {len(reasons)} of {count} refused')
@@ -230,8 +230,8 @@ def test_near_singular_and_unreachable_lines_are_refused_or_driven_inside_all_li
 
 @pytest.mark.slow
 @MODELS
-def test_a_thousand_short_moves_leave_memory_tasks_and_threads_flat(model):
-    """Joint moves and tool moves in turn, half a thousand with each model."""
+def test_many_short_moves_leave_memory_tasks_and_threads_flat(model):
+    """500 moves of each model, alternating joint and tool moves."""
 
     async def scenario():
         async with robot_cell(model=model) as (robot, _):
@@ -253,10 +253,10 @@ def test_a_thousand_short_moves_leave_memory_tasks_and_threads_flat(model):
                 tasks = len(asyncio.all_tasks())
                 return len(gc.get_objects()), tasks, threading.active_count(), resident_kb()
 
-            first = await moves(100)  # the last 16 sequences, 512 latencies and the like
+            first = await moves(100)  # fills bounded histories, e.g. of latencies
             last = await moves(500)
             print(f'{model}: objects, tasks, threads, kB: {first}, {last}')
-            assert last[0] - first[0] < 250  # one left behind by each move would be 500
+            assert last[0] - first[0] < 250  # one leaked object per move would be 500
             assert last[1] <= first[1]
             assert last[2] <= first[2]
             assert last[3] - first[3] < 2048

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a user's arguments are held against, and the moves that are made of them."""
+"""Argument checks of joint moves, and the plans made from them."""
 
 import inspect
 
@@ -32,18 +32,18 @@ HOME = np.zeros(6)
         (None, 'target'),
     ],
 )
-def test_a_target_that_cannot_be_is_refused_with_joint_value_and_limit(target, expected):
+def test_invalid_target_is_rejected_with_joint_value_and_limit(target, expected):
     with pytest.raises(ValueError, match=expected):
         moves.targets('target', [target], LIMITS)
 
 
 @pytest.mark.parametrize('values', [[0.0] * 5, [[0.0] * 6], 0.0])
-def test_numbers_that_are_not_one_for_each_joint_are_refused_with_their_shape(values):
+def test_start_of_wrong_shape_is_rejected_with_its_shape(values):
     with pytest.raises(ValueError, match=r'^start has shape \(.*\): must be \(6,\)'):
         moves.joint_rows('start', values, LIMITS, rows=False)
 
 
-def test_degrees_are_recognised_where_they_can_be():
+def test_plausible_degrees_are_recognised():
     with pytest.raises(ValueError, match='these look like degrees'):
         moves.targets('target', [[10.0, 20.0, -10.0, 0.0, 45.0, 0.0]], LIMITS)
     with pytest.raises(ValueError, match='outside the limits') as caught:
@@ -51,22 +51,22 @@ def test_degrees_are_recognised_where_they_can_be():
     assert 'degrees' not in str(caught.value)
 
 
-@pytest.mark.parametrize('share', [0.0, -1.0, 1.5, float('nan'), '1'])
+@pytest.mark.parametrize('fraction', [0.0, -1.0, 1.5, float('nan'), '1', True, None])
 @pytest.mark.parametrize('name', ['speed', 'acceleration'])
-def test_a_share_that_cannot_be_is_refused_by_its_name(name, share):
+def test_invalid_fraction_is_rejected_by_its_name(name, fraction):
     with pytest.raises(ValueError, match=rf'^{name} = '):
-        moves.check_shares(**{'speed': 1.0, 'acceleration': 1.0, name: share})
+        moves.check_shares(**{'speed': 1.0, 'acceleration': 1.0, name: fraction})
 
 
 @pytest.mark.parametrize('name', ['move_joints', 'move_waypoints'])
-def test_a_first_move_is_slow(name):
-    given = inspect.signature(getattr(Robot, name)).parameters
-    assert given['speed'].default <= 0.25
-    assert given['acceleration'].default <= 0.5
+def test_default_speed_and_acceleration_are_low(name):
+    defaults = inspect.signature(getattr(Robot, name)).parameters
+    assert defaults['speed'].default <= 0.25
+    assert defaults['acceleration'].default <= 0.5
 
 
 @pytest.mark.parametrize('jerk', [0.0, -1.0, float('nan'), 'high'])
-def test_a_jerk_that_cannot_be_is_refused_and_another_is_taken(jerk):
+def test_invalid_jerk_is_rejected_and_a_valid_one_used(jerk):
     with pytest.raises(ValueError, match='jerk = '):
         moves.tool_limits(0.1, 2.0, 1.0, 10.0, 1e-4, jerk=jerk, slow=True)
     assert moves.tool_limits(0.1, 2.0, 1.0, 10.0, 1e-4, jerk=5.0, slow=True).jerk_ratio == 2.5
@@ -75,7 +75,7 @@ def test_a_jerk_that_cannot_be_is_refused_and_another_is_taken(jerk):
 @pytest.mark.invariant(2)
 @pytest.mark.parametrize('model', ['c3_a601s', 'gx4_c251s', 'c12_c1401s'])
 @pytest.mark.parametrize('sampled', [False, True])
-def test_random_moves_keep_the_limits_at_their_shares(model, sampled):
+def test_random_moves_respect_the_scaled_limits(model, sampled):
     limits = load_robot_model(model).limits
     random = np.random.default_rng(18)
     for _ in range(30):
@@ -102,41 +102,35 @@ def test_random_moves_keep_the_limits_at_their_shares(model, sampled):
         (([], [], None, None), 'positions has shape'),
     ],
 )
-def test_a_trajectory_that_cannot_be_is_refused_with_its_field(arguments, expected):
+def test_invalid_trajectory_is_rejected_with_its_field(arguments, expected):
     with pytest.raises(ValueError, match=expected):
         moves.planned(*arguments, MODEL.limits)
 
 
 @pytest.mark.parametrize('velocities', [False, True])
 @pytest.mark.parametrize('first', [0.0, 2.0])
-def test_a_long_segment_is_divided_and_the_way_is_the_same(first, velocities):
+def test_long_segment_is_divided_without_changing_the_path(first, velocities):
     start = np.full(6, 0.1)
     times = np.array([first, first + 0.3, first + 1.9])
     positions = np.array([start if first == 0.0 else HOME, HOME + 0.2, HOME + 0.5])
     speeds = np.array([HOME, HOME + 0.3, HOME]) if velocities else None
     plan = Trajectory(LIMITS.names, times, positions, speeds)
-    found = moves.divided(plan, start)
-    assert np.diff(found.times, prepend=0.0).max() <= LONGEST_SEGMENT_S + 1e-9
-    assert set(times) <= set(found.times.tolist())
-    before, after = ReferenceTrajectory(plan, start), ReferenceTrajectory(found, start)
+    result = moves.divided(plan, start)
+    assert np.diff(result.times, prepend=0.0).max() <= LONGEST_SEGMENT_S + 1e-9
+    assert set(times) <= set(result.times.tolist())
+    before, after = ReferenceTrajectory(plan, start), ReferenceTrajectory(result, start)
     for time in np.linspace(0.0, plan.duration, 50):
         assert np.allclose(before.at(time)[0], after.at(time)[0], atol=1e-9)
-    assert moves.divided(found, start) is found
+    assert moves.divided(result, start) is result
 
 
 @pytest.mark.parametrize('values', [['0.1'] * 6, [True] * 6, 'abc', [None] * 6])
-def test_texts_and_truths_are_no_joint_positions(values):
+def test_texts_and_booleans_are_no_joint_positions(values):
     with pytest.raises(ValueError, match='target: must be numbers'):
         moves.joint_rows('target', values, LIMITS, rows=False)
 
 
-@pytest.mark.parametrize('share', [True, '0.5', None])
-def test_a_share_is_a_number(share):
-    with pytest.raises(ValueError, match='speed = '):
-        moves.check_shares(share, 0.5)
-
-
 @pytest.mark.parametrize('factor', ['x', None, True, False, float('nan'), 0.001, 1.5])
-def test_a_factor_that_cannot_be_is_refused_with_what_can(factor):
+def test_invalid_speed_factor_is_rejected_with_its_range(factor):
     with pytest.raises(ValueError, match=r'^factor = .*: must be 0 \(pause\), or a number from'):
         moves.checked_factor(factor)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A Robot that is lost, forgotten, copied or forked keeps no arm."""
+"""A Robot object that is dropped, replaced, copied or forked gives up the arm."""
 
 import asyncio
 import copy
@@ -38,40 +38,38 @@ def moving(ports):
 
 
 @pytest.mark.invariant(3, 4, 9)
-def test_a_robot_that_is_lost_stops_the_arm_and_ends_its_threads(ports, caplog):
+def test_dropped_robot_stops_the_arm_and_ends_its_threads(ports, caplog):
     before = threading.active_count()
     robot = moving(ports)
     with pytest.raises(ValueError, match='joint_1'):
-        robot.move_joints([9.0] * 6)  # an error that was caught keeps nothing either
+        robot.move_joints([9.0] * 6)  # a caught error holds no reference
     assert threading.active_count() > before
     del robot
-    gc.collect()  # pytest's own record of the error above
+    gc.collect()  # pytest's record of the error above
     wait_for(lambda: threading.active_count() == before)
     assert 'a connected Robot was lost: the arm is stopped' in caplog.text
-    gc.collect()  # the motion, which says how it ended as nobody has asked
+    gc.collect()  # the motion, which logs its unread outcome
     assert 'stopped on request; the arm stands' in caplog.text
 
 
 @pytest.mark.invariant(3, 4, 9)
-def test_losing_a_robot_during_a_callback_that_does_not_return_does_not_block(
-    ports, monkeypatch, caplog
-):
+def test_dropping_a_robot_with_a_blocked_callback_does_not_block(ports, monkeypatch, caplog):
     monkeypatch.setattr(threads, 'MAX_WAITING_CALLBACKS', 3)
-    before, goes_on = threading.active_count(), threading.Event()
+    before, release = threading.active_count(), threading.Event()
     robots = [moving(ports)]
-    robots[0].on_joints(lambda _sample: goes_on.wait())
+    robots[0].on_joints(lambda _sample: release.wait())
     wait_for(lambda: 'Full' in caplog.text)
     losing = threading.Thread(target=robots.clear, daemon=True)
     losing.start()
     wait_for(lambda: not losing.is_alive())
     gc.collect()
     wait_for(lambda: 'a connected Robot was lost: the arm is stopped' in caplog.text)
-    goes_on.set()
+    release.set()
     wait_for(lambda: threading.active_count() == before)
 
 
 @pytest.mark.invariant(3, 4)
-def test_a_cell_that_runs_twice_closes_the_first_robot(ports):
+def test_second_robot_of_a_process_closes_the_first(ports):
     first = moving(ports)
     motion = first.move_joints
     robot = Robot(**{f'{name}_port': ports[name] for name in ports}).connect()
@@ -86,7 +84,7 @@ def test_a_cell_that_runs_twice_closes_the_first_robot(ports):
 
 @pytest.mark.slow
 @pytest.mark.invariant(3, 9)
-def test_a_program_that_ends_without_closing_stops_the_arm(ports):
+def test_program_that_exits_without_close_stops_the_arm(ports):
     code = f"""
 import logging, sys
 from epson_driver import Robot
@@ -102,7 +100,7 @@ while robot.joints[0] < 0.01:
     )
 
 
-async def test_another_program_s_client_is_named_when_a_robot_connects():
+async def test_connect_reports_that_another_client_is_connected():
     async with simulated() as (_, ports):
         _, writer = await asyncio.open_connection('127.0.0.1', ports.motion)
         with pytest.raises(RobotError, match=r'motion link .* at once: it serves one client'):
@@ -114,7 +112,7 @@ async def test_another_program_s_client_is_named_when_a_robot_connects():
 
 
 @pytest.mark.invariant(3, 4)
-async def test_a_robot_for_asyncio_is_taken_over_and_lost_as_well(caplog):
+async def test_asyncio_robot_is_replaced_and_dropped_likewise(caplog):
     async with simulated() as (_, ports):
         first = await aio.Robot(**ports_of(ports)).connect()
         await first.enable()
@@ -128,7 +126,7 @@ async def test_a_robot_for_asyncio_is_taken_over_and_lost_as_well(caplog):
         with caplog.at_level(logging.WARNING):
             del second
             gc.collect()
-            while not motion.done:  # noqa: ASYNC110 - nobody is left who could be asked
+            while not motion.done:  # noqa: ASYNC110 - the robot to await is gone
                 await asyncio.sleep(0.1)
         assert 'a connected Robot was lost' in caplog.text
 
@@ -136,44 +134,44 @@ async def test_a_robot_for_asyncio_is_taken_over_and_lost_as_well(caplog):
 @pytest.mark.skipif(not hasattr(os, 'fork'), reason='no fork here')
 @pytest.mark.invariant(9)
 @pytest.mark.slow
-def test_a_forked_child_has_no_part_in_it(ports):
+def test_forked_child_cannot_use_the_robot(ports):
     robot = moving(ports)
     motion = robot.move_joints
-    asks = (lambda: robot.joints, lambda: robot.status, robot.enable, robot.connect)
+    calls = (lambda: robot.joints, lambda: robot.status, robot.enable, robot.connect)
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
-        said = []
-        for ask in (*asks, lambda: motion(FAR)):
+        checks = []
+        for call in (*calls, lambda: motion(FAR)):
             try:
-                ask()
+                call()
             except RobotError as error:
-                said.append('was forked' in str(error))
+                checks.append('was forked' in str(error))
         link = robot._awaited._connection.driver.motion_link
         number = link.transport.get_extra_info('socket').fileno()
-        said.append(os.path.sameopenfile(number, os.open(os.devnull, os.O_RDWR)))
+        checks.append(os.path.sameopenfile(number, os.open(os.devnull, os.O_RDWR)))
         robot.close()
-        os.write(writing, repr(said).encode())
+        os.write(writing, repr(checks).encode())
         os._exit(0)
     os.close(writing)
     os.waitpid(child, 0)
     with os.fdopen(reading) as end:
         assert end.read() == repr([True] * 6)
     here = robot.joints[0]
-    wait_for(lambda: robot.joints[0] > here)  # the parent's motion goes on
+    wait_for(lambda: robot.joints[0] > here)  # the parent's motion continues
     robot.close()
 
 
 @pytest.mark.parametrize('copied', [copy.copy, copy.deepcopy, pickle.dumps])
 @pytest.mark.parametrize('kind', [Robot, aio.Robot])
-def test_a_robot_cannot_be_copied_or_pickled(copied, kind):
+def test_robot_cannot_be_copied_or_pickled(copied, kind):
     robot = kind()
-    for each in (robot, robot.io, robot.gripper):
+    for original in (robot, robot.io, robot.gripper):
         with pytest.raises(TypeError, match='cannot be copied or pickled: there is one arm'):
-            copied(each)
+            copied(original)
 
 
-def test_a_second_event_loop_is_told_that_the_first_has_ended(ports, caplog, capfd):
+def test_robot_of_an_ended_event_loop_asks_to_connect_again(ports, caplog, capfd):
     robot = aio.Robot(**{f'{name}_port': ports[name] for name in ports})
 
     async def enable():

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the arm carries, as ROS has it and as SPEL+ has it."""
+"""Conversion of the payload to SPEL+ Weight and Inertia."""
 
 import pytest
 from support.api_harness import robot_cell
@@ -12,7 +12,7 @@ from epson_driver.aio import ArgumentError
 HOME = [0.0] * 6
 
 
-async def test_payload_and_inertia_are_told_with_each_motion():
+async def test_payload_and_inertia_are_sent_with_each_motion():
     async with (
         RemotePeer() as peer,
         aio.Robot(controller='remote', remote_port=peer.port) as robot,
@@ -26,7 +26,7 @@ async def test_payload_and_inertia_are_told_with_each_motion():
         assert 'Weight 2; Inertia 0.035, 50; Power Low' in line
 
 
-async def test_the_simulated_controller_takes_them():
+async def test_simulated_controller_applies_the_payload():
     async with robot_cell(profile='remote') as (robot, controller):
         robot.set_payload(1.5, [0.0, 0.0, 0.05], [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.2]])
         await robot.move_joints([0.1, *HOME[1:]])
@@ -35,7 +35,7 @@ async def test_the_simulated_controller_takes_them():
 
 
 @pytest.mark.parametrize(
-    ('given', 'why'),
+    ('given', 'expected'),
     [
         ((-1.0,), 'mass = -1'),
         ((float('nan'),), 'mass = nan'),
@@ -47,18 +47,18 @@ async def test_the_simulated_controller_takes_them():
         ((1.0, 'abc'), 'center: must be numbers'),
     ],
 )
-def test_a_wrong_payload_is_refused_by_name(given, why):
+def test_invalid_payload_is_rejected_by_name(given, expected):
     robot = aio.Robot(controller='remote')
-    with pytest.raises(ArgumentError, match=why):
+    with pytest.raises(ArgumentError, match=expected):
         robot.set_payload(*given)
 
 
-def test_where_a_program_moves_the_arm_the_payload_is_its_own():
+def test_payload_is_rejected_if_a_program_moves_the_arm():
     with pytest.raises(RobotError, match='set Weight and Inertia in its program'):
         Robot(controller='simulated').set_payload(1.0)
 
 
-def test_a_hand_at_the_only_client_s_controller_needs_no_place_of_its_own():
+def test_simulated_hand_works_while_the_only_client_is_connected():
     with Robot.simulated(controller='remote') as robot:
         robot.simulation.estop()
         with pytest.raises(RobotError, match='E-stop'):

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Taught points: files of RC+ and of our own, teaching, going there."""
+"""Taught points: RC+ and YAML files, teaching, and moves to them."""
 
 from datetime import UTC, datetime
 
@@ -21,9 +21,9 @@ ORDER = (
 
 
 def block(turn, **values):
-    usual = dict.fromkeys(ORDER.split(), '0') | {'sLabel': '""', 'sDescription': '""'}
-    usual |= {'nHand': '2', 'nElbow': '1', 'nWrist': '1', 'nUndefined': '448'}
-    return Block(f'Point{turn}', [*(usual | values).items()])
+    defaults = dict.fromkeys(ORDER.split(), '0') | {'sLabel': '""', 'sDescription': '""'}
+    defaults |= {'nHand': '2', 'nElbow': '1', 'nWrist': '1', 'nUndefined': '448'}
+    return Block(f'Point{turn}', [*(defaults | values).items()])
 
 
 FILE = sealed(
@@ -49,11 +49,11 @@ def points(tmp_path):
     (tmp_path / 'robot1.pts').write_bytes(FILE)
     robot = aio.Robot(model='gx4_a251s')
     assert robot.points.load(tmp_path / 'robot1.pts') == 4
-    robot.points.robot = robot  # the points alone do not keep it
+    robot.points.robot = robot  # keep the robot alive
     return robot.points
 
 
-def test_points_are_found_by_label_and_number_ignoring_case(points):
+def test_points_are_found_by_label_or_number_in_any_case(points):
     assert list(points) == ['pick', 'P3', 'later', 'tray']
     assert points['PICK'].x == points['p0'].x == 200.000122070313
     assert points['P3'] == EpsonPoint(150, 200, -40.5, 90)
@@ -67,7 +67,7 @@ def test_points_are_found_by_label_and_number_ignoring_case(points):
 
 
 @pytest.mark.parametrize('end', [b'\r\n', b'\n'])
-def test_a_file_that_is_not_changed_is_written_byte_by_byte(points, tmp_path, end):
+def test_unchanged_file_is_written_byte_for_byte(points, tmp_path, end):
     content = FILE.replace(b'\r\n', end)
     (tmp_path / 'in.pts').write_bytes(content)
     points.load(tmp_path / 'in.pts')
@@ -75,7 +75,7 @@ def test_a_file_that_is_not_changed_is_written_byte_by_byte(points, tmp_path, en
     assert (tmp_path / 'out.pts').read_bytes() == content
 
 
-def test_what_is_changed_is_changed_and_nothing_else(points, tmp_path):
+def test_save_changes_only_the_edited_values(points, tmp_path):
     points['pick'] = points['pick'].moved(z=5.0)
     points['P3'] = EpsonPoint(150, 200, -41, 90)
     points.save(tmp_path / 'out.pts')
@@ -91,7 +91,7 @@ def test_what_is_changed_is_changed_and_nothing_else(points, tmp_path):
     ]
 
 
-def test_points_are_forgotten_and_counted(points, tmp_path):
+def test_deleted_point_is_removed_and_the_rest_renumbered(points, tmp_path):
     del points['P3']
     points.save(tmp_path / 'out.pts')
     text = (tmp_path / 'out.pts').read_text()
@@ -105,7 +105,7 @@ def test_points_are_forgotten_and_counted(points, tmp_path):
         del points['P3']
 
 
-def test_what_a_pts_file_cannot_say_is_refused(tmp_path):
+def test_point_without_posture_is_rejected_for_pts_and_saved_as_yaml(tmp_path):
     robot = aio.Robot()
     robot.points['pick'] = EpsonPoint(300, 0, 400)
     with pytest.raises(ArgumentError, match='posture of the arm'):
@@ -120,7 +120,7 @@ PLACES = st.builds(EpsonPoint, *[st.floats(-1e4, 1e4)] * 6)
 
 
 @given(st.dictionaries(NAMES.map(str.lower), PLACES, max_size=5))
-def test_our_own_file_gives_back_what_it_got(tmp_path_factory, places):
+def test_yaml_file_round_trip(tmp_path_factory, places):
     file = tmp_path_factory.mktemp('points') / 'points.yaml'
     first, second = aio.Robot(), aio.Robot()
     for name, place in places.items():
@@ -132,7 +132,7 @@ def test_our_own_file_gives_back_what_it_got(tmp_path_factory, places):
 
 
 @pytest.mark.parametrize(
-    ('name', 'text', 'why'),
+    ('name', 'text', 'expected'),
     [
         ('a.pts', 'Point1 {\n', 'has no end'),
         ('a.pts', 'Point1 {\nnNumber=1000\n}\n', r'point number 1000 is not in 0\.\.999'),
@@ -147,21 +147,23 @@ def test_our_own_file_gives_back_what_it_got(tmp_path_factory, places):
     ],
 )
 @pytest.mark.invariant(7)
-def test_a_bad_file_is_one_sentence_and_changes_nothing(points, tmp_path, name, text, why):
+def test_invalid_file_gives_one_sentence_and_changes_nothing(
+    points, tmp_path, name, text, expected
+):
     (tmp_path / name).write_text(text)
-    with pytest.raises(ArgumentError, match=why):
+    with pytest.raises(ArgumentError, match=expected):
         points.load(tmp_path / name)
     assert 'pick' in points
 
 
 @pytest.mark.parametrize('name', ['', 'p7', 'P12', 'a b', 'ä', '1st', 'x' * 40])
-def test_names_are_words(name):
+def test_point_name_must_be_a_word(name):
     robot = aio.Robot()
     with pytest.raises(ArgumentError, match='must be a word'):
         robot.points[name] = EpsonPoint(1, 2, 3)
 
 
-def test_the_arm_teaches_approaches_and_goes_there(tmp_path):
+def test_arm_teaches_a_point_approaches_and_reaches_it(tmp_path):
     with Robot.simulated(model='gx4_a251s', start=[0.3, 0.9, -0.05, 0.0]) as robot:
         robot.enable()
         pick = robot.points.teach('pick')
@@ -178,7 +180,7 @@ def test_the_arm_teaches_approaches_and_goes_there(tmp_path):
         assert robot.points['P0'].x == pytest.approx(pick.x, abs=1e-3)
 
 
-def test_a_six_axis_arm_writes_hand_elbow_wrist_and_turns(tmp_path):
+def test_six_axis_arm_saves_hand_elbow_wrist_and_turns(tmp_path):
     with Robot.simulated(start=[0.3, 0.2, 0.2, 0.0, -1.9, 3.3]) as robot:
         robot.points.teach('pick')
         robot.points['over'] = robot.points['pick'].moved(z=50)
@@ -193,7 +195,7 @@ def test_a_six_axis_arm_writes_hand_elbow_wrist_and_turns(tmp_path):
     assert [written.number(key) for key in flags] == [1, 1, 1, 0, 0, 0, 1]
 
 
-def test_a_point_is_approached_along_the_tool():
+def test_before_moves_back_along_the_tool():
     point = EpsonPoint(300, 0, 400, 0, 90, 0)
     away = point.before(50)
     tool = point.pose[:3, 2]
@@ -202,7 +204,7 @@ def test_a_point_is_approached_along_the_tool():
     assert np.abs(point.moved(x=1, y=2, z=3, u=4).u) == 4
 
 
-def test_without_a_connection_nothing_is_taught():
+def test_teach_without_connection_raises():
     robot = aio.Robot()
     with pytest.raises(RobotError, match='there is no connection'):
         robot.points.teach('pick')

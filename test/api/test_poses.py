@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The forms of a pose, frames, tools and way points: what they mean, and what is refused."""
+"""Pose formats, frames, tools and waypoints: meaning and checks."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def random_poses(count):
         yield homogeneous(turn, random.uniform(-0.5, 0.5, 3))
 
 
-def test_a_quaternion_is_that_of_ros_x_y_z_w():
+def test_quaternion_order_is_x_y_z_w():
     for pose in random_poses(200):
         given = [*pose[:3, 3], *Rotation.from_matrix(pose[:3, :3]).as_quat()]
         np.testing.assert_allclose(checked_pose('pose', given), pose, atol=1e-12)
@@ -45,7 +45,7 @@ def test_a_quaternion_is_that_of_ros_x_y_z_w():
         np.testing.assert_allclose(checked_pose('pose', quaternion_pose(pose)), pose, atol=1e-12)
 
 
-def test_an_epson_point_is_in_mm_and_degrees_in_epsons_world():
+def test_epson_point_is_in_mm_and_degrees_of_the_epson_world():
     pose = frames().target('pose', EpsonPoint(-207.5, 359.401, 570.0, 0.0, -90.0, -60.0), None)
     x, y, z = pose.pose[:3, 3]
     assert (x, y, z) == pytest.approx((0.359401, 0.2075, 0.57))  # base_link: x forward, y left
@@ -53,7 +53,7 @@ def test_an_epson_point_is_in_mm_and_degrees_in_epsons_world():
         np.testing.assert_allclose(EpsonPoint.of(each).pose, each, atol=1e-12)
 
 
-def test_frames_by_name_in_each_other_and_in_the_tool():
+def test_named_frames_nest_and_work_with_the_tool_frame():
     known = frames()
     table = homogeneous(Rotation.from_euler('z', 90, degrees=True).as_matrix(), [0.5, 0.1, 0.0])
     known.set('table', table, None)
@@ -65,7 +65,7 @@ def test_frames_by_name_in_each_other_and_in_the_tool():
     in_tool = known.target('pose', on_tray, 'tool')
     assert in_tool.seen_from(HERE)[:3, 3] == pytest.approx([0.4, 0.0, 0.6])
     assert set(known.poses) == {'base_link', 'base', 'table', 'tray'}
-    # an EPSON point in a named frame, as in one of EPSON's Locals
+    # an EPSON point in a named frame, like in an EPSON Local
     assert known.target('pose', EpsonPoint(100, 0, 20), 'table').pose[:3, 3] == pytest.approx(
         [0.5, 0.2, 0.02]
     )
@@ -106,25 +106,25 @@ UNKNOWN = r"frame = 'tabel': must be base_link, base or tool"
         ),
     ],
 )
-def test_what_cannot_be_is_refused_with_field_value_and_what_may_be(request_, expected):
+def test_invalid_pose_frame_or_tool_is_rejected_with_field_and_value(request_, expected):
     with pytest.raises(ValueError, match=expected) as caught:
         request_()
     assert '\n' not in str(caught.value)
 
 
-def beside(x, y, z=0.5):
+def pose_at(x, y, z=0.5):
     return homogeneous(np.eye(3), np.array([x, y, z]))
 
 
-def test_way_points_are_poses_or_have_a_circle_a_blend_and_a_frame_of_their_own():
+def test_waypoints_are_poses_or_set_via_blend_and_frame():
     points = [
-        beside(0.4, 0.1),
-        Waypoint(beside(0.3, 0.1), via=[0.35, 0.15, 0.5], blend=0.0),
+        pose_at(0.4, 0.1),
+        Waypoint(pose_at(0.3, 0.1), via=[0.35, 0.15, 0.5], blend=0.0),
         Waypoint([0.0, -0.1, 0.0, 0, 0, 0, 1], frame='tool'),
     ]
-    found = path_points(points, 0.01, None, frames())
-    assert [point.blend for point in found] == [0.01, 0.0, 0.0]
-    first, second = path_runs(found, HERE)
+    result = path_points(points, 0.01, None, frames())
+    assert [point.blend for point in result] == [0.01, 0.0, 0.0]
+    first, second = path_runs(result, HERE)
     assert [part.length for part in first.parts[:2]] == pytest.approx([0.09, 0.02])
     assert second.pose(second.seams[-1])[:3, 3] == pytest.approx([0.4, -0.1, 0.5])
 
@@ -136,77 +136,77 @@ def test_way_points_are_poses_or_have_a_circle_a_blend_and_a_frame_of_their_own(
         ([], 0.0, 'points: must have at least one'),
         ('here', 0.0, "points = 'here': must be a list"),
         ([HERE[:3]], 0.0, r'points\[0\] has shape \(3, 4\)'),
-        ([beside(0.4, 0.1)], -0.01, r'blend = -0\.01: must be a number from 0'),
-        ([beside(0.4, 0.1)], float('nan'), 'blend = nan: must be a number from 0'),
+        ([pose_at(0.4, 0.1)], -0.01, r'blend = -0\.01: must be a number from 0'),
+        ([pose_at(0.4, 0.1)], float('nan'), 'blend = nan: must be a number from 0'),
         ([Waypoint(HERE, blend='1'), HERE], 0.0, r"points\[0\]\.blend = '1': must be a number"),
         ([Waypoint(HERE, blend=0.1)], 0.0, r'points\[0\]\.blend = 0\.1 m: nothing follows'),
         ([Waypoint(HERE, frame='b')], 0.0, "frame = 'b': must be base_link"),
         ([Waypoint(HERE, via=[1, 2])], 0.0, r'points\[0\]\.via has shape \(2,\)'),
         (
-            [beside(0.4, 0.1), beside(0.4, 0.2)],
+            [pose_at(0.4, 0.1), pose_at(0.4, 0.2)],
             0.15,
             r'points\[0\]: the way there is 0\.1 m: a blend of 0\.15 m is longer',
         ),
         (
-            [Waypoint(beside(0.4, 0.2), via=[0.4, 0.1, 0.5])],
+            [Waypoint(pose_at(0.4, 0.2), via=[0.4, 0.1, 0.5])],
             0.0,
             r'points\[0\]: no arc leads from',
         ),
     ],
 )
-def test_a_path_that_cannot_be_is_refused_with_the_point_and_the_reason(points, blend, expected):
+def test_invalid_path_is_rejected_with_point_and_reason(points, blend, expected):
     with pytest.raises(ValueError, match=expected) as caught:
         path_runs(path_points(points, blend, None, frames()), HERE)
     assert '\n' not in str(caught.value)
 
 
-def tremble(pose, random):
-    """Return a pose as encoders would have it the next time."""
+def with_noise(pose, random):
+    """Return the pose with encoder noise."""
     moved = pose.copy()
     moved[:3, 3] += random.uniform(-2e-5, 2e-5, 3)
     return moved
 
 
-def test_points_at_one_place_are_passed_once_with_the_smallest_blend_however_encoders_tremble():
-    first, second = beside(0.4, 0.1), beside(0.5, 0.1)
+def test_repeated_noisy_points_count_once_with_the_smallest_blend():
+    first, second = pose_at(0.4, 0.1), pose_at(0.5, 0.1)
     random = np.random.default_rng(31)
     for _ in range(20):
-        here, again, twice = (tremble(each, random) for each in (HERE, first, first))
+        here, again, twice = (with_noise(each, random) for each in (HERE, first, first))
         for given, runs, lengths in (
             ([here, again, second], 1, [0.08, 0.04, 0.08]),
             ([first, twice, again, second], 1, [0.08, 0.04, 0.08]),
             ([Waypoint(first, blend=0.0), twice, second], 2, [0.1]),
             ([first, Waypoint(twice, blend=0.0), second], 2, [0.1]),
-            ([here, first, second, tremble(second, random)], 1, [0.08, 0.04, 0.08]),
+            ([here, first, second, with_noise(second, random)], 1, [0.08, 0.04, 0.08]),
         ):
-            found = path_runs(path_points(given, 0.02, None, frames()), HERE)
-            assert len(found) == runs
-            assert [part.length for part in found[0].parts] == pytest.approx(lengths, abs=1e-4)
-            assert found[-1].last == len(given) - 1
-            end = found[-1].pose(found[-1].seams[-1])
+            result = path_runs(path_points(given, 0.02, None, frames()), HERE)
+            assert len(result) == runs
+            assert [part.length for part in result[0].parts] == pytest.approx(lengths, abs=1e-4)
+            assert result[-1].last == len(given) - 1
+            end = result[-1].pose(result[-1].seams[-1])
             np.testing.assert_allclose(end, given[-1], atol=1e-12)
 
 
 @pytest.mark.parametrize('away', [0.0, 1e-7, 2e-6, 1e-5, 9e-5, 1e-3])
-def test_a_path_to_where_the_tool_is_succeeds_and_a_short_one_is_gone(away):
+def test_path_to_the_current_pose_has_no_run_and_a_short_one_has(away):
     end = HERE.copy()
     end[1, 3] += away
     for count in (1, 2):
-        found = path_runs(path_points([end] * count, 0.0, None, frames()), HERE)
-        assert len(found) == (away > 1e-6)
+        result = path_runs(path_points([end] * count, 0.0, None, frames()), HERE)
+        assert len(result) == (away > 1e-6)
 
 
-def test_a_path_does_not_creep_away_point_by_point():
-    steps = [beside(0.4, 9e-5 * index) for index in range(1, 101)]
+def test_small_steps_add_up_to_the_last_point():
+    steps = [pose_at(0.4, 9e-5 * index) for index in range(1, 101)]
     (*_, last) = path_runs(path_points(steps, 0.0, None, frames()), HERE)
     assert last.last == 99
 
 
-def test_a_matrix_of_few_digits_is_the_nearest_rotation():
+def test_rounded_matrix_becomes_the_nearest_rotation():
     exact = homogeneous(rotation_of_uvw(np.array([0.3, -0.7, 2.0])), np.array([0.1, 0.2, 0.3]))
-    found = checked_pose('pose', np.round(exact, 5))
-    turn = found[:3, :3]
+    result = checked_pose('pose', np.round(exact, 5))
+    turn = result[:3, :3]
     assert np.abs(turn @ turn.T - np.eye(3)).max() < 1e-12
-    assert np.abs(found - exact).max() < 2e-5
+    assert np.abs(result - exact).max() < 2e-5
     with pytest.raises(ValueError, match='must be a rotation'):
         checked_pose('pose', np.round(exact, 3))

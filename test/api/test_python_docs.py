@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The examples of docs/python.md run as they are, where nothing of ROS can be imported."""
+"""The examples of docs/python.md run unchanged, without any ROS package."""
 
 import re
 from pathlib import Path
@@ -12,7 +12,7 @@ from support.examples import one_in
 PAGE = (Path(__file__).parents[2] / 'docs' / 'python.md').read_text(encoding='utf-8')
 EXAMPLES = re.findall(r'(?ms)^```python\n(.*?)^```', PAGE)
 
-SAID = (
+EXPECTED = (
     'the arm is enabled',
     'the running motion ended: ',
     'canceled; the arm stands',
@@ -23,26 +23,26 @@ SAID = (
     'link disconnected',
     '0.4',
 )
-"""What each example prints among other things."""
+"""A part of each example's output."""
 
 
-def test_every_example_is_here() -> None:
-    assert len(EXAMPLES) == len(SAID)
+def test_every_example_has_an_expected_output() -> None:
+    assert len(EXAMPLES) == len(EXPECTED)
 
 
 @pytest.mark.parametrize(
-    ('code', 'said'),
+    ('code', 'expected'),
     [
         pytest.param(*each, marks=[pytest.mark.slow] if number else [], id=str(number))
-        for number, each in enumerate(zip(EXAMPLES, SAID, strict=True))
+        for number, each in enumerate(zip(EXAMPLES, EXPECTED, strict=True))
     ],
 )
-def test_the_example_runs_without_ros(code: str, said: str, tmp_path: Path) -> None:
-    assert said in output(program(code, cwd=tmp_path))
+def test_example_runs_without_ros(code: str, expected: str, tmp_path: Path) -> None:
+    assert expected in output(program(code, cwd=tmp_path))
 
 
 @pytest.mark.parametrize('module', one_in(3, ['rclpy', 'sensor_msgs.msg', 'control_msgs.action']))
-def test_ros_really_cannot_be_imported_there(module: str) -> None:
+def test_ros_import_fails_in_example_processes(module: str) -> None:
     process = program(f'import {module}')
     _, errors = process.communicate(timeout=300)
     assert process.returncode == 1
@@ -64,7 +64,7 @@ def test_ros_really_cannot_be_imported_there(module: str) -> None:
     ),
     ids=' '.join,
 )
-def test_executables_that_need_no_ros_run_without_it(words: tuple[str, ...]) -> None:
+def test_command_line_tools_run_without_ros(words: tuple[str, ...]) -> None:
     code = f"""
 import sys
 from epson_driver.cli.__main__ import main

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Recorded motions: what is measured, kept in files, and replayed on the way and in the time."""
+"""Recordings of motions: sampling, files, and replay along the same path in the same time."""
 
 import asyncio
 
@@ -21,7 +21,7 @@ LIMITS = load_robot_model('c3_a601s').limits
 
 
 async def recorded(robot):
-    """Record a move, a line, a rest of half a second, and the way back."""
+    """Record a move, a line, a rest of 0.5 s, and the move back."""
     await robot.move_joints(HOME)
     recording = robot.record()
     await asyncio.sleep(0.5)
@@ -35,15 +35,15 @@ async def recorded(robot):
     return recording
 
 
-def apart(rows, others):
-    """Return how far rows of joints are from the way of others at most, rad."""
+def max_distance(rows, others):
+    """Return the maximum distance of joint rows from the path through others, rad."""
     fine = np.linspace(0, len(others) - 1, 20 * len(others))
-    way = np.array([np.interp(fine, np.arange(len(others)), column) for column in others.T]).T
-    return max(np.abs(way - row).max(axis=1).min() for row in rows)
+    path = np.array([np.interp(fine, np.arange(len(others)), column) for column in others.T]).T
+    return max(np.abs(path - row).max(axis=1).min() for row in rows)
 
 
 @pytest.mark.parametrize('profile', one_in(3, ['generic', 'simulated', 'motoman']))
-def test_a_replay_goes_the_recorded_way_in_its_time_and_rests_where_it_rested(profile):
+def test_replay_follows_the_recorded_path_in_the_recorded_time(profile):
     async def scenario():
         async with robot_cell(profile=profile, smooth=profile != 'generic') as (robot, _):
             recording = await recorded(robot)
@@ -51,8 +51,8 @@ def test_a_replay_goes_the_recorded_way_in_its_time_and_rests_where_it_rested(pr
             motion = await robot.replay(recording)
             again.stop()
             assert motion.duration == pytest.approx(recording.duration - 0.5, abs=0.2)
-            assert apart(again.positions, recording.positions) < 0.005
-            assert apart(recording.positions, again.positions) < 0.005
+            assert max_distance(again.positions, recording.positions) < 0.005
+            assert max_distance(recording.positions, again.positions) < 0.005
             assert again.duration == pytest.approx(motion.duration, abs=0.5)
             slow = await robot.replay(recording, speed=0.5)
             assert slow.duration == pytest.approx(2.0 * motion.duration, abs=0.05)
@@ -62,7 +62,7 @@ def test_a_replay_goes_the_recorded_way_in_its_time_and_rests_where_it_rested(pr
 
 
 @pytest.mark.slow
-def test_from_elsewhere_the_arm_goes_to_the_begin_first_and_a_file_does_as_well(tmp_path):
+def test_replay_from_a_file_first_moves_to_the_start(tmp_path):
     async def scenario():
         async with robot_cell(smooth=True) as (robot, _):
             recording = await recorded(robot)
@@ -71,9 +71,9 @@ def test_from_elsewhere_the_arm_goes_to_the_begin_first_and_a_file_does_as_well(
             again = robot.record()
             motion = await robot.replay(tmp_path / 'demo.yaml')
             assert robot.joints == pytest.approx(HOME, abs=1e-3)
-            way = again.positions
-            begin = np.abs(way - HOME).max(axis=1).argmin()
-            assert apart(way[begin:], recording.positions) < 0.005
+            path = again.positions
+            start = np.abs(path - HOME).max(axis=1).argmin()
+            assert max_distance(path[start:], recording.positions) < 0.005
             assert motion.duration > recording.duration - 0.5
             read = Recording.load(tmp_path / 'demo.yaml')
             assert read.positions == pytest.approx(recording.positions, abs=1e-8)
@@ -82,26 +82,26 @@ def test_from_elsewhere_the_arm_goes_to_the_begin_first_and_a_file_does_as_well(
     run(scenario())
 
 
-def test_the_rate_is_what_was_asked_for_and_the_end_is_that_of_the_connection():
+def test_recording_has_the_requested_rate_and_ends_with_the_connection():
     async def scenario():
         async with robot_cell() as (robot, _):
-            at_100, all_there_are = robot.record(rate=100.0), robot.record()
+            at_100, unthrottled = robot.record(rate=100.0), robot.record()
             await asyncio.sleep(2.0)
             at_100.stop()
             await asyncio.sleep(1.0)
         assert len(at_100) == pytest.approx(200, abs=6)
-        assert len(all_there_are) == pytest.approx(546, abs=12)  # and STATUSes between
+        assert len(unthrottled) == pytest.approx(546, abs=12)  # STATUS messages take some slots
         assert np.diff(at_100.times).min() > 0.0
-        count = len(all_there_are)
+        count = len(unthrottled)
         async with robot_cell():
             await asyncio.sleep(0.2)
-        assert len(all_there_are) == count
+        assert len(unthrottled) == count
         assert repr(at_100).startswith('<Recording: ')
 
     run(scenario())
 
 
-def test_a_hand_that_moves_the_arm_is_recorded_too():
+def test_disabled_arm_is_recorded_too():
     async def scenario():
         async with robot_cell(enabled=False) as (robot, _):
             recording = robot.record()
@@ -111,7 +111,7 @@ def test_a_hand_that_moves_the_arm_is_recorded_too():
     run(scenario())
 
 
-def made(times, positions, names=LIMITS.names):
+def recording_of(times, positions, names=LIMITS.names):
     recording = Recording(names)
     recording._rows = list(zip(times, np.array(positions, dtype=float), strict=True))
     return recording
@@ -121,31 +121,35 @@ STEP = np.array([0.1, 0, 0, 0, 0, 0])
 
 
 @pytest.mark.parametrize(
-    ('recording', 'speed', 'why'),
+    ('recording', 'speed', 'expected'),
     [
-        (made([], []), 1.0, 'the recording is empty'),
-        (made([0.0, 0.8], [STEP, 2 * STEP]), 1.0, r'0\.8 s between two samples, 0 s from'),
-        (made([0.0, 0.0], [STEP, 2 * STEP]), 1.0, 'between two samples'),
-        (made([0.0, 0.1], [[0.1] * 4] * 2, ('a', 'b', 'c', 'd')), 1.0, 'is of a, b, c, d'),
-        (made([0.0, 0.1], [STEP, 2 * STEP]), 0.0, 'speed = 0'),
-        (made([0.0, 0.1], [STEP, 2 * STEP]), 1.5, r'speed = 1\.5'),
-        (made([0.0, 0.1], [STEP, 2 * STEP]), float('nan'), 'speed = nan'),
-        (made([0.0, 0.1], [STEP, 100 * STEP]), 1.0, r'recording: .*joint_1: position 10 rad'),
-        (made([0.0, 0.1], [STEP, 20 * STEP]), 1.0, r'recording: .*joint_1'),
+        (recording_of([], []), 1.0, 'the recording is empty'),
+        (recording_of([0.0, 0.8], [STEP, 2 * STEP]), 1.0, r'0\.8 s between two samples, 0 s from'),
+        (recording_of([0.0, 0.0], [STEP, 2 * STEP]), 1.0, 'between two samples'),
+        (recording_of([0.0, 0.1], [[0.1] * 4] * 2, ('a', 'b', 'c', 'd')), 1.0, 'is of a, b, c, d'),
+        (recording_of([0.0, 0.1], [STEP, 2 * STEP]), 0.0, 'speed = 0'),
+        (recording_of([0.0, 0.1], [STEP, 2 * STEP]), 1.5, r'speed = 1\.5'),
+        (recording_of([0.0, 0.1], [STEP, 2 * STEP]), float('nan'), 'speed = nan'),
+        (
+            recording_of([0.0, 0.1], [STEP, 100 * STEP]),
+            1.0,
+            r'recording: .*joint_1: position 10 rad',
+        ),
+        (recording_of([0.0, 0.1], [STEP, 20 * STEP]), 1.0, r'recording: .*joint_1'),
     ],
 )
-def test_what_cannot_be_replayed_is_one_sentence_and_nothing_moves(recording, speed, why):
+def test_invalid_recording_is_rejected_and_nothing_moves(recording, speed, expected):
     async def scenario():
         async with robot_cell() as (robot, _):
             before = robot.joints
-            with pytest.raises(RobotError, match=why):
+            with pytest.raises(RobotError, match=expected):
                 await robot.replay(recording, speed=speed)
             assert robot.joints == pytest.approx(before, abs=1e-6)
 
     run(scenario())
 
 
-def test_a_file_that_is_none_and_a_robot_without_a_connection_are_said(tmp_path):
+def test_invalid_file_and_missing_connection_are_reported(tmp_path):
     (tmp_path / 'bad.yaml').write_text('points: 3\n')
     with pytest.raises(ArgumentError, match=r'bad\.yaml: joint_names is missing'):
         Recording.load(tmp_path / 'bad.yaml')
@@ -157,7 +161,7 @@ def test_a_file_that_is_none_and_a_robot_without_a_connection_are_said(tmp_path)
         Recording(LIMITS.names).save(tmp_path / 'out.yaml')
 
 
-def test_another_trajectory_is_one_too(tmp_path):
+def test_trajectory_file_can_be_loaded_as_a_recording(tmp_path):
     times, rows = np.linspace(0.0, 1.0, 11), np.linspace(HOME, AWAY, 11)
     write_trajectory(tmp_path / 'plan.yaml', Trajectory(LIMITS.names, times, rows), 'a plan')
     plan = Recording.load(tmp_path / 'plan.yaml').plan(LIMITS, 1.0)

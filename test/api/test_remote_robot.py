@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The profile `remote`: an arm without a program in its controller, by Remote Ethernet alone."""
+"""The profile `remote`: Remote Ethernet alone, no program in the controller."""
 
 import asyncio
 import contextlib
@@ -24,7 +24,7 @@ FAR = [1.5, 0.3, -0.2, 0.0, 0.5, 0.0]
 
 
 async def watched(controller, motion):
-    """Return what a motion returns, and where the arm was meanwhile, shape (k, n)."""
+    """Return the motion's result, and the commanded joints along it, shape (k, n)."""
     task, places = asyncio.ensure_future(motion), []
     while not task.done():
         places.append(controller.arm.commanded.copy())
@@ -32,8 +32,8 @@ async def watched(controller, motion):
     return await task, np.array(places)
 
 
-async def under_way(robot, controller, target=FAR):
-    """Return a slow motion that has begun."""
+async def started_motion(robot, controller, target=FAR):
+    """Start a slow motion and return it once the arm moves."""
     motion = await robot.move_joints(target, speed=0.1, wait=False)
     await until(lambda: controller.in_motion)
     await asyncio.sleep(0.3)
@@ -41,8 +41,8 @@ async def under_way(robot, controller, target=FAR):
     return motion
 
 
-async def stands(controller):
-    """Wait for rest, and assert that the arm stays where it is."""
+async def assert_stays_at_rest(controller):
+    """Wait for standstill, and assert that it lasts."""
     await until(lambda: not controller.in_motion)
     before = controller.arm.commanded.copy()
     await asyncio.sleep(0.5)
@@ -53,7 +53,7 @@ def remote_cell(**options):
     return robot_cell(profile='remote', **options)
 
 
-def test_joint_moves_lines_and_arcs_arrive_on_their_way():
+def test_joint_moves_lines_and_arcs_follow_their_path():
     async def scenario():
         async with remote_cell() as (robot, controller):
             assert 'at the goal' in (await robot.move_joints(START)).text
@@ -79,7 +79,7 @@ def test_joint_moves_lines_and_arcs_arrive_on_their_way():
     run(scenario())
 
 
-def test_a_line_of_a_tool_that_turns_is_one_of_the_tool():
+def test_line_that_turns_the_tool_keeps_the_tip_in_place():
     async def scenario():
         async with remote_cell() as (robot, controller):
             await robot.move_joints(START)
@@ -98,12 +98,12 @@ def test_a_line_of_a_tool_that_turns_is_one_of_the_tool():
     run(scenario())
 
 
-def test_power_is_low_and_the_speed_is_what_was_asked_for():
+def test_power_is_low_and_the_requested_speed_is_set():
     async def scenario():
         async with remote_cell() as (robot, controller):
             await robot.move_joints(START, speed=0.07, acceleration=0.3)
             assert controller.condition.power.value == 'low'
-            asked = {robot.io: '1'}  # the controller tells what it was given last
+            asked = {robot.io: '1'}  # the controller reports the last values set
             assert asked
             speed = await robot._connection.driver.state_link.ask(
                 'Execute,"Print Speed, Accel(1)"'
@@ -114,7 +114,7 @@ def test_power_is_low_and_the_speed_is_what_was_asked_for():
 
 
 @pytest.mark.parametrize('model', ['gx4_a251s', 'vt6_a901s'])
-def test_other_arms_move_too(model):
+def test_other_arms_move(model):
     async def scenario():
         async with remote_cell(model=model) as (robot, _):
             limits = robot.model.limits
@@ -129,12 +129,12 @@ def test_other_arms_move_too(model):
 
 
 @pytest.mark.invariant(6)
-def test_while_the_arm_moves_no_joints_are_told_and_what_is_known_says_its_age():
+def test_joints_are_stale_while_the_arm_moves():
     async def scenario():
         async with remote_cell() as (robot, controller):
             samples = []
             robot.on_joints(lambda sample: samples.append((controller.in_motion, sample)))
-            motion = await under_way(robot, controller)
+            motion = await started_motion(robot, controller)
             samples.clear()
             with pytest.raises(RobotError, match=r'the newest joint state is [0-9.]+ s old'):
                 _ = robot.joints
@@ -152,13 +152,13 @@ def test_while_the_arm_moves_no_joints_are_told_and_what_is_known_says_its_age()
 
 
 @pytest.mark.invariant(3)
-def test_stop_aborts_and_the_next_motion_goes_on_from_there():
+def test_stop_aborts_the_motion_and_the_next_one_succeeds():
     async def scenario():
         async with remote_cell() as (robot, controller):
             await robot.move_joints(START)
-            motion = await under_way(robot, controller)
+            motion = await started_motion(robot, controller)
             assert 'the arm stands' in await robot.stop()
-            await stands(controller)
+            await assert_stays_at_rest(controller)
             assert controller.arm.commanded[0] < 1.4
             with pytest.raises(MotionError, match='stopped on request; the arm stands'):
                 await motion.wait()
@@ -168,12 +168,12 @@ def test_stop_aborts_and_the_next_motion_goes_on_from_there():
     run(scenario())
 
 
-def test_cancel_ends_as_canceled():
+def test_cancel_ends_the_motion_as_canceled():
     async def scenario():
         async with remote_cell() as (robot, controller):
-            motion = await under_way(robot, controller)
+            motion = await started_motion(robot, controller)
             assert 'canceled; the arm stands' in await motion.cancel()
-            await stands(controller)
+            await assert_stays_at_rest(controller)
 
     run(scenario())
 
@@ -190,31 +190,31 @@ ENDS = {
 }
 
 
-@pytest.mark.parametrize('what', ENDS)
+@pytest.mark.parametrize('case', ENDS)
 @pytest.mark.invariant(4)
-def test_what_ends_a_motion_leaves_the_arm_still_until_it_is_enabled(what):
-    events, mended, why = ENDS[what]
+def test_disturbed_arm_stays_at_rest_until_enabled(case):
+    events, undo, expected = ENDS[case]
 
     async def scenario():
         async with remote_cell() as (robot, controller):
-            motion = await under_way(robot, controller)
+            motion = await started_motion(robot, controller)
             for event in events:
                 controller.apply(event)
-            with pytest.raises(MotionError, match=why):
+            with pytest.raises(MotionError, match=expected):
                 await motion.wait()
             assert not robot.status.enabled
-            await stands(controller)
+            await assert_stays_at_rest(controller)
             with pytest.raises(MotionError, match='enable'):
                 await robot.move_joints(START)
-            for event in mended:
+            for event in undo:
                 controller.apply(event)
-            if what == 'E-stop':
+            if case == 'E-stop':
                 with pytest.raises(RobotError, match='reset'):
                     await robot.enable()
             await robot.reset()
-            await stands(controller)
+            await assert_stays_at_rest(controller)
             await robot.enable()
-            await stands(controller)
+            await assert_stays_at_rest(controller)
             await robot.move_joints(START)
             assert robot.joints == pytest.approx(START, abs=1e-4)
 
@@ -222,23 +222,23 @@ def test_what_ends_a_motion_leaves_the_arm_still_until_it_is_enabled(what):
 
 
 @pytest.mark.parametrize(
-    ('begun', 'mended'),
+    ('trigger', 'undo'),
     [(Event.DOOR_OPEN, (Event.DOOR_CLOSE, Event.STOP)), (Event.MODE_MANUAL, (Event.MODE_AUTO,))],
 )
 @pytest.mark.invariant(4)
-def test_an_arm_that_stands_stays_disabled_whoever_switches_its_motors_on(begun, mended):
+def test_resting_arm_stays_disabled_when_its_motors_are_switched_on(trigger, undo):
     async def scenario():
         async with remote_cell() as (robot, controller):
-            controller.apply(begun)
+            controller.apply(trigger)
             await until(lambda: not robot.status.enabled)
-            for event in (*mended, Event.START, Event.MOTORS_ON):
+            for event in (*undo, Event.START, Event.MOTORS_ON):
                 with contextlib.suppress(RejectedError):
                     controller.apply(event)
             await until(lambda: controller.condition.powered)
             await asyncio.sleep(0.5)
             with pytest.raises(MotionError, match='enable'):
                 await robot.move_joints(START)
-            await stands(controller)
+            await assert_stays_at_rest(controller)
             await robot.enable()
             await robot.move_joints(START)
 
@@ -246,10 +246,10 @@ def test_an_arm_that_stands_stays_disabled_whoever_switches_its_motors_on(begun,
 
 
 @pytest.mark.invariant(4)
-def test_a_cut_in_a_motion_is_told_truthfully_and_the_first_word_afterwards_is_abort():
+def test_cut_during_a_motion_is_reported_and_abort_follows_the_reconnect():
     async def scenario():
         async with remote_cell() as (robot, controller):
-            motion = await under_way(robot, controller)
+            motion = await started_motion(robot, controller)
             controller.faults.start(parse('cut port=remote for=1'))
             with pytest.raises(MotionError) as caught:
                 await motion.wait()
@@ -259,8 +259,8 @@ def test_a_cut_in_a_motion_is_told_truthfully_and_the_first_word_afterwards_is_a
             assert not robot.status.enabled
             await until(lambda: robot.status.connected)
             await until(lambda: not controller.in_motion)
-            assert controller.arm.commanded[0] < 1.4  # it was aborted on its way
-            await stands(controller)
+            assert controller.arm.commanded[0] < 1.4  # the motion was aborted
+            await assert_stays_at_rest(controller)
             await robot.enable()
             await robot.move_joints(START)
 
@@ -268,12 +268,12 @@ def test_a_cut_in_a_motion_is_told_truthfully_and_the_first_word_afterwards_is_a
 
 
 @pytest.mark.invariant(4)
-def test_a_robot_that_is_closed_in_a_motion_stops_the_arm():
+def test_close_during_a_motion_stops_the_arm():
     async def scenario():
         async with simulated(profile='remote') as (controller, ports):
             async with aio.Robot(controller='remote', remote_port=ports.remote) as robot:
                 await robot.enable()
-                await under_way(robot, controller)
+                await started_motion(robot, controller)
             await until(lambda: not controller.in_motion)
             assert controller.arm.commanded[0] < 1.4
 
@@ -281,8 +281,8 @@ def test_a_robot_that_is_closed_in_a_motion_stops_the_arm():
 
 
 @pytest.mark.invariant(1)
-def test_beside_another_client_the_second_one_is_refused_with_the_reason():
-    """As programs do that are written with epsonrc, the first one logs in and stays."""
+def test_second_remote_client_is_rejected():
+    """The first client logs in and stays connected, like programs that use epsonrc."""
 
     async def scenario():
         async with simulated(profile='remote') as (controller, ports):
@@ -297,7 +297,7 @@ def test_beside_another_client_the_second_one_is_refused_with_the_reason():
             writer.close()
             async with robot:
                 await robot.enable()
-                motion = await under_way(robot, controller)
+                motion = await started_motion(robot, controller)
                 with pytest.raises(HungUpError, match='before it answered Login'):
                     await execute('127.0.0.1', ports.remote, ['Abort'], 3.0)
                 assert controller.in_motion
@@ -306,7 +306,7 @@ def test_beside_another_client_the_second_one_is_refused_with_the_reason():
     run(scenario())
 
 
-def test_the_other_ports_of_a_controller_without_a_program_are_closed():
+def test_other_ports_of_a_controller_without_program_are_closed():
     async def scenario():
         async with simulated(profile='remote') as (_, ports):
             for port in (ports.motion, ports.state, ports.io):
@@ -328,23 +328,23 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize('what', REFUSED)
+@pytest.mark.parametrize('case', REFUSED)
 @pytest.mark.invariant(1)
-def test_plans_of_points_are_refused_by_name(what):
+def test_plans_of_points_are_rejected(case):
     async def scenario():
         async with remote_cell() as (robot, controller):
             await robot.move_joints(START)
             with (
-                real_time(),  # a worker plans
+                real_time(),  # for the planning process
                 pytest.raises(MotionError, match=r'a plan of \d+ points: by Remote Ethernet'),
             ):
-                await REFUSED[what](robot)
-            await stands(controller)
+                await REFUSED[case](robot)
+            await assert_stays_at_rest(controller)
 
     run(scenario())
 
 
-def test_streams_speed_scaling_and_pause_are_refused_by_name():
+def test_streams_speed_scaling_and_pause_are_rejected():
     async def scenario():
         async with remote_cell() as (robot, controller):
             with pytest.raises(RobotError, match='by Remote Ethernet alone the arm follows no'):
@@ -355,13 +355,13 @@ def test_streams_speed_scaling_and_pause_are_refused_by_name():
                 ):
                     robot.set_speed_scaling(factor)
             robot.set_speed_scaling(1.0)
-            await stands(controller)
+            await assert_stays_at_rest(controller)
 
     run(scenario())
 
 
 @pytest.mark.invariant(2)
-def test_limits_are_checked_before_anything_is_sent():
+def test_limits_are_checked_before_sending():
     async def scenario():
         async with RemotePeer(Execute='#Execute,"0 0 0 0 0 0 1"') as peer:
             async with aio.Robot(controller='remote', remote_port=peer.port) as robot:
@@ -377,8 +377,8 @@ def test_limits_are_checked_before_anything_is_sent():
 
 
 @pytest.mark.invariant(5)
-def test_an_answer_alone_is_no_success():
-    """The controller says that the motion is over, and the arm stands where it was."""
+def test_reply_without_motion_is_no_success():
+    """The controller confirms the motion, but the arm is still at its start."""
 
     async def scenario():
         async with (
@@ -392,18 +392,18 @@ def test_an_answer_alone_is_no_success():
     run(scenario())
 
 
-def test_slow_answers_slow_nothing_but_the_state():
+def test_slow_replies_only_delay_the_state():
     async def scenario():
         async with remote_cell() as (robot, controller):
             link = robot._connection.driver.state_link
             send = link._write
 
-            def late(connection, data):
+            def send_late(connection, data):
                 asyncio.get_running_loop().call_later(0.2, send, connection, data)
 
-            link._write = late
+            link._write = send_late
             await robot.move_joints(START)
-            motion = await under_way(robot, controller)
+            motion = await started_motion(robot, controller)
             assert 'the arm stands' in await robot.stop()
             assert motion.done
             del link._write
@@ -411,33 +411,35 @@ def test_slow_answers_slow_nothing_but_the_state():
     run(scenario())
 
 
-def test_a_wrong_password_is_said_and_the_right_one_is_in_the_profile(tmp_path):
+def test_wrong_password_is_reported_and_the_profile_s_password_is_used(tmp_path):
     profile = tmp_path / 'cell.yaml'
 
-    def written(password):
+    def profile_with(password):
         profile.write_text(
             f'like: remote\nname: cell\ndescription: ours\nremote: {{password: {password}}}\n'
         )
         return str(profile)
 
     async def scenario():
-        async with simulated(profile=written('secret')) as (_, ports):
-            for name in (written('wrong'), 'remote'):
+        async with simulated(profile=profile_with('secret')) as (_, ports):
+            for name in (profile_with('wrong'), 'remote'):
                 robot = aio.Robot(controller=name, remote_port=ports.remote)
                 with pytest.raises(RobotError, match='the password is wrong'):
                     await robot.connect(timeout=2.0)
-            async with aio.Robot(controller=written('secret'), remote_port=ports.remote) as robot:
+            async with aio.Robot(
+                controller=profile_with('secret'), remote_port=ports.remote
+            ) as robot:
                 assert robot.status.connected
 
     run(scenario())
 
 
-def test_points_are_read_and_written_and_in_a_motion_what_the_controller_lets():
+def test_io_during_a_motion_is_limited_by_the_controller():
     async def scenario():
         async with remote_cell() as (robot, controller):
             await robot.io.write('DO', 3, 1)
             assert await robot.io.read('DO', 3) == 1
-            motion = await under_way(robot, controller)
+            motion = await started_motion(robot, controller)
             await robot.io.write('DO', 3, 0)
             assert controller.io.read_port(1, 3, 1) in (0, 1)
             with pytest.raises(RobotError, match='another command is being executed'):
@@ -449,7 +451,7 @@ def test_points_are_read_and_written_and_in_a_motion_what_the_controller_lets():
 
 
 @pytest.mark.invariant(4)
-def test_with_the_estop_pressed_it_connects_and_says_what_helps():
+def test_connect_with_pressed_estop_reports_the_remedy():
     async def scenario():
         async with simulated(profile='remote') as (controller, ports):
             controller.apply(Event.ESTOP_PRESS)
@@ -467,18 +469,18 @@ def test_with_the_estop_pressed_it_connects_and_says_what_helps():
     run(scenario())
 
 
-def test_a_remote_port_of_0_leaves_nothing():
+def test_remote_port_0_is_rejected():
     with pytest.raises(ValueError, match='remote_port = 0: this controller is reached by nothing'):
         aio.Robot(controller='remote', remote_port=0)
 
 
-def test_interfaces_do_not_mix():
+def test_interface_of_another_controller_is_rejected():
     settings = aio.Settings(interface='streaming')
     with pytest.raises(ValueError, match='interface = streaming: the controller remote takes'):
         aio.Robot(controller='remote', settings=settings)
 
 
-def test_the_simulated_one_moves_as_a_process():
+def test_simulated_remote_controller_runs_as_a_process():
     with Robot.simulated(controller='remote', start=START) as robot:
         robot.enable()
         robot.move_joints([0.2, *START[1:]])

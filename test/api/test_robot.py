@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The synchronous API: real processes and sockets in real time, threads, Ctrl-C."""
+"""The synchronous API: processes, sockets and threads in real time, and Ctrl-C."""
 
 import asyncio
 import os
@@ -29,7 +29,7 @@ PATIENCE = 120.0
 
 @pytest.fixture(autouse=True)
 def _patience(monkeypatch):
-    """A machine that is busy does not make a controller slow."""
+    """Extend time-outs for a busy machine."""
     be_patient(monkeypatch.setattr)
 
 
@@ -38,18 +38,18 @@ def robot_at(ports):
     return Robot(**{f'{name}_port': ports[name] for name in ports})
 
 
-def begun(robot):
-    """Begin a long motion and see the arm move."""
+def moving_slowly(robot):
+    """Start a long slow motion, and return once the arm moves."""
     motion = robot.move_joints(FAR, speed=SLOW, wait=False)
     wait_for(lambda: robot.joints[0] > 0.01)
     return motion
 
 
-# --- what stops the arm -----------------------------------------------------------------------
+# --- stops -----------------------------------------------------------------------
 
 
 @pytest.mark.invariant(3, 4, 5)
-def test_an_estop_ends_the_motion_and_a_callback_may_use_the_robot(ports):
+def test_estop_ends_the_motion_and_a_callback_may_use_the_robot(ports):
     seen = []
     with robot_at(ports) as robot:
 
@@ -58,7 +58,7 @@ def test_an_estop_ends_the_motion_and_a_callback_may_use_the_robot(ports):
 
         robot.on_estop(pressed)
         robot.enable()
-        motion = begun(robot)
+        motion = moving_slowly(robot)
         do(ports['remote'], 'estop', 'press')
         with pytest.raises(MotionError, match='E-stop is pressed'):
             motion.wait(PATIENCE)
@@ -77,13 +77,13 @@ def test_an_estop_ends_the_motion_and_a_callback_may_use_the_robot(ports):
 
 @pytest.mark.invariant(3, 4, 5)
 @pytest.mark.slow
-def test_a_controller_that_is_gone_in_mid_move_ends_the_motion_and_the_robot_comes_back():
+def test_killed_controller_ends_the_motion_and_the_robot_reconnects():
     links = []
     process, numbers = sim_process.started()
     with robot_at(numbers) as robot:
         robot.on_link(lambda name, _why: links.append(name))
         robot.enable()
-        motion = begun(robot)
+        motion = moving_slowly(robot)
         process.kill()
         process.wait()
         process.stdout.close()
@@ -111,11 +111,11 @@ def test_a_controller_that_is_gone_in_mid_move_ends_the_motion_and_the_robot_com
 @pytest.mark.slow
 @pytest.mark.invariant(3, 9)
 @pytest.mark.parametrize('error', one_in(2, [ZeroDivisionError, KeyboardInterrupt]))
-def test_an_exception_in_the_block_stops_the_arm(ports, error):
+def test_exception_in_the_context_manager_stops_the_arm(ports, error):
     try:
         with robot_at(ports) as robot:
             robot.enable()
-            motion = begun(robot)
+            motion = moving_slowly(robot)
             raise error
     except error:
         pass
@@ -172,17 +172,17 @@ import threading, time
 with Robot.simulated() as robot:
     robot.enable()
 
-    def tell():
+    def report():
         while robot.joints[0] < 0.01:
             time.sleep(0.01)
         print('moving', flush=True)
 
-    threading.Thread(target=tell).start()
+    threading.Thread(target=report).start()
     try:
         robot.move_joints([1.5, 0.2, -0.2, 0.0, 0.5, 0.0], speed=0.02)
     except KeyboardInterrupt:
-        robot.move_joints(robot.joints)  # it stands, is connected, and enabled
-        print('goes on')
+        robot.move_joints(robot.joints)  # at rest, connected and enabled
+        print('moved')
 """
 
 
@@ -190,7 +190,7 @@ with Robot.simulated() as robot:
 @pytest.mark.parametrize(
     'code',
     one_in(2, [AWAITS, WAITS.format(how="print('moving'); __import__('time').sleep(1000)")]),
-    ids=['asyncio', 'elsewhere'],
+    ids=['asyncio', 'sleep'],
 )
 def test_ctrl_c_stops_the_arm(ports, code):
     process = program(code, *(ports[name] for name in sim_process.PORTS))
@@ -209,12 +209,12 @@ with Robot.simulated() as robot:
     robot.enable()
     motion = robot.move_joints([1.5, 0.2, -0.2, 0.0, 0.5, 0.0], speed=0.02, wait=False)
 
-    def tell():
+    def report():
         while robot.joints[0] < 0.01:
             time.sleep(0.01)
         print('moving', flush=True)
 
-    threading.Thread(target=tell).start()
+    threading.Thread(target=report).start()
     try:
         motion.wait()
     except KeyboardInterrupt:
@@ -224,7 +224,7 @@ with Robot.simulated() as robot:
 
 @pytest.mark.slow
 @pytest.mark.invariant(3)
-def test_ctrl_c_stops_the_motion_that_is_waited_for():
+def test_ctrl_c_in_wait_cancels_the_motion():
     process = program(INTERRUPTED, start_new_session=True)
     assert process.stdout.readline() == 'moving\n'
     process.send_signal(signal.SIGINT)
@@ -233,30 +233,30 @@ def test_ctrl_c_stops_the_motion_that_is_waited_for():
 
 @pytest.mark.invariant(3)
 @pytest.mark.slow
-def test_ctrl_c_while_a_move_is_awaited_cancels_it_and_spares_the_simulated_controller():
+def test_ctrl_c_in_a_move_cancels_it_and_spares_the_simulated_controller():
     process = program(MOVES, start_new_session=True)
     assert process.stdout.readline() == 'moving\n'
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the whole group
-    assert output(process) == 'goes on\n'
+    os.killpg(process.pid, signal.SIGINT)  # to the whole group, like a terminal
+    assert output(process) == 'moved\n'
 
 
 def children(pid):
-    """Return the processes that a process has started."""
-    found = set()
+    """Return the child processes of a process."""
+    pids = set()
     for stat in Path('/proc').glob('[0-9]*/stat'):
         try:
             fields = stat.read_text().rpartition(')')[2].split()
         except OSError:
             continue
         if int(fields[1]) == pid:
-            found.add(int(stat.parent.name))
-    return found
+            pids.add(int(stat.parent.name))
+    return pids
 
 
 @pytest.mark.skipif(sys.platform != 'linux', reason='reads /proc')
 @pytest.mark.invariant(9)
 @pytest.mark.slow
-def test_a_program_that_is_killed_leaves_no_simulated_controller_behind():
+def test_killed_program_leaves_no_simulated_controller():
     code = (
         'import time\nfrom epson_driver import Robot\n'
         'robot = Robot.simulated().connect()\nprint("connected")\ntime.sleep(1000)'
@@ -274,7 +274,7 @@ def test_a_program_that_is_killed_leaves_no_simulated_controller_behind():
 
 @pytest.mark.parametrize('count', [10, pytest.param(100, marks=pytest.mark.slow)])
 @pytest.mark.slow
-def test_moves_leave_threads_and_tasks_flat_and_closing_leaves_none(ports, count):
+def test_moves_leave_no_threads_or_tasks(ports, count):
     before = threading.active_count()
     with robot_at(ports) as robot:
         robot.enable()
@@ -289,7 +289,7 @@ def test_moves_leave_threads_and_tasks_flat_and_closing_leaves_none(ports, count
 
 
 @pytest.mark.slow
-def test_closing_from_a_callback_and_from_a_thread_that_waits(ports):
+def test_close_in_a_callback_ends_a_waiting_thread(ports):
     ended = []
     robot = robot_at(ports).connect()
     robot.enable()
@@ -306,8 +306,8 @@ def test_closing_from_a_callback_and_from_a_thread_that_waits(ports):
     robot.on_estop(lambda _pressed: robot.close())
     do(ports['remote'], 'estop', 'press')
     waiting.join(PATIENCE)
-    (said,) = ended
-    assert 'E-stop' in said
+    (error,) = ended
+    assert 'E-stop' in error
 
     def closed():
         try:
@@ -321,28 +321,28 @@ def test_closing_from_a_callback_and_from_a_thread_that_waits(ports):
 
 @pytest.mark.invariant(9)
 @pytest.mark.slow
-def test_closing_from_a_callback_and_from_the_block_at_once(ports):
+def test_close_in_a_callback_and_at_block_exit_together(ports):
     for _ in range(5):
         with robot_at(ports) as robot:
-            told = threading.Event()
+            called = threading.Event()
 
-            def close(_name, _why, robot=robot, told=told):
-                told.set()
+            def close(_name, _why, robot=robot, called=called):
+                called.set()
                 robot.close()
 
             robot.on_link(close)
             robot._session.call(
                 lambda robot=robot: robot._awaited._connection.on_link_state('connected', 'a test')
             )
-            told.wait(PATIENCE)
+            called.wait(PATIENCE)
         with pytest.raises(RobotError, match='no connection'):
             robot.enable()
 
 
-def test_a_callback_that_raises_stops_the_arm(ports, caplog):
+def test_raising_callback_stops_the_arm(ports, caplog):
     with robot_at(ports) as robot:
         robot.enable()
-        motion = begun(robot)
+        motion = moving_slowly(robot)
 
         def fail(_pressed):
             raise ZeroDivisionError('mine')
@@ -354,10 +354,10 @@ def test_a_callback_that_raises_stops_the_arm(ports, caplog):
     assert 'mine' in caplog.text
 
 
-def test_waiting_has_a_time_limit_that_leaves_the_motion_alone(ports):
+def test_timeout_of_wait_does_not_end_the_motion(ports):
     with robot_at(ports) as robot:
         robot.enable()
-        motion = begun(robot)
+        motion = moving_slowly(robot)
         with pytest.raises(TimeoutError):
             motion.wait(0.05)
         assert not motion.done
@@ -365,7 +365,7 @@ def test_waiting_has_a_time_limit_that_leaves_the_motion_alone(ports):
 
 
 @pytest.mark.slow
-def test_waypoints_are_passed_within_the_share_of_the_speed(ports):
+def test_move_waypoints_reaches_the_last_waypoint(ports):
     with robot_at(ports) as robot:
         robot.enable()
         motion = robot.move_waypoints([[0.3, 0.1, 0, 0, 0, 0], [0.0, 0, 0, 0, 0.3, 0]], speed=0.5)
@@ -376,7 +376,7 @@ def test_waypoints_are_passed_within_the_share_of_the_speed(ports):
 # --- without a connection ---------------------------------------------------------------------
 
 
-def test_without_a_connection_each_request_says_so():
+def test_request_without_connection_raises():
     robot = Robot()
     for request in (
         robot.enable,
@@ -390,7 +390,7 @@ def test_without_a_connection_each_request_says_so():
     robot.close()
 
 
-def test_what_cannot_be_simulated_is_said():
+def test_invalid_simulation_arguments_are_rejected():
     with pytest.raises(ValueError, match='motion = '):
         Robot.simulated(motion='fast')
     with pytest.raises(ValueError, match='start: point 0, joint_1: position 9 rad'):
@@ -399,6 +399,6 @@ def test_what_cannot_be_simulated_is_said():
         Robot.simulated(model='c99')
 
 
-def test_other_names_are_not_in_the_package():
+def test_unknown_name_of_the_package_raises():
     with pytest.raises(AttributeError, match='Robots'):
         _ = epson_driver.Robots

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The synchronous API at a controller in a thread of this process, and its threads alone."""
+"""The synchronous API with a controller in a thread of this process, and its threads."""
 
 import asyncio
 import contextlib
@@ -34,7 +34,7 @@ def _patience(monkeypatch):
 
 
 class Cell:
-    """A controller in a thread of its own."""
+    """A controller in a separate thread."""
 
     def __init__(self):
         self._thread = LoopThread('controller')
@@ -55,12 +55,12 @@ class Cell:
 
 @pytest.fixture(scope='module')
 def cell():
-    found = Cell()
-    yield found
-    found.close()
+    cell = Cell()
+    yield cell
+    cell.close()
 
 
-def test_each_request_has_the_driver_s_own_answer(cell):
+def test_each_request_returns_the_driver_s_answer(cell):
     with cell.robot() as robot:
         assert 'enabled' in robot.enable()
         robot.move_waypoints([[0.02, 0, 0, 0, -0.5, 0], [0.04, 0, 0, 0, -0.5, 0]])
@@ -84,7 +84,7 @@ def test_each_request_has_the_driver_s_own_answer(cell):
 
 
 @pytest.mark.slow
-def test_the_gripper_opens_closes_and_says_its_state(cell):
+def test_gripper_opens_closes_and_reports_its_state(cell):
     with cell.robot(settings=Settings(gripper=WIRING)) as robot:
         cell.call(lambda: TwoJaws(cell.controller, WIRING))
         assert robot.gripper.open().opened
@@ -94,7 +94,7 @@ def test_the_gripper_opens_closes_and_says_its_state(cell):
 
 
 @pytest.mark.invariant(5)
-def test_who_cancels_a_motion_that_was_aborted_meanwhile_is_told(cell):
+def test_cancel_of_an_aborted_motion_raises_its_error(cell):
     with cell.robot() as robot:
         robot.enable()
         motion = robot.move_joints(FAR, speed=0.02, wait=False)
@@ -107,7 +107,7 @@ def test_who_cancels_a_motion_that_was_aborted_meanwhile_is_told(cell):
         robot.reset()
 
 
-def test_a_connection_that_fails_leaves_no_thread_and_can_be_tried_again():
+def test_failed_connect_leaves_no_thread_and_can_be_retried():
     before = threading.active_count()
     port = vacant_port()
     lost = Robot(motion_port=port, state_port=port, io_port=0)
@@ -121,7 +121,7 @@ def test_a_connection_that_fails_leaves_no_thread_and_can_be_tried_again():
 
 
 @pytest.mark.invariant(9)
-def test_a_callback_that_raises_after_the_robot_was_closed_is_logged(caplog):
+def test_callback_error_after_close_is_logged(caplog):
     with caplog.at_level(logging.ERROR):
         Robot()._session.callbacks._failed(ZeroDivisionError('made for this test'))
     assert 'a callback failed (there is no connection' in caplog.text
@@ -129,28 +129,28 @@ def test_a_callback_that_raises_after_the_robot_was_closed_is_logged(caplog):
 
 
 ASYNCHRONOUS = {'catch_up', 'measured'}
-"""What only a program with an event loop needs."""
+"""Members that only a program with an event loop needs."""
 
 
 @pytest.mark.parametrize('name', ['Robot', 'Motion', 'Io', 'Gripper'])
-def test_each_member_has_the_arguments_and_the_words_of_the_asynchronous_one(name):
+def test_synchronous_members_have_the_signatures_and_docs_of_the_asynchronous(name):
     face, awaited = getattr(robot, name), getattr(aio, name)
-    members = {each for each in dir(awaited) if not each.startswith('_')}
+    members = {member for member in dir(awaited) if not member.startswith('_')}
     members -= ASYNCHRONOUS | {'begin', 'finish'}
     assert members <= set(vars(face))
-    for each in members:
-        mine, theirs = getattr(face, each), getattr(awaited, each)
+    for member in members:
+        mine, theirs = getattr(face, member), getattr(awaited, member)
         assert mine.__doc__
         assert not inspect.iscoroutinefunction(mine)
         if isinstance(theirs, property):
             assert isinstance(mine, property)
             assert inspect.signature(mine.fget) == inspect.signature(theirs.fget)
         else:
-            assert mine.__doc__ == theirs.__doc__ or each == 'wait'
-            given = inspect.signature(mine)
-            assert given.parameters == inspect.signature(theirs).parameters
-            moves = given.return_annotation is robot.Motion
-            assert moves == (each.startswith('move_') or each == 'replay')
+            assert mine.__doc__ == theirs.__doc__ or member == 'wait'
+            signature = inspect.signature(mine)
+            assert signature.parameters == inspect.signature(theirs).parameters
+            moves = signature.return_annotation is robot.Motion
+            assert moves == (member.startswith('move_') or member == 'replay')
     assert inspect.signature(robot.Robot).parameters == inspect.signature(aio.Robot).parameters
     assert robot.Robot.joints.__doc__ == aio.Robot.joints.__doc__
 
@@ -159,43 +159,43 @@ def test_each_member_has_the_arguments_and_the_words_of_the_asynchronous_one(nam
 
 
 @pytest.mark.invariant(9)
-def test_who_waits_for_a_loop_that_is_closed_has_an_answer():
+def test_closing_the_loop_ends_a_waiting_call():
     thread = LoopThread('test')
-    begun = threading.Event()
-    told = []
+    running = threading.Event()
+    errors = []
 
     async def forever():
-        begun.set()
+        running.set()
         await asyncio.sleep(3600.0)
 
     def wait():
         with pytest.raises(AnyRobotError, match='closed meanwhile') as error:
             thread.run(forever)
-        told.append(str(error.value))
+        errors.append(str(error.value))
 
     waiting = threading.Thread(target=wait)
     waiting.start()
-    assert begun.wait(PATIENCE)
+    assert running.wait(PATIENCE)
     thread.close()
     waiting.join(PATIENCE)
-    assert told == ['the robot was closed meanwhile']
+    assert errors == ['the robot was closed meanwhile']
     with pytest.raises(AnyRobotError, match='the robot was closed'):
         thread.run(forever)
 
 
-def test_a_loop_does_not_wait_for_itself():
+def test_call_from_the_loop_s_own_thread_raises():
     thread = LoopThread('test')
 
     def waits():
         with pytest.raises(AnyRobotError, match='cannot wait for itself'):
             thread.call(lambda: None)
-        return 'told'
+        return 'raised'
 
-    assert thread.call(waits) == 'told'
+    assert thread.call(waits) == 'raised'
     thread.close()
 
 
-def test_what_is_no_function_is_no_callback():
+def test_callback_must_be_a_function():
     with pytest.raises(ArgumentError, match='callback = 3: must be a function'):
         Robot().on_estop(3)
 
@@ -204,8 +204,8 @@ def test_what_is_no_function_is_no_callback():
 
 
 @pytest.fixture
-def instead(tmp_path, monkeypatch):
-    """Return a function that has a shell script run instead of the simulated controller."""
+def replaced_by(tmp_path, monkeypatch):
+    """Return a function that replaces the simulated controller by a shell script."""
 
     def run(script):
         path = tmp_path / 'python'
@@ -218,26 +218,26 @@ def instead(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ('script', 'said'),
+    ('script', 'expected'),
     [
         ('echo usage >&2; echo epson_driver sim_controller: error: no robot >&2', 'no robot'),
         ('true', 'it did not say why'),
     ],
 )
-def test_a_controller_that_does_not_start_is_an_error_in_its_words(instead, script, said):
-    controller = instead(f'{script}; exit 2')
+def test_controller_that_does_not_start_is_reported_in_its_words(replaced_by, script, expected):
+    controller = replaced_by(f'{script}; exit 2')
 
     async def scenario():
-        with pytest.raises(AnyRobotError, match=f'controller did not start: {said}$'):
+        with pytest.raises(AnyRobotError, match=f'controller did not start: {expected}$'):
             await controller.start()
         await controller.close()
-        await controller.close()  # nothing any more
+        await controller.close()  # no effect
 
     asyncio.run(scenario())
 
 
 @pytest.mark.slow
-def test_a_controller_with_a_program_of_its_own_can_be_simulated():
+def test_spel_controller_can_be_simulated():
     with Robot.simulated(controller='spel') as robot:
         robot.enable()
         robot.move_joints([0.1, 0, 0, 0, 0, 0])
@@ -246,9 +246,9 @@ def test_a_controller_with_a_program_of_its_own_can_be_simulated():
 
 
 @pytest.mark.invariant(9)
-def test_a_controller_that_neither_listens_nor_ends_is_killed(instead, monkeypatch, tmp_path):
-    deaf = tmp_path / 'deaf'
-    controller = instead(f'trap "" TERM\ntouch {deaf}\nexec sleep 1000')
+def test_controller_that_ignores_sigterm_is_killed(replaced_by, monkeypatch, tmp_path):
+    ready = tmp_path / 'ready'
+    controller = replaced_by(f'trap "" TERM\ntouch {ready}\nexec sleep 1000')
     monkeypatch.setattr(simulation, 'START_TIMEOUT_S', 0.2)
     monkeypatch.setattr(simulation, 'END_TIMEOUT_S', 0.05)
 
@@ -256,7 +256,7 @@ def test_a_controller_that_neither_listens_nor_ends_is_killed(instead, monkeypat
         with pytest.raises(AnyRobotError, match=r'did not listen within 0\.2 s'):
             await controller.start()
         process = controller._process
-        while not deaf.exists():  # noqa: ASYNC110 - another process makes it
+        while not ready.exists():  # noqa: ASYNC110 - another process creates it
             await asyncio.sleep(0.01)
         await controller.close()
         assert process.returncode == -9

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""One engine, two doors: what the driver is made with is the same from Python and from ROS."""
+"""The Python API and the node configure the driver equally."""
 
 import dataclasses
 
@@ -20,7 +20,7 @@ PROFILES = ['simulated', 'rc700a', 'spel', 'generic', 'fanuc', 'abb', 'motoman']
 
 
 def flat(value):
-    """Return a configuration's fields as what can be compared."""
+    """Return a configuration's fields in comparable form."""
     if isinstance(value, np.ndarray):
         return value.tolist()
     if dataclasses.is_dataclass(value):
@@ -32,7 +32,7 @@ def flat(value):
 
 @pytest.mark.parametrize('name', PROFILES)
 @pytest.mark.parametrize('model', ['c3_a601s', 'gx4_c251s'])
-def test_a_robot_is_made_as_the_node_is_with_its_default_parameters(name, model):
+def test_robot_has_the_configuration_of_the_node_with_default_parameters(name, model):
     setup = aio.Robot(controller=name, model=model)._setup
     node = make_setup({'controller': name, 'robot_model': model})
     assert flat(setup.configuration) == flat(node.configuration)
@@ -74,7 +74,7 @@ def test_each_setting_reaches_its_parameter():
     assert (setup.values['trace_folder'], setup.values['trace_file']) == ('traces', 'one.pcap')
 
 
-def test_a_goal_tolerance_of_0_is_none_as_it_is_for_the_parameter():
+def test_goal_tolerance_0_disables_the_check():
     setup = aio.Robot(settings=Settings(goal_tolerance=0.0))._setup
     assert np.isinf(setup.tolerances('goal').position).all()
 
@@ -90,12 +90,12 @@ def test_a_goal_tolerance_of_0_is_none_as_it_is_for_the_parameter():
         ({'controller': 'motoman', 'settings': Settings(interface='download')}, 'interface'),
     ],
 )
-def test_an_argument_that_cannot_be_is_refused_by_its_name(arguments, expected):
+def test_invalid_argument_is_rejected_by_its_name(arguments, expected):
     with pytest.raises(ValueError, match=expected):
         Robot(**arguments)
 
 
-def test_joints_have_the_names_that_were_asked_for_and_there_are_at_most_ten(tmp_path):
+def test_joint_names_are_used_and_at_most_ten_joints_accepted(tmp_path):
     names = tuple('abcdef')
     setup = aio.Robot(settings=Settings(joint_names=names))._setup
     assert setup.model.joint_names == setup.configuration.limits.names == names
@@ -107,24 +107,24 @@ def test_joints_have_the_names_that_were_asked_for_and_there_are_at_most_ten(tmp
     'wrong',
     [{'reply_timeout': 0}, {'goal_tolerance': float('nan')}, {'byte_order': 'middle'}],
 )
-def test_a_setting_that_cannot_be_is_refused_by_its_name(wrong):
+def test_invalid_setting_is_rejected_by_its_name(wrong):
     (name,) = wrong
     with pytest.raises(ValueError, match=f'{name} = '):
         Settings(**wrong)
 
 
-def test_an_unknown_controller_lists_those_there_are():
+def test_unknown_controller_lists_the_known_ones():
     with pytest.raises((OSError, ValueError), match='simulated'):
         Robot(controller='rc999')
 
 
-def test_every_remedy_has_words_without_names_of_ros():
+def test_remedies_do_not_mention_ros():
     words = [WORDS.get(remedy, remedy.value) for remedy in Remedy]
-    assert not any('~/' in each or 'robot_ip' in each for each in words)
+    assert not any('~/' in text or 'robot_ip' in text for text in words)
 
 
 @pytest.mark.slow
-def test_the_api_passes_strict_type_checks_in_a_user_s_file(tmp_path):
+def test_api_passes_strict_type_checks_in_a_user_s_file(tmp_path):
     file = tmp_path / 'user.py'
     file.write_text(
         'import asyncio\n'
@@ -170,13 +170,8 @@ def test_the_api_passes_strict_type_checks_in_a_user_s_file(tmp_path):
         assert expected in message
 
 
-def test_a_tolerance_of_the_smoothing_needs_a_smoothing():
+def test_smoothing_tolerance_without_smoothing_is_rejected():
     with pytest.raises(ValueError, match=r'parameter smoothing_tolerance = 0\.002 rad: must be 0'):
         make_setup({'smoothing_tolerance': 0.002})
-    found = make_setup({'smoothing_tolerance': 0.002, 'smoothing': 'resample'})
-    assert found.configuration.smoothing.tolerance == 0.002
-
-
-def test_settings_that_are_none_are_refused():
-    with pytest.raises(ValueError, match=r'^settings = .*: must be Settings'):
-        Robot(settings={'reply_timeout': 3.0})
+    setup = make_setup({'smoothing_tolerance': 0.002, 'smoothing': 'resample'})
+    assert setup.configuration.smoothing.tolerance == 0.002

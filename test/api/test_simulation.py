@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The hand at a simulated controller, and traces: what is tried before the real arm."""
+"""Buttons, inputs and faults of a simulated controller, and traces."""
 
 import pytest
 from support.api_patience import be_patient
@@ -16,7 +16,7 @@ def _patience(monkeypatch):
     be_patient(monkeypatch.setattr)
 
 
-def test_buttons_inputs_and_faults_are_at_hand_and_callbacks_hear_of_them():
+def test_buttons_inputs_and_faults_act_and_callbacks_run():
     pressed, links = [], []
     with Robot.simulated(settings=Settings(gripper=WIRING)) as robot:
         robot.on_estop(pressed.append)
@@ -42,7 +42,7 @@ def test_buttons_inputs_and_faults_are_at_hand_and_callbacks_hear_of_them():
         wait_for(lambda: 'backing_off' in links)
 
 
-def test_by_remote_ethernet_alone_the_hand_reaches_the_one_port_beside_the_driver():
+def test_simulation_works_for_a_remote_ethernet_controller():
     links = []
     with Robot.simulated(controller='remote') as robot:
         robot.on_link(lambda name, _why: links.append(name))
@@ -56,7 +56,7 @@ def test_by_remote_ethernet_alone_the_hand_reaches_the_one_port_beside_the_drive
         wait_for(lambda: 'backing_off' in links)
 
 
-def test_what_is_no_fault_or_input_is_said():
+def test_invalid_fault_or_input_is_rejected():
     with Robot.simulated(controller='rc90') as robot:
         with pytest.raises(RobotError, match=r'nonsense.*must be one of'):
             robot.simulation.fault('nonsense')
@@ -69,14 +69,14 @@ def test_what_is_no_fault_or_input_is_said():
 
 
 @pytest.mark.slow
-def test_a_robot_that_is_not_simulated_has_no_such_hand(ports):
+def test_simulation_of_a_real_robot_is_rejected(ports):
     robot = Robot(**{f'{name}_port': ports[name] for name in ports})
     with robot, pytest.raises(RobotError, match='this controller is not simulated'):
         robot.simulation.estop()
 
 
 @pytest.mark.slow
-def test_a_trace_is_written_from_the_connection_to_its_end(tmp_path):
+def test_trace_file_covers_the_whole_connection(tmp_path):
     file = tmp_path / 'runs' / 'today.pcap'
     robot = Robot.simulated(settings=Settings(trace_file=str(file)))
     with robot:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A lower speed, however a Python program asks for it, is lower at the arm or refused."""
+"""A lower speed requested by a Python program slows the arm or is rejected."""
 
 import numpy as np
 import pytest
@@ -16,40 +16,40 @@ PROFILES = sorted(path.stem for path in share_folder('config', 'controllers').gl
 TARGET = [0.15, 0.0, 0.0, 0.0, 0.0, 0.0]
 WINDOW_S = 0.1
 REASONS = ('override of its pendant', 'by Remote Ethernet alone', 'the least that the controller')
-"""What a refusal says."""
+"""Parts of the errors of a rejection."""
 
 
 def record(controller):
-    """Return lists that fill with times and places of the arm."""
-    times, places = [now()], [where(controller)]
+    """Record times and positions of the arm in the returned lists."""
+    times, positions = [now()], [where(controller)]
     step = controller.step
 
     def recorded(seconds):
         step(seconds)
         times.append(times[-1] + seconds)
-        places.append(where(controller))
+        positions.append(where(controller))
 
     controller.step = recorded
-    return times, places
+    return times, positions
 
 
-def peak(times, places):
+def peak(times, positions):
     """Return the highest mean speed over WINDOW_S, rad/s."""
-    times, places = np.array(times), np.array(places)
+    times, positions = np.array(times), np.array(positions)
     ends = np.searchsorted(times, times + WINDOW_S)
     inside = np.flatnonzero(ends < len(times))
-    return float(np.abs(places[ends[inside]] - places[inside]).max(initial=0.0) / WINDOW_S)
+    return float(np.abs(positions[ends[inside]] - positions[inside]).max(initial=0.0) / WINDOW_S)
 
 
-async def moved(profile, scaling=1.0, **shares):
-    """Return the arm's highest speed and the time of a move, or None if it was refused."""
+async def moved(profile, scaling=1.0, **fractions):
+    """Return a move's peak speed and duration, or None if it was rejected."""
     async with robot_cell(profile=profile, smooth=profile != 'spel') as (robot, controller):
         recorded = record(controller)
-        began = now()
+        start = now()
         try:
             if scaling != 1.0:
                 robot.set_speed_scaling(scaling)
-            motion = await robot.move_joints(TARGET, **shares)
+            motion = await robot.move_joints(TARGET, **fractions)
         except RobotError as error:
             refused = str(error)
         else:
@@ -59,19 +59,19 @@ async def moved(profile, scaling=1.0, **shares):
             assert peak(*recorded) == 0.0
             return None
         assert np.abs(robot.joints - TARGET).max() < 0.01, motion.text
-        return peak(*recorded), now() - began
+        return peak(*recorded), now() - start
 
 
 @pytest.mark.invariant(10)
 @pytest.mark.parametrize('profile', PROFILES)
-def test_inv10_a_share_of_the_speed_is_a_share_at_the_arm_or_refused(profile):
+def test_inv10_speed_fraction_slows_the_arm_or_is_rejected(profile):
     async def scenario():
         usual = await moved(profile, speed=0.1, acceleration=0.5)
         slow = [await moved(profile, speed=0.01, acceleration=0.5)]
         slow.append(await moved(profile, scaling=0.1, speed=0.1, acceleration=0.5))
         assert usual is not None or profile == 'fanuc'
-        for each in slow:
-            assert each is None or each[0] <= 0.015 * LIMITS.velocity[0]
+        for result in slow:
+            assert result is None or result[0] <= 0.015 * LIMITS.velocity[0]
         gentle = await moved(profile, speed=0.1, acceleration=0.01)
         assert gentle is None or gentle[1] > 1.5 * usual[1]
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Setpoints of the Python API, samples, and waiting for something."""
+"""Setpoint streams of the Python API, samples, and waiting for conditions."""
 
 import asyncio
 import contextlib
@@ -22,27 +22,27 @@ BENT = [0.0, 0.2, 0.2, 0.0, -1.2, 0.0]
 
 
 def sine(time):
-    """Return joints on a sine of 0.2 rad at 0.25 Hz that begins at rest."""
+    """Return joints on a sine of 0.2 rad at 0.25 Hz that starts at rest."""
     joints = np.zeros(6)
     joints[0] = 0.1 * (1.0 - np.cos(2.0 * np.pi * 0.25 * time))
     return joints
 
 
 async def streamed(send, seconds, rate=30.0):
-    """Call a function with the time since the beginning, so many times a second."""
+    """Call `send` with the elapsed time at `rate` Hz for `seconds`."""
     for number in range(int(seconds * rate)):
         send(number / rate)
         await asyncio.sleep(1.0 / rate)
 
 
 def refused(robot, joints):
-    """Send a setpoint to an arm that is stopped or disabled: it is refused with what helps."""
+    """Assert that a stopped or disabled arm rejects a setpoint with a remedy."""
     with pytest.raises(RobotError, match=r'call |is being stopped'):
         robot.servo(joints)
 
 
 async def at_rest(robot):
-    """Return where the arm rests; it must do so by itself, and stay there."""
+    """Wait for the arm to stop, assert that it stays at rest, and return its position."""
     await robot.servo_end()
     here = robot.joints
     await asyncio.sleep(0.5)
@@ -53,7 +53,7 @@ async def at_rest(robot):
 @pytest.mark.invariant(2)
 @pytest.mark.slow
 @pytest.mark.parametrize('rate', [30.0, 15.0, 500.0])
-async def test_positions_are_followed_at_any_rate_and_the_arm_rests_at_the_last(rate):
+async def test_positions_at_any_rate_are_followed_to_the_last(rate):
     async with robot_cell(smooth=True) as (robot, _):
         seen = []
         robot.on_joints(seen.append)
@@ -61,16 +61,16 @@ async def test_positions_are_followed_at_any_rate_and_the_arm_rests_at_the_last(
         counts = robot._connection.driver.servo.counts
         assert (counts.refused, counts.late, counts.received) == (0, 0, 4.0 * rate)
         assert await at_rest(robot) == pytest.approx(sine(4.0 - 1.0 / rate), abs=2e-3)
-        speed = max(np.abs(each.velocities[0]) for each in seen)
+        speed = max(np.abs(sample.velocities[0]) for sample in seen)
         assert 0.12 < speed < 0.25 * robot.model.limits.velocity[0]
-        assert max(each.positions[0] for each in seen) == pytest.approx(0.2, abs=0.02)
+        assert max(sample.positions[0] for sample in seen) == pytest.approx(0.2, abs=0.02)
         await robot.move_joints(np.zeros(6))
 
 
 @pytest.mark.invariant(2)
 @pytest.mark.slow
-async def test_a_policy_at_30_hz_is_followed_inside_every_limit_of_the_controller(monkeypatch):
-    """What is executed is taken apart into its polynomials: no sample misses a peak."""
+async def test_policy_at_30_hz_is_followed_within_all_limits(monkeypatch):
+    """Limits are checked on the executed polynomials, which miss no peak between samples."""
     executed = []
 
     class Executing(Recorded):
@@ -82,13 +82,13 @@ async def test_a_policy_at_30_hz_is_followed_inside_every_limit_of_the_controlle
     async with robot_cell(smooth=True) as (robot, _):
         rows = []
         robot.on_joints(lambda sample: rows.append((now(), sample.positions[0])))
-        begin = now()
+        start = now()
         await streamed(lambda time: robot.servo([policy(time), 0, 0, 0, 0, 0]), 8.0)
-        times, ways = np.array(rows).T
+        times, positions = np.array(rows).T
         counts = robot._connection.driver.servo.counts
         assert (counts.received, counts.refused, counts.late) == (240, 0, 0)
         await robot.servo_end()
-    lag, rms = behind(times - begin, ways, policy)
+    lag, rms = behind(times - start, positions, policy)
     assert 0.05 < lag < 0.13
     assert rms < 2e-3
     found = [exact_extrema(smoother, position) for smoother, position in executed]
@@ -97,17 +97,17 @@ async def test_a_policy_at_30_hz_is_followed_inside_every_limit_of_the_controlle
     assert max(each.acceleration_jump for each in found) < 1e-9
 
 
-async def test_velocities_are_followed_and_silence_brakes():
+async def test_velocities_are_followed_and_the_arm_stops_at_their_end():
     async with robot_cell(smooth=True) as (robot, _):
-        way = [0.2, 0, 0, 0, 0, 0]
-        await streamed(lambda _: robot.servo_velocity(way), 2.0)
+        velocity = [0.2, 0, 0, 0, 0, 0]
+        await streamed(lambda _: robot.servo_velocity(velocity), 2.0)
         there = await at_rest(robot)
         assert 0.3 < there[0] < 0.5
         assert np.abs(there[1:]).max() < 1e-3
 
 
 @pytest.mark.parametrize('frame', one_in(2, ['tool', 'base_link']))
-async def test_a_velocity_of_the_tool_is_a_line_in_its_frame(frame):
+async def test_tool_velocity_moves_the_tool_on_a_line_of_its_frame(frame):
     async with robot_cell(smooth=True) as (robot, _):
         await robot.move_joints(BENT)
         before = robot.tool_pose
@@ -121,7 +121,7 @@ async def test_a_velocity_of_the_tool_is_a_line_in_its_frame(frame):
         assert robot.tool_pose[:3, :3] == pytest.approx(before[:3, :3], abs=5e-3)
 
 
-async def test_poses_are_followed_and_one_that_jumps_is_refused():
+async def test_poses_are_followed_and_a_jump_is_rejected():
     async with robot_cell(smooth=True) as (robot, _):
         await robot.move_joints(BENT)
         start = robot.tool_pose
@@ -142,7 +142,7 @@ async def test_poses_are_followed_and_one_that_jumps_is_refused():
             robot.servo_pose(away)
 
 
-async def test_a_tool_that_cannot_move_so_is_not_moved():
+async def test_impossible_tool_velocity_is_rejected():
     async with robot_cell(smooth=True) as (robot, _):
         with pytest.raises(PathError, match='cannot move that way here'):
             robot.servo_speed([0.0, 0.05, 0.0, 0.0, 0.0, 0.0])
@@ -153,7 +153,7 @@ async def test_a_tool_that_cannot_move_so_is_not_moved():
 
 @pytest.mark.invariant(3, 4)
 @pytest.mark.parametrize('how', one_in(3, ['E-stop', 'stop', 'disable']))
-async def test_after_a_stop_a_stream_that_goes_on_is_refused_until_it_was_let_go(how):
+async def test_continued_stream_is_rejected_after_a_stop_until_released(how):
     async with robot_cell(smooth=True) as (robot, controller):
         await streamed(lambda time: robot.servo(sine(time)), 1.0)
         if how == 'stop':
@@ -182,7 +182,7 @@ async def test_after_a_stop_a_stream_that_goes_on_is_refused_until_it_was_let_go
 
 
 @pytest.mark.invariant(4)
-async def test_a_stream_before_enable_raises_what_to_do_and_moves_nothing_after_it():
+async def test_stream_before_enable_is_rejected_and_moves_nothing_afterwards():
     async with robot_cell(enabled=False, smooth=True) as (robot, _):
         for number in range(30):
             with pytest.raises(MotionError, match=r'not enabled .*call enable\(\)'):
@@ -197,7 +197,7 @@ async def test_a_stream_before_enable_raises_what_to_do_and_moves_nothing_after_
 
 @pytest.mark.invariant(1, 2)
 @pytest.mark.parametrize(
-    ('method', 'value', 'said'),
+    ('method', 'value', 'expected'),
     [
         ('servo', [float('nan')] * 6, r'target: joint_1 = nan: must be a finite number'),
         ('servo', [0.0] * 5, r'target has shape \(5,\): must be \(6,\)'),
@@ -210,9 +210,9 @@ async def test_a_stream_before_enable_raises_what_to_do_and_moves_nothing_after_
         ('servo_pose', 1e3 * np.array([1, 1, 1, 0, 0, 0, 1e-3]), 'places are in m'),
     ],
 )
-async def test_what_cannot_be_followed_is_one_sentence_and_nothing_moves(method, value, said):
+async def test_invalid_setpoint_is_rejected_and_nothing_moves(method, value, expected):
     async with robot_cell(smooth=True) as (robot, _):
-        with pytest.raises(ArgumentError, match=said) as caught:
+        with pytest.raises(ArgumentError, match=expected) as caught:
             getattr(robot, method)(value)
         assert '\n' not in str(caught.value)
         await asyncio.sleep(0.5)
@@ -223,7 +223,7 @@ async def test_what_cannot_be_followed_is_one_sentence_and_nothing_moves(method,
 
 @pytest.mark.slow
 @pytest.mark.invariant(2)
-async def test_hostile_actions_break_no_limit_and_end_at_rest():
+async def test_hostile_actions_break_no_limit_and_the_arm_stops():
     async with robot_cell(smooth=True) as (robot, _):
         random = np.random.default_rng(31)
         fastest = 0.0
@@ -243,7 +243,7 @@ async def test_hostile_actions_break_no_limit_and_end_at_rest():
         assert robot.joints == pytest.approx(here, abs=1e-3)
 
 
-async def test_a_move_beside_a_stream_and_a_stream_beside_a_move_are_refused():
+async def test_move_and_stream_exclude_each_other():
     async with robot_cell(smooth=True) as (robot, _):
         robot.servo(np.full(6, 0.05))
         with pytest.raises(MotionError, match=r'a stream of setpoints .*call stop\(\)'):
@@ -255,14 +255,14 @@ async def test_a_move_beside_a_stream_and_a_stream_beside_a_move_are_refused():
         await motion.wait()
 
 
-async def test_controllers_that_follow_no_streams_say_so():
+async def test_controller_without_streams_rejects_setpoints():
     for profile in ('motoman', 'abb'):
         async with robot_cell(profile=profile, smooth=profile == 'motoman') as (robot, _):
             with pytest.raises(RobotError, match='follows no streams'):
-                robot.servo(np.full(6, 0.5))  # far away, which matters less
+                robot.servo(np.full(6, 0.5))  # also out of range, but that matters less
 
 
-async def test_a_sample_is_stamped_and_conditions_are_waited_for():
+async def test_samples_have_time_stamps_and_conditions_can_be_awaited():
     async with robot_cell() as (robot, controller):
         first = robot.sample()
         assert first.positions == pytest.approx(robot.joints)

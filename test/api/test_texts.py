@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the driver says is said to ROS and to Python alike: no names of ROS, no action's goal."""
+"""Texts of the driver, which ROS and Python share, mention neither ROS services nor goals."""
 
 import ast
 import re
@@ -16,14 +16,14 @@ FILES = sorted(Path(epson_driver.driver.__file__).parent.rglob('*.py'))
 OF_ROS = re.compile(r'~/|\bgoals?\b')
 
 ALLOWED = re.compile(
-    r'(at|to|from|than to) the goal|goal_time'  # where the arm is to go
+    r'(at|to|from|than to) the goal|goal_time'  # a target position
     r'|new(er)? goal|goal before|goal that was given up'
-    r'|^goal$'  # the name of a counter
+    r'|^goal$'  # name of a counter
 )
 
 
-def said(tree: ast.AST) -> Iterator[str]:
-    """Yield every text of a program that is no docstring."""
+def texts(tree: ast.AST) -> Iterator[str]:
+    """Yield every string literal of a module, except docstrings."""
     documented = {
         id(node.value)
         for node in ast.walk(tree)
@@ -35,6 +35,6 @@ def said(tree: ast.AST) -> Iterator[str]:
 
 
 @pytest.mark.parametrize('path', FILES, ids=lambda path: path.stem)
-def test_the_driver_names_neither_services_nor_goals_of_ros(path: Path) -> None:
-    for text in said(ast.parse(path.read_text('utf-8'))):
+def test_driver_texts_mention_no_ros_services_or_goals(path: Path) -> None:
+    for text in texts(ast.parse(path.read_text('utf-8'))):
         assert not OF_ROS.search(ALLOWED.sub('', text)), text

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Why the arm does not move: each call names the cause that is there now, and what helps."""
+"""Errors of a call that cannot move the arm name the present cause and the remedy."""
 
 import asyncio
 from itertools import product
@@ -29,12 +29,12 @@ NO_REMOTE_ETHERNET = ('motoman',)
 
 
 class Row(NamedTuple):
-    """What happens, then what moves and `enable` say; `told`: STATUS shows it, too."""
+    """Events, and the errors of enable() and of moves. `in_status`: STATUS shows it."""
 
     events: tuple[Event, ...]
     enable: str
     move: str
-    told: bool = True
+    in_status: bool = True
 
 
 ESTOP = r'the E-stop is pressed or not reset.*; release it, call reset\(\)'
@@ -47,7 +47,7 @@ ROWS = {
         (Event.DOOR_OPEN,),
         r'the safeguard door is open; close it, .*then call enable\(\)',
         r'not enabled.*(motors are off|door is open).*; .*call enable\(\)',
-        told=False,
+        in_status=False,
     ),
     'key': Row(
         (Event.MODE_MANUAL,),
@@ -58,30 +58,30 @@ ROWS = {
         (Event.ERROR,),
         r'the controller is in error .*; call reset\(\), then enable\(\)',
         r'not enabled.*; call (reset\(\), then )?enable\(\)',
-        told=False,
+        in_status=False,
     ),
 }
 
 
 LONG = list(product(['spel'], list(ROWS)[1:]))
-"""A SPEL+ program takes longer than the other controllers."""
+"""Combinations for the slow run only, because a SPEL+ program takes long."""
 
 
 @pytest.mark.invariant(4)
 @pytest.mark.parametrize(
     ('profile', 'name'),
     quickly(
-        [each for each in product(PROFILES, ROWS) if each not in LONG][::3],
+        [pair for pair in product(PROFILES, ROWS) if pair not in LONG][::3],
         product(PROFILES, ROWS),
     ),
 )
-async def test_each_call_says_what_keeps_the_arm_still(profile: str, name: str) -> None:
+async def test_each_call_names_the_cause_of_the_standstill(profile: str, name: str) -> None:
     row = ROWS[name]
     async with robot_cell(profile=profile) as (robot, controller):
         here = robot.joints
         for event in row.events:
             controller.apply(event)
-        await asyncio.sleep(1.5)  # it brakes, and a STATUS comes
+        await asyncio.sleep(1.5)  # time for braking and a STATUS
         near = here + 0.05
         for move in (lambda: robot.move_joints(near), lambda: robot.move_waypoints([near, here])):
             with pytest.raises(MotionError, match=row.move):
@@ -89,37 +89,37 @@ async def test_each_call_says_what_keeps_the_arm_still(profile: str, name: str) 
         if profile not in NO_STREAMS:
             with pytest.raises(MotionError, match=row.move):
                 robot.servo(near)
-        if row.told or profile not in NO_REMOTE_ETHERNET:
+        if row.in_status or profile not in NO_REMOTE_ETHERNET:
             with pytest.raises(RobotError, match=row.enable):
                 await robot.enable()
-        else:  # what refused it tells nothing
+        else:  # the refusal has no reason
             with pytest.raises(RobotError, match=r'START_SERVOS: FAILURE: .* a safeguard door is'):
                 await robot.enable()
 
 
 @pytest.mark.parametrize('event', [Event.PAUSE, Event.STOP])
 @pytest.mark.parametrize('profile', ['simulated', 'rc700a', 'generic', 'fanuc', 'abb'])
-async def test_what_is_paused_or_does_not_run_is_not_called_an_error(profile, event):
+async def test_paused_or_stopped_program_is_not_called_an_error(profile, event):
     async with robot_cell(profile=profile) as (robot, controller):
         controller.apply(event)
         await asyncio.sleep(0.5)
-        said = r'paused, or main does not run .*; continue at the controller, or start main'
-        with pytest.raises(MotionError, match=said):
+        expected = r'paused, or main does not run .*; continue at the controller, or start main'
+        with pytest.raises(MotionError, match=expected):
             await robot.move_joints(robot.joints + 0.05)
 
 
 @pytest.mark.invariant(4)
-async def test_enable_starts_a_program_of_ours_that_was_stopped():
-    """Also where the arm is enabled: a Stop of all tasks does not disable it."""
+async def test_enable_starts_a_stopped_spel_program():
+    """Stopping all tasks does not disable the arm, and enable() still restarts the program."""
     async with robot_cell(profile='spel') as (robot, controller):
         near = robot.joints + 0.05
         controller.apply(Event.STOP)
         await asyncio.sleep(0.5)
-        said = r'motion is not possible, error 2261 .*; start main, or call enable\(\)'
+        expected = r'motion is not possible, error 2261 .*; start main, or call enable\(\)'
         assert robot.status.enabled
-        with pytest.raises(MotionError, match=said):
+        with pytest.raises(MotionError, match=expected):
             await robot.move_joints(near)
-        with pytest.raises(MotionError, match=said):
+        with pytest.raises(MotionError, match=expected):
             robot.servo(near)
         assert robot.status.remedy == 'start main, or call enable()'
         await robot.enable()
@@ -127,7 +127,7 @@ async def test_enable_starts_a_program_of_ours_that_was_stopped():
         await robot.move_joints(near)
 
 
-async def test_enable_says_that_main_does_not_run():
+async def test_enable_reports_that_main_does_not_run():
     async with robot_cell(profile='rc700a') as (robot, controller):
         controller.apply(Event.STOP)
         await asyncio.sleep(0.5)
@@ -136,16 +136,16 @@ async def test_enable_says_that_main_does_not_run():
         assert 'but the controller says that motion is not possible' in await robot.enable()
 
 
-async def test_a_refusal_that_is_not_explained_stays_as_it_came(monkeypatch):
-    """The controller's flags may be fine again by then, or unknown to it."""
-    asked = []
+async def test_unexplained_rejection_is_reported_unchanged(monkeypatch):
+    """The controller's flags may already be fine again, or unknown."""
+    replies = []
 
     async def refuses(_self, ask, _action, _timeout):
-        asked.append(await ask('GetStatus'))
+        replies.append(await ask('GetStatus'))
         await ask('Nothing')
 
     async with robot_cell(enabled=False) as (robot, _):
         monkeypatch.setattr(RemoteEthernetMotors, '_give', refuses)
         with pytest.raises(RobotError, match=r'Nothing: .*switch the motors on at the controller'):
             await robot.enable()
-    assert asked
+    assert replies
