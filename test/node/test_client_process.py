@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What fails in any part of the client's process ends it, once, with all arms stopped."""
+"""A failure in any part of the client's process stops all arms and ends the process once."""
 
 import asyncio
 import gc
@@ -20,36 +20,36 @@ def failures():
 
 
 @pytest.mark.invariant(9)
-def test_a_failure_is_told_once_however_many_ways_it_comes(failures, caplog):
-    told, loop = failures
+def test_repeated_failure_is_logged_once(failures, caplog):
+    reporter, loop = failures
     error = ZeroDivisionError('made for this test')
-    told.in_loop(loop, {'message': 'a task failed', 'exception': error})
-    told.tell('the same again', error)
-    assert told.happened.is_set()
+    reporter.in_loop(loop, {'message': 'a task failed', 'exception': error})
+    reporter.tell('the same again', error)
+    assert reporter.happened.is_set()
     (record,) = caplog.records
     assert record.levelno == logging.CRITICAL
     assert record.getMessage() == 'a task failed: all arms are stopped, and the driver ends'
 
 
-def test_what_asyncio_only_warns_of_ends_nothing(failures, caplog):
-    told, loop = failures
-    told.in_loop(loop, {'message': 'socket.send() raised exception.'})
-    assert not told.happened.is_set()
+def test_asyncio_warning_ends_nothing(failures, caplog):
+    reporter, loop = failures
+    reporter.in_loop(loop, {'message': 'socket.send() raised exception.'})
+    assert not reporter.happened.is_set()
     assert 'socket.send()' in caplog.text
 
 
 @pytest.mark.invariant(9)
-def test_a_thread_that_fails_after_the_loop_has_ended_is_told_all_the_same(caplog):
+def test_thread_failure_after_the_loop_s_end_is_logged(caplog):
     loop = asyncio.new_event_loop()
-    told = Failures(loop)
+    reporter = Failures(loop)
     loop.close()
-    told.in_thread('the thread rclpy ended', ZeroDivisionError('made for this test'))
-    assert told.happened.is_set()
+    reporter.in_thread('the thread rclpy ended', ZeroDivisionError('made for this test'))
+    assert reporter.happened.is_set()
     assert 'the thread rclpy ended' in caplog.text
 
 
 @pytest.mark.invariant(9)
-def test_a_driver_that_ends_by_itself_is_a_failure_whichever_way_it_ends(caplog):
+def test_driver_task_that_ends_is_a_failure(caplog):
     async def ended():
         pass
 
@@ -57,20 +57,20 @@ def test_a_driver_that_ends_by_itself_is_a_failure_whichever_way_it_ends(caplog)
         raise ZeroDivisionError('made for this test')
 
     async def scenario():
-        told = Failures(asyncio.get_running_loop())
+        reporter = Failures(asyncio.get_running_loop())
         forever = asyncio.create_task(asyncio.sleep(3600.0))
-        _tell_ends([forever], told)
-        assert not told.happened.is_set()
-        tasks = [asyncio.create_task(each()) for each in (ended, failed)]
+        _tell_ends([forever], reporter)
+        assert not reporter.happened.is_set()
+        tasks = [asyncio.create_task(function()) for function in (ended, failed)]
         await asyncio.wait(tasks)
         forever.cancel()
         await asyncio.wait([forever])
-        _tell_ends([*tasks, forever], told)
-        assert told.happened.is_set()
+        _tell_ends([*tasks, forever], reporter)
+        assert reporter.happened.is_set()
 
     asyncio.run(scenario())
-    told = [record.getMessage().partition(':')[0] for record in caplog.records]
-    assert told == ['a driver ended', 'a driver ended', 'a driver was cancelled']
+    messages = [record.getMessage().partition(':')[0] for record in caplog.records]
+    assert messages == ['a driver ended', 'a driver ended', 'a driver was cancelled']
     assert 'nobody asked for it' in caplog.text
     assert 'made for this test' in caplog.text
 
@@ -100,20 +100,20 @@ class Client:
     ('error', 'failed'),
     [(ZeroDivisionError('made for this test'), True), (TimeoutError(), False)],
 )
-def test_an_arm_that_could_not_be_stopped_is_told(monkeypatch, caplog, error, failed):
-    """A TimeoutError says only that results may not have been published."""
+def test_failed_stop_at_shutdown_is_reported(monkeypatch, caplog, error, failed):
+    """A TimeoutError is no failure: it only means that results may be unpublished."""
 
-    def made(_nodes, clients, _make):
+    def make(_nodes, clients, _make):
         clients.append(Client(error))
         return True
 
-    monkeypatch.setattr(client_process, '_make_clients', made)
+    monkeypatch.setattr(client_process, '_make_clients', make)
 
     async def scenario():
-        told, signaled = Failures(asyncio.get_running_loop()), asyncio.Event()
+        reporter, signaled = Failures(asyncio.get_running_loop()), asyncio.Event()
         signaled.set()
-        assert await _drive([], [], Ros(), signaled, told) == 0
-        assert told.happened.is_set() == failed
+        assert await _drive([], [], Ros(), signaled, reporter) == 0
+        assert reporter.happened.is_set() == failed
 
     try:
         asyncio.run(scenario())
@@ -123,7 +123,7 @@ def test_an_arm_that_could_not_be_stopped_is_told(monkeypatch, caplog, error, fa
 
 
 @pytest.mark.parametrize('error', [RuntimeError, ValueError])
-def test_a_parameter_of_ros_itself_that_cannot_be_is_said(monkeypatch, capfd, error):
+def test_invalid_ros_parameter_is_reported(monkeypatch, capfd, error):
     def fails(*_, **__):
         raise error('use_sim_time: must be a bool')
 

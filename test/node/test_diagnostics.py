@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`/diagnostics` says the same as the driver knows, with the level of its condition."""
+"""`/diagnostics` shows the driver's state with the matching level."""
 
 import asyncio
 from itertools import pairwise
@@ -47,7 +47,7 @@ def connect(harness):
     harness.driver.robot.on_status(Status(1, 0, 0, 0, 0, 2, 1), 100.0)
 
 
-def test_names_and_hardware(diagnostics):
+def test_statuses_have_names_and_hardware_ids(diagnostics):
     message = diagnostics.build(STAMP, 100.0)
     assert message.header.stamp == STAMP
     assert [(status.name, status.hardware_id) for status in message.status] == [
@@ -58,7 +58,7 @@ def test_names_and_hardware(diagnostics):
 
 
 @pytest.mark.parametrize('state', LinkState)
-def test_a_link_is_an_error_unless_it_is_connected(harness, diagnostics, state):
+def test_unconnected_link_is_an_error(harness, diagnostics, state):
     harness.driver.motion_link.state = state
     link = rows(diagnostics.build(STAMP, 100.0))['motion link']
     assert link.level == (OK if state is LinkState.CONNECTED else ERROR)
@@ -66,7 +66,7 @@ def test_a_link_is_an_error_unless_it_is_connected(harness, diagnostics, state):
     assert values(link)['state'] == state.value
 
 
-def test_the_arm_without_state_is_stale(harness, diagnostics):
+def test_arm_without_state_is_stale(harness, diagnostics):
     arm = rows(diagnostics.build(STAMP, 100.0))['arm']
     assert (arm.level, arm.message) == (
         STALE,
@@ -77,7 +77,7 @@ def test_the_arm_without_state_is_stale(harness, diagnostics):
     assert 'age of joint state [ms]' not in values(arm)
 
 
-def test_the_arm_that_is_not_enabled_is_a_warning_with_its_reason(harness, diagnostics):
+def test_disabled_arm_is_a_warning_with_reason(harness, diagnostics):
     connect(harness)
     arm = rows(diagnostics.build(STAMP, 100.0))['arm']
     assert arm.level == WARN
@@ -87,7 +87,7 @@ def test_the_arm_that_is_not_enabled_is_a_warning_with_its_reason(harness, diagn
     assert values(arm)['arm gate reason'] == 'not enabled since the driver started'
 
 
-def test_the_arm_that_is_enabled_is_fine(harness, diagnostics):
+def test_enabled_arm_is_ok_with_all_values(harness, diagnostics):
     connect(harness)
     open_gate(harness.driver.gate)
     arm = rows(diagnostics.build(STAMP, 100.25))['arm']
@@ -102,8 +102,8 @@ def test_the_arm_that_is_enabled_is_fine(harness, diagnostics):
         'stream source': '',
         'stream lag [ms]': '0',
         **{
-            f'setpoints {each}': '0'
-            for each in ('received', 'late', 'left behind', 'clipped', 'refused')
+            f'setpoints {counter}': '0'
+            for counter in ('received', 'late', 'left behind', 'clipped', 'refused')
         },
         'goals without a smooth motion': '0',
         'goals at another speed than planned': '0',
@@ -114,7 +114,7 @@ def test_the_arm_that_is_enabled_is_fine(harness, diagnostics):
     }
 
 
-def test_the_longest_gap_between_heartbeats_is_shown_beside_the_time_out():
+def test_heartbeat_gap_and_timeout_are_shown():
     driver = Harness(Ports(1, 2, 0, 0), client_timeout=0.5).driver
     driver.heartbeat.longest_gap = 0.4321
     arm = values(rows(Diagnostics(driver, 'r1', lambda _: 0).build(STAMP, 100.0))['arm'])
@@ -122,7 +122,7 @@ def test_the_longest_gap_between_heartbeats_is_shown_beside_the_time_out():
     assert arm['heartbeat time-out [ms]'] == '500'
 
 
-def test_an_error_of_the_controller_is_an_error_with_its_number(harness, diagnostics):
+def test_controller_error_is_shown_with_number_text_and_advice(harness, diagnostics):
     connect(harness)
     open_gate(harness.driver.gate)
     harness.driver.robot.on_status(Status(1, 0, 4001, 1, 0, 2, 0), 100.0)
@@ -138,7 +138,7 @@ def test_an_error_of_the_controller_is_an_error_with_its_number(harness, diagnos
     assert values(arm)['error text confirmed'] == 'False'
 
 
-def test_a_number_that_nobody_has_listed_stands_alone(harness, diagnostics):
+def test_unlisted_error_number_has_no_text(harness, diagnostics):
     connect(harness)
     harness.driver.robot.on_status(Status(1, 0, 1234, 1, 0, 2, 0), 100.0)
     arm = rows(diagnostics.build(STAMP, 100.0))['arm']
@@ -153,14 +153,14 @@ def test_a_number_that_nobody_has_listed_stands_alone(harness, diagnostics):
         (Status(1, 0, 0, 1, 0, 2, 0), 'the controller is in error 0'),
     ],
 )
-def test_what_must_be_mended_is_an_error_even_without_a_number(harness, diagnostics, status, text):
+def test_estop_or_error_without_number_is_an_error(harness, diagnostics, status, text):
     connect(harness)
     harness.driver.robot.on_status(status, 100.0)
     arm = rows(diagnostics.build(STAMP, 100.0))['arm']
     assert (arm.level, arm.message) == (ERROR, text)
 
 
-def test_motors_that_are_off_are_a_warning_with_the_gates_reason(harness, diagnostics):
+def test_motors_off_is_a_warning_with_the_gate_s_reason(harness, diagnostics):
     connect(harness)
     open_gate(harness.driver.gate)
     harness.driver.gate.close('the motors are off')
@@ -179,7 +179,7 @@ def test_motors_that_are_off_are_a_warning_with_the_gates_reason(harness, diagno
         (99.9, None, STALE, 'no STATUS'),
     ],
 )
-def test_inv6_a_stale_state_is_stale_and_nothing_else(
+def test_inv6_stale_state_hides_other_conditions(
     harness, diagnostics, joints, status, level, text
 ):
     connect(harness)
@@ -196,11 +196,11 @@ def test_inv6_a_stale_state_is_stale_and_nothing_else(
     assert (arm.level, arm.message) == (level, text)
 
 
-def test_the_rate_and_the_regularity_of_the_joint_states(harness, diagnostics):
+def test_joint_state_rate_jitter_and_longest_gap_are_shown(harness, diagnostics):
     robot = harness.driver.robot
     robot.on_joints((0.0,) * 10, 99.99)
     first = values(rows(diagnostics.build(STAMP, 100.0))['arm'])
-    assert 'joint state rate [Hz]' not in first  # there is no time yet to count over
+    assert 'joint state rate [Hz]' not in first  # no interval to count over yet
     for number in range(100):  # 8 ms and 12 ms in turn
         robot.on_joints((0.0,) * 10, 100.001 + number * 0.01 + (number % 2) * 0.002)
     second = values(rows(diagnostics.build(STAMP, 101.0))['arm'])
@@ -212,7 +212,7 @@ def test_the_rate_and_the_regularity_of_the_joint_states(harness, diagnostics):
     assert 'joint state jitter [ms]' not in third
 
 
-def test_a_gap_counts_where_it_ends(harness, diagnostics):
+def test_gap_counts_in_the_interval_in_which_it_ends(harness, diagnostics):
     robot = harness.driver.robot
     for time in (99.8, 99.9):
         robot.on_joints((0.0,) * 10, time)
@@ -223,7 +223,7 @@ def test_a_gap_counts_where_it_ends(harness, diagnostics):
     assert gap == '600.00'
 
 
-def test_after_a_lost_link_the_regularity_is_that_of_the_new_one(harness, diagnostics):
+def test_lost_link_restarts_the_joint_state_statistics(harness, diagnostics):
     robot = harness.driver.robot
     robot.on_joints((0.0,) * 10, 50.0)
     diagnostics.build(STAMP, 100.0)
@@ -235,7 +235,7 @@ def test_after_a_lost_link_the_regularity_is_that_of_the_new_one(harness, diagno
     assert arm['joint state rate [Hz]'] == '3.0'
 
 
-def test_the_io_link_is_there_where_it_is_used_and_at_most_a_warning():
+def test_io_link_is_shown_if_used_and_at_most_a_warning():
     harness = Harness(Ports(1, 2, 0, 0), io_port=3)
     diagnostics = Diagnostics(harness.driver, 'x', lambda _: 1)
     io = rows(diagnostics.build(STAMP, 100.0))['io link']
@@ -247,19 +247,19 @@ def test_the_io_link_is_there_where_it_is_used_and_at_most_a_warning():
     assert values(io)['frame rate [Hz]'] == '0.0'
 
 
-def test_uptime_is_that_of_the_present_connection(harness, diagnostics):
+def test_uptime_counts_from_the_present_connection(harness, diagnostics):
     link = harness.driver.motion_link
     assert 'uptime [s]' not in values(rows(diagnostics.build(STAMP, 100.0))['motion link'])
     link.statistics.connected_since = 40.0
     assert values(rows(diagnostics.build(STAMP, 100.0))['motion link'])['uptime [s]'] == '60.0'
 
 
-def test_counters_and_rates(harness, diagnostics):
+def test_link_counters_rates_and_latencies_are_shown(harness, diagnostics):
     link = harness.driver.state_link
     link.statistics.frames_received = 1000
     first = values(rows(diagnostics.build(STAMP, 100.0))['state link'])
     assert first['frames received'] == '1000'
-    assert 'frame rate [Hz]' not in first  # there is no time yet to count over
+    assert 'frame rate [Hz]' not in first  # no interval to count over yet
     link.statistics.frames_received = 1360
     link.statistics.connections = 3
     link.statistics.bad_frames['body'] = 2
@@ -280,13 +280,13 @@ def test_counters_and_rates(harness, diagnostics):
     assert third['frame rate [Hz]'] == '0.0'
 
 
-async def test_a_running_driver_without_a_controller():
+async def test_driver_without_controller_has_error_and_stale_statuses():
     async with Harness(Ports(1, 1, 0, 0)) as harness:
         message = Diagnostics(harness.driver, 'epson_driver', lambda _: 1).build(STAMP, now())
         assert {row.level for row in message.status} == {ERROR, STALE}
 
 
-async def test_a_connection_has_its_time_until_it_is_lost():
+async def test_connection_time_is_cleared_when_the_link_is_lost():
     async with ScriptedController() as controller, Harness(controller.ports) as harness:
         await harness.ready()
         links = (harness.driver.state_link, harness.driver.motion_link)
@@ -296,12 +296,12 @@ async def test_a_connection_has_its_time_until_it_is_lost():
         assert [link.statistics.connected_since for link in links] == [None, None]
 
 
-def test_the_arm_knows_its_joints(harness):
+def test_joint_sample_has_the_arm_s_joints_only(harness):
     zeros = (0.0,) * 10
     assert harness.driver.robot.on_joints(zeros, 1.0, zeros).positions.shape == (JOINTS,)
 
 
-async def test_they_come_each_second_and_as_soon_as_the_cause_changes():
+async def test_diagnostics_are_sent_every_second_and_on_a_new_cause():
     sent = []
     async with ScriptedController() as controller, Harness(controller.ports) as harness:
         await harness.ready()
@@ -316,7 +316,7 @@ async def test_they_come_each_second_and_as_soon_as_the_cause_changes():
         gone = now()
         await until(lambda: len(sent) == 4)
         task.cancel()
-    assert [round(later - sooner, 2) for (sooner, _), (later, _) in pairwise(sent[:3])] == [
+    assert [round(second - first, 2) for (first, _), (second, _) in pairwise(sent[:3])] == [
         1.0
     ] * 2
     assert sent[3][1] == 'NO_STATE_LINK'

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Goals and single points at the node: what the log says, and the rate of feedback."""
+"""Goals and single points at the node: log lines and the rate of feedback."""
 
 import asyncio
 
@@ -36,13 +36,13 @@ CODE = ErrorCode.SUCCESSFUL
         ),
     ],
 )
-def test_a_line_says_once_how_a_goal_ended(outcome: Outcome, line: str) -> None:
+def test_goal_s_end_is_logged_without_repetition(outcome: Outcome, line: str) -> None:
     assert outcome_line(outcome) == line
 
 
 @pytest.mark.parametrize('period', [0.004, 0.0055, 0.007, 0.013, 0.05])
 @pytest.mark.parametrize('rate', [5.0, 20.0])
-def test_the_mean_rate_is_the_one_that_was_set(period, rate):
+def test_throttle_keeps_the_mean_rate(period, rate):
     throttle = Throttle()
     times = 1000.0 + np.arange(0.0, 20.0, period)
     passed = [time for time in times if throttle.passes(float(time), rate)]
@@ -50,19 +50,19 @@ def test_the_mean_rate_is_the_one_that_was_set(period, rate):
     assert np.diff(passed).max() < 1.0 / rate + period + 1e-9
 
 
-def test_slower_samples_all_pass():
+def test_throttle_passes_all_slower_samples():
     throttle = Throttle()
     assert all(throttle.passes(1000.0 + index * 0.1, 20.0) for index in range(50))
 
 
-def test_after_a_silence_there_is_no_burst():
+def test_throttle_allows_no_burst_after_a_silence():
     throttle = Throttle()
     assert throttle.passes(1000.0, 20.0)
     assert throttle.passes(1010.0, 20.0)
     assert not throttle.passes(1010.01, 20.0)
 
 
-def test_another_rate_holds_from_the_next_sample_on():
+def test_throttle_applies_a_new_rate_to_the_next_sample():
     throttle = Throttle()
     assert throttle.passes(1000.0, 20.0)
     assert throttle.passes(1000.06, 1.0)
@@ -73,30 +73,30 @@ def test_another_rate_holds_from_the_next_sample_on():
 PERIOD = 0.02
 
 
-def test_a_stream_of_single_points_is_noticed_once():
+def test_stream_of_single_points_is_reported_once():
     streams = PointStreams()
-    said = [streams.noticed(1, 0.0, PERIOD * count) for count in range(100)]
-    assert [count for count, text in enumerate(said) if text] == [2]
-    assert said[2] == WARNING
+    texts = [streams.noticed(1, 0.0, PERIOD * count) for count in range(100)]
+    assert [count for count, text in enumerate(texts) if text] == [2]
+    assert texts[2] == WARNING
     again = [streams.noticed(1, 5.0, 60.0 + PERIOD * count) for count in range(100)]
     assert [count for count, text in enumerate(again) if text] == [2]
 
 
-def test_a_stream_of_windows_is_noticed_once():
-    """What MoveIt Servo sends if it is told to send to ~/joint_trajectory."""
+def test_stream_of_windows_is_reported_once():
+    """MoveIt Servo sends these if it is configured for ~/joint_trajectory."""
     streams = PointStreams()
-    said = [streams.noticed(20, 0.2, 0.01 * count) for count in range(100)]
-    assert [count for count, text in enumerate(said) if text] == [2]
+    texts = [streams.noticed(20, 0.2, 0.01 * count) for count in range(100)]
+    assert [count for count, text in enumerate(texts) if text] == [2]
 
 
-def test_single_points_now_and_then_are_no_stream():
+def test_occasional_points_are_no_stream():
     streams = PointStreams()
     assert not any(streams.noticed(1, 0.0, 1.5 * MAX_GAP_S * count) for count in range(50))
     assert not any(streams.noticed(10, 2.0, PERIOD * count) for count in range(50))
     assert not any(streams.noticed(1 + count % 2, 2.0, PERIOD * count) for count in range(50))
 
 
-async def test_a_stream_of_single_points_ends_every_goal_and_leaves_the_arm_at_rest():
+async def test_stream_of_single_points_ends_every_goal_and_the_arm_stops():
     async with cell() as (harness, _):
         goals = []
         for count in range(1, 51):

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The driver keeps or refuses every field of a goal: cases for each row in docs/goals.md."""
+"""Every field of a goal has an effect or an error: cases for each row in docs/goals.md."""
 
 import importlib
 import re
@@ -82,8 +82,8 @@ def turned():
     return motion_to(0.0, 0.1)
 
 
-def at(value):
-    """Return a function that sets a field, given by its row, of the last of each sequence."""
+def set_to(value):
+    """Return a function that sets a row's field in the last element of each sequence."""
 
     def change(request, row):
         *path, last = row.split('.')
@@ -96,8 +96,8 @@ def at(value):
     return change
 
 
-def of_joint(value):
-    """Return a function that has a tolerance, given by its row, of joint_2."""
+def joint_2_to(value):
+    """Return a function that sets the row's tolerance of the second joint."""
 
     def change(request, row):
         field, name = row.split('.')
@@ -114,8 +114,8 @@ def twice(request, row):
 
 
 def argument(name, value):
-    given = MotionArgument(argument_name=name, argument_value=value)
-    return lambda request, _: request.trajectory.motions[0].additional_arguments.append(given)
+    argument = MotionArgument(argument_name=name, argument_value=value)
+    return lambda request, _: request.trajectory.motions[0].additional_arguments.append(argument)
 
 
 def seconds(value, kind=Time):
@@ -127,7 +127,7 @@ def last(array):
     return lambda goal: getattr(goal.trajectory, array)[-1].tolist() == [0.01] * 6
 
 
-def as_without(goal):
+def no_effect(goal):
     return np.array_equal(goal.trajectory.positions[-1], [0.1] * 6) and goal.start == 0.0
 
 
@@ -136,7 +136,7 @@ def read(field, value):
 
 
 def tolerated(field, quantity, value):
-    """Return whether a goal has this tolerance of joint_2."""
+    """Return a check that a goal has this tolerance of joint_2."""
     if field == 'path_tolerance':
         return lambda goal: getattr(goal.path_tolerance, quantity)[1] == value
     name = {'position': 'goal_tolerance', 'velocity': 'goal_velocity'}[quantity]
@@ -144,58 +144,88 @@ def tolerated(field, quantity, value):
 
 
 CASES = [
-    (turned, 'trajectory.header.stamp', at(Time()), as_without),
-    (turned, 'trajectory.header.stamp', at(seconds(NOW + 0.9)), read('start', LOOP_NOW + 0.9)),
-    (turned, 'trajectory.header.stamp', at(seconds(NOW - 0.9)), read('start', LOOP_NOW - 0.9)),
-    (turned, 'trajectory.header.stamp', at(seconds(NOW + 1.1)), '1.1 s in the future'),
-    (turned, 'trajectory.header.stamp', at(seconds(NOW - 1.1)), '1.1 s ago: must be at most 1 s'),
-    (turned, 'trajectory.header.stamp', at(seconds(1.0)), '1.8e+09 s ago'),
-    (turned, 'trajectory.header.frame_id', at('world'), as_without),
-    (turned, 'trajectory.joint_names', at(['joint_1'] * 6), 'joint_names has joint_1 twice'),
-    (turned, 'trajectory.joint_names', at([f'j{i}' for i in range(6)]), 'lacks joint_1'),
-    (turned, 'trajectory.points.positions', at([0.01] * 6), last('positions')),
-    (turned, 'trajectory.points.positions', at([]), 'point 1: 0 positions for 6 joints'),
-    (turned, 'trajectory.points.positions', at([NAN] * 6), 'positions = nan rad is not finite'),
-    (turned, 'trajectory.points.positions', at([9.0] * 6), 'outside the limits'),
-    (lambda: motion_to(0.1), 'trajectory.points.velocities', at([0.0] * 6), as_without),
-    (turned, 'trajectory.points.velocities', at([0.0] * 6), 'point 0: 0 velocities for 6 joints'),
-    (lambda: motion_to(0.1), 'trajectory.points.velocities', at([1.0] * 6), 'must be 0'),
+    (turned, 'trajectory.header.stamp', set_to(Time()), no_effect),
+    (turned, 'trajectory.header.stamp', set_to(seconds(NOW + 0.9)), read('start', LOOP_NOW + 0.9)),
+    (turned, 'trajectory.header.stamp', set_to(seconds(NOW - 0.9)), read('start', LOOP_NOW - 0.9)),
+    (turned, 'trajectory.header.stamp', set_to(seconds(NOW + 1.1)), '1.1 s in the future'),
+    (
+        turned,
+        'trajectory.header.stamp',
+        set_to(seconds(NOW - 1.1)),
+        '1.1 s ago: must be at most 1 s',
+    ),
+    (turned, 'trajectory.header.stamp', set_to(seconds(1.0)), '1.8e+09 s ago'),
+    (turned, 'trajectory.header.frame_id', set_to('world'), no_effect),
+    (turned, 'trajectory.joint_names', set_to(['joint_1'] * 6), 'joint_names has joint_1 twice'),
+    (turned, 'trajectory.joint_names', set_to([f'j{i}' for i in range(6)]), 'lacks joint_1'),
+    (turned, 'trajectory.points.positions', set_to([0.01] * 6), last('positions')),
+    (turned, 'trajectory.points.positions', set_to([]), 'point 1: 0 positions for 6 joints'),
+    (
+        turned,
+        'trajectory.points.positions',
+        set_to([NAN] * 6),
+        'positions = nan rad is not finite',
+    ),
+    (turned, 'trajectory.points.positions', set_to([9.0] * 6), 'outside the limits'),
+    (lambda: motion_to(0.1), 'trajectory.points.velocities', set_to([0.0] * 6), no_effect),
+    (
+        turned,
+        'trajectory.points.velocities',
+        set_to([0.0] * 6),
+        'point 0: 0 velocities for 6 joints',
+    ),
+    (lambda: motion_to(0.1), 'trajectory.points.velocities', set_to([1.0] * 6), 'must be 0'),
     (
         lambda: motion_to(0.1),
         'trajectory.points.accelerations',
-        at([0.01] * 6),
+        set_to([0.01] * 6),
         last('accelerations'),
     ),
-    (turned, 'trajectory.points.accelerations', at([1.0]), 'point 0: 0 accelerations for 6'),
-    (turned, 'trajectory.points.effort', at([0.0] * 6), as_without),
-    (turned, 'trajectory.points.effort', at([0.0] * 5 + [1.0]), 'point 1: effort must be empty'),
-    (turned, 'trajectory.points.effort', at([NAN]), 'point 1: effort must be empty'),
+    (turned, 'trajectory.points.accelerations', set_to([1.0]), 'point 0: 0 accelerations for 6'),
+    (turned, 'trajectory.points.effort', set_to([0.0] * 6), no_effect),
+    (
+        turned,
+        'trajectory.points.effort',
+        set_to([0.0] * 5 + [1.0]),
+        'point 1: effort must be empty',
+    ),
+    (turned, 'trajectory.points.effort', set_to([NAN]), 'point 1: effort must be empty'),
     (
         turned,
         'trajectory.points.time_from_start',
-        at(Duration(sec=7)),
+        set_to(Duration(sec=7)),
         lambda goal: goal.trajectory.duration == 7.0,
     ),
-    (turned, 'trajectory.points.time_from_start', at(Duration(sec=-1)), 'must strictly increase'),
+    (
+        turned,
+        'trajectory.points.time_from_start',
+        set_to(Duration(sec=-1)),
+        'must strictly increase',
+    ),
     *[
         (turned, f'{field}.{name}', change, expected)
         for field in ('path_tolerance', 'goal_tolerance')
         for name, change, expected in (
-            ('name', of_joint('elbow'), f"{field} names the unknown joint 'elbow'"),
+            ('name', joint_2_to('elbow'), f"{field} names the unknown joint 'elbow'"),
             ('name', twice, f'{field} has joint_1 twice'),
-            ('position', of_joint(0.5), tolerated(field, 'position', 0.5)),
-            ('position', of_joint(-1.0), as_without),
-            ('position', of_joint(NAN), f'{field}, joint_2: position = nan is not finite'),
-            ('velocity', of_joint(0.5), tolerated(field, 'velocity', 0.5)),
-            ('velocity', of_joint(NAN), f'{field}, joint_2: velocity = nan is not finite'),
-            ('acceleration', of_joint(-1.0), as_without),
-            ('acceleration', of_joint(0.5), 'acceleration = 0.5 cannot be checked'),
+            ('position', joint_2_to(0.5), tolerated(field, 'position', 0.5)),
+            ('position', joint_2_to(-1.0), no_effect),
+            ('position', joint_2_to(NAN), f'{field}, joint_2: position = nan is not finite'),
+            ('velocity', joint_2_to(0.5), tolerated(field, 'velocity', 0.5)),
+            ('velocity', joint_2_to(NAN), f'{field}, joint_2: velocity = nan is not finite'),
+            ('acceleration', joint_2_to(-1.0), no_effect),
+            ('acceleration', joint_2_to(0.5), 'acceleration = 0.5 cannot be checked'),
         )
     ],
-    (turned, 'goal_time_tolerance', at(seconds(2.5, Duration)), read('goal_time', 2.5)),
-    (turned, 'goal_time_tolerance', at(Duration(sec=-1)), read('goal_time', 0.0)),
+    (turned, 'goal_time_tolerance', set_to(seconds(2.5, Duration)), read('goal_time', 2.5)),
+    (turned, 'goal_time_tolerance', set_to(Duration(sec=-1)), read('goal_time', 0.0)),
     *[
-        (turned, field, at([JointComponentTolerance(joint_name='joint_1')]), f'{field} must be')
+        (
+            turned,
+            field,
+            set_to([JointComponentTolerance(joint_name='joint_1')]),
+            f'{field} must be',
+        )
         for field in ('component_path_tolerance', 'component_goal_tolerance')
     ],
     *[
@@ -212,15 +242,15 @@ CASES = [
             'points': [MultiDOFJointTrajectoryPoint()],
         }.items()
     ],
-    (grip, 'command.position', at(0.04), lambda refused: refused == ''),
-    (grip, 'command.position', at(NAN), 'position = nan: must be finite'),
-    (grip, 'command.max_effort', at(-1.0), lambda refused: refused == ''),
-    (grip, 'command.max_effort', at(20.0), 'max_effort = 20: must be 0 (no limit)'),
-    (grip, 'command.max_effort', at(NAN), 'max_effort = nan: must be 0 (no limit)'),
-    (sequence, 'trajectory.motions.type', at(Motion.LINEAR_JOINT), read('kind', 0)),
-    (sequence, 'trajectory.motions.type', at(7), 'motions[0]: type = 7: must be one of'),
-    (sequence, 'trajectory.motions.blend_radius', at(0.05), read('blend_radius', 0.05)),
-    (sequence, 'trajectory.motions.blend_radius', at(-0.1), 'blend_radius = -0.1: must be 0'),
+    (grip, 'command.position', set_to(0.04), lambda refusal_text: refusal_text == ''),
+    (grip, 'command.position', set_to(NAN), 'position = nan: must be finite'),
+    (grip, 'command.max_effort', set_to(-1.0), lambda refusal_text: refusal_text == ''),
+    (grip, 'command.max_effort', set_to(20.0), 'max_effort = 20: must be 0 (no limit)'),
+    (grip, 'command.max_effort', set_to(NAN), 'max_effort = nan: must be 0 (no limit)'),
+    (sequence, 'trajectory.motions.type', set_to(Motion.LINEAR_JOINT), read('kind', 0)),
+    (sequence, 'trajectory.motions.type', set_to(7), 'motions[0]: type = 7: must be one of'),
+    (sequence, 'trajectory.motions.blend_radius', set_to(0.05), read('blend_radius', 0.05)),
+    (sequence, 'trajectory.motions.blend_radius', set_to(-0.1), 'blend_radius = -0.1: must be 0'),
     (
         sequence,
         'trajectory.motions.additional_arguments.argument_name',
@@ -239,14 +269,14 @@ CASES = [
         argument('velocity', NAN),
         'motions[0]: velocity = nan',
     ),
-    (line, 'trajectory.motions.poses.header.stamp', at(Time(sec=1)), read('kind', 50)),
-    (line, 'trajectory.motions.poses.header.frame_id', at('base_link'), read('kind', 50)),
-    (line, 'trajectory.motions.poses.header.frame_id', at('world'), 'must be in base_link'),
-    (line, 'trajectory.motions.poses.pose', at(PoseStamped().pose), read('target', np.eye(4))),
-    (sequence, 'trajectory.motions.poses', at([PoseStamped()]), 'has 1 poses: must have 0'),
-    (sequence, 'trajectory.motions.joint_positions', at([0.2] * 6), read('target', [0.2] * 6)),
-    (sequence, 'trajectory.motions.joint_positions', at([0.2]), 'has 1 values: must have 6'),
-    (line, 'trajectory.motions.joint_positions', at([0.2] * 6), 'must be empty'),
+    (line, 'trajectory.motions.poses.header.stamp', set_to(Time(sec=1)), read('kind', 50)),
+    (line, 'trajectory.motions.poses.header.frame_id', set_to('base_link'), read('kind', 50)),
+    (line, 'trajectory.motions.poses.header.frame_id', set_to('world'), 'must be in base_link'),
+    (line, 'trajectory.motions.poses.pose', set_to(PoseStamped().pose), read('target', np.eye(4))),
+    (sequence, 'trajectory.motions.poses', set_to([PoseStamped()]), 'has 1 poses: must have 0'),
+    (sequence, 'trajectory.motions.joint_positions', set_to([0.2] * 6), read('target', [0.2] * 6)),
+    (sequence, 'trajectory.motions.joint_positions', set_to([0.2]), 'has 1 values: must have 6'),
+    (line, 'trajectory.motions.joint_positions', set_to([0.2] * 6), 'must be empty'),
 ]
 
 
@@ -264,17 +294,17 @@ def test_field_has_an_effect_or_an_error(goal, row, change, expected):
         assert expected(check(request))
         return
     try:
-        refused = check(request)
+        refusal_text = check(request)
     except GoalRejectedError as rejection:
-        refused = str(rejection)
-    assert expected in refused
+        refusal_text = str(rejection)
+    assert expected in refusal_text
 
 
 def fields(kind, rows, path=''):
     """Yield the fields of a message down to rows of the table."""
-    for name, of in kind.get_fields_and_field_types().items():
+    for name, field_type in kind.get_fields_and_field_types().items():
         here = f'{path}{name}'
-        package, _, inner = of.removeprefix('sequence<').removesuffix('>').partition('/')
+        package, _, inner = field_type.removeprefix('sequence<').removesuffix('>').partition('/')
         if here in rows or not inner:
             yield here
         else:
@@ -282,11 +312,11 @@ def fields(kind, rows, path=''):
             yield from fields(below, rows, f'{here}.')
 
 
-def test_the_table_has_every_field_and_each_row_has_cases():
+def test_docs_table_has_every_field_and_each_row_has_cases():
     table = PAGE.read_text(encoding='utf-8').partition('### Every field of a goal')[2]
     table = table.partition('\n## ')[0]
     cells = re.findall(r'(?m)^\| (`[\w.`, ]+`) \|', table)
     rows = re.findall(r'`([\w.]+)`', ' '.join(cells))
     assert len({*rows}) == len(rows)
-    assert {*rows} == {each for goal in GOALS for each in fields(goal, rows)}
+    assert {*rows} == {field for goal in GOALS for field in fields(goal, rows)}
     assert {*rows} == {row for _, row, *_ in CASES if row != 'trajectory.motions.poses'}

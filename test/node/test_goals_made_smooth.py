@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""smooth_goals without ROS, in virtual time (as processes: test/system/test_goals_in_front.py)."""
+"""smooth_goals without ROS, in virtual time (processes: test/system/test_goals_in_front.py)."""
 
 import asyncio
 from contextvars import copy_context
@@ -39,7 +39,7 @@ def stamped(kind, seconds):
 
 
 class Behind:
-    """The driver behind and its arm, which is where it is commanded to be."""
+    """The downstream driver, whose arm follows its commands exactly."""
 
     name = '/behind/follow_joint_trajectory'
 
@@ -64,7 +64,7 @@ class Behind:
 
     async def send(self, goal, on_feedback, _timeout):
         if not self.there:
-            raise GoalRejectedError(ErrorCode.INVALID_GOAL, 'nobody serves it')
+            raise GoalRejectedError(ErrorCode.INVALID_GOAL, 'not available')
         if self.refuses:
             raise GoalRejectedError(ErrorCode.INVALID_GOAL, self.refuses.pop())
         before = self.commanded()[0]
@@ -74,13 +74,13 @@ class Behind:
         self.spline = Interpolation(
             points.times, points.positions, points.velocities, points.accelerations
         )
-        assert np.abs(self.commanded()[0] - before).max() < 1e-6, 'what is commanded has jumped'
+        assert np.abs(self.commanded()[0] - before).max() < 1e-6, 'the command has jumped'
         self.taken.append(goal)
-        return Taken(self, on_feedback)
+        return AcceptedGoal(self, on_feedback)
 
 
-class Taken:
-    """A goal that the driver behind executes."""
+class AcceptedGoal:
+    """A goal accepted by the downstream driver."""
 
     def __init__(self, behind, on_feedback):
         self._behind, self._on_feedback = behind, on_feedback
@@ -107,7 +107,7 @@ class Taken:
 
 
 class Front:
-    """SmoothGoals in front of Behind, and what it logged."""
+    """SmoothGoals with the downstream driver `Behind`, and its log."""
 
     def __init__(self, monkeypatch, **parameters):
         self.logged, self.failures = [], []
@@ -127,7 +127,7 @@ class Front:
         )
         for name, stand_in in {
             'declare_rows': lambda *_: values,
-            'undeclared': lambda _: ['nobody knows `leed`'],
+            'undeclared': lambda _: ['unknown parameter `leed`'],
             'context_of': lambda _: copy_context(),
             'ArmState': lambda *_: self.behind,
             'Downstream': lambda *_: self.behind,
@@ -153,7 +153,7 @@ class Front:
         assert (is_busy(), busy) == (False, False)
 
     async def goal(self, *points, ahead=None, **fields):
-        """Hand a goal over and return it, its feedback, and a future of its outcome.
+        """Send a goal. Return it, its feedback, and a future of its outcome.
 
         ahead: time from now to its stamp, s.
         """
@@ -169,23 +169,23 @@ class Front:
         self.goals._submit(goal, scope)
         return SimpleNamespace(goal=goal, feedback=feedback, ended=ended)
 
-    async def under_way(self):
+    async def until_moving(self):
         await until(lambda: np.abs(self.behind.commanded()[1]).max() > 0.1)
         await asyncio.sleep(3 * CYCLE_S)
 
     async def refused(self, *points, **fields):
-        """Return why a goal that moves nothing ended."""
+        """Return the error of a goal that must not move the arm."""
         try:
-            said = (await (await self.goal(*points, **fields)).ended).text
+            reason = (await (await self.goal(*points, **fields)).ended).text
         except GoalRejectedError as refusal:
-            said = str(refusal)
+            reason = str(refusal)
         assert self.behind.taken == []
-        return said
+        return reason
 
 
-async def test_positions_become_a_smooth_motion_that_ends_where_they_do(monkeypatch):
+async def test_goal_becomes_a_smooth_motion_with_the_same_end(monkeypatch):
     front = Front(monkeypatch)
-    assert 'nobody knows `leed`' in front.logged
+    assert 'unknown parameter `leed`' in front.logged
     sent = await front.goal((0.0, START), (0.7, np.mean([START, FAR], axis=0)), (1.2, FAR))
     assert await sent.ended == SUCCEEDED
     assert np.abs(front.behind.commanded()[0] - FAR).max() < 1e-9
@@ -194,17 +194,17 @@ async def test_positions_become_a_smooth_motion_that_ends_where_they_do(monkeypa
     assert all(len(point.accelerations) == 6 for point in taken.trajectory.points)
 
 
-async def test_it_is_as_fast_as_the_limits_allow(monkeypatch):
+async def test_time_optimal_motion_is_as_fast_as_the_limits_allow(monkeypatch):
     front = Front(monkeypatch, timing='time_optimal')
     assert await (await front.goal((9.0, FAR))).ended == SUCCEEDED
     assert front.behind.spline.times[-1] < 3.0
 
 
 @pytest.mark.invariant(2, 3, 5)
-async def test_cancel_brakes_on_the_way_and_nothing_jumps(monkeypatch):
+async def test_cancel_brakes_on_the_path_without_a_jump(monkeypatch):
     front = Front(monkeypatch)
     sent = await front.goal((0.0, START), (6.0, FAR))
-    await front.under_way()
+    await front.until_moving()
     front.goals.cancel(sent.goal)
     outcome = await sent.ended
     assert outcome.end is End.CANCELED
@@ -214,10 +214,10 @@ async def test_cancel_brakes_on_the_way_and_nothing_jumps(monkeypatch):
 
 
 @pytest.mark.invariant(3, 5)
-async def test_a_newer_goal_begins_when_the_arm_has_braked(monkeypatch):
+async def test_newer_goal_starts_after_braking(monkeypatch):
     front = Front(monkeypatch, stops='brake')
     first = await front.goal((0.0, START), (6.0, FAR))
-    await front.under_way()
+    await front.until_moving()
     second = await front.goal((3.0, START))
     outcome = await first.ended
     assert outcome.end is End.ABORTED
@@ -228,7 +228,7 @@ async def test_a_newer_goal_begins_when_the_arm_has_braked(monkeypatch):
 
 @pytest.mark.invariant(3, 5)
 @pytest.mark.parametrize(
-    ('parameters', 'behind', 'said'),
+    ('parameters', 'behind', 'ending'),
     [
         ({'stops': 'cancel'}, {}, 'stopped it; the arm stands'),
         ({}, {'keeps_stamps': False}, 'stopped it; the arm stands'),
@@ -237,38 +237,40 @@ async def test_a_newer_goal_begins_when_the_arm_has_braked(monkeypatch):
         ({}, {'cancels': False, 'tells': False}, 'DID NOT ANSWER THE CANCEL; the arm stands'),
     ],
 )
-async def test_where_it_cannot_brake_it_is_canceled(monkeypatch, parameters, behind, said):
+async def test_goal_is_canceled_downstream_if_braking_is_impossible(
+    monkeypatch, parameters, behind, ending
+):
     front = Front(monkeypatch, **parameters)
     sent = await front.goal((0.0, START), (6.0, FAR))
-    await front.under_way()
+    await front.until_moving()
     for name, value in behind.items():
         setattr(front.behind, name, value)
     await asyncio.sleep(1.0)
     front.goals.cancel(sent.goal)
     outcome = await sent.ended
     assert outcome.end is End.CANCELED
-    assert outcome.text == f'canceled; {front.behind.name} {said}'
+    assert outcome.text == f'canceled; {front.behind.name} {ending}'
     assert front.behind.canceled == 1
     assert any('was not smooth' in text for text in front.logged)
 
 
 @pytest.mark.invariant(5, 6)
-async def test_an_arm_that_nobody_hears_of_is_stopped(monkeypatch):
+async def test_arm_with_unknown_state_is_stopped(monkeypatch):
     front = Front(monkeypatch)
     sent = await front.goal((0.0, START), (6.0, FAR))
-    await front.under_way()
-    front.behind.silent = 'where joint_1 is, nobody says'
-    assert 'where joint_1 is, nobody says; it braked' in (await sent.ended).text
+    await front.until_moving()
+    front.behind.silent = 'joint_1 is unknown'
+    assert 'joint_1 is unknown; it braked' in (await sent.ended).text
     front.behind.silent = None
     again = await front.goal((6.0, FAR))
-    await front.under_way()
+    await front.until_moving()
     front.behind.there = front.behind.tells = False
     await asyncio.sleep(1.0)
     assert 'is not served any more; nothing can be sent to its driver' in (await again.ended).text
 
 
 @pytest.mark.invariant(4, 5)
-async def test_inv4_inv5_a_goal_waits_for_its_stamp_and_can_be_canceled(monkeypatch):
+async def test_inv4_inv5_goal_waits_for_its_stamp_and_can_be_canceled(monkeypatch):
     """docs/invariants.md, 4 and 5."""
     front = Front(monkeypatch)
     begin = now()
@@ -276,10 +278,10 @@ async def test_inv4_inv5_a_goal_waits_for_its_stamp_and_can_be_canceled(monkeypa
     await until(lambda: front.behind.taken)
     assert now() - begin >= 0.9
     assert await sent.ended == SUCCEEDED
-    left = await front.goal((1.2, START), ahead=0.9)
+    waiting = await front.goal((1.2, START), ahead=0.9)
     await asyncio.sleep(0.5)
-    front.goals.cancel(left.goal)
-    assert (await left.ended).text == 'canceled'
+    front.goals.cancel(waiting.goal)
+    assert (await waiting.ended).text == 'canceled'
     await asyncio.sleep(1.0)
     assert len(front.behind.taken) == 1
     late = await front.goal((1.2, START), ahead=-0.5)
@@ -288,10 +290,10 @@ async def test_inv4_inv5_a_goal_waits_for_its_stamp_and_can_be_canceled(monkeypa
         await front.goal((1.2, FAR), ahead=1.5)
 
 
-async def test_a_goal_near_its_end_is_left_to_come_to_it(monkeypatch):
+async def test_cancel_near_the_end_lets_the_goal_finish(monkeypatch):
     front = Front(monkeypatch)
     sent = await front.goal((0.0, START), (3.0, FAR))
-    await front.under_way()
+    await front.until_moving()
     spline = front.behind.spline
     await until(lambda: now() - front.behind.begin > spline.times[-1] - 0.08)
     front.goals.cancel(sent.goal)
@@ -299,7 +301,7 @@ async def test_a_goal_near_its_end_is_left_to_come_to_it(monkeypatch):
 
 
 @pytest.mark.invariant(1, 5)
-async def test_what_cannot_be_is_refused_and_moves_nothing(monkeypatch):
+async def test_invalid_goal_is_rejected_and_moves_nothing(monkeypatch):
     front = Front(monkeypatch)
     elsewhere = [*START[:5], 0.5]
     assert 'joint_6' in await front.refused((0.0, elsewhere), (1.0, FAR))
@@ -308,15 +310,15 @@ async def test_what_cannot_be_is_refused_and_moves_nothing(monkeypatch):
     assert 'inside the limits it takes' in await front.refused(
         (0.0, START), (0.05, FAR), goal_time_tolerance=short
     )
-    front.behind.silent = 'where joint_1 is, nobody says'
-    said = await front.refused((1.0, FAR))
-    assert said == 'where joint_1 is, nobody says: a goal begins where the arm stands'
+    front.behind.silent = 'joint_1 is unknown'
+    reason = await front.refused((1.0, FAR))
+    assert reason == 'joint_1 is unknown: a goal begins where the arm stands'
     front.behind.silent = None
     monkeypatch.setattr(front.behind, 'commanded', lambda: (np.array(START), np.full(6, 0.5)))
     assert 'joint_1 moves at 0.5 /s' in await front.refused((1.0, FAR))
 
 
-async def test_limits_come_from_the_robot_description_and_what_it_lacks_is_assumed(monkeypatch):
+async def test_limits_come_from_robot_description_and_missing_ones_are_assumed(monkeypatch):
     front = Front(monkeypatch, limits_file='')
     assert 'joint_1: no position min limit is known' in await front.refused((1.0, FAR))
     front.describe(SimpleNamespace(data='<robot'))
@@ -331,7 +333,7 @@ async def test_limits_come_from_the_robot_description_and_what_it_lacks_is_assum
 
 
 @pytest.mark.invariant(2, 10)
-async def test_inv10_limits_that_change_in_use_end_the_goal_and_refuse_the_next(monkeypatch):
+async def test_inv10_changed_limits_end_the_goal_and_reject_the_next(monkeypatch):
     front = Front(monkeypatch, limits_file='')
     joint = '<joint name="joint_1" type="revolute"><limit lower="-3" upper="3" {}/></joint>'
 
@@ -342,7 +344,7 @@ async def test_inv10_limits_that_change_in_use_end_the_goal_and_refuse_the_next(
     describe('velocity="2"')
     describe('velocity="2.0"')
     sent = await front.goal((0.0, START), (6.0, FAR))
-    await front.under_way()
+    await front.until_moving()
     describe('velocity="50"')
     describe('velocity="60"')
     why = 'robot_description gives two values for joint_1, velocity: 2.0 and 50.0'
@@ -357,10 +359,10 @@ async def test_inv10_limits_that_change_in_use_end_the_goal_and_refuse_the_next(
 
 
 @pytest.mark.invariant(5)
-async def test_when_it_ends_goals_are_left_and_no_new_one_begins(monkeypatch):
+async def test_shutdown_brakes_the_goal_and_rejects_new_ones(monkeypatch):
     front = Front(monkeypatch)
     sent = await front.goal((0.0, START), (6.0, FAR))
-    await front.under_way()
+    await front.until_moving()
     await front.goals.shut_down()
     assert (await sent.ended).text == 'smooth_goals ends; it braked; the arm stands'
     assert (await (await front.goal((1.0, START))).ended).text == 'smooth_goals ends'
@@ -369,7 +371,7 @@ async def test_when_it_ends_goals_are_left_and_no_new_one_begins(monkeypatch):
 
 
 @pytest.mark.invariant(9)
-async def test_feedback_that_cannot_be_passed_on_is_told(monkeypatch):
+async def test_failed_feedback_is_reported(monkeypatch):
     front = Front(monkeypatch)
     sent = await front.goal((0.0, START), (1.0, FAR))
 
@@ -381,11 +383,11 @@ async def test_feedback_that_cannot_be_passed_on_is_told(monkeypatch):
     assert front.failures[0][0] == 'passing feedback on'
 
 
-# --- the driver behind, as ROS has it -----------------------------------------------------------
+# --- the downstream driver's ROS interface ------------------------------------------------------
 
 
 class Answer:
-    """A future of rclpy that is done, or will be."""
+    """A completed future of rclpy."""
 
     def __init__(self, value=None, error=None):
         self._value, self._error = value, error
@@ -401,7 +403,7 @@ class Answer:
 
 
 def client(monkeypatch, *, ready=True, **requests):
-    """Return a Downstream whose action client answers requests so."""
+    """Return a Downstream whose action client handles requests by these functions."""
     action = SimpleNamespace(server_is_ready=lambda: ready, **requests)
     monkeypatch.setattr(downstream, 'ActionClient', lambda *_, **__: action)
     node = SimpleNamespace(
@@ -412,7 +414,7 @@ def client(monkeypatch, *, ready=True, **requests):
     return Downstream(node, 'jtc/follow', None)
 
 
-async def test_it_is_told_who_serves_the_action_and_what_it_answers(monkeypatch):
+async def test_missing_server_and_rejection_are_reported(monkeypatch):
     assert client(monkeypatch).keeps_stamps
     with pytest.raises(GoalRejectedError, match='nobody serves the action /jtc/follow'):
         await client(monkeypatch, ready=False).send(None, None, 1.0)
@@ -426,7 +428,7 @@ async def test_it_is_told_who_serves_the_action_and_what_it_answers(monkeypatch)
         await broken.asked(lambda: 1 / 0)
 
 
-async def test_a_goal_that_is_taken_too_late_is_canceled(monkeypatch, caplog):
+async def test_goal_accepted_too_late_is_canceled(monkeypatch, caplog):
     waiting, canceled = [], []
     late = SimpleNamespace(add_done_callback=waiting.append)
     behind = client(monkeypatch, send_goal_async=lambda *_: late)
@@ -451,7 +453,7 @@ async def test_a_goal_that_is_taken_too_late_is_canceled(monkeypatch, caplog):
         (GoalStatus.STATUS_ABORTED, 77, 'x', (End.ABORTED, -1, 'goal: x (error code 77)')),
     ],
 )
-async def test_its_result_is_passed_on(monkeypatch, status, code, text, expected):
+async def test_downstream_result_is_passed_on(monkeypatch, status, code, text, expected):
     result = SimpleNamespace(error_code=code, error_string=text)
     handle = SimpleNamespace(
         get_result_async=lambda: Answer(SimpleNamespace(status=status, result=result)),
@@ -460,9 +462,9 @@ async def test_its_result_is_passed_on(monkeypatch, status, code, text, expected
     sent = Sent(client(monkeypatch), handle)
     assert await sent.cancel(1.0)
     outcome = await sent.result
-    end, number, said = expected
+    end, number, ending = expected
     assert (outcome.end, int(outcome.code)) == (end, number)
-    assert outcome.text.endswith(said)
+    assert outcome.text.endswith(ending)
     silent = SimpleNamespace(add_done_callback=lambda _callback: None)
     handle.cancel_goal_async = lambda: silent
     assert not await sent.cancel(1.0)

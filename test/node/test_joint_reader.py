@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Joint states by name: of the joints of an arm, from one publisher, and fresh."""
+"""Joint states by name: from one publisher, and fresh."""
 
 import math
 
@@ -15,7 +15,7 @@ OLDEST_S = 1.0
 
 
 class Topic:
-    """A topic at a reader. A message is stamped when it is sent, `ahead` s off, and delayed."""
+    """A topic with a reader. Stamps are off by `ahead` s, and messages are late by `delay` s."""
 
     def __init__(self):
         self.reader = JointReader('joint_states')
@@ -29,12 +29,12 @@ class Topic:
         return [values.tolist() for values in self.reader.of(names, limits, OLDEST_S, now)]
 
 
-def test_joints_are_found_by_name_and_velocities_where_none_are_sent():
+def test_joints_are_found_by_name_and_missing_velocities_estimated():
     topic = Topic()
     assert not topic.reader
     topic.send(0.0, 'ba', (0.2, 0.1), (0.02, 0.01))
     assert topic.read(0.0) == [[0.1, 0.2], [0.01, 0.02]]
-    topic.send(0.0, ['finger'], [0.7])  # of a gripper
+    topic.send(0.0, ['finger'], [0.7])  # a gripper's joint
     topic.send(0.1, 'ab', (0.15, 0.2))
     positions, velocities = topic.read(0.2)
     assert (positions, velocities) == ([0.15, 0.2], [pytest.approx(0.5), 0.0])
@@ -49,7 +49,7 @@ def test_joints_are_found_by_name_and_velocities_where_none_are_sent():
     ('names', 'positions'),
     [('ab', (0.1, math.nan)), ('ab', (0.1, 1e308)), ('ab', (0.1,)), ('aa', (0.1, 0.2))],
 )
-def test_an_invalid_message_is_not_used(names, positions):
+def test_invalid_message_is_ignored(names, positions):
     topic = Topic()
     assert not topic.send(0.0, names, positions)
     with pytest.raises(GoalRejectedError):
@@ -59,8 +59,8 @@ def test_an_invalid_message_is_not_used(names, positions):
 @pytest.mark.invariant(10)
 @pytest.mark.parametrize('ahead', [0.0, 0.5, -0.5, 1e4, -100.0])
 @pytest.mark.parametrize('period', [0.02, 0.9, 5.0])
-def test_inv10_two_publishers_are_noticed_by_their_difference(ahead, period):
-    """Whatever their stamps are, in one direction at least the joint is too fast."""
+def test_inv10_two_publishers_are_detected_by_a_joint_jump(ahead, period):
+    """With any stamps, the joint is too fast in at least one direction."""
     topic = Topic()
     refused = []
     for step in range(1000):
@@ -80,10 +80,10 @@ def test_inv10_two_publishers_are_noticed_by_their_difference(ahead, period):
     assert 'where its limit is 2 /s: two publishers disagree' in refused[0]
 
 
-def test_an_arm_at_its_limit_is_no_second_publisher_however_late_messages_are():
+def test_fast_arm_with_late_messages_is_no_second_publisher():
     topic = Topic()
     for step in range(1000):
-        now, held = 0.1 * step, 0.5 * (step % 6 != 0)
+        now, stall = 0.1 * step, 0.5 * (step % 6 != 0)
         triangle = abs((now + 1.0) % 4.0 - 2.0) - 1.0
-        topic.send(now, 'ab', (triangle, 2.0 * triangle), delay=held * (1.0 - step % 6 / 6.0))
+        topic.send(now, 'ab', (triangle, 2.0 * triangle), delay=stall * (1.0 - step % 6 / 6.0))
         assert topic.read(now)[0][0] == pytest.approx(triangle)

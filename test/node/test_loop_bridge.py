@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Each service has its answer, whatever fails, also when the driver has ended."""
+"""Every service call gets a reply, also after errors and after the driver's end."""
 
 import asyncio
 
@@ -13,13 +13,13 @@ from epson_driver.node.loop_bridge import DriverEndedError
 
 @pytest.fixture
 def made():
-    found = Made()
-    yield found
-    found.loop.close()
+    made = Made()
+    yield made
+    made.loop.close()
 
 
 @pytest.mark.invariant(9)
-def test_a_service_that_fails_answers_so_and_stops_the_arm(made):
+def test_failing_service_reports_the_error_and_stops_the_arm(made):
     async def serve(_request, _response):
         raise ZeroDivisionError('made for this test')
 
@@ -36,7 +36,7 @@ def test_a_service_that_fails_answers_so_and_stops_the_arm(made):
 
 
 @pytest.mark.invariant(9)
-def test_a_driver_that_has_ended_is_named_in_every_answer(made):
+def test_replies_report_that_the_driver_has_ended(made):
     async def late(_request, _response):
         return await made.bridge.in_loop(lambda: asyncio.sleep(0))
 
@@ -50,7 +50,7 @@ def test_a_driver_that_has_ended_is_named_in_every_answer(made):
         name: done(serve(Trigger.Request(), Trigger.Response()))
         for name, serve in made.node.served.items()
     }
-    assert not any(each.success for each in answers.values())
+    assert not any(answer.success for answer in answers.values())
     assert answers['late'].message == 'the driver has ended'
     assert answers['failing'].message.endswith('; the driver has ended')
     with pytest.raises(DriverEndedError):
@@ -60,7 +60,7 @@ def test_a_driver_that_has_ended_is_named_in_every_answer(made):
 
 
 @pytest.mark.invariant(9)
-def test_a_request_that_is_dropped_with_its_executor_is_no_failure(made):
+def test_request_dropped_with_its_executor_is_no_failure(made):
     async def serve(_request, _response):
         return await made.bridge.wait_for(made.bridge.create_future())
 
@@ -73,7 +73,7 @@ def test_a_request_that_is_dropped_with_its_executor_is_no_failure(made):
 
 
 @pytest.mark.invariant(5)
-def test_what_waits_is_answered_once_and_at_the_latest_at_the_end(made):
+def test_future_resolves_once_and_at_the_driver_s_end_at_the_latest(made):
     first, second = made.bridge.create_future(), made.bridge.create_future()
     made.bridge.resolve(first, 'an answer')
     made.bridge.resolve(first, 'another')

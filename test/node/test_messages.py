@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The driver's values as ROS messages: nothing is changed on the way (docs/invariants.md, 8)."""
+"""Conversion of the driver's values to ROS messages (docs/invariants.md, 8)."""
 
 import struct
 from itertools import product
@@ -30,7 +30,7 @@ FIELDS = ('drives_powered', 'e_stopped', 'in_error', 'in_motion', 'motion_possib
 
 
 @given(st.tuples(*[st.floats(width=32, allow_nan=False, allow_infinity=False)] * 10))
-def test_inv8_joint_states_carry_what_was_measured_bit_for_bit(values):
+def test_inv8_joint_states_equal_the_measurement_bit_for_bit(values):
     """docs/invariants.md, 8."""
     names = ('f', 'a', 'e', 'b', 'd', 'c')
     sample = RobotState(6).on_joints(values, 1.0, values)
@@ -43,7 +43,7 @@ def test_inv8_joint_states_carry_what_was_measured_bit_for_bit(values):
     assert len(message.effort) == 0
 
 
-def test_a_joint_state_is_filled_anew_for_each_sample():
+def test_each_joint_state_has_the_values_of_its_sample():
     writer = messages.JointStateWriter(('a', 'b'))
     state = RobotState(2)
     state.on_joints((0.0,) * 10, 0.995)
@@ -55,7 +55,7 @@ def test_a_joint_state_is_filled_anew_for_each_sample():
     assert len(second.velocity) == 2
 
 
-def test_a_status_that_is_said_again_has_the_stamp_of_its_own_time():
+def test_repeated_status_has_its_own_stamp():
     writer = messages.RobotStatusWriter()
     for second, status in enumerate(
         (Status(), Status(in_motion=1), Status(in_motion=1), Status())
@@ -64,7 +64,7 @@ def test_a_status_that_is_said_again_has_the_stamp_of_its_own_time():
         assert writer.write(status, stamp) == messages.robot_status(status, stamp)
 
 
-def test_robot_status_maps_each_field_to_its_own():
+def test_robot_status_maps_each_field():
     for field, value in product(FIELDS, (-1, 0, 1)):
         fields = dict.fromkeys(FIELDS, 0) | {field: value}
         status = messages.robot_status(Status(**fields), STAMP)
@@ -72,7 +72,7 @@ def test_robot_status_maps_each_field_to_its_own():
         assert status.header.stamp == STAMP
 
 
-def test_the_numbers_of_the_enums_are_industrial_msgs():
+def test_enum_values_equal_industrial_msgs():
     assert (TriState.UNKNOWN, TriState.FALSE, TriState.TRUE) == (-1, 0, 1)
     assert (RobotMode.UNKNOWN, RobotMode.MANUAL, RobotMode.AUTO) == (-1, 1, 2)
 
@@ -80,14 +80,14 @@ def test_the_numbers_of_the_enums_are_industrial_msgs():
 @pytest.mark.parametrize(
     ('mode', 'expected'), [(-1, -1), (1, 1), (2, 2), (0, -1), (3, -1), (-2, -1), (2**31 - 1, -1)]
 )
-def test_robot_status_mode(mode, expected):
+def test_unknown_modes_become_unknown(mode, expected):
     assert messages.robot_status(Status(mode=mode), STAMP).mode.val == expected
 
 
 @pytest.mark.parametrize(
     ('field', 'value'), list(product(FIELDS, (2, -2, 255, 2**31 - 1, -(2**31))))
 )
-def test_values_outside_the_enums_are_unknown(field, value):
+def test_values_outside_the_enums_become_unknown(field, value):
     status = messages.robot_status(Status(**{field: value}), STAMP)
     assert getattr(status, field).val == TriState.UNKNOWN
 
@@ -99,21 +99,21 @@ def test_error_codes_are_empty_without_an_error(code, codes):
     assert list(messages.robot_status(Status(error_code=code), STAMP).error_codes) == codes
 
 
-def test_nothing_known():
+def test_empty_status_is_unknown_in_all_fields():
     status = messages.robot_status(Status(), STAMP)
     assert {getattr(status, field).val for field in FIELDS} == {TriState.UNKNOWN}
     assert status.mode.val == RobotMode.UNKNOWN
     assert list(status.error_codes) == []
 
 
-def test_a_result_carries_code_and_text():
+def test_result_has_code_and_text():
     outcome = Outcome(End.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED, 'beside the goal')
     result = messages.result(outcome)
     assert result.error_code == result.GOAL_TOLERANCE_VIOLATED
     assert result.error_string == 'beside the goal'
 
 
-def test_feedback_is_where_it_should_go_where_it_is_and_the_difference():
+def test_feedback_has_desired_and_actual_state_and_their_difference():
     harness = Harness()
     harness.answer()
     harness.see(0.15)
@@ -138,11 +138,11 @@ def test_feedback_is_where_it_should_go_where_it_is_and_the_difference():
         assert in_s(actual.time_from_start) == pytest.approx(elapsed, abs=1e-6)
         np.testing.assert_allclose(message.error.positions, on_plan - [0.4, -0.1])
         np.testing.assert_allclose(message.error.velocities, [0.5 - 1.5, 0.25 + 2.5])
-    assert list(state.output.positions) == list(LINE[1])  # the point on its way
+    assert list(state.output.positions) == list(LINE[1])  # the pending point
     assert state.speed_scaling_factor == 1.0
 
 
-def test_feedback_before_a_goal_is_prepared_wants_the_arm_where_it_is():
+def test_feedback_of_an_unprepared_goal_desires_the_actual_position():
     harness = Harness(start=False)
     sample = JointSample(harness.now, np.array([0.4, -0.1]), np.array([0.0, 0.0]), harness.now)
     feedback = messages.feedback(harness.execution, sample, STAMP)
@@ -151,7 +151,7 @@ def test_feedback_before_a_goal_is_prepared_wants_the_arm_where_it_is():
     assert in_s(feedback.desired.time_from_start) == 0.0
 
 
-def test_feedback_after_the_plan_is_about_the_last_point():
+def test_feedback_after_the_plan_desires_the_last_point():
     harness = Harness(in_motion=TriState.TRUE)
     for _ in LINE:
         harness.answer()

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motion primitives read from messages: what is wrong is named with motion, field and rule."""
+"""Motion primitives read from messages, and errors with motion, field and rule."""
 
 import numpy as np
 import pytest
@@ -47,13 +47,13 @@ def read(*motions):
     )
 
 
-def test_the_constants_are_those_of_the_message():
+def test_kinds_equal_the_constants_of_the_message():
     for kind in Kind:
         assert getattr(MotionPrimitive, kind.name) == kind.value
     assert MotionPrimitive().type == MotionPrimitive.UNKNOWN == -1
 
 
-def test_each_kind_is_read():
+def test_each_kind_of_motion_is_read():
     half = np.sqrt(0.5)
     turned = pose(quaternion=(0.0, 0.0, half, half), frame='left_base_link')
     joint, line, arc = read(
@@ -73,7 +73,7 @@ def test_each_kind_is_read():
     assert arc.blend_radius == 0.01
 
 
-def test_a_quaternion_is_the_rotation_that_it_stands_for():
+def test_quaternion_becomes_the_rotation_matrix():
     angles = np.array([0.3, -0.4, 0.5])
     rotation = rotation_of_uvw(angles)
     w = np.sqrt(1.0 + np.trace(rotation)) / 2.0
@@ -90,7 +90,7 @@ WRONG = {
     'too many': ((motion(0, joints=JOINTS),) * 257, 'trajectory has 257 motions'),
     'type': ((motion(-1),), r'motions\[0\]: type = -1: must be one of LINEAR_JOINT \(0\)'),
     'unknown type': ((motion(52, poses=[pose()]),), 'type = 52: must be one of'),
-    'the second one': (
+    'second motion': (
         (motion(0, joints=JOINTS), motion(0)),
         r'motions\[1\]: joint_positions has',
     ),
@@ -122,24 +122,24 @@ WRONG = {
 
 
 @pytest.mark.parametrize('name', WRONG)
-def test_what_is_wrong_is_named_with_motion_field_and_rule(name):
+def test_invalid_sequence_is_rejected_with_motion_field_and_rule(name):
     motions, words = WRONG[name]
     with pytest.raises(GoalRejectedError, match=words) as caught:
         read(*motions)
     assert caught.value.code is ErrorCode.INVALID_GOAL
 
 
-def test_an_argument_that_is_there_twice_is_refused():
+def test_duplicate_argument_is_rejected():
     message = motion(0, joints=JOINTS, velocity=0.5)
     message.additional_arguments *= 2
     with pytest.raises(GoalRejectedError, match='additional_arguments has velocity twice'):
         read(message)
 
 
-def test_codes_that_this_action_does_not_have_become_invalid_goal():
+def test_codes_unknown_to_the_action_become_invalid_goal():
     result = ExecuteMotionPrimitiveSequence.Result
     for code in ErrorCode:
-        made = primitive_result(Outcome(End.ABORTED, code, 'why'))
+        result_message = primitive_result(Outcome(End.ABORTED, code, 'why'))
         known = code in (result.SUCCESSFUL, result.INVALID_GOAL, result.OLD_HEADER_TIMESTAMP)
-        assert made.error_code == (code if known else result.INVALID_GOAL)
-        assert made.error_string == 'why'
+        assert result_message.error_code == (code if known else result.INVALID_GOAL)
+        assert result_message.error_string == 'why'

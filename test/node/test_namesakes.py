@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Who else has a node's name or services, by the ROS graph."""
+"""Detection of nodes with the same name or services in the ROS graph."""
 
 import os
 import time
@@ -21,7 +21,7 @@ MakeNode = Callable[..., Node]
 
 @pytest.fixture
 def make_node(monkeypatch: pytest.MonkeyPatch) -> Iterator[MakeNode]:
-    """Make nodes, each a DDS participant of its own."""
+    """Yield a function that makes nodes, each with a separate DDS participant."""
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     domain = free_ros_domain()
     with ExitStack() as stack:
@@ -37,13 +37,13 @@ def make_node(monkeypatch: pytest.MonkeyPatch) -> Iterator[MakeNode]:
         yield make
 
 
-def until(what: Callable[[], bool]) -> None:
+def until(condition: Callable[[], bool]) -> None:
     end = time.monotonic() + PATIENCE
-    while not what():
+    while not condition():
         assert time.monotonic() < end
 
 
-def test_a_second_node_of_the_name_or_server_of_a_service_is_found(make_node: MakeNode) -> None:
+def test_second_node_or_service_of_the_same_name_is_found(make_node: MakeNode) -> None:
     node = make_node('driver', 'left')
     node.create_service(Trigger, '~/enable', lambda request, response: response)
     find = Namesakes(node)

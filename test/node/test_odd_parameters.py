@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Every parameter with every odd value at the start: it holds, or one sentence says why not."""
+"""Every parameter with odd values at the start: used, or rejected in one sentence."""
 
 import asyncio
 import gc
@@ -17,7 +17,7 @@ from epson_driver.node.node import ClientNode
 from epson_driver.processes.processes import free_ros_domain
 from epson_driver.setup.table import TABLE, joint_rows
 
-OF_TRACES = ('trace_file', 'trace_size')  # a name of a file here makes a file
+OF_TRACES = ('trace_file', 'trace_size')  # a file name would create a file
 ROWS = {row.name: row for row in (*TABLE, *joint_rows('joint_1')) if row.name not in OF_TRACES}
 
 ODD = (
@@ -69,10 +69,10 @@ ODD = (
 
 
 def started(name, literal, domain):
-    """Return the client's value of a parameter that is given so, or the sentence.
+    """Return the client's value of a parameter, or the error.
 
-    Fast DDS may wait for itself when one of two participants of a domain in one process ends: that
-    of the node before, which an exception's traceback may hold, is gone first.
+    Fast DDS can deadlock when one of two participants in a domain and process ends. So the
+    previous node, which a traceback may hold, is collected first.
     """
     gc.collect()
 
@@ -98,29 +98,27 @@ def started(name, literal, domain):
 
 
 PARTS = 4
-"""Each parameter is given a part of ODD in `make test`, another one each, and all in test-all."""
+"""`make test` tries one part of ODD per parameter, and `make test-all` all parts."""
 
 
 @pytest.mark.parametrize(
     'part', [0, *(pytest.param(part, marks=pytest.mark.slow) for part in range(1, PARTS))]
 )
 @pytest.mark.parametrize('name', quickly(['remote_port'], ROWS, several=False))
-def test_a_value_holds_or_is_refused_in_a_sentence_that_names_the_parameter(
-    name, part, monkeypatch
-):
+def test_odd_value_is_used_or_rejected_by_the_parameter_s_name(name, part, monkeypatch):
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     domain = free_ros_domain()
     row = ROWS[name]
     refused = 0
-    given = ODD[(part + list(ROWS).index(name)) % PARTS :: PARTS]
-    for literal in given:
+    literals = ODD[(part + list(ROWS).index(name)) % PARTS :: PARTS]
+    for literal in literals:
         value, sentence = started(name, literal, domain)
         if sentence is not None:
             assert name in sentence, literal
             refused += 1
         elif isinstance(row.default, list):
             assert value, literal
-            assert all(isinstance(each, type(row.default[0])) for each in value), literal
+            assert all(isinstance(item, type(row.default[0])) for item in value), literal
         else:
             assert isinstance(value, type(row.default)), literal
             if row.low is not None:
@@ -129,4 +127,4 @@ def test_a_value_holds_or_is_refused_in_a_sentence_that_names_the_parameter(
                 assert value in row.choices, literal
         if isinstance(value, float):
             assert math.isfinite(value), literal
-    assert refused > len(given) / 3
+    assert refused > len(literals) / 3

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A planned sequence that must not be executed any more, and parameters that cannot be set."""
+"""Sequences that became invalid after planning, and parameters that cannot be set."""
 
 from types import SimpleNamespace
 
@@ -16,7 +16,7 @@ from epson_driver.trace import TraceError
 
 
 class Handle:
-    """A goal, and how it ended."""
+    """A goal and its outcomes."""
 
     def __init__(self):
         self.outcomes = []
@@ -27,41 +27,41 @@ class Handle:
 
 @pytest.mark.invariant(3, 5)
 @pytest.mark.parametrize(
-    ('why', 'said'),
+    ('why', 'expected'),
     [('the E-stop is pressed', 'the E-stop is pressed'), (None, None)],
     ids=['ended', 'free'],
 )
-def test_a_sequence_is_executed_only_if_nothing_has_come_since_it_was_planned(why, said):
+def test_sequence_is_not_executed_after_a_stop_during_planning(why, expected):
     plan, handle, submitted = PlanningScope(), Handle(), []
     if why is not None:
         plan.end(why)
     queue = SimpleNamespace(submit=submitted.append)
     MotionPrimitives.submit(SimpleNamespace(_queue=queue), handle, plan)
-    if said is None:
+    if expected is None:
         assert (submitted, handle.outcomes) == ([handle], [])
         assert handle.alone
         return
     (outcome,) = handle.outcomes
     assert (outcome.end, outcome.code) == (End.ABORTED, ErrorCode.INVALID_GOAL)
-    assert said in outcome.text
+    assert expected in outcome.text
     assert submitted == []
 
 
-def test_a_sequence_keeps_the_tool_with_which_it_was_planned():
+def test_set_tool_is_rejected_during_a_sequence():
     with pytest.raises(ToolBusyError):
         MotionPrimitives.set_tool(SimpleNamespace(busy=True), np.eye(4))
 
 
 @pytest.mark.invariant(9)
 @pytest.mark.parametrize(
-    ('error', 'said'),
+    ('error', 'expected'),
     [
         (TraceError('trace_folder: No space left on device'), 'trace_folder: No space left'),
         (DriverEndedError(), 'the driver has ended'),
         (ZeroDivisionError('x'), 'setting parameters failed: x'),
     ],
 )
-def test_parameters_that_could_not_be_set_are_not_said_to_be(error, said):
+def test_failed_parameter_change_is_reported(error, expected):
     def fails(_changes):
         raise error
 
@@ -69,4 +69,4 @@ def test_parameters_that_could_not_be_set_are_not_said_to_be(error, said):
     node = SimpleNamespace(_set_parameters=fails, _bridge=bridge)
     result = ClientNode._on_set_parameters(node, [])
     assert not result.successful
-    assert said in result.reason
+    assert expected in result.reason

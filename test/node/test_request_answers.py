@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Each goal ends once, and each setpoint is taken or refused, whatever fails meanwhile."""
+"""After any failure, each goal ends once and each setpoint is accepted or rejected."""
 
 from functools import partial
 from types import SimpleNamespace
@@ -31,13 +31,13 @@ LIMITS = SETUP.model.limits
 
 @pytest.fixture
 def made():
-    found = Made()
-    yield found
-    found.loop.close()
+    made = Made()
+    yield made
+    made.loop.close()
 
 
 def context(made, **driver):
-    """Return the context of an interface of a driver that has no more than this."""
+    """Return an interface's context with a driver of these attributes."""
     return NodeContext(SimpleNamespace(**driver), SETUP, made.bridge)
 
 
@@ -45,7 +45,7 @@ def context(made, **driver):
 
 
 class Queue:
-    """The driver's queue of goals, which ends each that is canceled."""
+    """The driver's queue of goals, which ends canceled goals immediately."""
 
     def __init__(self):
         self.submitted = []
@@ -59,7 +59,7 @@ class Queue:
 
 @pytest.fixture
 def action(made, monkeypatch):
-    """Return a function that makes an action of a `prepare`, and its queue."""
+    """Return a function that makes an action and its queue from `prepare`."""
     monkeypatch.setattr(goal_action, 'ActionServer', lambda *_, **__: None)
 
     def make(prepare):
@@ -86,7 +86,7 @@ REJECTED = GoalRejectedError(ErrorCode.INVALID_JOINTS, 'no joint_7')
 
 @pytest.mark.invariant(5, 9)
 @pytest.mark.parametrize(
-    ('prepare', 'cancels', 'how', 'said'),
+    ('prepare', 'cancels', 'how', 'expected'),
     [
         (raises(REJECTED), None, 'aborted', 'no joint_7'),
         (raises(REJECTED), 1, 'canceled', 'canceled before it could start'),
@@ -95,28 +95,28 @@ REJECTED = GoalRejectedError(ErrorCode.INVALID_JOINTS, 'no joint_7')
         (ready, 0, 'canceled', 'canceled before it could start'),
         (ready, 1, 'canceled', 'canceled before it could start'),
     ],
-    ids=['rejected', 'rejected, canceled', 'ended', 'failed', 'before', 'meanwhile'],
+    ids=['rejected', 'rejected, canceled', 'ended', 'failed', 'before', 'during'],
 )
-def test_a_goal_that_does_not_come_to_the_driver_ends_once_and_says_why(
-    made, action, prepare, cancels, how, said
+def test_goal_that_does_not_reach_the_driver_ends_once_with_reason(
+    made, action, prepare, cancels, how, expected
 ):
     goals, queue = action(prepare)
     handle = RosHandle(cancels)
     outcome = done(goals._execute(handle))
-    assert outcome.text.startswith(said)
+    assert outcome.text.startswith(expected)
     assert handle.ended == [how]
     assert not goals.busy
     made.turn()
     assert queue.submitted == []
-    assert bool(made.faults) == ('failed' in said)
+    assert bool(made.faults) == ('failed' in expected)
 
 
 @pytest.mark.invariant(3, 5)
-def test_a_goal_that_is_canceled_as_it_is_submitted_is_canceled_there(made, action):
+def test_goal_canceled_during_submission_is_canceled_in_the_queue(made, action):
     goals, queue = action(ready)
     handle = RosHandle(2)
     executing = goals._execute(handle)
-    executing.send(None)  # it waits for its outcome
+    executing.send(None)  # waits for its outcome
     made.turn()
     assert len(queue.submitted) == 1
     outcome = done(executing)
@@ -125,11 +125,11 @@ def test_a_goal_that_is_canceled_as_it_is_submitted_is_canceled_there(made, acti
 
 
 @pytest.mark.invariant(9)
-def test_a_cancel_request_that_cannot_be_served_is_rejected(made, action, monkeypatch):
+def test_failing_cancel_request_is_rejected(made, action, monkeypatch):
     goals, _ = action(ready)
     handle = RosHandle()
     key = handle.goal_id.uuid
-    assert goals._cancel(handle) is CancelResponse.ACCEPT  # there is no such goal any more
+    assert goals._cancel(handle) is CancelResponse.ACCEPT  # the goal has ended
     goals._requests[key] = goal_action._Request(plan := PlanningScope())
     assert goals._cancel(handle) is CancelResponse.ACCEPT
     made.turn()
@@ -146,7 +146,7 @@ def test_a_cancel_request_that_cannot_be_served_is_rejected(made, action, monkey
 
 
 class Commands:
-    """Stops the arm, or says why not."""
+    """Stops the arm, or raises `error`."""
 
     def __init__(self):
         self.error = None
@@ -159,7 +159,7 @@ class Commands:
 
 @pytest.fixture
 def goals(made, monkeypatch):
-    """Return a server of goals whose requests are checked by the real rules."""
+    """Return a GoalServer with the genuine checks of requests."""
     monkeypatch.setattr(goal_server, 'GoalAction', lambda *_: None)
 
     async def make():
@@ -168,7 +168,7 @@ def goals(made, monkeypatch):
     return made.loop.run_until_complete(make())
 
 
-def test_a_trajectory_of_a_topic_that_cannot_be_taken_is_logged(made, goals, monkeypatch):
+def test_invalid_trajectory_of_a_topic_is_logged(made, goals, monkeypatch):
     on_trajectory = made.node.taken['~/joint_trajectory']
     point = JointTrajectoryPoint(positions=[0.0] * 6)
     message = JointTrajectory(joint_names=[*LIMITS.names[:5], 'mine'], points=[point])
@@ -192,7 +192,7 @@ def test_a_trajectory_of_a_topic_that_cannot_be_taken_is_logged(made, goals, mon
 
 @pytest.mark.invariant(3)
 @pytest.mark.parametrize('error', [None, CommandError('no reply to STOP')])
-def test_a_trajectory_without_points_stops_the_arm_and_says_what_became_of_it(made, goals, error):
+def test_empty_trajectory_stops_the_arm_and_logs_the_result(made, goals, error):
     goals._commands.error = error
     made.node.taken['joint_path_command'](JointTrajectory(joint_names=LIMITS.names))
     for _ in range(3):
@@ -206,7 +206,7 @@ def test_a_trajectory_without_points_stops_the_arm_and_says_what_became_of_it(ma
 
 
 class Servo:
-    """What follows setpoints."""
+    """Records accepted and rejected setpoints."""
 
     def __init__(self):
         self.taken = []
@@ -221,25 +221,25 @@ class Servo:
 
 
 @pytest.mark.invariant(9)
-def test_each_setpoint_is_taken_or_refused_and_an_empty_one_stops(made, monkeypatch):
+def test_setpoint_is_accepted_or_rejected_and_an_empty_one_stops(made, monkeypatch):
     servo, stopped = Servo(), []
     interface = ServoInterface(context(made, servo=servo), stopped.append)
     jog = made.node.taken['~/joint_jog']
     jog(JointJog(joint_names=['joint_1'], velocities=[0.1]), {})
-    jog(JointJog(joint_names=['nobody'], velocities=[0.1]), {})
+    jog(JointJog(joint_names=['joint_9'], velocities=[0.1]), {})
     made.node.taken['~/servo'](JointTrajectory(), {})
     made.turn()
     assert len(servo.taken) == len(stopped) == 1
     ((topic, why, _came),) = servo.refused
     assert topic == '~/joint_jog'
-    assert 'nobody' in why
+    assert 'joint_9' in why
     monkeypatch.setattr(interface._servo, 'take', None)
     monkeypatch.setattr(interface, '_stop', lambda _: 1 // 0)
     made.node.taken['~/servo'](JointTrajectory(), {})
     made.turn()
     assert made.faults[0].startswith('taking a setpoint on ~/servo failed: ZeroDivisionError')
     made.end()
-    jog(JointJog(joint_names=['joint_1'], velocities=[0.1]), {})  # nobody is there to follow it
+    jog(JointJog(joint_names=['joint_1'], velocities=[0.1]), {})  # the driver has ended
 
 
 # --- the gripper ------------------------------------------------------------------------------
@@ -250,9 +250,7 @@ def test_each_setpoint_is_taken_or_refused_and_an_empty_one_stops(made, monkeypa
     ('error', 'logged'),
     [(DriverEndedError(), 'the driver has ended'), (ZeroDivisionError('x'), None)],
 )
-def test_a_gripper_whose_state_is_not_known_is_aborted_and_has_no_position(
-    made, monkeypatch, error, logged
-):
+def test_gripper_goal_with_unknown_state_is_aborted(made, monkeypatch, error, logged):
     monkeypatch.setattr(gripper_server, 'ActionServer', lambda *_, **__: None)
     wiring = gripper_server.GripperWiring(
         open_output=0, close_output=1, opened_input=0, closed_input=1

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""docs/ros_interface.md is what a running node offers, no more and no less."""
+"""docs/ros_interface.md lists exactly the interface of a running node."""
 
 import asyncio
 import contextlib
@@ -73,7 +73,7 @@ class Made:
 
 @pytest.fixture(scope='module')
 def made():
-    """Return the ROS side of a driver that does not run; `settle` lets its loop catch up."""
+    """Return the ROS side of a driver that does not run. `settle` runs its loop once."""
     with pytest.MonkeyPatch.context() as patch, contextlib.ExitStack() as stack:
         patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
         context = rclpy.Context()
@@ -90,13 +90,13 @@ def made():
 
 
 def offered(pairs):
-    """Return what a node offers beyond what every node has; a name has one type here."""
-    found = {}
+    """Return a node's names and types, except standard ones."""
+    types_by_name = {}
     for name, types in pairs:
         if '/_action/' in name or '_parameter' in name or name.endswith(OF_EVERY_NODE):
             continue
-        found[name] = types[0]
-    return found
+        types_by_name[name] = types[0]
+    return types_by_name
 
 
 @pytest.mark.parametrize(
@@ -108,15 +108,15 @@ def offered(pairs):
         ('Actions', get_action_server_names_and_types_by_node),
     ],
 )
-def test_names_and_types_are_those_of_the_node(made, title, method):
+def test_documented_names_and_types_equal_the_node_s(made, title, method):
     assert offered(method(made.node, 'epson_driver', '/')) == written(title)
 
 
 def allowed(enclave, kind, right):
-    """Return what the SROS 2 policy lets an enclave do with topics, services or actions."""
+    """Return the names that the SROS 2 policy allows an enclave to use."""
     policy = ElementTree.parse(share_file('config', 'sros2', 'epson_driver.policy.xml'))
     (profile,) = policy.findall(f'enclaves/enclave[@path="{enclave}"]/profiles/profile')
-    return {resolved(each.text) for each in profile.findall(f'{kind}[@{right}="ALLOW"]/*')}
+    return {resolved(name.text) for name in profile.findall(f'{kind}[@{right}="ALLOW"]/*')}
 
 
 @pytest.mark.parametrize(
@@ -128,17 +128,17 @@ def allowed(enclave, kind, right):
         ('actions', 'execute', get_action_server_names_and_types_by_node),
     ],
 )
-def test_the_sros2_policy_allows_the_driver_what_it_does(made, kind, right, method):
+def test_sros2_policy_allows_exactly_the_driver_s_interface(made, kind, right, method):
     used = {name for name, _ in method(made.node, 'epson_driver', '/') if '/_action/' not in name}
     of_a_gripper = {f'{NODE}/gripper_cmd'} if kind == 'actions' else set()
     assert allowed(NODE, kind, right) == used | of_a_gripper
 
 
-def test_the_sros2_policy_lets_an_observer_stop_the_arm_and_not_move_it():
+def test_sros2_policy_lets_an_observer_stop_but_not_move_the_arm():
     of_every_node = {'/rosout', '/parameter_events'}
-    said = allowed(NODE, 'topics', 'publish') - of_every_node
+    published = allowed(NODE, 'topics', 'publish') - of_every_node
     for enclave in ('/epson_operator', '/epson_observer'):
-        assert allowed(enclave, 'topics', 'subscribe') == said
+        assert allowed(enclave, 'topics', 'subscribe') == published
     mover = allowed('/epson_operator', 'topics', 'publish') - of_every_node
     assert mover == allowed(NODE, 'topics', 'subscribe')
     assert allowed('/epson_operator', 'actions', 'call') == allowed(NODE, 'actions', 'execute')
@@ -149,7 +149,7 @@ def test_the_sros2_policy_lets_an_observer_stop_the_arm_and_not_move_it():
     assert not allowed('/epson_observer', 'actions', 'call')
 
 
-def test_the_page_names_every_parameter_and_the_site_describes_it():
+def test_page_names_and_site_describes_every_parameter():
     rows = [row.name for row in (*TABLE, *joint_rows('<joint>'))]
     named = re.findall(r'`([a-z][\w.<>]*)`', section('Parameters'))
     assert sorted(set(named)) == sorted(rows)
@@ -157,7 +157,7 @@ def test_the_page_names_every_parameter_and_the_site_describes_it():
     assert re.findall(r'(?m)^\* `(.*?)` \(', ''.join(make['parameters']())) == rows
 
 
-def test_every_parameter_that_is_declared_is_described(made):
+def test_every_declared_parameter_is_described(made):
     described = {row.name for row in (*TABLE, *joint_rows('<joint>'))}
     joints = made.driver.configuration.limits.names
     declared = set()
@@ -169,7 +169,7 @@ def test_every_parameter_that_is_declared_is_described(made):
     assert declared - of_every_node == described
 
 
-def test_every_key_of_the_diagnostics_is_described():
+def test_every_diagnostics_key_is_described():
     described = set()
     for cell in re.findall(r'^\* (`.*?`): ', section('Diagnostics'), re.MULTILINE):
         described |= set(re.findall(r'`([^`]+)`', cell))
@@ -194,7 +194,7 @@ def test_every_key_of_the_diagnostics_is_described():
 
 
 def goal_of(made, last_velocity=0.0):
-    """Return what a goal that arrives now would have to keep."""
+    """Return the checked form of a goal that arrives now."""
     message = JointTrajectory(joint_names=list(made.driver.configuration.limits.names))
     message.points = [
         JointTrajectoryPoint(
@@ -238,24 +238,24 @@ EFFECTS = {
     'constraints.goal_time': (12.0, lambda made: goal_of(made).goal_time),
     'constraints.joint_1.goal': (0.3, lambda made: goal_of(made).goal_tolerance[0]),
 }
-"""What a change of a parameter changes. What cannot be looked at so easily has its own test."""
+"""A new value of each parameter, and a function that reads the effect."""
 
 
 @pytest.mark.parametrize('name', EFFECTS)
-def test_a_change_takes_effect_at_once(made, name):
-    value, look = EFFECTS[name]
-    before = look(made)
+def test_parameter_change_takes_effect_immediately(made, name):
+    value, read = EFFECTS[name]
+    before = read(made)
     assert before != value
     assert made.node.set_parameters([Parameter(name, value=value)])[0].successful
     made.settle()
-    assert look(made) == value
+    assert read(made) == value
     first = made.defaults[name]
     assert made.node.set_parameters([Parameter(name, value=first)])[0].successful
     made.settle()
-    assert look(made) == before
+    assert read(made) == before
 
 
-def test_a_change_holds_for_the_goal_that_runs_too():
+def test_changed_settings_apply_to_the_running_goal():
     async def scenario():
         async with simulated() as (_, ports), Harness(ports) as harness:
             await harness.ready()
@@ -269,13 +269,13 @@ def test_a_change_holds_for_the_goal_that_runs_too():
     run_scenario(scenario())
 
 
-def test_a_choice_that_may_change_is_refused_with_the_others():
+def test_changes_are_rejected_together_if_one_choice_is_unknown():
     assert rejection([Parameter('timing', value='as_planned')]) == ''
     assert rejection([Parameter('start_tolerance', value=0.1)]) == ''
     why = rejection([Parameter('start_tolerance', value=0.1), Parameter('timing', value='soon')])
     assert why == "parameter timing = 'soon': must be one of as_planned, time_optimal"
 
 
-def test_every_parameter_that_may_change_has_a_test_of_its_effect():
+def test_every_changeable_parameter_has_an_effect_test():
     tested_elsewhere = {'trace_file', 'action_monitor_rate'}
     assert set(CHANGEABLE) == set(EFFECTS) | tested_elsewhere

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Drivers that share a process log under the name of their own node."""
+"""Drivers that share a process log under their node's name."""
 
 import asyncio
 import logging
@@ -21,30 +21,30 @@ class Logger:
 
 @pytest.fixture
 def made():
-    """Return a Python logger, and the ROS logger that has what belongs to nobody."""
-    log, nobody = logging.getLogger('test_ros_log'), Logger()
-    handler = RosLogHandler(nobody)
+    """Return a Python logger, and the ROS logger for records without a node."""
+    log, default = logging.getLogger('test_ros_log'), Logger()
+    handler = RosLogHandler(default)
     log.addHandler(handler)
     log.setLevel(logging.DEBUG)
-    yield log, nobody
+    yield log, default
     log.removeHandler(handler)
 
 
 @pytest.mark.parametrize('severity', ['debug', 'info', 'warning', 'error'])
-def test_severities_stay(made, severity):
-    log, nobody = made
+def test_severity_is_preserved(made, severity):
+    log, default = made
     getattr(log, severity)('text %d', 1)
-    assert nobody.lines == [(severity, 'text 1')]
+    assert default.lines == [(severity, 'text 1')]
 
 
-def test_what_a_controller_sent_does_nothing_to_the_terminal(made):
-    log, nobody = made
-    log.warning('it said %s', '\x1b[2J\x07\n[INFO] forged')
-    assert nobody.lines == [('warning', r'it said \x1b[2J\x07\n[INFO] forged')]
+def test_control_characters_are_escaped(made):
+    log, default = made
+    log.warning('it errors %s', '\x1b[2J\x07\n[INFO] forged')
+    assert default.lines == [('warning', r'it errors \x1b[2J\x07\n[INFO] forged')]
 
 
-def test_tasks_and_callbacks_of_two_nodes_in_one_loop(made):
-    log, nobody = made
+def test_tasks_and_callbacks_log_under_their_node(made):
+    log, default = made
     loggers = [Logger(), Logger()]
 
     async def work(text):
@@ -69,18 +69,18 @@ def test_tasks_and_callbacks_of_two_nodes_in_one_loop(made):
         from_outside.start()
         await asyncio.to_thread(from_outside.join)
         await asyncio.sleep(0)
-        log.info('nobody')
+        log.info('default')
 
     asyncio.run(scenario())
     assert loggers[0].lines == [('info', '0'), ('info', 'child of 0')]
     assert loggers[1].lines == [('info', '1'), ('info', 'child of 1'), ('info', 'called')]
-    assert nobody.lines == [('info', 'nobody')]
+    assert default.lines == [('info', 'default')]
 
 
-def test_a_record_that_cannot_be_written_goes_to_stderr_with_the_reason(made, capsys):
-    log, nobody = made
-    nobody.warning = None  # as after the context was shut down
+def test_failed_record_goes_to_stderr_with_the_reason(made, capsys):
+    log, default = made
+    default.warning = None  # like after the context's shutdown
     log.warning('the link is lost')
-    said = capsys.readouterr().err
-    assert 'TypeError' in said
-    assert 'the link is lost' in said
+    errors = capsys.readouterr().err
+    assert 'TypeError' in errors
+    assert 'the link is lost' in errors

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""RosTimeStamps of moments that have passed: right, and increasing (invariants 6 and 8)."""
+"""RosTimeStamps of past moments are correct and increase (invariants 6 and 8)."""
 
 from types import SimpleNamespace
 
@@ -14,7 +14,7 @@ BEGIN = 1_700_000_000_000_000_000
 
 
 class Clocks:
-    """A monotonic clock in s and a ROS clock in ns that is `ahead` of it."""
+    """A monotonic clock, s, and a ROS clock that is `ahead` ns ahead."""
 
     def __init__(self):
         self.time = 5000.0
@@ -40,18 +40,18 @@ def stamps(clocks):
 
 
 def since(clocks, stamp, moment):
-    """Return by how much a stamp is off, s."""
+    """Return the error of a stamp, s."""
     return (stamp.sec * 10**9 + stamp.nanosec - clocks.ahead - round(moment * 1e9)) * 1e-9
 
 
-def test_inv6_a_moment_of_long_ago_has_the_stamp_of_long_ago(clocks, stamps):
+def test_inv6_past_moment_has_a_past_stamp(clocks, stamps):
     """docs/invariants.md, 6."""
     assert since(clocks, stamps.stamp(clocks.time - 3.0), clocks.time - 3.0) == pytest.approx(
         0.0, abs=1e-5
     )
 
 
-def test_an_interruption_between_the_clocks_moves_no_stamp(clocks, stamps):
+def test_interruption_between_clock_readings_shifts_no_stamp(clocks, stamps):
     stamps.stamp(clocks.time)
     for count in range(100):
         clocks.reading_takes = 0.05 if count % 3 else 2e-6
@@ -59,7 +59,7 @@ def test_an_interruption_between_the_clocks_moves_no_stamp(clocks, stamps):
         assert abs(since(clocks, stamps.stamp(moment), moment)) < 1e-5
 
 
-def test_a_drift_is_followed(clocks, stamps):
+def test_clock_drift_is_followed(clocks, stamps):
     for _ in range(20000):
         clocks.time += 0.005
         clocks.ahead += 500  # ns: 100 ppm
@@ -69,7 +69,7 @@ def test_a_drift_is_followed(clocks, stamps):
 
 
 @pytest.mark.parametrize('seconds', [3600, -3600])
-def test_a_clock_that_is_set_is_followed_at_once(clocks, stamps, seconds):
+def test_clock_step_is_followed_immediately(clocks, stamps, seconds):
     stamps.stamp(clocks.time)
     clocks.ahead += seconds * 10**9
     clocks.time += 0.005

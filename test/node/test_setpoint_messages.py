@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Messages of streams as MoveIt Servo and others send them, broken ones, and silent topics."""
+"""Valid and invalid setpoint messages, for example from MoveIt Servo."""
 
 import math
 
@@ -34,7 +34,7 @@ def time_of(kind, seconds):
 
 
 def window(ends=0.1, points=20, names=NAMES, velocities=True, begin=NOW - 0.1):
-    """Return what MoveIt Servo sends: the time of the first point, and points from there on."""
+    """Return a message like MoveIt Servo's: stamp of the first point, and the points."""
     message = JointTrajectory(joint_names=list(names))
     message.header.stamp = time_of(Time, begin) if begin else Time()
     length = NOW + ends - begin if begin else ends
@@ -49,7 +49,7 @@ def window(ends=0.1, points=20, names=NAMES, velocities=True, begin=NOW - 0.1):
     return message
 
 
-def test_of_a_window_all_that_is_to_come_counts_and_the_point_before():
+def test_window_keeps_future_points_and_the_one_before():
     setpoint = from_trajectory(window(points=21), NAMES, 'x', NOW)
     assert setpoint.mode is Mode.POSITION
     np.testing.assert_array_equal(setpoint.positions, VALUES)
@@ -58,18 +58,18 @@ def test_of_a_window_all_that_is_to_come_counts_and_the_point_before():
     assert len(times) == 11
     assert times[0] <= 0.0 < times[1]
     np.testing.assert_allclose(times, np.arange(11) * 0.01, atol=1e-6)
-    ways = np.linspace(0.5, 1.0, 11)
-    np.testing.assert_allclose(setpoint.window.positions, np.outer(ways, VALUES))
+    fractions = np.linspace(0.5, 1.0, 11)
+    np.testing.assert_allclose(setpoint.window.positions, np.outer(fractions, VALUES))
     np.testing.assert_allclose(setpoint.window.velocities, np.tile(VALUES, (11, 1)))
 
 
-def test_a_window_may_lack_velocities_here_and_there():
+def test_window_with_missing_velocities_has_none():
     message = window()
     message.points[-2].velocities = []
     assert from_trajectory(message, NAMES, 'x', NOW).window.velocities is None
 
 
-def test_a_window_that_has_passed_is_its_last_point():
+def test_past_window_is_its_last_point():
     setpoint = from_trajectory(window(ends=-0.01), NAMES, 'x', NOW)
     assert setpoint.window is None
     np.testing.assert_array_equal(setpoint.positions, VALUES)
@@ -87,27 +87,27 @@ def gap(message):
 
 
 @pytest.mark.parametrize('begin', [NOW - 0.02, 0.0], ids=['stamped', 'stamp 0'])
-def test_of_a_single_point_the_velocities_count(begin):
+def test_single_point_keeps_its_velocities(begin):
     setpoint = from_trajectory(window(0.02, points=1, begin=begin), NAMES, 'x', NOW)
     np.testing.assert_array_equal(setpoint.positions, VALUES)
     np.testing.assert_array_equal(setpoint.velocities, VALUES)
 
 
-def test_velocities_alone_are_followed_as_such():
+def test_velocities_alone_give_velocity_mode():
     message = window(points=1)
     message.points[-1].positions = []
     setpoint = from_trajectory(message, NAMES, 'x', NOW)
     assert setpoint.mode is Mode.VELOCITY
 
 
-def test_joints_come_in_any_order():
+def test_joints_may_come_in_any_order():
     message = window(names=NAMES[::-1])
     np.testing.assert_array_equal(
         from_trajectory(message, NAMES, 'x', NOW).positions, VALUES[::-1]
     )
 
 
-def test_joint_states_of_ros2_control():
+def test_joint_state_with_and_without_velocities_is_read():
     state = JointState(name=list(NAMES), position=VALUES)
     assert from_joint_state(state, NAMES, 'x').velocities is None
     state.velocity = VALUES
@@ -116,13 +116,13 @@ def test_joint_states_of_ros2_control():
     assert from_joint_state(state, NAMES, 'x').mode is Mode.VELOCITY
 
 
-def test_arrays_of_forward_command_controllers():
+def test_arrays_of_forward_command_controllers_are_read():
     message = Float64MultiArray(data=VALUES)
     np.testing.assert_array_equal(from_positions(message, NAMES, 'x').positions, VALUES)
     np.testing.assert_array_equal(from_velocities(message, NAMES, 'x').velocities, VALUES)
 
 
-def test_a_jog_names_the_joints_that_move():
+def test_jog_moves_only_the_named_joints():
     setpoint = from_jog(JointJog(joint_names=['c', 'a'], velocities=[0.3, -0.1]), NAMES, 'x')
     np.testing.assert_array_equal(setpoint.velocities, [-0.1, 0.0, 0.3, 0.0, 0.0, 0.0])
     assert not setpoint.at_rest
@@ -155,17 +155,17 @@ def short(message):
         (lambda: from_jog(JointJog(joint_names=['z'], velocities=[1.0]), NAMES, 'x'), "'z'"),
     ],
 )
-def test_what_is_no_setpoint_says_why(read, text):
+def test_invalid_setpoint_message_is_rejected(read, text):
     with pytest.raises(SetpointError, match=text):
         read()
 
 
-def test_a_number_that_is_none_is_found_by_the_driver():
+def test_nan_velocity_is_found_by_the_driver():
     message = JointJog(joint_names=['a'], velocities=[math.nan])
     problem = from_jog(message, NAMES, 'x').problem(load_robot_model('c3_a601s').limits)
     assert problem == 'joint_1: velocities = nan is not finite'
 
 
-def test_a_setpoint_without_anything_is_none():
+def test_setpoint_without_values_is_invalid():
     limits = load_robot_model('c3_a601s').limits
     assert Setpoint('x').problem(limits) == 'it has neither positions nor velocities'

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Tools as `~/set_tool` and the parameters take them: what is refused, and with which words."""
+"""Tools of `~/set_tool` and of parameters, and the errors of invalid ones."""
 
 import re
 from dataclasses import replace
@@ -25,7 +25,7 @@ GOOD = [0.01, 0.02, 0.1, 0.0, 0.0, 0.6, 0.8]
 NAN, HUGE = float('nan'), 1e300
 
 
-def test_a_tool_is_that_of_the_python_api() -> None:
+def test_tool_equals_the_python_api_s_tool() -> None:
     robot = aio.Robot()
     robot.set_tool(GOOD)
     tool = named_tool(MODEL, GOOD, 'gripper')
@@ -34,18 +34,18 @@ def test_a_tool_is_that_of_the_python_api() -> None:
     assert tool.values.tolist() == pytest.approx(GOOD)
 
 
-def test_a_quaternion_that_is_nearly_a_unit_is_made_one() -> None:
+def test_nearly_unit_quaternion_is_normalized() -> None:
     tool = named_tool(MODEL, [0.0, 0.0, 0.1, 0.0, 0.0, 0.6004, 0.8004], 'tool')
     assert np.linalg.norm(tool.values[3:]) == pytest.approx(1.0, abs=1e-12)
     np.testing.assert_allclose(tool.pose[:3, :3] @ tool.pose[:3, :3].T, np.eye(3), atol=1e-12)
 
 
-def test_an_empty_pose_is_the_flange() -> None:
+def test_empty_pose_is_the_flange() -> None:
     assert np.array_equal(named_tool(MODEL, pose_values(Pose()), 'tool').pose, np.eye(4))
 
 
 @pytest.mark.parametrize(
-    ('values', 'told'),
+    ('values', 'expected'),
     [
         ([NAN, *GOOD[1:]], 'pose = [nan, 0.02, 0.1, 0.0, 0.0, 0.6, 0.8]: must be finite numbers'),
         ([*GOOD[:6], float('inf')], 'must be finite numbers'),
@@ -57,20 +57,20 @@ def test_an_empty_pose_is_the_flange() -> None:
     ],
 )
 @pytest.mark.filterwarnings('ignore:overflow')
-def test_a_pose_that_is_none_is_refused(values: list[float], told: str) -> None:
-    with pytest.raises(ValueError, match=re.escape(told)):
+def test_invalid_tool_pose_is_rejected(values: list[float], expected: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(expected)):
         named_tool(MODEL, values, 'tool')
 
 
 @pytest.mark.parametrize('name', ['', 'a/b', '/tool', '2nd', 'my tool', 'ä', 'a' * 101, 'tool\n'])
-def test_a_name_that_is_no_word_is_refused(name: str) -> None:
+def test_invalid_tool_name_is_rejected(name: str) -> None:
     with pytest.raises(ValueError, match=r'^name = .*must be a word of letters'):
         named_tool(MODEL, GOOD, name)
 
 
 @pytest.mark.parametrize('model', one_in(5, robot_models()))
-def test_no_link_of_the_urdf_can_be_a_tool(model: str) -> None:
-    """A frame with two parents would take tf apart."""
+def test_link_name_of_the_urdf_is_rejected_as_tool_name(model: str) -> None:
+    """A frame with two parents would break the tf tree."""
     known = load_robot_model(model)
     root = ElementTree.fromstring(urdf(model))
     names = {str(link.get('name')) for link in root.iter('link')}
@@ -80,7 +80,7 @@ def test_no_link_of_the_urdf_can_be_a_tool(model: str) -> None:
             named_tool(known, GOOD, name)
 
 
-def test_a_payload_is_at_most_what_the_arm_carries() -> None:
+def test_payload_above_the_arm_s_maximum_is_rejected() -> None:
     assert MODEL.payload is not None
     assert MODEL.checked_payload(MODEL.payload) == MODEL.payload
     assert replace(MODEL, payload=None).checked_payload(900.0) == 900.0
@@ -93,5 +93,5 @@ def test_a_payload_is_at_most_what_the_arm_carries() -> None:
     ('frame', 'prefix'),
     [('base_link', ''), ('left_base_link', 'left_'), ('left/base_link', 'left/'), ('world', '')],
 )
-def test_frames_have_the_prefix_of_the_links(frame: str, prefix: str) -> None:
+def test_frames_have_the_prefix_of_the_base_link(frame: str, prefix: str) -> None:
     assert link_prefix(frame) == prefix

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Trajectories read from ROS messages: names, shapes, numbers, and what a wrong one is told."""
+"""Trajectories read from ROS messages: names, shapes, numbers and errors."""
 
 from itertools import permutations
 from types import SimpleNamespace
@@ -60,7 +60,7 @@ def test_names_may_come_in_any_order(names):
     assert trajectory.accelerations.tolist() == [[0.1, 0.2, 0.3]]
 
 
-def test_numbers_arrive_unchanged():
+def test_numbers_are_read_unchanged():
     values = (1 / 3, -2 / 7, 0.1 + 0.2)
     trajectory = from_message(point(0.0, (0, 0, 0)), point(1.234567891, values))()
     assert trajectory.positions[1].tolist() == list(values)
@@ -81,13 +81,13 @@ def test_numbers_arrive_unchanged():
         (('a', 'b', ''), ['lacks c', "''"]),
     ],
 )
-def test_wrong_names_are_in_the_text(names, words):
-    at = [0.0] * len(names)
-    text = rejection(from_message(point(0.0, at), names=names), ErrorCode.INVALID_JOINTS)
+def test_wrong_joint_names_are_named_in_the_error(names, words):
+    zeros = [0.0] * len(names)
+    text = rejection(from_message(point(0.0, zeros), names=names), ErrorCode.INVALID_JOINTS)
     assert all(word in text for word in words)
 
 
-def test_a_trajectory_without_points():
+def test_trajectory_without_points_is_rejected():
     assert 'no points' in rejection(from_message())
 
 
@@ -107,17 +107,17 @@ def test_a_trajectory_without_points():
         ([*good(1), point(1, (0, 0)), point(2, (0,) * 4)], 'point 1: 2 positions for 3 joints'),
     ],
 )
-def test_arrays_of_the_wrong_length(points, text):
+def test_arrays_of_wrong_length_are_rejected(points, text):
     assert text in rejection(from_message(*points))
 
 
-def test_durations():
+def test_duration_is_converted_to_seconds():
     assert duration_in_s(Duration(sec=2, nanosec=500_000_000)) == 2.5
     assert duration_in_s(SimpleNamespace(sec=0, nanosec=1)) == 1e-9
     assert duration_in_s(Duration(sec=-1, nanosec=0)) == -1.0
 
 
-def test_the_codes_are_those_of_the_action():
+def test_error_codes_equal_the_action_s_codes():
     from control_msgs.action import FollowJointTrajectory
 
     result = FollowJointTrajectory.Result
