@@ -18,8 +18,7 @@ from epson_driver.profiles.profile_rules import RULES
 from epson_driver.remote_ethernet.errors import MEANINGS
 from epson_driver.robots import RobotModel, load_robot_model, robot_models
 from epson_driver.setup.table import TABLE, Row, joint_rows
-from epson_driver.sim_controller.faults.fault_kinds import FAULTS
-from epson_driver.sim_controller.faults.fault_text import parameter_texts
+from epson_driver.sim_controller.faults.fault_kinds import FAULTS, parameter_texts
 from epson_driver.sim_controller.remote.remote_commands import COMMANDS as REMOTE_COMMANDS
 from epson_driver.sim_controller.remote.sim_commands import SIM_COMMANDS
 from epson_driver.spel.commands import COMMANDS

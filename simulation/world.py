@@ -38,10 +38,14 @@ from epson_driver.profiles.profile import (
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.arm.planner_process import PlannerProcess
 from epson_driver.sim_controller.arm.streaming import Streaming
-from epson_driver.sim_controller.assembly import SpelSource, new_controller, program_network
+from epson_driver.sim_controller.assembly import (
+    SpelSource,
+    new_controller,
+    profile_project,
+    program_network,
+)
 from epson_driver.sim_controller.faults.faults import FaultError
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
-from epson_driver.sim_controller.spel_host.profile_project import profile_project
 from epson_driver.spel import Program, build
 from simulation.arm_limits import ArmLimits
 from simulation.at_controller import AtController

@@ -34,7 +34,7 @@ from epson_driver.remote_ethernet.hand import (
 )
 from epson_driver.remote_ethernet.identity import identity
 from epson_driver.remote_ethernet.status_flags import ask_flags
-from epson_driver.sim_controller.faults.fault_text import describe
+from epson_driver.sim_controller.faults.fault_kinds import describe
 
 STATUS, KINDS = 'status', 'fault kinds'
 WORDS = {STATUS: 'the state of the controller', KINDS: 'the kinds of faults', **FORMS}

@@ -19,6 +19,7 @@ import numpy as np
 from epson_driver.cli.arguments import FREE_PORT, PORT, argument, define, host, if_in_use
 from epson_driver.first_run.book import likeness, load
 from epson_driver.inputs import InputError, count, number, shown
+from epson_driver.log_lines import StderrLog
 from epson_driver.motion import Array, JointLimits
 from epson_driver.processes.command import module_command
 from epson_driver.processes.interrupt import ended_by_signals
@@ -29,13 +30,15 @@ from epson_driver.profiles.profile import (
 )
 from epson_driver.robots import RobotModel, load_robot_model
 from epson_driver.sim_controller.arm.planner_process import PlannerError, PlannerProcess
-from epson_driver.sim_controller.assembly import SpelSource, new_controller, program_network
+from epson_driver.sim_controller.assembly import (
+    SpelSource,
+    new_controller,
+    profile_project,
+    program_network,
+)
 from epson_driver.sim_controller.condition.errors import angles_rejection, clipped
-from epson_driver.sim_controller.faults.fault_kinds import Fault
-from epson_driver.sim_controller.faults.fault_text import parse
+from epson_driver.sim_controller.faults.fault_kinds import Fault, parse
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
-from epson_driver.sim_controller.network.stderr_log import StderrLog
-from epson_driver.sim_controller.spel_host.profile_project import profile_project
 from epson_driver.simple_message import ByteOrder, Dialect
 from epson_driver.spel import Program, build, read_project, with_defines
 

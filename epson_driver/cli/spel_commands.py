@@ -16,7 +16,7 @@ from epson_driver.inputs import InputError, printable, write_file
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_folder
 from epson_driver.sim_controller import spel_run
-from epson_driver.sim_controller.spel_host.profile_project import robot_defines
+from epson_driver.sim_controller.assembly import robot_defines
 from epson_driver.sim_controller.spel_run import Bench, TestResult, covered, run_tests
 from epson_driver.spel import (
     Program,

@@ -23,8 +23,7 @@ from epson_driver.first_run.steps import Found
 from epson_driver.inputs import InputError, choice, number, printable, read_file, write_file
 from epson_driver.profiles import ControllerProfile, load_controller_profile
 from epson_driver.profiles.profile_rules import RULES
-from epson_driver.sim_controller.faults.fault_kinds import Fault
-from epson_driver.sim_controller.faults.fault_text import parse
+from epson_driver.sim_controller.faults.fault_kinds import Fault, parse
 
 DONE, SKIPPED, FAILED = 'done', 'skipped', 'failed'
 

@@ -303,3 +303,20 @@ def _provenance(reader: Reader, keys: dict[str, str], count: int) -> dict[str, P
         elif quantity != 'heights' or reader.has_source(quantity):
             found[quantity] = reader.provenance(quantity, count if key else 1)
     return found
+
+
+SIX_AXES, RS_SERIES, N_SERIES = 5, 6, 7
+_JOINT_ROBOT, _SCARA = 1, 3
+
+
+def robot_type(model: RobotModel) -> int:
+    """Return EPSON's number for the type of arm, as in SPEL+'s RobotType and in GetRobotInfo.
+
+    RS and N series are detected by their geometry.
+    """
+    origins = model.chain.origins
+    if model.kind == SCARA:
+        return RS_SERIES if origins[1, 2] < 0.0 else _SCARA  # arms below each other
+    if model.kind == SIX_AXIS:
+        return N_SERIES if origins[2, 0] < 0.0 else SIX_AXES  # the upper arm points back at zero
+    return _JOINT_ROBOT

@@ -2,14 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The top level of the simulated controller, which assembles it according to its profile."""
 
+import re
+from collections.abc import Mapping
 from typing import Literal, NamedTuple
 
 import numpy as np
 
+from epson_driver.inputs import InputError
 from epson_driver.motion import Array
-from epson_driver.profiles.profile import ControllerProfile
+from epson_driver.profiles.profile import ControllerProfile, SpelProfile
 from epson_driver.profiles.profile_rules import FieldsUsed
 from epson_driver.robots import RobotModel
+from epson_driver.share import share_folder
 from epson_driver.sim_controller.arm.executor import Executor
 from epson_driver.sim_controller.arm.low_power import LowPower, low_power_caps
 from epson_driver.sim_controller.arm.point_to_point import PointToPoint
@@ -28,7 +32,15 @@ from epson_driver.sim_controller.programs.motoman_program import MotomanProgram
 from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
 from epson_driver.sim_controller.spel_host.spel_program import MAIN, SpelProgram
 from epson_driver.simple_message import MAX_JOINTS, Dialect
-from epson_driver.spel import ErrorNumber, SpelError, Surroundings, Terminal, build
+from epson_driver.spel import (
+    ErrorNumber,
+    SpelError,
+    Surroundings,
+    Terminal,
+    build,
+    read_project,
+    with_defines,
+)
 from epson_driver.spel import Program as CompiledProgram
 
 DEFAULT_SPEED = 0.05
@@ -194,3 +206,34 @@ _Acknowledge = Literal['taken', 'done']
 
 def _acknowledge(asked: Literal['default', 'taken', 'done'], usual: _Acknowledge) -> _Acknowledge:
     return usual if asked == 'default' else asked
+
+
+_NAMES = re.compile(r"^'?#define\s+(\w+)\s", re.MULTILINE)
+_MS = 1000.0
+
+
+def profile_project(profile: SpelProfile, model: RobotModel) -> dict[str, str]:
+    """Return the files of a profile's project, with the profile's changes.
+
+    The robot model supplies the values that a user takes from the robot's manual or measures, if
+    the files have lines for them: `#define J1_SPEED` and so on, degrees/s (mm/s), the number of
+    joints, and the acceleration times T100_MS and RAMP_MS. Raises InputError, OSError.
+    """
+    files = read_project(share_folder(profile.project))
+    return with_defines(files, {**robot_defines(files, model), **profile.config})
+
+
+def robot_defines(files: Mapping[str, str], model: RobotModel) -> dict[str, str]:
+    """Return a project's #define lines for a robot. Raises InputError for unknown ones."""
+    text = '\n'.join(files.values())
+    limits, joints, scara = model.limits, len(model.joint_names), 'm' in model.limits.units
+    if f'{joints} {scara}' not in ('6 False', '4 True') and 'JOINT_COUNT' in text:
+        text = f'{model.name} has {joints} joints: the project is for six axes, or a SCARA'
+        raise InputError(text)
+    speeds = abs(limits.velocity * model.shown_per_unit)
+    found = {f'J{number + 1}_SPEED': f'{speed:.6g}' for number, speed in enumerate(speeds)}
+    found['T100_MS'] = f'{max(limits.velocity / limits.acceleration) * _MS:.0f}'
+    found['RAMP_MS'] = f'{max(limits.acceleration / limits.jerk) * _MS:.0f}'
+    found |= {'JOINT_COUNT': str(joints), 'SCARA': '1' if scara else ''}
+    there = set(_NAMES.findall(text))
+    return {name: value for name, value in found.items() if name in there}

@@ -1,23 +1,181 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The clients connected to each port.
+"""The clients connected to each port, and the sessions of the motion and state ports.
 
 A client connection is one client of one port: a transport, which may be faulty, and a session.
 """
 
 import logging
+from collections.abc import Callable, Iterator
+from itertools import cycle
 
-from epson_driver.sim_controller.clock import Timer
+from epson_driver.sim_controller.clock import Clock, Timer
+from epson_driver.sim_controller.condition.errors import ErrorNumber, Rejection
 from epson_driver.sim_controller.condition.states import Tasks
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.faults.faulty_transport import FaultyTransport
 from epson_driver.sim_controller.io.io_session import IoSession
 from epson_driver.sim_controller.io.motoman_io_session import MotomanIoSession
-from epson_driver.sim_controller.ports import Client, ProgramPorts, Send, Session
-from epson_driver.sim_controller.programs.motion_session import MotionSession
+from epson_driver.sim_controller.ports import (
+    Answers,
+    Client,
+    ProgramPorts,
+    Send,
+    Session,
+    answer_frame,
+)
+from epson_driver.sim_controller.programs.motion_program import MotionProgram
 from epson_driver.sim_controller.remote.remote_session import RemoteSession
-from epson_driver.sim_controller.state_session import StateSession
-from epson_driver.simple_message import FrameError
+from epson_driver.simple_message import (
+    Frame,
+    FrameError,
+    Framer,
+    Message,
+    MessageType,
+    encode,
+    topic,
+)
+
+MAX_CATCH_UP_SLOTS = 200
+"""Maximum slots to catch up on after a scheduling delay, 1 s at 200 Hz.
+
+A controller measures in each of its cycles. Late messages of the simulation therefore contain the
+state at the time of their slot. After a longer delay, older slots are dropped, because clients do
+not need them and each costs 0.1 ms of the process.
+"""
+
+_Slot = tuple[Callable[[], Message], ...]
+"""The messages of one time slot."""
+
+
+class StateSession:
+    """Sends one client the joints every `state_period` s, and a STATUS after some.
+
+    Each message has the state at the time of its slot, even if it is sent late.
+    """
+
+    def __init__(self, controller: Controller, send: Send) -> None:
+        self._dialect = controller.dialect
+        self._send = send
+        self._framer = Framer(self._dialect.byte_order)
+        profile = controller.profile.state
+        feedback = profile.message == 'joint_feedback'
+        joints = controller.joint_feedback if feedback else controller.joint_position
+        self._answers: Answers = {
+            MessageType.JOINT_POSITION: controller.joint_position,
+            MessageType.STATUS: controller.status,
+            MessageType.GET_VERSION: controller.version,
+        }
+        slots: list[_Slot] = [(joints,)] * profile.joint_positions_per_status
+        if profile.status_with_joints:
+            slots[-1] = (joints, controller.status)
+        else:
+            slots.append((controller.status,))
+        self._slots: Iterator[_Slot] = cycle(slots)
+        self._timer = controller.clock.every(
+            controller.state_period, self._tick, catch_up=MAX_CATCH_UP_SLOTS
+        )
+        self._open = True
+
+    def receive(self, data: bytes) -> None:
+        """Answer requests for the messages that are also sent periodically. Raises FrameError."""
+        self._framer.receive_data(data)
+        while self._open and (frame := self._framer.next_frame()) is not None:
+            reply = answer_frame(frame, self._answers)
+            if reply is not None:
+                self._send(encode(reply, self._dialect))
+
+    def closed(self) -> None:
+        """Stop sending."""
+        self._open = False
+        self._timer.cancel()
+
+    def _tick(self) -> None:
+        for message in next(self._slots):
+            self._send(encode(topic(message()), self._dialect))
+
+
+SLICES = 20
+"""Number of slices of the timeout.
+
+A slice counts once, however late its end is detected. Messages received during a scheduling delay
+of this process are therefore still read.
+"""
+
+
+class ClientWatchdog:
+    """Calls `silent` when a client that has sent a heartbeat sends nothing for `timeout` s.
+
+    It is called once per silence, up to one slice late. `hear` gets every message of the client.
+
+    A heartbeat is a PING as a topic, which is not answered (REP-I0006). A client that has sent
+    none on its connection may be silent indefinitely, like the clients of ROS 1.
+    """
+
+    def __init__(self, clock: Clock, timeout: float, silent: Callable[[], None]) -> None:
+        self._clock = clock
+        self._slice = timeout / SLICES
+        self._silent = silent
+        self._quiet = -1
+        self._timer: Timer | None = None
+
+    def hear(self, frame: Frame) -> None:
+        """Restart the timeout after a message, once a first heartbeat has arrived."""
+        self._quiet = -1  # the slice in which it came does not count
+        if frame.heartbeat and self._timer is None:
+            self._timer = self._clock.every(self._slice, self._look, first=self._slice)
+
+    def end(self) -> None:
+        """Stop the watchdog after the client has disconnected."""
+        if self._timer is not None:
+            self._timer.cancel()
+
+    def _look(self) -> None:
+        self._quiet += 1
+        if self._quiet == SLICES:
+            self._silent()
+
+
+class MotionSession:
+    """The session of the one motion client, with a watchdog if the profile has one."""
+
+    def __init__(self, controller: Controller, send: Send) -> None:
+        self._controller = controller
+        self._watchdog: ClientWatchdog | None = None
+        program, timeout = controller.program, controller.profile.server.client_timeout
+        if timeout and isinstance(program, MotionProgram):
+            self._watchdog = ClientWatchdog(
+                controller.clock, timeout, lambda: program.client_silent(timeout)
+            )
+        self._framer = Framer(controller.dialect.byte_order)
+        self._open = True
+        controller.reply = send
+        controller.client_came()
+
+    def receive(self, data: bytes) -> None:
+        """Process the client's bytes. Raises FrameError, after which the client counts as lost."""
+        self._framer.receive_data(data)
+        try:
+            while self._open and (frame := self._framer.next_frame()) is not None:
+                if self._watchdog is not None:
+                    self._watchdog.hear(frame)
+                self._controller.program.receive(frame)
+        except FrameError as error:
+            self._controller.show(Rejection(ErrorNumber.CORRUPT_MESSAGE, str(error)))
+            self.closed()
+            raise
+
+    def closed(self) -> None:
+        """End the session. The controller reacts to the loss of its client."""
+        if self._open:
+            self._open = False
+            if self._watchdog is not None:
+                self._watchdog.end()
+            try:
+                self._controller.client_lost()
+            finally:
+                self._controller.reply = None
+
 
 _log = logging.getLogger(__name__)
 

@@ -19,8 +19,7 @@ from epson_driver.motion import Array
 from epson_driver.profiles.profile import ControllerProfile
 from epson_driver.robots import RobotModel
 from epson_driver.sim_controller import state as state_port
-from epson_driver.sim_controller.arm.servo import Servo
-from epson_driver.sim_controller.arm.simulated_arm import SimulatedArm
+from epson_driver.sim_controller.arm.simulated_arm import Servo, SimulatedArm
 from epson_driver.sim_controller.arm.streaming import DeadlineCounters, Planner
 from epson_driver.sim_controller.clock import Clock
 from epson_driver.sim_controller.condition.errors import (

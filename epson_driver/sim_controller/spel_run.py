@@ -23,8 +23,8 @@ from epson_driver.sim_controller.condition.states import Fault, Tasks
 from epson_driver.sim_controller.core import CYCLE_PERIOD_S, Controller
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
+from epson_driver.sim_controller.spel_host.spel_host import KeptText, Unattended
 from epson_driver.sim_controller.spel_host.spel_program import MAIN, SpelProgram
-from epson_driver.sim_controller.spel_host.terminals import KeptText, Unattended
 from epson_driver.spel import (
     Caller,
     Position,

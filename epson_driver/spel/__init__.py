@@ -16,6 +16,7 @@ from epson_driver.spel.errors import (
     SpelError,
     TaskError,
 )
+from epson_driver.spel.files import Surroundings, read_answers
 from epson_driver.spel.host import (
     Caller,
     Completion,
@@ -28,7 +29,6 @@ from epson_driver.spel.host import (
 from epson_driver.spel.machine import Machine, TaskView
 from epson_driver.spel.project import build, with_defines, with_setup
 from epson_driver.spel.project_data import read_project
-from epson_driver.spel.surroundings import Surroundings, read_answers
 from epson_driver.spel.task import TaskState, Timing
 from epson_driver.spel.values import Array, Point, Value
 

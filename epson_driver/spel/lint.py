@@ -25,8 +25,7 @@ from epson_driver.spel.commands import (
 )
 from epson_driver.spel.errors import Position, Problem
 from epson_driver.spel.functions import FUNCTIONS
-from epson_driver.spel.lint_ranges import literals
-from epson_driver.spel.lint_use import leaves, shared, unreachable, unused
+from epson_driver.spel.lint_rules import leaves, literals, shared, unreachable, unused
 from epson_driver.spel.project import build_with, reserved_names
 from epson_driver.spel.project_data import INCLUDE, PROGRAM, PROJECT, encoded, listed_files
 from epson_driver.spel.scope import ONE_WHEN_ON, constant

@@ -16,19 +16,23 @@ from typing import Any, NamedTuple
 
 from epson_driver.spel import frames, library, values
 from epson_driver.spel.actions import STATEMENTS, resume_paused, set_point
-from epson_driver.spel.areas import AREA_FUNCTIONS, AREA_STATEMENTS
 from epson_driver.spel.builtins import TASK_FUNCTIONS
 from epson_driver.spel.code import FunctionCode, Program
 from epson_driver.spel.commands import TaskType
 from epson_driver.spel.errors import ErrorNumber, SpelError
 from epson_driver.spel.file_access import FILE_FUNCTIONS, FILE_STATEMENTS
+from epson_driver.spel.files import Surroundings
 from epson_driver.spel.host import Host, Memory
 from epson_driver.spel.library import VALUE_FUNCTIONS, power, remainder
-from epson_driver.spel.point_actions import POINT_FUNCTIONS, POINT_STATEMENTS
+from epson_driver.spel.point_actions import (
+    AREA_FUNCTIONS,
+    AREA_STATEMENTS,
+    POINT_FUNCTIONS,
+    POINT_STATEMENTS,
+)
 from epson_driver.spel.ports import NET_STATEMENTS
 from epson_driver.spel.project import command
 from epson_driver.spel.ranges import refuse
-from epson_driver.spel.surroundings import Surroundings
 from epson_driver.spel.task import (
     COMMAND_TASK,
     FIRST_BACKGROUND,

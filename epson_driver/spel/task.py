@@ -13,10 +13,10 @@ from typing import Any
 from epson_driver.spel.code import FunctionCode, Program, Variable
 from epson_driver.spel.commands import COMMANDS, TaskType, forbidden
 from epson_driver.spel.errors import ErrorNumber, ProgramError, SpelError, TaskError, meaning
+from epson_driver.spel.files import Surroundings
 from epson_driver.spel.frames import Area, Pallet, in_local, in_world, turned_step
 from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.host import Caller, Completion, Host, Memory, MotionRequest, NetSettings
-from epson_driver.spel.surroundings import Surroundings
 from epson_driver.spel.values import (
     INT,
     LONGEST_STRING,

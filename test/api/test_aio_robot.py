@@ -18,7 +18,7 @@ from epson_driver import aio
 from epson_driver.aio import MotionError, Robot, RobotError, Settings
 from epson_driver.driver.outcome import End, ErrorCode
 from epson_driver.sim_controller.condition.states import Event
-from epson_driver.sim_controller.faults.fault_text import parse
+from epson_driver.sim_controller.faults.fault_kinds import parse
 from epson_driver.simple_message import IoType
 
 HOME = [0.0] * 6

@@ -24,7 +24,7 @@ from epson_driver import Robot, RobotError, aio
 from epson_driver.aio import MotionError
 from epson_driver.api import motions
 from epson_driver.sim_controller.condition.states import Event
-from epson_driver.sim_controller.faults.fault_text import parse
+from epson_driver.sim_controller.faults.fault_kinds import parse
 
 HOME = [0.0] * 6
 SLOW = 0.02

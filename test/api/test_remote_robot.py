@@ -17,7 +17,7 @@ from epson_driver.aio import ArgumentError, MotionError, RobotError
 from epson_driver.remote_ethernet.client import HungUpError, execute
 from epson_driver.robots.kinematics import Kinematics
 from epson_driver.sim_controller.condition.states import Event, RejectedError
-from epson_driver.sim_controller.faults.fault_text import parse
+from epson_driver.sim_controller.faults.fault_kinds import parse
 
 START = [0.0, 0.3, -0.2, 0.0, 0.5, 0.0]
 FAR = [1.5, 0.3, -0.2, 0.0, 0.5, 0.0]

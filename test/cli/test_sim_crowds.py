@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from support.sim_process import COMMAND, FREE, LINE, PORTS, connect, receive
 
-from epson_driver.sim_controller.network.stderr_log import BURST_LINES
+from epson_driver.log_lines import BURST_LINES
 
 PENDANT = [*COMMAND[:-1], 'pendant']
 REFUSED = b'x\n$\x1b]0;owned\x07\n$Login,a\n$SetMotorsOn,\x9b9\n' * 500

@@ -27,7 +27,7 @@ from support.robot_program import (
 )
 from support.spel_program_harness import SPEL_PROFILE, SpelProgramHarness
 
-from epson_driver.sim_controller.spel_host.profile_project import profile_project
+from epson_driver.sim_controller.assembly import profile_project
 from epson_driver.spel import build
 from epson_driver.spel.lint import check
 from epson_driver.spel.syntax import Assign, Binary, Declaration, OnErr, walk

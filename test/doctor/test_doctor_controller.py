@@ -23,7 +23,7 @@ from epson_driver.profiles.profile_rules import RULES
 from epson_driver.remote_ethernet.client import logged_in
 from epson_driver.share import share_file
 from epson_driver.sim_controller.condition.states import Event
-from epson_driver.sim_controller.faults.fault_text import parse
+from epson_driver.sim_controller.faults.fault_kinds import parse
 from epson_driver.sim_controller.remote import status_words
 
 NAMES = (

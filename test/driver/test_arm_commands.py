@@ -23,7 +23,7 @@ from epson_driver.driver.arm_commands import CommandError
 from epson_driver.driver.inhibit import Cause, Purpose
 from epson_driver.driver.outcome import End
 from epson_driver.sim_controller.condition.states import Event
-from epson_driver.sim_controller.faults.fault_text import parse
+from epson_driver.sim_controller.faults.fault_kinds import parse
 from epson_driver.sim_controller.network.servers import Ports
 from epson_driver.simple_message import JointTrajPt
 

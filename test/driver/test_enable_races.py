@@ -19,7 +19,7 @@ from epson_driver.driver import arm_commands
 from epson_driver.driver.arm_commands import CommandError
 from epson_driver.profiles import load_controller_profile
 from epson_driver.sim_controller.condition.states import Event
-from epson_driver.sim_controller.faults.fault_text import parse
+from epson_driver.sim_controller.faults.fault_kinds import parse
 
 pytestmark = pytest.mark.invariant(4)
 

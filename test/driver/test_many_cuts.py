@@ -33,7 +33,7 @@ from epson_driver.link.states import BACK_OFF
 from epson_driver.node import goal_server
 from epson_driver.node.node import ClientNode
 from epson_driver.processes.processes import free_ros_domain
-from epson_driver.sim_controller.faults.fault_text import parse
+from epson_driver.sim_controller.faults.fault_kinds import parse
 
 CUTS, CELLS = 100, 4
 """How many there are; robots that are cut at the same time, so that the test is short."""

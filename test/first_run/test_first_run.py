@@ -26,7 +26,7 @@ from epson_driver.first_run.steps import QUESTIONS, FirstRun, Found, steps
 from epson_driver.inputs import InputError
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.sim_controller.condition.states import Event
-from epson_driver.sim_controller.faults.fault_text import parse
+from epson_driver.sim_controller.faults.fault_kinds import parse
 from epson_driver.simple_message import (
     BIG_ENDIAN,
     Framer,

@@ -12,7 +12,7 @@ from support.controller_harness import LIMITS, MODEL, SIMULATED, STOP, InlinePla
 from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.clock import MIN_TIMERS_TO_SWEEP, Clock
 from epson_driver.sim_controller.condition.states import Event, RejectedError
-from epson_driver.sim_controller.faults.fault_text import parse
+from epson_driver.sim_controller.faults.fault_kinds import parse
 from epson_driver.simple_message import FrameError
 
 

@@ -21,7 +21,7 @@ from support.controller_harness import (
 
 from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.condition.states import EStop, Motors, Power, RejectedError, Tasks
-from epson_driver.sim_controller.faults.fault_text import parse
+from epson_driver.sim_controller.faults.fault_kinds import parse
 from epson_driver.simple_message import FrameError
 
 HERE = (0.0,) * 6

@@ -16,8 +16,7 @@ from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import load_robot_model
 from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.condition.states import Motors, RejectedError
-from epson_driver.sim_controller.faults.fault_kinds import FaultError
-from epson_driver.sim_controller.faults.fault_text import parse
+from epson_driver.sim_controller.faults.fault_kinds import FaultError, parse
 from epson_driver.simple_message import FrameError
 
 DT = 0.001

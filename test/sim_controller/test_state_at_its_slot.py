@@ -18,11 +18,10 @@ from support.controller_harness import (
 )
 
 from epson_driver.driver.state.robot_state import RobotState, StateRules
+from epson_driver.sim_controller.client_connections import MAX_CATCH_UP_SLOTS
 from epson_driver.sim_controller.core import CYCLE_PERIOD_S
-from epson_driver.sim_controller.faults.fault_kinds import FAULTS
-from epson_driver.sim_controller.faults.fault_text import parse
+from epson_driver.sim_controller.faults.fault_kinds import FAULTS, parse
 from epson_driver.sim_controller.network.pacer import Pacer
-from epson_driver.sim_controller.state_session import MAX_CATCH_UP_SLOTS
 from epson_driver.simple_message import Status
 
 PERIOD = 0.005

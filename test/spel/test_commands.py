@@ -9,17 +9,16 @@ import pytest
 from support.spel_harness import ScriptedHost, printed, run, value
 
 from epson_driver.spel import Machine, Memory, ProgramError, build
-from epson_driver.spel.areas import AREA_FUNCTIONS
 from epson_driver.spel.builtins import TASK_FUNCTIONS
 from epson_driver.spel.commands import COMMANDS, KEYWORDS, WITHOUT_EFFECT
 from epson_driver.spel.file_access import FILE_FUNCTIONS
+from epson_driver.spel.files import Surroundings
 from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.library import VALUE_FUNCTIONS
 from epson_driver.spel.lint import check
 from epson_driver.spel.machine import all_statements
 from epson_driver.spel.parser import Parser
-from epson_driver.spel.point_actions import POINT_FUNCTIONS
-from epson_driver.spel.surroundings import Surroundings
+from epson_driver.spel.point_actions import AREA_FUNCTIONS, POINT_FUNCTIONS
 from epson_driver.spel.words import CONSTANTS, WORDS, is_a
 
 VALUES = {

@@ -16,7 +16,7 @@ from epson_driver.inputs import InputError
 from epson_driver.inputs.rc_files import header_fault, parsed
 from epson_driver.robots import load_robot_model, robot_models
 from epson_driver.share import share_folder
-from epson_driver.sim_controller.spel_host.profile_project import robot_defines
+from epson_driver.sim_controller.assembly import robot_defines
 from epson_driver.spel import read_project, with_defines
 from epson_driver.spel.commands import CONTROLLERS
 from epson_driver.spel.export import exported

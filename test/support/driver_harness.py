@@ -24,9 +24,13 @@ from epson_driver.motion.smoother import plan
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.robots import load_robot_model
 from epson_driver.setup.setup import profile_defaults
-from epson_driver.sim_controller.assembly import SpelSource, new_controller, program_network
+from epson_driver.sim_controller.assembly import (
+    SpelSource,
+    new_controller,
+    profile_project,
+    program_network,
+)
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
-from epson_driver.sim_controller.spel_host.profile_project import profile_project
 from epson_driver.spel import Program, build
 from support.event_loop import accepted, now, own_process, real_time, until
 

@@ -14,8 +14,15 @@ from typing import Protocol
 
 from epson_driver.sim_controller.clock import Clock, Timer
 from epson_driver.sim_controller.faults.disturbances import DISTURBANCES, is_reply
-from epson_driver.sim_controller.faults.fault_kinds import FAULTS, REMOTE_PORT, Fault, FaultError
-from epson_driver.sim_controller.faults.fault_text import on_ports, parse, write
+from epson_driver.sim_controller.faults.fault_kinds import (
+    FAULTS,
+    REMOTE_PORT,
+    Fault,
+    FaultError,
+    on_ports,
+    parse,
+    write,
+)
 
 MAX_ACTIVE_FAULTS = 16
 """Maximum number of simultaneous faults, including those that have not started."""

@@ -41,8 +41,9 @@ from epson_driver.sim_controller.condition.errors import (
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.ports import UNANSWERED, answer, failure
 from epson_driver.sim_controller.programs.download import FIRST, LAST, Download
-from epson_driver.sim_controller.programs.point_queue import Entry, PointQueue
-from epson_driver.sim_controller.programs.points import (
+from epson_driver.sim_controller.programs.point_queue import (
+    Entry,
+    PointQueue,
     limits_rejection,
     numbers_rejection,
     sequence_of,

@@ -44,9 +44,9 @@ from epson_driver.sim_controller.condition.errors import clipped
 from epson_driver.sim_controller.condition.states import Event, Fault, RejectedError
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.ports import answer
-from epson_driver.sim_controller.programs.motoman_mode import TrajectoryMode
 from epson_driver.sim_controller.programs.motoman_points import (
     InvalidReason,
+    TrajectoryMode,
     invalid_form,
     invalid_next,
     invalid_start,

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
+from epson_driver.robots.model import robot_type
 from epson_driver.sim_controller.condition.errors import ErrorNumber as Shown
 from epson_driver.sim_controller.condition.errors import Rejection
 from epson_driver.sim_controller.condition.states import Event, Power, RejectedError
@@ -32,7 +33,6 @@ from epson_driver.sim_controller.remote.remote_acceptance import (
     whole,
     wrong,
 )
-from epson_driver.sim_controller.remote.robot_type import robot_type
 from epson_driver.sim_controller.remote.sim_commands import simulate
 from epson_driver.simple_message import IoType
 from epson_driver.spel import ErrorNumber, ProgramError, SpelError

@@ -11,8 +11,7 @@ from typing import NamedTuple
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
 from epson_driver.sim_controller.condition.states import REGIONS, Event
 from epson_driver.sim_controller.core import Controller
-from epson_driver.sim_controller.faults.fault_kinds import FaultError
-from epson_driver.sim_controller.faults.fault_text import parse
+from epson_driver.sim_controller.faults.fault_kinds import FaultError, parse
 from epson_driver.sim_controller.io.io_points import IoError
 from epson_driver.sim_controller.remote.remote_acceptance import (
     AUTO,

@@ -10,9 +10,8 @@ from itertools import pairwise
 import numpy as np
 
 from epson_driver.motion import Array
-from epson_driver.robots.model import SCARA
+from epson_driver.robots.model import N_SERIES, SCARA, robot_type
 from epson_driver.sim_controller.arm.executor import Point
-from epson_driver.sim_controller.remote.robot_type import N_SERIES, robot_type
 from epson_driver.sim_controller.spel_host.legs import (
     SHORTEST_PATH,
     JointLeg,

@@ -15,10 +15,9 @@ from epson_driver.motion import Array
 from epson_driver.robots import RobotModel
 from epson_driver.robots.chain import REVOLUTE
 from epson_driver.robots.kinematics import FULL_TURN, Kinematics, rotation_of_uvw
-from epson_driver.robots.model import SCARA
+from epson_driver.robots.model import N_SERIES, RS_SERIES, SCARA, SIX_AXES, robot_type
 from epson_driver.robots.opw import KinematicsError
 from epson_driver.sim_controller.condition.errors import ErrorNumber, angles_rejection, clipped
-from epson_driver.sim_controller.remote.robot_type import N_SERIES, RS_SERIES, SIX_AXES, robot_type
 from epson_driver.sim_controller.spel_host.lines import joints_along
 from epson_driver.spel import Point, SpelError
 from epson_driver.spel.errors import bad

@@ -9,10 +9,10 @@ import numpy as np
 
 from epson_driver.motion import Array, go
 from epson_driver.robots.chain import REVOLUTE
+from epson_driver.robots.model import robot_type
 from epson_driver.sim_controller.condition.states import Mode
 from epson_driver.sim_controller.core import Controller
 from epson_driver.sim_controller.remote import status_words
-from epson_driver.sim_controller.remote.robot_type import robot_type
 from epson_driver.sim_controller.spel_host.robot_motion import RobotMotion
 from epson_driver.sim_controller.spel_host.robot_points import RobotPoints, without_rounding
 from epson_driver.spel import ErrorNumber, Point, SpelError

@@ -21,8 +21,7 @@ from epson_driver.sim_controller.spel_host.program_network import ProgramNetwork
 from epson_driver.sim_controller.spel_host.robot_motion import RobotMotion
 from epson_driver.sim_controller.spel_host.robot_points import RobotPoints
 from epson_driver.sim_controller.spel_host.robot_values import RobotContext
-from epson_driver.sim_controller.spel_host.spel_host import SpelHost
-from epson_driver.sim_controller.spel_host.terminals import LogTerminal
+from epson_driver.sim_controller.spel_host.spel_host import LogTerminal, SpelHost
 from epson_driver.simple_message import Frame
 from epson_driver.spel import (
     Machine,

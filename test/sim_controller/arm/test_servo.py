@@ -10,7 +10,7 @@ from support.examples import examples
 
 from epson_driver.motion import go
 from epson_driver.robots import load_robot_model
-from epson_driver.sim_controller.arm.servo import Servo
+from epson_driver.sim_controller.arm.simulated_arm import Servo
 
 MODEL = load_robot_model('c3_a601s')
 LIMITS = MODEL.limits

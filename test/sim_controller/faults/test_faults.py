@@ -15,8 +15,10 @@ from epson_driver.sim_controller.faults.fault_kinds import (
     FAULTS,
     REMOTE_PORT,
     FaultError,
+    describe,
+    parse,
+    write,
 )
-from epson_driver.sim_controller.faults.fault_text import describe, parse, write
 from epson_driver.sim_controller.faults.faults import ANSWER_TIME_S, MAX_ACTIVE_FAULTS
 
 HERE = Path(__file__)

@@ -15,8 +15,7 @@ from epson_driver.sim_controller.faults.disturbances import (
     byte_order,
     is_reply,
 )
-from epson_driver.sim_controller.faults.fault_kinds import FAULTS
-from epson_driver.sim_controller.faults.fault_text import parse
+from epson_driver.sim_controller.faults.fault_kinds import FAULTS, parse
 from epson_driver.sim_controller.faults.faulty_transport import MAX_HELD_BYTES
 from epson_driver.simple_message import BIG_ENDIAN, ByteOrder, FrameError, Framer
 

@@ -16,8 +16,7 @@ from support.examples import examples
 from epson_driver.profiles.io_profile import IoProfile
 from epson_driver.sim_controller.clock import Clock
 from epson_driver.sim_controller.io.io_points import IoPoints
-from epson_driver.sim_controller.io.io_session import IoSession
-from epson_driver.sim_controller.io.io_stream import MAX_RANGES
+from epson_driver.sim_controller.io.io_session import MAX_RANGES, IoSession
 from epson_driver.simple_message import (
     BIG_ENDIAN,
     LITTLE_ENDIAN,

@@ -15,11 +15,11 @@ from support.event_loop import run, stand_still, until
 from epson_driver.remote_ethernet.client import MAX_LOGINS, RemoteError, execute
 from epson_driver.sim_controller.arm.planner_process import PlannerProcess
 from epson_driver.sim_controller.assembly import new_controller
+from epson_driver.sim_controller.client_connections import MAX_CATCH_UP_SLOTS
 from epson_driver.sim_controller.condition.states import Event, Motors
 from epson_driver.sim_controller.network import tcp_connection
 from epson_driver.sim_controller.network.port_server import HALF_CLOSED_S
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
-from epson_driver.sim_controller.state_session import MAX_CATCH_UP_SLOTS
 
 HOST = '127.0.0.1'
 FREE = Ports(0, 0, 0, 0)

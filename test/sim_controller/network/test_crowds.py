@@ -14,6 +14,7 @@ from support.event_loop import until
 from support.examples import one_in
 from test_controller_servers import HOST, on_sockets, read_frame, rejected
 
+from epson_driver.log_lines import BURST_LINES, StderrLog
 from epson_driver.remote_ethernet.client import execute
 from epson_driver.sim_controller.client_connections import (
     MAX_NEWCOMERS,
@@ -27,7 +28,6 @@ from epson_driver.sim_controller.network.port_server import (
     CpuBudget,
     port_rules,
 )
-from epson_driver.sim_controller.network.stderr_log import BURST_LINES, StderrLog
 
 CROWD = 200
 

@@ -14,10 +14,10 @@ from support.examples import examples
 
 from epson_driver.profiles import load_controller_profile
 from epson_driver.robots import load_robot_model, robot_models
+from epson_driver.robots.model import robot_type
 from epson_driver.sim_controller.assembly import new_controller
 from epson_driver.sim_controller.condition.states import Mode, Motors, Power, Tasks
 from epson_driver.sim_controller.remote.remote_commands import COMMANDS
-from epson_driver.sim_controller.remote.robot_type import robot_type
 from epson_driver.sim_controller.remote.sim_commands import SIM_COMMANDS
 
 FAR = (1.0, 0.5, -0.5)

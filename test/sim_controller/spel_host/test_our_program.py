@@ -22,7 +22,7 @@ from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.report.measure import Recording, measure
 from epson_driver.robots import load_robot_model
 from epson_driver.share import share_file
-from epson_driver.sim_controller.spel_host.profile_project import profile_project
+from epson_driver.sim_controller.assembly import profile_project
 from epson_driver.trajectory_file import read_trajectory
 
 PROFILE = load_controller_profile('spel')

@@ -14,7 +14,7 @@ from epson_driver.robots import load_robot_model
 from epson_driver.spel.commands import COMMANDS
 from epson_driver.spel.functions import FUNCTIONS
 from epson_driver.spel.lint import check
-from epson_driver.spel.lint_ranges import SIMULATED
+from epson_driver.spel.lint_rules import SIMULATED
 
 SCARA = load_robot_model('gx4_c251s')
 BENT = np.radians([0.0, -10.0, 20.0, 0.0, -60.0, 0.0])

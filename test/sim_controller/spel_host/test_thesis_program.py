@@ -19,8 +19,7 @@ from support.thesis_program import SEED, call_library, listings, program_files
 
 from epson_driver.profiles.profile import load_controller_profile
 from epson_driver.sim_controller.assembly import SpelSource, new_controller, program_network
-from epson_driver.sim_controller.spel_host.spel_host import SpelHost
-from epson_driver.sim_controller.spel_host.terminals import LogTerminal
+from epson_driver.sim_controller.spel_host.spel_host import LogTerminal, SpelHost
 from epson_driver.spel import ErrorNumber, SpelError, build
 
 FOUND = listings()

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Rules of the linter about unused code, unreachable code, and use by two tasks."""
+"""Rules of the linter about unused and unreachable code, use by two tasks, literal numbers."""
 
 import re
 from collections import Counter
@@ -9,8 +9,12 @@ from collections.abc import Callable, Iterator, Mapping
 from epson_driver.spel.code import Program
 from epson_driver.spel.commands import MOVING
 from epson_driver.spel.errors import Position, Problem
+from epson_driver.spel.expressions import is_point_literal
+from epson_driver.spel.ranges import FILES, PORTS, key_of, outside
 from epson_driver.spel.scope import constant
 from epson_driver.spel.syntax import (
+    Apply,
+    Binary,
     Command,
     Declaration,
     Do,
@@ -19,14 +23,23 @@ from epson_driver.spel.syntax import (
     Expression,
     Function,
     If,
+    Input,
     Jump,
     Label,
     Motion,
+    Name,
+    Number,
+    Print,
+    Redim,
     Return,
     Select,
+    Share,
     Statement,
     Stub,
     TaskCommand,
+    Transfer,
+    Wait,
+    Xqt,
     inner_blocks,
     walk,
 )
@@ -162,3 +175,137 @@ def _owned(function: Function) -> Iterator[tuple[str, Position]]:
             number = None if first is None else constant(first, CONSTANTS)
             if number is not None:
                 yield of[node.name.lower()](number), node.at
+
+
+_BACKGROUND = range(65, 81)
+
+SIMULATED = {
+    'arm': (0,),
+    'robot': (1,),
+    'ctrlinfo': (1, 5, 6, 7),
+    'robotinfo': (0,),
+    'stat': (0, 1),
+}
+"""First arguments with a simulation, for functions where some have none."""
+
+
+def _number(expression: Expression | None) -> int | float | None:
+    return None if expression is None else constant(expression, CONSTANTS)
+
+
+def _outside(name: str, place: int, given: Expression | None, key: str = '') -> Iterator[Problem]:
+    value = _number(given)
+    if given is None or value is None:
+        return
+    if wrong := outside(key or name.lower(), place, value):
+        yield Problem(given.at, 'range', f'{name}: {wrong}')
+    known = SIMULATED.get(name.lower())
+    if known is not None and place == 0 and value not in known:
+        text = f'{name} {value:g} is not simulated, only {", ".join(map(str, known))}'
+        yield Problem(given.at, 'not-simulated', text, warning=True)
+
+
+def literals(program: Program, functions: list[Function]) -> Iterator[Problem]:
+    """Yield numbers out of range, divisors of 0, and indices beyond an array."""
+    resized = _resized(program)
+    for function in functions:
+        bounds = _bounds(program, function, resized)
+        for node in walk(function.body):
+            if isinstance(node, Command):
+                for place, given in enumerate(node.arguments):
+                    yield from _outside(node.name, place, given)
+                if node.name.lower() == 'pallet' and len(node.arguments) > 2:
+                    for name, given in zip(('columns', 'rows'), node.arguments[-2:], strict=True):
+                        yield from _outside(name, 0, given)
+            elif isinstance(node, Wait):  # a number alone is a time
+                yield from _outside('Wait', 0, node.condition if node.time is None else node.time)
+            elif isinstance(node, Name) and is_point_literal(node.name):
+                yield from _outside('P', 0, Number(int(node.name[1:]), node.at))
+            elif isinstance(node, Redim):
+                for given in node.bounds:
+                    yield from _outside('Redim', 0, given)
+            elif isinstance(node, Xqt) and _number(node.number) not in _BACKGROUND:
+                yield from _outside('Xqt', 0, node.number)
+            elif isinstance(node, Motion):
+                for name, value in node.numbers:
+                    yield from _outside(name.upper(), 0, value)
+            elif isinstance(node, TaskCommand):
+                yield from _outside(node.name, 0, node.task)
+            elif isinstance(node, Share):
+                yield from _outside('D', 0, node.percent)
+            elif isinstance(node, Input | Print | Transfer):
+                yield from _device(node.port)
+            elif isinstance(node, Apply):
+                name = node.name.lower()
+                if name in bounds:
+                    yield from _index(node, bounds[name])
+                else:
+                    for place, argument in enumerate(node.arguments):
+                        yield from _outside(node.name, place, argument.value, key_of(name))
+            elif isinstance(node, Binary) and node.operator in ('/', 'mod'):
+                if _number(node.right) == 0:
+                    yield Problem(node.at, 'range', f'{node.operator.capitalize()} by 0')
+            elif isinstance(node, Select):
+                yield from _twice(node)
+
+
+def _device(port: Expression | None) -> Iterator[Problem]:
+    """Yield a port that is neither of a display, serial, file, network nor database."""
+    value = _number(port)
+    known = ((0, 24), FILES, PORTS, (501, 508), (1001, 1008))
+    if value is not None and port is not None and not any(a <= value <= b for a, b in known):
+        yield Problem(port.at, 'range', f'there is no port or file {value:g}')
+
+
+def _bounds(program: Program, function: Function, resized: set[str]) -> dict[str, tuple[int, ...]]:
+    """Return the upper bounds of a function's arrays, except arrays that are resized."""
+    found: dict[str, tuple[int, ...]] = {}
+    seen = [
+        declaration
+        for file in program.files
+        for declaration in file.declarations
+        if declaration.scope != 'module' or function in file.functions
+    ]
+    seen += [each for each in walk(function.body) if isinstance(each, Declaration)]
+    for declaration in seen:
+        for variable in declaration.variables:
+            numbers = [_number(each) for each in variable.bounds]
+            name = variable.name.lower()
+            found.pop(name, None)
+            if numbers and all(isinstance(each, int) for each in numbers):
+                found[name] = tuple(int(each) for each in numbers if each is not None)
+    for name in {*resized, *(each.name.lower() for each in function.parameters)}:
+        found.pop(name, None)
+    return found
+
+
+def _resized(program: Program) -> set[str]:
+    """Return the arrays that Redim and ParseStr resize."""
+    found = set()
+    for node in walk([file.functions for file in program.files]):
+        if isinstance(node, Redim):
+            found.add(node.name.lower())
+        elif isinstance(node, Command | Apply) and node.name.lower() == 'parsestr':
+            found |= {getattr(each, 'name', '').lower() for each in walk(node.arguments)}
+    return found
+
+
+def _index(node: Apply, bounds: tuple[int, ...]) -> Iterator[Problem]:
+    for argument, bound in zip(node.arguments, bounds, strict=False):
+        index = _number(argument.value)
+        if index is not None and index > bound:
+            text = f'{node.name}: index {index:g} is above {bound}'
+            yield Problem(argument.value.at, 'array-index', text)
+
+
+def _twice(select: Select) -> Iterator[Problem]:
+    seen: dict[int | float, Position] = {}
+    for items, _ in select.cases:
+        for item in items:
+            value = _number(item.value) if item.operator == '=' else None
+            if value is None:
+                continue
+            if value in seen:
+                text = f'Case {value:g} stands in line {seen[value].line} already'
+                yield Problem(item.value.at, 'unreachable', text, warning=True)
+            seen.setdefault(value, item.value.at)
