@@ -31,9 +31,9 @@ from epson_driver.link.connection import AnyFramer, Connection
 from epson_driver.link.receive_timeout import ReceiveTimeout, silent
 from epson_driver.link.replies import PendingRequest, Statement, StatementReply
 from epson_driver.remote_ethernet.client import (
-    MAX_ERROR_DIGITS,
     Ask,
     RemoteError,
+    answer_to,
     without_password,
 )
 from epson_driver.remote_ethernet.errors import RemoteErrorNumber
@@ -342,11 +342,10 @@ class RemoteLink(Link):
         """Pass a reply to the oldest request with its name."""
         line = str(packet)
         self.statistics.frames_received += 1
-        name, _, value = line[1:].partition(',')
-        question = next((each for each in self._asked if each.name == name.lower()), None)
-        number = value.strip()
-        refused = number.isdecimal() and len(number) <= MAX_ERROR_DIGITS
-        if question is None or not (line[:1] == '#' or (line[:1] == '!' and refused)):
+        for question in self._asked:
+            if (answer := answer_to(line, question.command)) is not None:
+                break
+        else:
             self.statistics.bad_frames['answer'] += 1
             if self._connection is not None:
                 shown = line[:_SHOWN_CHARACTERS]
@@ -357,9 +356,6 @@ class RemoteLink(Link):
         if question is self._motion:
             self._motion = self._aborted = None
             self._wake.set()
-        answer: str | Exception = value
-        if line[0] == '!':
-            answer = RemoteError(question.command, int(number))
         question.answered(answer)
         self._send_next()
 

@@ -178,16 +178,26 @@ async def _ask(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, comma
     if not line.endswith(b'\n'):
         shown = without_password(command)
         raise HungUpError(f'closed by the controller before it answered {shown}')
-    name, _, value = answer[1:].partition(',')
+    result = answer_to(answer, command)
+    if result is None:
+        cut = len(answer) > _MAX_SHOWN_CHARACTERS
+        shown = f'{answer[:_MAX_SHOWN_CHARACTERS]}…' if cut else answer
+        raise ConnectionError(f"'{shown}' is no answer to {without_password(command)}")
+    if isinstance(result, RemoteError):
+        raise result
+    return result
+
+
+def answer_to(line: str, command: str) -> str | RemoteError | None:
+    """Return the value of the reply to a command, its refusal, or None for any other line."""
+    name, _, value = line[1:].partition(',')
+    number = value.strip()
     if name.lower() == command.partition(',')[0].lower():
-        if answer.startswith('#'):
+        if line[0] == '#':
             return value
-        if answer.startswith('!') and value.isdecimal() and len(value) <= MAX_ERROR_DIGITS:
-            raise RemoteError(command, int(value))
-    shown = (
-        answer if len(answer) <= _MAX_SHOWN_CHARACTERS else f'{answer[:_MAX_SHOWN_CHARACTERS]}…'
-    )
-    raise ConnectionError(f"'{shown}' is no answer to {without_password(command)}")
+        if line[0] == '!' and number.isdecimal() and len(number) <= MAX_ERROR_DIGITS:
+            return RemoteError(command, int(number))
+    return None
 
 
 def without_password(command: str) -> str:

@@ -9,7 +9,8 @@ its address.
 
 import re
 
-from epson_driver.remote_ethernet.client import Ask, RemoteError
+from epson_driver.remote_ethernet.client import Ask
+from epson_driver.remote_ethernet.hand import told
 
 _SIMULATED = re.compile(r'controller=(.{1,64});robot=(.{1,64})')
 _NAME = re.compile(r'(?=.*[A-Za-z])[A-Za-z0-9 ._+/-]{1,64}')
@@ -21,18 +22,10 @@ async def identity(ask: Ask, address: str) -> str:
     Missing or malformed fields are omitted. `address` is always included. Raises the exceptions of
     `ask` except RemoteError.
     """
-    found = _SIMULATED.fullmatch(await _told(ask, 'Sim,identity'))
+    found = _SIMULATED.fullmatch(await told(ask, 'Sim,identity'))
     if found:
         simulated = '' if found[1] == 'simulated' else ' (simulated)'
         return f'{found[1]}{simulated}, {found[2]}, {address}'
-    controller = await _told(ask, 'GetContType')
-    robot = (await _told(ask, 'GetRobotInfo')).rpartition(',')[2]
+    controller = await told(ask, 'GetContType')
+    robot = (await told(ask, 'GetRobotInfo')).rpartition(',')[2]
     return ', '.join([*filter(_NAME.fullmatch, (controller, robot)), address])
-
-
-async def _told(ask: Ask, command: str) -> str:
-    """Return the value of the reply, or '' if the controller refuses the command."""
-    try:
-        return await ask(command)
-    except RemoteError:
-        return ''

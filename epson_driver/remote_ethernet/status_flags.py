@@ -6,7 +6,7 @@ Sources: RC+ 5.0 user's guide, Remote Ethernet (ten flags); EPSON's node for Nod
 flags of the RC700 generation, GetContDev).
 """
 
-from epson_driver.remote_ethernet.client import Ask, RemoteError
+from epson_driver.remote_ethernet.client import MAX_ERROR_DIGITS, Ask, RemoteError
 
 FLAGS = (
     'Test',
@@ -34,9 +34,6 @@ CONTROL_DEVICES = {
     29: 'Remote RS-232C',
 }
 
-_MAX_ERROR_DIGITS = 5
-"""Maximum number of digits of an error number."""
-
 
 async def ask_flags(ask: Ask) -> tuple[tuple[str, ...], int]:
     """Return the names of the set flags, and the error number.
@@ -46,7 +43,7 @@ async def ask_flags(ask: Ask) -> tuple[tuple[str, ...], int]:
     """
     value = await ask('GetStatus')
     bits, _, number = value.partition(',')
-    known = number.isdecimal() and len(number) <= _MAX_ERROR_DIGITS
+    known = number.isdecimal() and len(number) <= MAX_ERROR_DIGITS
     if not known or not 0 < len(bits) <= len(FLAGS) or set(bits) - {'0', '1'}:
         raise ConnectionError(f"'{value[:40]}' is no status")
     named = zip(FLAGS[-len(bits) :], bits, strict=True)

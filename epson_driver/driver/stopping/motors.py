@@ -36,9 +36,6 @@ READY_PERIOD_S = 0.05
 READY_SHARE = 0.75
 """Fraction of an action's timeout within which the controller must become Ready."""
 
-READY_FLAG = 10
-"""Index of the Ready flag in the reply to GetStatus."""
-
 
 @dataclass(frozen=True, slots=True)
 class Commands:
@@ -187,7 +184,7 @@ class RestartingMotors(RemoteEthernetMotors):
         await ask('Stop')
         try:
             async with asyncio.timeout(timeout * READY_SHARE):
-                while (await ask('GetStatus'))[READY_FLAG : READY_FLAG + 1] != '1':  # noqa: ASYNC110 - it sends no events
+                while 'Ready' not in (await ask_flags(ask))[0]:  # noqa: ASYNC110 - it sends no events
                     await asyncio.sleep(READY_PERIOD_S)
         except TimeoutError as error:
             text = 'not Ready: the arm still moves, or a task runs that Stop does not end'
