@@ -32,7 +32,6 @@ from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks import Notification, report_error, wait_for_fresh_state
 from epson_driver.link import Link
 from epson_driver.link.link_reports import MAX_SHORT, TURNED_AWAY
-from epson_driver.link.replies import Statement
 from epson_driver.motion import Array, Trajectory
 from epson_driver.setup.setup import Setup
 from epson_driver.simple_message import Status
@@ -357,7 +356,7 @@ class Connection:
         *,
         wait: bool,
         path: HeldPath | None = None,
-        move: Callable[[Moves], Statement] | None = None,
+        move: Callable[[Moves], str] | None = None,
     ) -> Motion:
         """Start a motion. With `wait`, wait until it ends, and stop it if cancelled.
 

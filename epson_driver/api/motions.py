@@ -267,13 +267,19 @@ class Motions(Arm):
             )
         with refusals():
             trajectory = await plan.in_thread(partial(runs_trajectory, arm, start, way, limits))
-        written = None
-        if point is not None:
-            written = partial(
-                moves.tool_statement, arm, tool.pose, point, start, trajectory, limits
-            )
         held = (moves.deviation(arm, way), limits.accuracy)
-        return await self._connection.execute(trajectory, plan, wait=wait, path=held, move=written)
+        via = None
+        if point is not None and point.via is not None:
+            via = point.via.seen_from(arm.forward(start))[:3, 3]
+        return await self._connection.execute(
+            trajectory,
+            plan,
+            wait=wait,
+            path=held,
+            move=None
+            if point is None
+            else lambda written: written.path(arm, tool.pose, trajectory.positions, limits, via),
+        )
 
     @property
     def speed_scaling(self) -> float:

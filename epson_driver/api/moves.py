@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import ceil
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -27,13 +26,8 @@ from epson_driver.tool_motion.pose_path import (
     line,
     runs,
 )
-from epson_driver.tool_motion.statement_points import only_turns, passing, tool_frame
 from epson_driver.tool_motion.tool_pose import numbers
 from epson_driver.tool_motion.tool_trajectory import JERK_PER_ACCELERATION, ToolLimits
-
-if TYPE_CHECKING:  # the driver is loaded with the first Robot
-    from epson_driver.driver.delivery.statements import Moves
-    from epson_driver.link.replies import Statement
 
 LOOK_M, MAX_LOOKS = 1e-3, 2000
 """Spacing, m, of the path samples for the accuracy check, and their maximum number."""
@@ -155,32 +149,6 @@ class PathPoint:
         """
         segment = self.segment(start, start)
         return [] if _is_none(segment) else runs([segment], [])
-
-
-def tool_statement(
-    arm: Kinematics,
-    tool: Array,
-    point: PathPoint,
-    start: Array,
-    planned: Trajectory,
-    limits: ToolLimits,
-    statements: 'Moves',
-) -> 'Statement':
-    """Return the statement for a planned line or arc from the joints `start`.
-
-    tool: in the flange, shape (4, 4), m.
-    """
-    from epson_driver.driver.delivery.statements import PathSpeed
-
-    end, frame = planned.positions[-1], tool_frame(tool)
-    speeds = PathSpeed(
-        limits.speed, limits.acceleration, limits.turn_speed, limits.turn_acceleration
-    )
-    if point.via is None:
-        turns = only_turns(arm, start, end)
-        return statements.line(end, speeds, tool=frame, turns=turns)
-    via = point.via.seen_from(arm.forward(start))[:3, 3]
-    return statements.arc(passing(arm, planned.positions, via), end, speeds, tool=frame)
 
 
 def path_points(

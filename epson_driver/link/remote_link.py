@@ -29,7 +29,6 @@ from epson_driver.inputs import printable
 from epson_driver.link import Link, LinkState, WireEvent
 from epson_driver.link.connection import AnyFramer, Connection
 from epson_driver.link.receive_timeout import ReceiveTimeout, silent
-from epson_driver.link.replies import PendingRequest, Statement, StatementReply
 from epson_driver.remote_ethernet.client import (
     Ask,
     RemoteError,
@@ -47,11 +46,9 @@ from epson_driver.simple_message import (
     Message,
     Mode,
     Packet,
-    ReplyCode,
     Status,
     TriState,
     joint_data,
-    reply,
     topic,
 )
 
@@ -101,7 +98,8 @@ _FORBID_EXECUTE = {'Test', 'Teach', 'SError', 'Safeguard', 'EStop', 'Error', 'Pa
 
 _SHOWN_CHARACTERS = 60
 
-OnReply = Callable[[Packet, float], None]
+OnAnswer = Callable[[str | Exception], None]
+"""Receives the value of a reply, or the RemoteError or ConnectionError in place of it."""
 
 
 @dataclass(eq=False)
@@ -109,7 +107,7 @@ class _Question:
     """A command without its `$`. `answered` is called with the reply's value, or the error."""
 
     command: str
-    answered: Callable[[str | Exception], None]
+    answered: OnAnswer
     sent: float = 0.0
 
     @property
@@ -161,29 +159,28 @@ class RemoteLink(Link):
         """Whether a statement that moves the arm is unanswered."""
         return self._motion is not None
 
-    # --- as a Link --------------------------------------------------------------------------
+    def move(self, text: str, answered: OnAnswer) -> None:
+        """Send statements that move the arm as `$Execute`. Raises ConnectionError."""
+        self._check_login()
+        self._motion = _Question(f'Execute,"{text}"', answered)
+        self.joints_withheld = True
+        self._execute(self._motion)
 
-    def post(self, message: Message, on_reply: OnReply) -> PendingRequest:
-        """Send a Statement, or any other message as `$Abort`. Raises ConnectionError."""
+    def abort(self, answered: OnAnswer) -> None:
+        """Send `$Abort`, and drop a motion that has not been sent yet. Raises ConnectionError."""
+        self._check_login()
+        motion = self._motion
+        if motion is not None and motion in self._executes:
+            self._executes.remove(motion)
+            self._motion = None
+            motion.answered(RemoteError('Abort', RemoteErrorNumber.SYSTEM))
+        if self._motion is not None and self._aborted is None:
+            self._aborted = self._now()
+        self._send(_Question('Abort', answered))
+
+    def _check_login(self) -> None:
         if not self.connected:
             raise ConnectionError(f'remote link is {self.state.value}')
-
-        def answered(value: str | Exception) -> None:
-            if isinstance(value, ConnectionError):
-                return  # the link reports its end
-            why = ''
-            if isinstance(value, RemoteError):
-                why = f'{value.meaning} (error {value.number})'
-            code = ReplyCode.FAILURE if why else ReplyCode.SUCCESS
-            on_reply(reply(StatementReply(why), code), self.last_received)
-
-        if isinstance(message, Statement):
-            self._motion = _Question(f'Execute,"{message.text}"', answered)
-            self.joints_withheld = True
-            self._execute(self._motion)
-        else:
-            self._abort(answered)
-        return PendingRequest(0, 0, self._now(), on_reply)
 
     def tell(self, message: Message) -> None:
         """Raise ConnectionError: every message to the remote port has a reply."""
@@ -226,8 +223,7 @@ class RemoteLink(Link):
         Raises TimeoutError, and as `ask`. Commands that need the arm at rest are refused while it
         moves.
         """
-        if not self.connected:
-            raise ConnectionError(f'remote link is {self.state.value}')
+        self._check_login()
         async with asyncio.timeout(timeout):
             yield self.ask
         self._wake.set()
@@ -312,17 +308,6 @@ class RemoteLink(Link):
     def _send_next(self) -> None:
         if self._executes and all(each.name != 'execute' for each in self._asked):
             self._send(self._executes.popleft())
-
-    def _abort(self, answered: Callable[[str | Exception], None]) -> None:
-        """Send `$Abort`, and drop a motion that has not been sent yet."""
-        motion = self._motion
-        if motion is not None and motion in self._executes:
-            self._executes.remove(motion)
-            self._motion = None
-            motion.answered(RemoteError('Abort', RemoteErrorNumber.SYSTEM))
-        if self._motion is not None and self._aborted is None:
-            self._aborted = self._now()
-        self._send(_Question('Abort', answered))
 
     def _send(self, question: _Question) -> None:
         connection = self._connection

@@ -23,25 +23,6 @@ from epson_driver.simple_message import (
     SpecialSequence,
 )
 
-
-@dataclass(frozen=True, slots=True)
-class Statement(Message):
-    """SPEL+ statements that move the arm, in the form of `$Execute`.
-
-    The reply arrives when they have finished. `duration`, s, is not an upper limit.
-    """
-
-    text: str
-    duration: float = float('inf')
-
-
-@dataclass(frozen=True, slots=True)
-class StatementReply(Message):
-    """The reply to a Statement or to `$Abort`. `why`: the failure's reason as a clause, or ''."""
-
-    why: str = ''
-
-
 ANSWERED_BY: dict[int, frozenset[int]] = {
     MessageType.JOINT_TRAJ_PT: frozenset({MessageType.JOINT_TRAJ_PT, MessageType.JOINT_POSITION}),
     MessageType.JOINT_TRAJ_PT_FULL: frozenset(

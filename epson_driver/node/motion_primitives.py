@@ -14,12 +14,7 @@ import numpy as np
 from control_msgs.action import ExecuteMotionPrimitiveSequence
 from rclpy.action.server import ServerGoalHandle
 
-from epson_driver.driver.delivery.statements import (
-    MOST_CHARACTERS,
-    Load,
-    Moves,
-    PathSpeed,
-)
+from epson_driver.driver.delivery.statements import MOST_CHARACTERS, Load, Moves
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_queue import FRESH_POSE_TIMEOUT_S, GoalHandle
 from epson_driver.driver.goal.planning_scope import PlanningEndedError, PlanningScope
@@ -27,7 +22,6 @@ from epson_driver.driver.inhibit import Purpose
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.driver.state.robot_state import JointSample
 from epson_driver.driver.tasks import wait_for_fresh_state
-from epson_driver.link.replies import Statement
 from epson_driver.motion import Array
 from epson_driver.node.goal_action import ActionType, GoalAction, OnEnd
 from epson_driver.node.goal_server import RESULT_TIMEOUT_S, GoalServer
@@ -41,7 +35,6 @@ from epson_driver.tool_motion.motion_sequence import (
     SequenceError,
     plan_sequence,
 )
-from epson_driver.tool_motion.statement_points import only_turns, passing, tool_frame
 from epson_driver.tool_motion.tool_trajectory import ToolLimits
 
 RETIMED = (
@@ -195,13 +188,12 @@ def sequence_statement(
     primitives: Sequence[Primitive],
     planned: PlannedSequence,
     moves: Moves,
-) -> Statement:
+) -> str:
     """Return a planned sequence as statements for one `$Execute`, with a rest after each.
 
     tool: in the flange, shape (4, 4), m. Raises GoalRejectedError if statements cannot express it.
     """
-    texts, frame = [], tool_frame(tool)
-    trajectory = planned.trajectory
+    texts, trajectory = [], planned.trajectory
     ends = np.searchsorted(trajectory.times, planned.ends - HALF_STEP_S)
     begin = 0
     for index, (primitive, end) in enumerate(zip(primitives, ends.tolist(), strict=True)):
@@ -211,28 +203,23 @@ def sequence_statement(
         ):
             if value:
                 raise _invalid(f'motions[{index}]: {field} = {value:g}: {RESTS}')
-        start, target = trajectory.positions[begin], trajectory.positions[end]
+        positions = trajectory.positions[begin : end + 1]
         if primitive.kind is Kind.LINEAR_JOINT:
             limits = arm.model.limits
             speed = _share(primitive.velocity, limits.velocity)
             ramp = _share(primitive.acceleration, limits.acceleration)
-            texts.append(moves.joints(target, speed, ramp).text)
+            texts.append(moves.joints(positions[-1], speed, ramp))
         else:
             usual = ToolLimits()
-            speeds = PathSpeed(
+            speeds = ToolLimits(
                 primitive.velocity or usual.speed, primitive.acceleration or usual.acceleration
             )
-            if primitive.via is None:
-                turns = only_turns(arm, start, target)
-                texts.append(moves.line(target, speeds, tool=frame, turns=turns).text)
-            else:
-                via = passing(arm, trajectory.positions[begin : end + 1], primitive.via)
-                texts.append(moves.arc(via, target, speeds, tool=frame).text)
+            texts.append(moves.path(arm, tool, positions, speeds, primitive.via))
         begin = end
     text = '; '.join(texts)
     if len(text) > MOST_CHARACTERS:
         raise _invalid(f'{len(primitives)} motions: more than one $Execute takes: send fewer')
-    return Statement(text)
+    return text
 
 
 def _share(asked: float | None, limits: Array) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery_factory import delivery_rules
-from epson_driver.driver.delivery.statements import Moves, last_point
+from epson_driver.driver.delivery.statements import Moves, Statement, last_point
 from epson_driver.driver.driver import Driver, DriverEvents
 from epson_driver.driver.goal.goal import Goal, GoalSettings, Tolerances, cause_timeout
 from epson_driver.driver.io.gripper_wiring import GripperWiring
@@ -20,7 +20,6 @@ from epson_driver.driver.state.joint_mapping import joint_mapping
 from epson_driver.driver.state.plausibility import Margins
 from epson_driver.error_texts import load_error_texts
 from epson_driver.inputs import InputError
-from epson_driver.link.replies import Statement
 from epson_driver.motion import Array, Trajectory
 from epson_driver.motion.point_to_point import straight
 from epson_driver.profiles import ControllerProfile, load_controller_profile
@@ -94,7 +93,7 @@ class Setup:
 
     def joint_move(
         self, start: Array, target: Array, speed: float, acceleration: float
-    ) -> tuple[Trajectory, Callable[[Moves], Statement]]:
+    ) -> tuple[Trajectory, Callable[[Moves], str]]:
         """Return the straight trajectory in joint space, and a function that writes its statement.
 
         start, target: shape (n,), rad (m). speed, acceleration: fractions of the limits, (0, 1].
@@ -103,7 +102,7 @@ class Setup:
         way = straight(start, target, limits, speed, acceleration, sampled=self.interpolates)
         return way, lambda moves: moves.joints(target, speed, acceleration)
 
-    def goal(self, trajectory: Trajectory, statement: Statement | None = None) -> Goal:
+    def goal(self, trajectory: Trajectory, statement: str | None = None) -> Goal:
         """Return the goal of a trajectory, with the tolerances of the settings.
 
         statement: performs the whole motion on a controller without a point interface.
@@ -116,7 +115,7 @@ class Setup:
             path_tolerance=path if path.checked else None,
             units=self.model.limits.units,
             may_end_moving=self.values['allow_nonzero_velocity_at_trajectory_end'],
-            message=statement,
+            message=None if statement is None else Statement(statement),
         )
 
 

@@ -10,18 +10,16 @@ import pytest
 from support.event_loop import run, until
 from support.remote_peer import HOME, READY, RemotePeer
 
-from epson_driver.driver.delivery.trajectory_points import STOP
 from epson_driver.link.connection import READ_SIZE_BYTES
 from epson_driver.link.remote_link import MAX_LINE_BYTES, LineFramer, RemoteLink
-from epson_driver.link.replies import Statement
 from epson_driver.remote_ethernet.client import RemoteError
-from epson_driver.simple_message import FrameError, JointPosition, ReplyCode, Status, TriState
+from epson_driver.simple_message import FrameError, JointPosition, Status, TriState
 
-MOVE = Statement('Go JA(1, 0, 0, 0, 0, 0)')
+MOVE = 'Go JA(1, 0, 0, 0, 0, 0)'
 
 
 class Linked:
-    """A link that runs, what it told, and the answers to what was posted."""
+    """A link that runs, what it told, and the answers to its commands."""
 
     def __init__(self, port, password=''):
         self.told = []
@@ -44,9 +42,6 @@ class Linked:
         self._task.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await self._task
-
-    def post(self, message):
-        self.link.post(message, lambda packet, _: self.answers.append(packet))
 
     def told_of(self, kind):
         return [message for message in self.told if isinstance(message, kind)]
@@ -90,7 +85,7 @@ async def test_while_a_statement_is_under_way_there_are_no_joints_and_the_arm_mo
     peer = RemotePeer(Execute=motion(None))
     async with peer, Linked(peer.port) as there:
         await until(lambda: there.told_of(JointPosition))
-        there.post(MOVE)
+        there.link.move(MOVE, there.answers.append)
         assert there.link.joints_withheld
         there.told.clear()
         await until(lambda: len(there.told) > 3)
@@ -106,14 +101,13 @@ async def test_abort_passes_a_statement_and_both_answers_find_who_asked():
     peer.answers['Abort'] = '!Execute,99\r\n#Abort,0'
     async with peer, Linked(peer.port) as there:
         await until(lambda: there.told_of(JointPosition))
-        there.post(MOVE)
+        there.link.move(MOVE, there.answers.append)
         await until(lambda: len(peer.given('Execute')) > 1)
-        there.post(STOP)
+        there.link.abort(there.answers.append)
         await until(lambda: len(there.answers) == 2)
     moved, stopped = there.answers
-    assert moved.reply_code is ReplyCode.FAILURE
-    assert 'error 99' in moved.message.why
-    assert stopped.reply_code is ReplyCode.SUCCESS
+    assert moved.number == 99
+    assert stopped == '0'
 
 
 @pytest.mark.invariant(3)
@@ -123,12 +117,12 @@ async def test_a_motion_that_was_not_sent_yet_is_never_sent_after_a_stop():
         await until(lambda: there.told_of(JointPosition))
         before = len(peer.given('Execute'))
         await until(lambda: len(peer.given('Execute')) > before)  # the state is being asked
-        there.post(MOVE)
-        there.post(STOP)
+        there.link.move(MOVE, there.answers.append)
+        there.link.abort(there.answers.append)
         await until(lambda: len(there.answers) == 2)
         there.told.clear()
         await until(lambda: there.told_of(JointPosition))
-    assert there.answers[0].reply_code is ReplyCode.FAILURE
+    assert isinstance(there.answers[0], RemoteError)
     assert not any('Go' in line for line in peer.lines)
 
 
@@ -137,8 +131,8 @@ async def test_an_aborted_statement_that_is_not_answered_ends_the_connection():
     peer = RemotePeer(Execute=motion(None))
     async with peer, Linked(peer.port) as there:
         await until(lambda: there.told_of(JointPosition))
-        there.post(MOVE)
-        there.post(STOP)
+        there.link.move(MOVE, there.answers.append)
+        there.link.abort(there.answers.append)
         await until(lambda: peer.connections == 2)
     assert 'the aborted command is not answered' in there.why()
     assert 'goes on to the end of the command' in there.why()

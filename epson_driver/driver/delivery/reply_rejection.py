@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether a reply rejects its request, and the reason as text."""
 
-from epson_driver.link.replies import StatementReply
+from epson_driver.driver.delivery.statements import StatementReply
 from epson_driver.simple_message import MotionReply, Packet, ReplyCode
 from epson_driver.simple_message.motoman import Invalid, NotReady, Result
 

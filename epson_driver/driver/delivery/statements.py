@@ -7,18 +7,33 @@ Plans of several points and streams are therefore refused. The error text names 
 """
 
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
-from epson_driver.driver.delivery.delivery import Delivery, DeliveryRules, PreparedTrajectory
+from epson_driver.driver.delivery.delivery import (
+    Delivery,
+    DeliveryRules,
+    OnReply,
+    PreparedTrajectory,
+)
 from epson_driver.driver.outcome import ErrorCode, GoalRejectedError
 from epson_driver.driver.state.joint_mapping import JointMapping
-from epson_driver.link import Link
-from epson_driver.link.replies import Statement
+from epson_driver.link.remote_link import RemoteLink
 from epson_driver.motion import Array, JointLimits, Trajectory
+from epson_driver.remote_ethernet.client import RemoteError
+from epson_driver.robots.kinematics import Kinematics, uvw
+from epson_driver.simple_message import Message, ReplyCode, reply
+from epson_driver.tool_motion.tool_trajectory import ToolLimits
 
 TOOL_NUMBER = 15
 """Number of the controller's tool that TLSet sets for motions of a tool."""
+
+SAME_M = 1e-6
+"""Tool motion below which the tool only turns, m."""
+
+MAX_LOOKS = 2000
+"""Maximum number of planned positions that are compared with the point on an arc."""
 
 AT_START = 0.02
 """Distance from the arm, rad or m, within which a first point is not a waypoint."""
@@ -37,18 +52,21 @@ FIXED_SPEED = (
     'give each motion its speed, or stop it'
 )
 
-ToolFrame = tuple[float, float, float, float, float, float]
-"""A tool frame in the flange, as in TLSet: x, y, z in mm, u, v, w in degrees."""
+
+@dataclass(frozen=True, slots=True)
+class Statement(Message):
+    """SPEL+ statements that move the arm, in the form of `$Execute`. It ends with their motion."""
+
+    text: str
+    duration: float = inf
+    """The controller plans the motion, so its duration is not limited, s."""
 
 
-@dataclass(frozen=True)
-class PathSpeed:
-    """Speed and acceleration of the tool, m/s, m/s², and of its rotation, rad/s, rad/s²."""
+@dataclass(frozen=True, slots=True)
+class StatementReply(Message):
+    """The reply to a Statement or to `$Abort`. `why`: the failure's reason as a clause, or ''."""
 
-    speed: float
-    acceleration: float
-    turn_speed: float = 1.0
-    turn_acceleration: float = 10.0
+    why: str = ''
 
 
 @dataclass(frozen=True)
@@ -81,39 +99,40 @@ class Moves:
         self.load: Load | None = None
         """Payload set with each motion. None: the controller's own setting."""
 
-    def joints(self, target: Array, speed: float, acceleration: float) -> Statement:
+    def joints(self, target: Array, speed: float, acceleration: float) -> str:
         """Return a joint move. speed, acceleration: fractions of the controller's, (0, 1]."""
         percent, ramp = _percent(speed), _percent(acceleration)
         text = f'Speed {percent}; Accel {ramp}, {ramp}; Go {self._point(target)}'
-        return Statement(f'{self._settings}; {text}')
+        return f'{self._settings}; {text}'
 
-    def line(
-        self, target: Array, speeds: PathSpeed, *, tool: ToolFrame | None, turns: bool = False
-    ) -> Statement:
-        """Return a line of the flange or a tool. turns: only the orientation changes."""
-        return self._path(f'Move {self._point(target)}{" ROT" if turns else ""}', speeds, tool)
+    def path(
+        self,
+        arm: Kinematics,
+        tool: Array,
+        positions: Array,
+        limits: ToolLimits,
+        via: Array | None = None,
+    ) -> str:
+        """Return a line, or a circular arc through `via`, shape (3,), m.
 
-    def arc(
-        self, via: Array, target: Array, speeds: PathSpeed, *, tool: ToolFrame | None
-    ) -> Statement:
-        """Return a circular arc through `via`, of the flange or a tool."""
-        return self._path(f'Arc3 {self._point(via)}, {self._point(target)}', speeds, tool)
+        tool: in the flange, shape (4, 4), m. positions: planned for it from the start, (k, n).
+        """
+        target = self._point(positions[-1])
+        if via is None:
+            start, end = (arm.forward(row)[:3, 3] for row in positions[[0, -1]])
+            text = f'Move {target}{" ROT" if np.linalg.norm(end - start) < SAME_M else ""}'
+        else:
+            text = f'Arc3 {self._point(_passing(arm, positions, via))}, {target}'
+        given = (
+            f'SpeedS {limits.speed * 1e3:.4g}; AccelS {limits.acceleration * 1e3:.4g}; '
+            f'SpeedR {np.degrees(limits.turn_speed):.4g}; '
+            f'AccelR {np.degrees(limits.turn_acceleration):.4g}'
+        )
+        return f'{self._settings}; {given}; {_tool(tool)}; {text}'
 
     @property
     def _settings(self) -> str:
         return f'{"" if self.load is None else self.load.text}{self._power}'
-
-    def _path(self, text: str, speeds: PathSpeed, tool: ToolFrame | None) -> Statement:
-        chosen = 'Tool 0'
-        if tool is not None:
-            frame = ', '.join(f'{value:.4f}' for value in tool)
-            chosen = f'TLSet {TOOL_NUMBER}, XY({frame}); Tool {TOOL_NUMBER}'
-        given = (
-            f'SpeedS {speeds.speed * 1e3:.4g}; AccelS {speeds.acceleration * 1e3:.4g}; '
-            f'SpeedR {np.degrees(speeds.turn_speed):.4g}; '
-            f'AccelR {np.degrees(speeds.turn_acceleration):.4g}'
-        )
-        return Statement(f'{self._settings}; {given}; {chosen}; {text}')
 
     def _point(self, joints: Array) -> str:
         counted = self._mapping.positions_to_controller(joints)
@@ -135,9 +154,10 @@ class StatementDelivery(Delivery):
     )
 
     def __init__(
-        self, link: Link, limits: JointLimits, mapping: JointMapping, rules: DeliveryRules
+        self, link: RemoteLink, limits: JointLimits, mapping: JointMapping, rules: DeliveryRules
     ) -> None:
         super().__init__(link, limits, mapping, rules)
+        self._remote = link
         self.moves = Moves(limits, mapping, rules.power)
 
     def prepare(self, trajectory: Trajectory, start: Array) -> PreparedTrajectory:
@@ -151,9 +171,46 @@ class StatementDelivery(Delivery):
         target, duration = trajectory.positions[-1], max(trajectory.duration, 1e-3)
         needed = float(np.max(np.abs(target - start) / self._limits.velocity)) / duration
         share = min(max(needed, self._rules.slowest), 1.0)
-        move = self.moves.joints(target, share, share)
+        move = Statement(self.moves.joints(target, share, share))
         return PreparedTrajectory(last_point(trajectory), [move])
+
+    def post(self, message: Message, on_reply: OnReply) -> None:
+        """Send a Statement, or STOP as `$Abort`. Raises ConnectionError."""
+
+        def answered(value: str | Exception) -> None:
+            if isinstance(value, ConnectionError):
+                return  # the link reports its end
+            why = ''
+            if isinstance(value, RemoteError):
+                why = f'{value.meaning} (error {value.number})'
+            code = ReplyCode.FAILURE if why else ReplyCode.SUCCESS
+            on_reply(reply(StatementReply(why), code), self._remote.last_received)
+
+        if isinstance(message, Statement):
+            self._remote.move(message.text, answered)
+        else:
+            self._remote.abort(answered)
 
 
 def _percent(share: float) -> int:
     return min(max(round(share * 100), 1), 100)
+
+
+def _passing(arm: Kinematics, positions: Array, via: Array) -> Array:
+    """Return joints with the tool at `via`, and turned as at the nearest planned position."""
+    positions = positions[:: len(positions) // MAX_LOOKS + 1]
+    poses = [arm.forward(row) for row in positions]
+    nearest = int(np.argmin([np.linalg.norm(pose[:3, 3] - via) for pose in poses]))
+    pose = poses[nearest].copy()
+    pose[:3, 3] = via
+    found = arm.inverse(pose, positions[nearest])
+    return np.asarray(found[0] if len(found) else positions[nearest])
+
+
+def _tool(pose: Array) -> str:
+    """Return the statements that choose a tool in the flange, shape (4, 4), m."""
+    if np.allclose(pose, np.eye(4), atol=1e-9):
+        return 'Tool 0'
+    frame = [*(pose[:3, 3] * 1e3), *np.degrees(uvw(pose[:3, :3]))]
+    values = ', '.join(f'{value:.4f}' for value in frame)
+    return f'TLSet {TOOL_NUMBER}, XY({values}); Tool {TOOL_NUMBER}'
