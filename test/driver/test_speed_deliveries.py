@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The speed scaling where points are sent long before the arm moves: download, Motoman's queue."""
+"""Speed scaling where points are sent long before execution: download and Motoman's queue."""
 
 import contextlib
 from dataclasses import replace
@@ -23,7 +23,7 @@ STEPS = [pose(0.1 * step) for step in range(1, 9)]
 
 @contextlib.asynccontextmanager
 async def cell_of(name, **motion):
-    """Run an enabled driver with the controller of a profile; yield it and the points it takes."""
+    """Run an enabled driver with the controller of a profile; yield it and the points received."""
     profile = load_controller_profile(name)
     profile = replace(profile, motion=replace(profile.motion, **motion))
     defaults = profile_defaults(profile)
@@ -47,8 +47,8 @@ async def cell_of(name, **motion):
         yield harness, points
 
 
-def test_points_that_are_sent_ahead_are_as_slow_as_it_is_when_their_turn_comes():
-    """All points of a plan of 1 s leave at one moment, in which the factor begins to fall."""
+def test_points_sent_ahead_have_the_speed_at_their_execution():
+    """All points of a plan of 1 s are sent at the moment at which the factor starts to fall."""
     line = np.linspace([0.0, 0.0], [1.0, 0.5], 6)
     harness = goal_execution_harness.Harness(line, step=STEP, start=False)
     harness.scaling.set(0.1, harness.now)
@@ -66,7 +66,7 @@ def test_points_that_are_sent_ahead_are_as_slow_as_it_is_when_their_turn_comes()
 
 
 @pytest.mark.parametrize('factor', [1.0, 0.5])
-async def test_a_download_has_the_speed_that_is_set_when_it_begins(factor):
+async def test_download_has_the_speed_scaling_of_its_start(factor):
     async with cell_of('abb') as (harness, points):
         harness.driver.goal_queue.set_speed(factor)
         assert (await harness.submit(*STEPS, step=STEP).end()).end is End.SUCCEEDED
@@ -75,7 +75,7 @@ async def test_a_download_has_the_speed_that_is_set_when_it_begins(factor):
         np.testing.assert_allclose(harness.at, STEPS[-1], atol=1e-3)
 
 
-async def test_a_download_that_runs_takes_no_lower_speed_and_no_pause():
+async def test_running_download_refuses_lower_speed_and_pause():
     async with cell_of('abb') as (harness, points):
         goal = harness.submit(*STEPS, step=STEP)
         await harness.until_moving()

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A driver and the simulated controller of each profile: streaming, download, Motoman's way."""
+"""A driver with the simulated controller of each profile: streaming, download and Motoman."""
 
 import asyncio
 import contextlib
@@ -18,6 +18,7 @@ from support.driver_harness import (
     ScriptedController,
     Submitted,
     pose,
+    scripted_cell,
     simulated,
 )
 from support.event_loop import until
@@ -56,7 +57,7 @@ AT_GOAL = 0.01
 
 @contextlib.asynccontextmanager
 async def cell_of(profile, interface=None, *, enabled=True, **options):
-    """Run a driver with the controller of a profile; yield both, and every packet it received."""
+    """Run a driver with the controller of a profile; yield both and all packets received."""
     if isinstance(profile, str):
         profile = load_controller_profile(profile)
     defaults = profile_defaults(profile)
@@ -78,7 +79,7 @@ async def cell_of(profile, interface=None, *, enabled=True, **options):
 
 
 def watch(controller):
-    """Return a list that fills with the packets which the motion program takes."""
+    """Return a list that collects the packets received by the motion program."""
     packets = []
     take = controller.program.receive
 
@@ -91,7 +92,7 @@ def watch(controller):
 
 
 def where(controller):
-    """Return where the controller sees its joints, rad."""
+    """Return the controller's joint positions, rad."""
     return np.array(controller.joint_position().joints[:JOINTS])
 
 
@@ -127,26 +128,21 @@ def there_and_back():
 
 
 def dense():
-    """Twenty points with velocities, along a straight line with a smooth start and end."""
+    """Return 20 points with velocities along a straight line with a smooth start and end."""
     share = np.linspace(0.0, 1.0, 20)
     smooth, rate = 3 * share**2 - 2 * share**3, 6 * share - 6 * share**2
-    return plan(share * 1.0, np.outer(smooth, B), np.outer(rate, B))
-
-
-PLANS = {'line': line, 'there and back': there_and_back, 'dense': dense}
+    return plan(share, np.outer(smooth, B), np.outer(rate, B))
 
 
 # ---- the same plans on every controller
 
 
 @pytest.mark.parametrize('name', quickly(['motoman', 'fanuc'], PROFILES, several=False))
-async def test_the_same_three_plans_succeed_on_every_controller(name):
+async def test_three_plans_succeed_on_every_controller(name):
     async with cell_of(name) as (harness, controller, _):
-        for make in PLANS.values():
-            begin = where(controller)
-            start = plan([0.0, 0.5], [begin, HOME])
+        for goal in (line(), there_and_back(), dense()):
+            start = plan([0.0, 0.5], [where(controller), HOME])
             assert (await hand_in(harness, start).end()).end is End.SUCCEEDED
-            goal = make()
             outcome = await hand_in(harness, goal).end()
             assert outcome.end is End.SUCCEEDED, outcome
             assert not controller.in_motion
@@ -176,16 +172,14 @@ async def test_both_interfaces_execute_a_plan(name, interface):
         ('motoman', (50240, 50241, 50242, 0, 'streaming', 'joint_traj_pt_full')),
     ],
 )
-def test_a_profile_gives_the_defaults(name, values):
-    given = profile_defaults(load_controller_profile(name))
+def test_profile_sets_the_default_parameters(name, values):
+    defaults = profile_defaults(load_controller_profile(name))
     ports = ('motion_port', 'state_port', 'io_port', 'remote_port')
-    assert tuple(given[key] for key in (*ports, 'interface', 'point_message')) == values
+    assert tuple(defaults[key] for key in (*ports, 'interface', 'point_message')) == values
 
 
-def test_a_refused_goal_waits_for_the_status_of_its_controller():
-    waits = {name: cause_timeout(load_controller_profile(name).state) for name in PROFILES}
-    assert waits['simulated'] == pytest.approx(GoalSettings().cause_timeout)
-    assert waits['fanuc'] > 11 * 0.0238
+def test_time_to_wait_for_a_refusal_status_depends_on_the_status_rate():
+    assert cause_timeout(load_controller_profile('fanuc').state) > 11 * 0.0238
 
 
 @pytest.mark.parametrize(
@@ -200,7 +194,7 @@ def test_a_refused_goal_waits_for_the_status_of_its_controller():
         ('motoman', 'streaming', 'joint_traj_pt', 'takes joint_traj_pt_full only'),
     ],
 )
-def test_parameters_that_do_not_go_together(name, interface, message, text):
+def test_contradictory_delivery_parameters_are_refused(name, interface, message, text):
     with pytest.raises(ValueError, match=text):
         delivery_rules(load_controller_profile(name), interface, message)
 
@@ -208,7 +202,7 @@ def test_parameters_that_do_not_go_together(name, interface, message, text):
 # ---- download
 
 
-async def test_a_download_that_is_too_long_is_refused_before_anything_is_sent():
+async def test_too_long_download_is_refused_before_sending():
     async with cell_of('abb') as (harness, _, received):
         times = np.arange(101) * 0.05
         shares = np.linspace(0.0, 1.0, 101)
@@ -221,41 +215,40 @@ async def test_a_download_that_is_too_long_is_refused_before_anything_is_sent():
         assert (await hand_in(harness, allowed).end()).end is End.SUCCEEDED
 
 
-async def test_a_single_point_is_sent_twice():
+async def test_download_sends_a_single_point_twice():
     async with cell_of('simulated', 'download') as (harness, controller, received):
         outcome = await hand_in(harness, plan([0.5], [A])).end()
         assert outcome.end is End.SUCCEEDED, outcome
         first, last = (packet.message for packet in received)
         assert (first.sequence, last.sequence) == (-1, -3)
         assert last == replace(first, sequence=-3, duration=last.duration)
-        assert last.duration == pytest.approx(MIN_DURATION_S)  # the arm is there already
+        assert last.duration == pytest.approx(MIN_DURATION_S)  # the arm is already there
         assert np.abs(where(controller) - A).max() < 1e-4
 
 
-async def test_a_download_waits_for_the_dead_time_of_all_points():
-    """The arm stands for seconds after the last point was sent; nothing may take that for the end.
+async def test_download_goal_waits_for_the_dead_time_of_all_points():
+    """The arm rests for seconds after the last point is sent, and the goal must not end then.
 
-    The plan ends where it begins, and is short enough to be at its goal all the time.
+    The plan ends where it starts, and the arm never leaves the goal tolerance.
     """
-
     usual = load_controller_profile('simulated')
     download = replace(usual.program.download, dead_time=0.15)
     slow = replace(usual, program=replace(usual.program, download=download))
     async with cell_of(slow, 'download') as (harness, controller, received):
         shares = np.concatenate([np.linspace(0, 1, 6), np.linspace(1, 0, 6)])
         goal = plan(np.arange(12) * 0.1, np.outer(shares, pose(0.005)))
-        goal_in = hand_in(harness, goal)
+        submitted = hand_in(harness, goal)
         await until(lambda: len(received) == 12)
         moved = False
-        while not goal_in.outcomes:
+        while not submitted.outcomes:
             moved |= controller.in_motion
             await asyncio.sleep(0.005)
-        assert goal_in.outcome.end is End.SUCCEEDED
+        assert submitted.outcome.end is End.SUCCEEDED
         assert moved
         assert not controller.in_motion
 
 
-async def test_stop_of_a_download_is_a_request_and_ends_the_goal_at_rest():
+async def test_cancel_of_a_download_sends_stop_as_a_request():
     async with cell_of('abb') as (harness, controller, received):
         goal = hand_in(harness, plan([0.0, 3.0], [HOME, pose(1.5)]))
         await harness.until_moving()
@@ -270,8 +263,8 @@ async def test_stop_of_a_download_is_a_request_and_ends_the_goal_at_rest():
         assert where(controller)[0] < 1.4
 
 
-async def test_a_download_that_the_controller_refuses_ends_with_its_error():
-    """Its joints are counted otherwise, and so the goal is beyond a limit that it alone knows."""
+async def test_download_refused_by_the_controller_ends_with_its_error():
+    """A joint offset lets the goal exceed a limit that only the controller knows."""
     mapping = joint_mapping(JOINTS, [1], [-2.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0)
     async with cell_of('simulated', 'download', mapping=mapping) as (harness, controller, _):
         goal = hand_in(harness, plan([0.0, 1.0], [harness.at, harness.at + pose(3.5)]))
@@ -281,20 +274,9 @@ async def test_a_download_that_the_controller_refuses_ends_with_its_error():
         assert not controller.in_motion
 
 
-async def test_an_e_stop_ends_a_download():
-    async with cell_of('abb') as (harness, controller, _):
-        goal = hand_in(harness, plan([0.0, 3.0], [HOME, pose(1.5)]))
-        await harness.until_moving()
-        controller.apply(Event.ESTOP_PRESS)
-        outcome = await goal.end()
-        assert outcome.end is End.ABORTED
-        assert 'E-stop' in outcome.text
-        assert harness.gate is not None
-
-
 @pytest.mark.invariant(7)
-async def test_inv7_a_long_download_never_fills_the_memory():
-    """docs/invariants.md, 7: points wait while the controller does not read."""
+async def test_inv7_long_download_queues_a_bounded_number_of_bytes():
+    """Points wait while the controller does not read."""
     usual = load_controller_profile('simulated')
     download = replace(usual.program.download, buffer=10_000, dead_time=0.0)
     profile = replace(usual, program=replace(usual.program, download=download))
@@ -302,12 +284,12 @@ async def test_inv7_a_long_download_never_fills_the_memory():
         count = 5000
         shares = np.linspace(0.0, 1.0, count)
         goal = hand_in(harness, plan(np.arange(count) * 0.01, np.outer(shares, A)))
-        most = 0
+        max_unsent = 0
         while len(received) < count:
-            most = max(most, harness.driver.motion_link.unsent)
+            max_unsent = max(max_unsent, harness.driver.motion_link.unsent)
             assert not goal.outcomes, goal.outcome
             await asyncio.sleep(0)
-        assert most < 32768
+        assert max_unsent < 32768
         assert [packet.message.sequence for packet in received[1:-1]] == [*range(1, count - 1)]
         harness.driver.goal_queue.cancel(goal.handle)
         assert (await goal.end()).end is End.CANCELED
@@ -316,7 +298,7 @@ async def test_inv7_a_long_download_never_fills_the_memory():
 # ---- Motoman
 
 
-async def test_motoman_gets_its_mode_then_points_with_time_position_and_velocity():
+async def test_motoman_receives_its_mode_and_full_points():
     async with cell_of('motoman') as (harness, _, received):
         goal = dense()
         outcome = await hand_in(harness, goal).end()
@@ -325,7 +307,7 @@ async def test_motoman_gets_its_mode_then_points_with_time_position_and_velocity
         assert isinstance(mode, MotionCtrl)
         assert mode.command == Command.START_TRAJ_MODE
         assert all(isinstance(point, JointTrajPtFull) for point in points)
-        # A point that finds the controller BUSY is sent again.
+        # a point is repeated after BUSY
         points = [point for point, _ in itertools.groupby(points)]
         assert [point.sequence for point in points] == [*range(20)]
         assert {point.valid_fields for point in points} == {7}
@@ -336,7 +318,7 @@ async def test_motoman_gets_its_mode_then_points_with_time_position_and_velocity
         np.testing.assert_allclose(velocities, plan_sent.velocities, atol=1e-6)
 
 
-async def test_a_busy_motoman_gets_the_same_point_again_until_it_takes_it():
+async def test_point_is_repeated_while_motoman_is_busy():
     motoman = load_controller_profile('motoman')
     small = replace(motoman, motion=replace(motoman.motion, pending_limit=2))
     async with cell_of(small) as (harness, controller, received):
@@ -347,13 +329,13 @@ async def test_a_busy_motoman_gets_the_same_point_again_until_it_takes_it():
             for packet in received
             if isinstance(packet.message, JointTrajPtFull)
         ]
-        assert len(sequences) > 20  # some came more than once
+        assert len(sequences) > 20  # some are repeated
         assert sequences == sorted(sequences)
         assert set(sequences) == set(range(20))
         assert np.abs(where(controller) - B).max() < 1e-4
 
 
-async def test_a_busy_point_is_not_sent_again_after_stop():
+async def test_busy_point_is_not_repeated_after_stop():
     motoman = load_controller_profile('motoman')
     small = replace(motoman, motion=replace(motoman.motion, pending_limit=1))
     async with cell_of(small) as (harness, controller, received):
@@ -372,7 +354,7 @@ async def test_a_busy_point_is_not_sent_again_after_stop():
         assert not controller.in_motion
 
 
-async def test_a_motoman_that_refuses_says_why():
+async def test_refused_goal_reports_the_reason_of_motoman():
     async with cell_of('motoman') as (harness, controller, _):
         controller.apply(Event.PAUSE)
         outcome = await hand_in(harness, line()).end()
@@ -381,13 +363,13 @@ async def test_a_motoman_that_refuses_says_why():
         assert '5007: the controller is on hold' in outcome.text
 
 
-async def test_stop_reaches_a_motoman_that_does_nothing():
+async def test_stop_of_an_idle_motoman_sends_stop_motion():
     async with cell_of('motoman') as (harness, _, received):
         assert 'acknowledged STOP' in await harness.commands.stop()
         assert received[-1].message.command == Command.STOP_MOTION
 
 
-async def test_a_plan_that_begins_beside_the_arm_takes_it_there_slowly():
+async def test_motoman_plan_starts_with_a_slow_approach():
     async with cell_of('motoman') as (harness, controller, received):
         goal = plan([0.0, 0.01, 0.5], [pose(0.01), pose(0.0101), A])
         outcome = await hand_in(harness, goal).end()
@@ -404,7 +386,7 @@ async def test_a_plan_that_begins_beside_the_arm_takes_it_there_slowly():
 
 
 @pytest.mark.parametrize('factor', [0.5, 0.1])
-async def test_motomans_times_and_velocities_follow_the_speed_scaling(factor):
+async def test_speed_scaling_changes_motoman_times_and_velocities(factor):
     async with cell_of('motoman') as (harness, _, received):
         harness.driver.goal_queue.set_speed(factor)
         goal = plan([0.0, 0.1, 0.2], [HOME, pose(0.02), pose(0.04)])
@@ -419,7 +401,7 @@ async def test_motomans_times_and_velocities_follow_the_speed_scaling(factor):
 # ---- the state
 
 
-async def test_motoman_measures_velocities_itself():
+async def test_velocities_measured_by_motoman_are_used():
     async with cell_of('motoman') as (harness, _, _):
         goal = hand_in(harness, plan([0.0, 1.0], [HOME, pose(1.0)]))
         await harness.until_moving()
@@ -440,7 +422,7 @@ async def test_motoman_measures_velocities_itself():
         assert max(abs(sample.velocities[0]) for _, sample in measured) > 0.1
 
 
-async def test_joints_are_counted_as_ros_does_in_both_directions():
+async def test_joint_mapping_applies_to_state_and_points():
     mapping = joint_mapping(JOINTS, [1, -1, 1, 1, 1, -1], [0.1, 0.0, 0, 0, 0, 0], 1)
     async with cell_of('generic', mapping=mapping) as (harness, controller, received):
         start = mapping.positions_to_ros(where(controller))
@@ -448,53 +430,47 @@ async def test_joints_are_counted_as_ros_does_in_both_directions():
         target = start + pose(0.2, 0.15, -0.1, 0.0, 0.0, 0.3)
         goal = hand_in(harness, plan([0.0, 0.5], [start, target]))
         assert (await goal.end()).end is End.SUCCEEDED
-        wanted = mapping.positions_to_controller(target)
-        assert np.abs(where(controller) - wanted).max() < 1e-4
+        expected = mapping.positions_to_controller(target)
+        assert np.abs(where(controller) - expected).max() < 1e-4
         np.testing.assert_allclose(harness.at, target, atol=1e-6)
         sent = received[-1].message
         assert isinstance(sent, JointTrajPt)
-        way = np.abs(mapping.velocities_to_controller(target - start)) / 0.5
-        assert sent.velocity == pytest.approx(max(way / LIMITS.velocity), rel=1e-6)
+        speeds = np.abs(mapping.velocities_to_controller(target - start)) / 0.5
+        assert sent.velocity == pytest.approx(max(speeds / LIMITS.velocity), rel=1e-6)
 
 
-async def test_the_final_states_are_reached_in_every_delivery():
-    """A goal that a controller ends by itself leaves nothing behind that could be sent later."""
-    for name in ('simulated', 'abb', 'motoman'):
-        async with cell_of(name) as (harness, _, received):
-            goal = hand_in(harness, dense())
-            await until(lambda got=received: len(got) >= 2)
-            await harness.commands.disable()
-            assert goal.handle.execution.state is GoalState.ABORTED
-            count = len(received)
-            await asyncio.sleep(0.1)
-            assert len(received) == count
+@pytest.mark.parametrize('name', ['simulated', 'abb', 'motoman'])
+async def test_nothing_is_sent_after_a_disabled_goal_ends(name):
+    async with cell_of(name) as (harness, _, received):
+        goal = hand_in(harness, dense())
+        await until(lambda: len(received) >= 2)
+        await harness.commands.disable()
+        assert goal.handle.execution.state is GoalState.ABORTED
+        count = len(received)
+        await asyncio.sleep(0.1)
+        assert len(received) == count
 
 
-# ---- before anything is known
+# ---- without state messages
 
 
-async def test_what_is_sent_before_any_state_has_the_byte_order_of_the_profile():
+async def test_byte_order_is_the_profiles_until_a_state_arrives():
     async with ScriptedController() as controller:
         fanuc = load_controller_profile('fanuc').byte_order
         harness = Harness(controller.ports, usual_byte_order=fanuc)
         assert harness.driver.motion_link.dialect.byte_order is fanuc
-        async with harness:  # but this one is little endian, and shows it
+        async with harness:
             await harness.ready()
             assert harness.driver.motion_link.dialect.byte_order is ByteOrder.LITTLE
 
 
-async def test_full_points_without_motomans_commands():
-    """As Staubli's server takes them: each is a request, answered with a JOINT_POSITION."""
+async def test_full_points_are_sent_without_motoman_commands():
+    """Like Staubli's server, the controller answers each point with a JOINT_POSITION."""
     rules = DeliveryRules(point_message='joint_traj_pt_full')
-    async with (
-        ScriptedController() as controller,
-        Harness(controller.ports, delivery=rules) as harness,
-    ):
-        await harness.ready()
-        await harness.commands.enable()
+    async with scripted_cell(delivery=rules) as (harness, controller):
         outcome = await hand_in(harness, line()).end()
         await until(lambda: controller.received == [0, 0, -4])  # group 0 twice, then STOP
-        assert 'the arm stands, and joint_1 is 0.2 rad from the goal' in outcome.text
+        assert 'joint_1 is 0.2 rad from the goal' in outcome.text
 
 
 OK, NO = ReplyCode.SUCCESS, ReplyCode.FAILURE
@@ -521,10 +497,10 @@ OK, NO = ReplyCode.SUCCESS, ReplyCode.FAILURE
         (reply(MotionReply(0, 3, 14, 9, 77), OK), 'result 9, 77: not a known subcode'),
     ],
 )
-def test_a_reply_in_words(packet, text):
+def test_reply_rejection_is_described(packet, text):
     assert reply_rejection(packet) == text
 
 
-def test_every_number_has_words():
+def test_every_motoman_result_and_subcode_is_described():
     assert RESULTS.keys() == set(Result) - {Result.SUCCESS}
     assert SUBCODES.keys() == {*Invalid, *NotReady}

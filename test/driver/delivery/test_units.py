@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Sentences about a prismatic joint have metres, those about its neighbours rad."""
+"""Texts about a prismatic joint use metres, those about a revolute joint rad."""
 
 import re
 from dataclasses import replace
@@ -35,11 +35,11 @@ def moved(joint, by):
     ('joint', 'by', 'unit', 'limits'),
     [(2, 0.1, 'm', '-0.15 … 0'), (3, 9.0, 'rad', '-6.28319 … 6.28319')],
 )
-def test_a_position_out_of_range(joint, by, unit, limits):
-    found = next(problems(plan(HOME, moved(joint, by)), LIMITS))
+def test_units_of_a_position_out_of_range(joint, by, unit, limits):
+    problem = next(problems(plan(HOME, moved(joint, by)), LIMITS))
     value = f'{HOME[joint] + by:.6g}'
     name = f'joint_{joint + 1}'
-    assert found == (
+    assert problem == (
         f'point 1, {name}: position {value} {unit} is outside the limits {limits} {unit}'
     )
     rejection = angles_rejection(moved(joint, by), LIMITS)
@@ -49,26 +49,26 @@ def test_a_position_out_of_range(joint, by, unit, limits):
 
 
 @pytest.mark.parametrize(('joint', 'by', 'unit'), [(2, -0.08, 'm'), (3, -1.0, 'rad')])
-def test_velocities(joint, by, unit):
+def test_units_of_velocities(joint, by, unit):
     fast = plan(HOME, moved(joint, by), times=(0.0, 0.001))
-    (found,) = problems(fast, LIMITS)
+    (problem,) = problems(fast, LIMITS)
     velocity = f'{LIMITS.velocity[joint]:.6g}'
-    assert found == (
+    assert problem == (
         f'points 0 to 1, joint_{joint + 1}: {abs(by) / 0.001:.6g} {unit}/s would be needed, '
         f'the velocity limit is {velocity} {unit}/s'
     )
-    given = np.zeros((2, 4))
-    given[1, joint] = 0.5
-    moving = plan(HOME, moved(joint, by), velocities=given)
+    velocities = np.zeros((2, 4))
+    velocities[1, joint] = 0.5
+    moving = plan(HOME, moved(joint, by), velocities=velocities)
     with pytest.raises(GoalRejectedError, match=rf'the last velocity, 0\.5 {unit}/s, must be 0'):
         check_limits(moving, LIMITS)
-    given[1, joint] = np.nan
-    (found,) = problems(plan(HOME, HOME, velocities=given), LIMITS)
-    assert found == f'point 1, joint_{joint + 1}: velocities = nan {unit}/s is not finite'
+    velocities[1, joint] = np.nan
+    (problem,) = problems(plan(HOME, HOME, velocities=velocities), LIMITS)
+    assert problem == f'point 1, joint_{joint + 1}: velocities = nan {unit}/s is not finite'
 
 
 @pytest.mark.parametrize(('joint', 'unit'), [(2, 'm'), (3, 'rad')])
-def test_a_start_beside_the_arm(joint, unit):
+def test_units_of_a_start_away_from_the_arm(joint, unit):
     name = f'joint_{joint + 1}'
     with pytest.raises(GoalRejectedError) as caught:
         check_start(plan(HOME, HOME), moved(joint, -0.05), LIMITS, 0.02)
@@ -79,7 +79,7 @@ def test_a_start_beside_the_arm(joint, unit):
 
 
 @pytest.mark.parametrize(('joint', 'unit'), [(2, 'm'), (3, 'rad')])
-def test_motomans_points(joint, unit):
+def test_units_of_motoman_points(joint, unit):
     name = f'joint_{joint + 1}'
     point = JointTrajPtFull(0, 0, 7, 0.1, joint_data(HOME))
     reason = invalid_start(point, moved(joint, -0.05), LIMITS)
@@ -90,7 +90,7 @@ def test_motomans_points(joint, unit):
     assert re.search(rf'^{name}: .* {unit}/s is above the limit, .* {unit}/s$', reason.sentence)
 
 
-def test_a_violated_tolerance():
+def test_units_of_a_violated_tolerance():
     allowed = Tolerances(np.full(4, 0.01), np.full(4, 0.1))
     off = np.zeros(4)
     off[2] = 0.02
