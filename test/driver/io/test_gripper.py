@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A gripper by two outputs and two inputs, at the simulated controller's I/O, in virtual time."""
+"""A gripper with two outputs and two inputs at the simulated controller's I/O."""
 
 import asyncio
 import contextlib
@@ -23,39 +23,39 @@ HOLDS = GripperState(False, False)
 
 
 @contextlib.asynccontextmanager
-async def cell(**jaws):
-    """Yield a gripper, its jaws, and the simulated controller."""
+async def cell(**options):
+    """Yield a gripper, its jaws and the simulated controller."""
     async with (
         simulated() as (controller, ports),
         Harness(ports, io_port=ports.io) as harness,
     ):
-        made = TwoJaws(controller, WIRING, **jaws)
+        jaws = TwoJaws(controller, WIRING, **options)
         await until(lambda: harness.driver.io.states)
-        yield Gripper(harness.driver.io, WIRING), made, controller
+        yield Gripper(harness.driver.io, WIRING), jaws, controller
 
 
-async def test_it_opens_and_closes_and_says_where_it_is():
+async def test_gripper_opens_and_closes_and_reports_its_state():
     async with cell() as (gripper, jaws, _):
         assert await gripper.state() == CLOSED
-        began = now()
+        start = now()
         assert await gripper.move(opened=True) == OPENED
-        assert jaws.travel <= now() - began < jaws.travel + 0.2
+        assert jaws.travel <= now() - start < jaws.travel + 0.2
         assert await gripper.move(opened=True) == OPENED
         assert await gripper.move(opened=False) == CLOSED
         assert [state.position(0.08) for state in (OPENED, CLOSED, HOLDS)] == [0.08, 0, 0.04]
 
 
-async def test_what_it_holds_is_known_after_its_time():
+async def test_gripper_reports_a_held_part_after_its_time():
     async with cell() as (gripper, jaws, _):
         await gripper.move(opened=True)
         jaws.part = True
-        began = now()
+        start = now()
         assert await gripper.move(opened=False) == HOLDS
-        assert now() - began == pytest.approx(WIRING.time, abs=0.2)
+        assert now() - start == pytest.approx(WIRING.time, abs=0.2)
 
 
 @pytest.mark.invariant(9)
-async def test_jaws_that_do_not_move_are_an_error_that_says_which_input_is_missing():
+async def test_inv9_stuck_jaws_are_an_error_with_the_missing_input():
     async with cell() as (gripper, jaws, _):
         jaws.stuck = True
         with pytest.raises(GripperError, match=r'DI 4 \(opened\) did not come on within 2 s'):
@@ -68,7 +68,7 @@ async def test_jaws_that_do_not_move_are_an_error_that_says_which_input_is_missi
             await gripper.move(opened=False)
 
 
-async def test_a_newer_command_takes_the_place_of_one_that_waits():
+async def test_newer_command_replaces_a_waiting_one():
     async with cell() as (gripper, _, _):
         opening = asyncio.create_task(gripper.move(opened=True))
         await asyncio.sleep(0.1)
@@ -78,7 +78,7 @@ async def test_a_newer_command_takes_the_place_of_one_that_waits():
 
 
 @pytest.mark.invariant(9)
-async def test_without_io_it_says_that_nothing_is_known_and_that_the_outputs_were_not_set():
+async def test_inv9_lost_io_is_an_error_of_move_and_state():
     async with cell() as (gripper, _, controller):
         controller.apply(Event.ESTOP_PRESS)
         with pytest.raises(GripperError, match='outputs of the gripper were not set: '):
@@ -96,7 +96,7 @@ async def test_both_inputs_on_are_a_wiring_error():
             await gripper.move(opened=True)
 
 
-async def test_the_outputs_are_never_both_on():
+async def test_outputs_are_never_both_on():
     async with cell() as (gripper, jaws, _):
         for opened in (True, False, True):
             await gripper.move(opened=opened)
@@ -114,22 +114,22 @@ async def test_the_outputs_are_never_both_on():
         ({'time': float('nan')}, 'time = nan: must be a number'),
     ],
 )
-def test_a_wiring_that_cannot_be_is_refused(wrong, expected):
-    good = {name: getattr(WIRING, name) for name in WIRING.__dataclass_fields__}
+def test_invalid_wiring_is_refused(wrong, expected):
+    valid = {name: getattr(WIRING, name) for name in WIRING.__dataclass_fields__}
     with pytest.raises(ValueError, match=expected):
-        GripperWiring(**good | wrong)
+        GripperWiring(**valid | wrong)
 
 
 @pytest.mark.invariant(9)
 @pytest.mark.parametrize(
-    ('wiring', 'said'),
+    ('wiring', 'reason'),
     [
         (replace(WIRING, opened_input=999), 'the inputs of the gripper are not known: '),
         (replace(WIRING, open_output=999), 'the outputs of the gripper were not set: '),
     ],
 )
-async def test_inv9_points_that_the_controller_has_not_are_an_error_that_names_them(wiring, said):
+async def test_inv9_points_missing_at_the_controller_are_an_error(wiring, reason):
     async with cell() as (gripper, _, _):
-        odd = Gripper(gripper._io, wiring)
-        with pytest.raises(GripperError, match=f'{said}.*999'):
-            await odd.move(opened=True)
+        miswired = Gripper(gripper._io, wiring)
+        with pytest.raises(GripperError, match=f'{reason}.*999'):
+            await miswired.move(opened=True)

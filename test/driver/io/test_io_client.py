@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The client's I/O by each of its ways, against simulated controllers and bad servers."""
+"""The I/O client with each backend, against simulated controllers and faulty servers."""
 
 import asyncio
 import contextlib
@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from support.driver_harness import Harness, simulated
-from support.event_loop import now, run, until
+from support.event_loop import now, until
 from support.sim_process import vacant_port
 
 from epson_driver.driver.io.io_client import MAX_POINTS, make_io
@@ -48,7 +48,7 @@ EVERY = pytest.mark.parametrize('profile', ['simulated', 'rc700a', 'motoman'])
 
 
 class Client:
-    """The I/O of a driver that runs, and every state that it told: the values, or the reason."""
+    """The I/O of a driver, and its reported states: the values, or the reason for their lack."""
 
     def __init__(
         self,
@@ -70,11 +70,11 @@ class Client:
         )
         if dialect is not None:
             self.io.follow(dialect)
-        self.told = []
-        self.io.on_states = self._tell
+        self.reports = []
+        self.io.on_states = self._report
 
-    def _tell(self):
-        self.told.append(self.io.reason or self.values)
+    def _report(self):
+        self.reports.append(self.io.reason or self.values)
 
     @property
     def values(self):
@@ -93,9 +93,9 @@ class Client:
         await until(lambda: self.io.states)
 
     async def rejection(self, *addresses):
-        """Return why a read has no answer."""
+        """Return why a read is refused."""
         with pytest.raises(IoUnavailableError) as error:
-            await self.io.read([IoAddress(*each) for each in addresses or [(DI, 0)]])
+            await self.io.read([IoAddress(*address) for address in addresses or [(DI, 0)]])
         return str(error.value)
 
 
@@ -105,17 +105,17 @@ def frame(msg_type, *words, comm_type=3, reply_code=SUCCESS):
 
 
 def readings(message_id, words, value):
-    """Return the reply to a READ, with `value(index)` for each of its points."""
+    """Return the reply to a READ, with value(index) for each of its points."""
     points = list(zip(words[1::2], words[2::2], strict=True))
-    told = [word for kind, index in points for word in (kind, index, 1, value(index))]
-    return frame(READ, message_id, 0, len(points), *told)
+    items = [word for kind, index in points for word in (kind, index, 1, value(index))]
+    return frame(READ, message_id, 0, len(points), *items)
 
 
 class ScriptedServer:
-    """A server whose `answer(number, msg_type, message_id, words)` is the test's.
+    """A server scripted by `answer(number, msg_type, message_id, words)`.
 
-    It returns the bytes to send, or None to hang up. `requests` are (msg_type, words) as they
-    came, of all connections.
+    The answer is the bytes to send, or None to close the connection. `requests` are
+    (msg_type, words) of all connections.
     """
 
     def __init__(self, answer):
@@ -151,24 +151,24 @@ class ScriptedServer:
 
 
 def four_inputs(_number, msg_type, message_id, words):
-    """Answer as a controller with four digital inputs does, whose values are 0 0 0 1."""
+    """Answer like a controller with four digital inputs, whose values are 0 0 0 1."""
     if msg_type == INFO:
         return frame(INFO, message_id, 0, 1, DI, 0, 4, 2)
     return readings(message_id, words, lambda index: int(index == 3))
 
 
-def asked_once(msg_type, words):
-    """Return whether a user asked, and not the client itself: it asks for all four inputs."""
+def is_user_read(msg_type, words):
+    """Return whether a user sent the request, because the client itself reads all four inputs."""
     return msg_type == READ and words[0] != 4
 
 
 @contextlib.asynccontextmanager
 async def cell(profile, **options):
-    """Yield a client that knows the values of a simulated controller, and that."""
+    """Run a client with a simulated controller until it knows the values; yield both."""
     async with simulated(profile=profile) as (controller, ports):
-        held = load_controller_profile(profile).io
-        port = ports.remote if held.access == 'remote_ethernet' else ports.io
-        async with Client(port, profile=held, **options) as client:
+        io_profile = load_controller_profile(profile).io
+        port = ports.remote if io_profile.access == 'remote_ethernet' else ports.io
+        async with Client(port, profile=io_profile, **options) as client:
             await client.known()
             yield client, controller
 
@@ -177,7 +177,7 @@ async def cell(profile, **options):
 
 
 @pytest.mark.parametrize('dialect', [LITTLE_ENDIAN, BIG_ENDIAN])
-async def test_values_are_told_at_first_and_when_one_changes(dialect):
+async def test_values_are_reported_first_and_on_change(dialect):
     async with (
         simulated(dialect) as (controller, ports),
         Client(ports.io, dialect=dialect) as client,
@@ -185,27 +185,22 @@ async def test_values_are_told_at_first_and_when_one_changes(dialect):
         await client.known()
         assert client.values[DI, 0] == (0,) * 24
         assert client.values[DO, 0] == (0,) * 16
-        await asyncio.sleep(0.3)  # the questions go on, and the answers say nothing new
-        assert len(client.told) == 1
+        await asyncio.sleep(0.3)  # polled values are unchanged
+        assert len(client.reports) == 1
         controller.io.set_input(DI, 3, 1)
-        await until(lambda: len(client.told) > 1)
+        await until(lambda: len(client.reports) > 1)
         assert client.values[DI, 0][3] == 1
         assert client.values[GI, 0][0] == 8
         await asyncio.sleep(0.3)
-        assert len(client.told) == 2
+        assert len(client.reports) == 2
 
 
 @pytest.mark.parametrize('profile', ['simulated', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman'])
-async def test_io_with_every_profile_of_the_simulated_controller(profile):
-    """Through a whole driver: the way is the profile's, the byte order the state messages'."""
+async def test_driver_io_works_with_every_profile(profile):
+    io_profile = load_controller_profile(profile).io
     async with (
         simulated(profile=profile) as (controller, ports),
-        Harness(
-            ports,
-            io_port=ports.io,
-            remote_port=ports.remote,
-            io=load_controller_profile(profile).io,
-        ) as harness,
+        Harness(ports, io_port=ports.io, io=io_profile) as harness,
     ):
         io = harness.driver.io
         await until(lambda: io.states)
@@ -216,8 +211,8 @@ async def test_io_with_every_profile_of_the_simulated_controller(profile):
         assert (answer.value, answer.text) == (1, '')
 
 
-async def test_an_rc700a_with_an_io_server_by_the_profile_that_docs_show(tmp_path):
-    """Remote Ethernet has no analogue points: that one is set shows which way it went."""
+async def test_documented_profile_of_an_rc700a_with_an_io_server_works(tmp_path):
+    """An analogue output shows that the I/O server is used: Remote Ethernet has none."""
     page = (Path(__file__).parents[3] / 'docs/io.md').read_text(encoding='utf-8')
     (block,) = re.findall(r'```yaml\n(like: rc700a\n.*?)```', page, flags=re.DOTALL)
     file = tmp_path / 'rc700a_io_server.yaml'
@@ -227,7 +222,7 @@ async def test_an_rc700a_with_an_io_server_by_the_profile_that_docs_show(tmp_pat
 
     async with (
         simulated(profile=str(file)) as (controller, ports),
-        Harness(ports, io_port=ports.io, remote_port=ports.remote, io=profile.io) as harness,
+        Harness(ports, io_port=ports.io, io=profile.io) as harness,
     ):
         io = harness.driver.io
         await until(lambda: io.states)
@@ -236,142 +231,61 @@ async def test_an_rc700a_with_an_io_server_by_the_profile_that_docs_show(tmp_pat
         assert (controller.io.read(DO, 2), controller.io.read(AO, 1)) == (1, -2500)
 
 
-def test_every_request_ends_whenever_the_connection_is_cut():
-    """Cuts after random times, with requests on their way: an answer or a reason, and a return."""
+async def test_every_request_ends_if_the_connection_is_cut():
+    """Pending requests return a value or a reason if the link is cut at a random time."""
     times = random.Random(11)
 
-    async def ask(io):
+    async def read(io):
         try:
             (answer,) = await io.read([IoAddress(DI, 3)])
         except IoUnavailableError as error:
             return str(error)
         return answer.value
 
-    async def test():
-        async with simulated() as (_, ports), Client(ports.io) as client:
-            for _cut in range(20):
-                await client.known()
-                asked = [asyncio.create_task(ask(client.io)) for _ in range(5)]
-                await asyncio.sleep(times.uniform(0.0, 0.004))
-                client.io.link.transport.abort()
-                for answer in await asyncio.gather(*asked):
-                    assert answer == 0 or 'no I/O link' in answer
-                await until(lambda: not client.io.states)
+    async with simulated() as (_, ports), Client(ports.io) as client:
+        for _cut in range(20):
             await client.known()
-            assert [isinstance(each, dict) for each in client.told] == [True, False] * 20 + [True]
-
-    run(test())
-
-
-async def test_reading_and_writing_points_and_groups():
-    async with simulated() as (controller, ports), Client(ports.io) as client:
+            reads = [asyncio.create_task(read(client.io)) for _ in range(5)]
+            await asyncio.sleep(times.uniform(0.0, 0.004))
+            client.io.link.transport.abort()
+            for answer in await asyncio.gather(*reads):
+                assert answer == 0 or 'no I/O link' in answer
+            await until(lambda: not client.io.states)
         await client.known()
-        controller.io.set_input(AI, 1, -2500)
-        written = await client.io.write(
-            [
-                IoSetting(DO, 15, 1),
-                IoSetting(GO, 0, 0xA5),
-                IoSetting(AO, 0, 5000),
-                IoSetting(FLAG, 511, 1),
-            ]
-        )
-        assert [(each.result, each.text) for each in written] == [(1, '')] * 4
-        addresses = [(GO, 1000), (AI, 1), (AO, 0), (FLAG, 511), (DO, 7)]
-        read = await client.io.read([IoAddress(*each) for each in addresses])
-        assert [(each.io_type, each.index) for each in read] == addresses
-        assert [each.value for each in read] == [0x80A5, -2500, 5000, 1, 1]
-        await until(lambda: client.values[GO, 0][0] == 0xA5)
-
-
-async def test_every_wrong_point_has_its_sentence_and_keeps_no_other_from_being_done():
-    cases = [
-        ((DO, 0, 1), ''),
-        ((DO, 16, 1), 'DO 16 = 1: the controller has 0 to 15'),
-        ((DI, 3, 1), 'DI 3 = 1: an input cannot be written'),
-        ((DO, 2, 5), 'DO 2 = 5: must be 0 or 1'),
-        ((AO, 0, 10001), "AO 0 = 10001: beyond the range of the controller's analogue outputs"),
-        ((GO, 1, 256), 'GO 1 = 256: must be 0 to 255'),
-        ((GO, 7, 1), 'GO 7 = 1: the controller has 0 to 1 and 1000 to 1000'),
-        ((9, 4, 1), 'type 9, index 4 = 1: there is no such type, only 1 to 7'),
-        ((DO, 1, 1), ''),
-    ]
-
-    async with simulated() as (controller, ports), Client(ports.io) as client:
-        await client.known()
-        answers = await client.io.write([IoSetting(*case) for case, _ in cases])
-        for (case, text), answer in zip(cases, answers, strict=True):
-            assert (answer.io_type, answer.index, answer.value) == case
-            assert answer.text.startswith(text)
-            assert (answer.result == SUCCESS) is (not text) is (not answer.text)
-        assert controller.io.read(DO, 0) == controller.io.read(DO, 1) == 1
-        (answer,) = await client.io.read([IoAddress(DI, 24)])
-        assert answer.text == 'DI 24: the controller has 0 to 23'
-        assert answer.value == 0
+        assert [isinstance(r, dict) for r in client.reports] == [True, False] * 20 + [True]
 
 
 @pytest.mark.invariant(6)
-async def test_no_values_while_the_io_server_does_not_run_and_again_when_it_does():
-    """Invariant 6: an E-stop silences the I/O server; old values are not shown as known."""
+async def test_inv6_values_are_unknown_while_the_io_server_is_stopped_by_an_estop():
     async with simulated() as (controller, ports), Client(ports.io, timeout=0.3) as client:
         await client.known()
         controller.apply(Event.ESTOP_PRESS)
         await until(lambda: not client.io.states)
-        (said,) = client.told[1:]
-        assert 'its I/O server does not run now (E-stop' in said
-        assert said == await client.rejection()
+        (reason,) = client.reports[1:]
+        assert 'its I/O server does not run now (E-stop' in reason
+        assert reason == await client.rejection()
         with pytest.raises(IoUnavailableError, match='refused'):
             await client.io.write([IoSetting(DO, 0, 1)])
         await asyncio.sleep(1.0)
-        assert len(client.told) == 2
+        assert len(client.reports) == 2
         controller.apply(Event.ESTOP_RELEASE)
         controller.apply(Event.RESET)
         await client.known()
-        assert client.told[2] == client.values
-        assert client.io.link.statistics.connections == 1  # outputs would fall to safe
+        assert client.reports[2] == client.values
+        assert client.io.link.statistics.connections == 1  # a new one would reset the outputs
 
 
-async def test_a_controller_that_returns_is_subscribed_to_again():
-    async with simulated() as (_, ports), Client(ports.io) as client:
-        await client.known()
-        client.io.link.transport.abort()  # the cable
-        await until(lambda: len(client.told) == 3)
-        assert 'no I/O link' in client.told[1]
-        assert client.told[2] == client.told[0]
+# --- controllers without I/O, and faulty ones -------------------------------------------------
 
 
-# --- controllers without I/O, and bad ones ----------------------------------------------------
-
-
-async def test_a_server_that_hangs_up_at_once_is_said_once(caplog):
-    caplog.set_level(logging.INFO)
-
-    async with ScriptedServer(lambda *_: None) as server, Client(server.port) as client:
-        await until(lambda: client.io.link.statistics.connections >= 4)
-        assert len(client.told) == 1
-        assert 'closed by the controller' in client.told[0]
-    assert len(caplog.messages) == 1
-
-
-async def test_a_server_that_knows_no_io_is_asked_ever_less_and_said_once(caplog):
-    caplog.set_level(logging.INFO)
-
-    rejection = frame(INFO, reply_code=FAILURE)
-    async with ScriptedServer(lambda *_: rejection) as server, Client(server.port) as client:
-        await until(lambda: len(server.requests) == 3)
-        began = now()
-        await until(lambda: len(server.requests) == 4)
-        assert now() - began > 0.9
-        assert len(client.told) == 1
-        assert 'does not know I/O requests' in client.told[0]
-        assert client.io.link.statistics.connections == 1
-    assert len(caplog.messages) == 1
-
-
-async def test_something_else_on_the_port_is_said_once(caplog):
+@pytest.mark.parametrize(
+    ('greeting', 'reason'), [(b'', 'closed by'), (b'SSH-2.0-OpenSSH_9.6\r\n', 'length')]
+)
+async def test_server_without_the_protocol_is_reported_once(greeting, reason, caplog):
     caplog.set_level(logging.INFO)
 
     async def greet(_reader, writer):
-        writer.write(b'SSH-2.0-OpenSSH_9.6\r\n')
+        writer.write(greeting)
         with contextlib.suppress(ConnectionError):
             await writer.drain()
         writer.close()
@@ -379,18 +293,34 @@ async def test_something_else_on_the_port_is_said_once(caplog):
     server = await asyncio.start_server(greet, '127.0.0.1', 0)
     async with server, Client(server.sockets[0].getsockname()[1]) as client:
         await until(lambda: client.io.link.statistics.connections >= 4)
-        assert len(client.told) == 1
-        assert 'length' in client.told[0]
-        assert client.io.link.statistics.bad_frames['length'] >= 3
+        (report,) = client.reports
+        assert reason in report
+        if greeting:
+            assert client.io.link.statistics.bad_frames['length'] >= 3
     assert len(caplog.messages) == 1
 
 
-async def test_a_late_reply_answers_its_own_request_only():
-    """The first read's reply comes after it was given up, with the second read's."""
+async def test_server_without_io_is_polled_less_and_reported_once(caplog):
+    caplog.set_level(logging.INFO)
+
+    rejection = frame(INFO, reply_code=FAILURE)
+    async with ScriptedServer(lambda *_: rejection) as server, Client(server.port) as client:
+        await until(lambda: len(server.requests) == 3)
+        start = now()
+        await until(lambda: len(server.requests) == 4)
+        assert now() - start > 0.9
+        assert len(client.reports) == 1
+        assert 'does not know I/O requests' in client.reports[0]
+        assert client.io.link.statistics.connections == 1
+    assert len(caplog.messages) == 1
+
+
+async def test_late_reply_does_not_answer_the_next_request():
+    """The reply to the first read arrives after its timeout, with the reply to the second."""
     late = []
 
     def answer(number, msg_type, message_id, words):
-        if not asked_once(msg_type, words):
+        if not is_user_read(msg_type, words):
             return four_inputs(number, msg_type, message_id, words)
         late.append(frame(READ, message_id, 0, 1, DI, 3, 1, len(late)))
         return b'' if len(late) == 1 else late[0] + late[1]
@@ -403,12 +333,12 @@ async def test_a_late_reply_answers_its_own_request_only():
         assert client.io.link.statistics.unsolicited_replies == 1
 
 
-async def test_requests_at_the_same_time_are_sent_one_after_the_other():
-    held = []
+async def test_simultaneous_requests_are_sent_in_sequence():
+    requests = []
 
     def answer(number, msg_type, message_id, words):
-        if asked_once(msg_type, words):
-            held.append(number)
+        if is_user_read(msg_type, words):
+            requests.append(number)
         return four_inputs(number, msg_type, message_id, words)
 
     async with ScriptedServer(answer) as server, Client(server.port) as client:
@@ -416,11 +346,11 @@ async def test_requests_at_the_same_time_are_sent_one_after_the_other():
         reads = [client.io.read([IoAddress(DI, index)]) for index in (2, 3)]
         answers = await asyncio.gather(*reads)
         assert [answer.value for (answer,) in answers] == [0, 1]
-        assert len(held) == 2
+        assert len(requests) == 2
 
 
 @pytest.mark.parametrize(
-    ('reply', 'said'),
+    ('reply', 'reason'),
     [
         (lambda message_id: frame(READ, message_id, 0, 1, DI, 1, 1, 1), 'about other points'),
         (lambda message_id: frame(READ, message_id, 0, 0), 'about other points'),
@@ -430,18 +360,18 @@ async def test_requests_at_the_same_time_are_sent_one_after_the_other():
     ],
     ids=['other address', 'no items', 'no body', 'FAILURE', 'cut'],
 )
-async def test_replies_that_are_none(reply, said):
+async def test_invalid_reply_is_reported(reply, reason):
     def answer(number, msg_type, message_id, words):
-        if not asked_once(msg_type, words):
+        if not is_user_read(msg_type, words):
             return four_inputs(number, msg_type, message_id, words)
         return reply(message_id)
 
     async with ScriptedServer(answer) as server, Client(server.port) as client:
         await client.known()
-        assert said in await client.rejection((DI, 3))
+        assert reason in await client.rejection((DI, 3))
 
 
-async def test_a_write_without_a_reply_says_that_it_may_have_been_done():
+async def test_write_without_a_reply_reports_an_unknown_result():
     def answer(number, msg_type, message_id, words):
         if msg_type == INFO:
             return frame(INFO, message_id, 0, 1, DO, 0, 4, 2)
@@ -455,16 +385,16 @@ async def test_a_write_without_a_reply_says_that_it_may_have_been_done():
         assert [msg_type for msg_type, _ in server.requests].count(WRITE) == 1
 
 
-async def test_publications_that_nobody_asked_for_change_nothing():
+async def test_unsolicited_publications_are_ignored():
     async with ScriptedServer(four_inputs) as server, Client(server.port) as client:
         await client.known()
         server.writers[-1].write(frame(65206, 0, 1, DI, 0, 4, 1, 1, 1, 1, comm_type=1))
         await asyncio.sleep(0.3)
-        assert client.told == [{(DI, 0): (0, 0, 0, 1)}]
+        assert client.reports == [{(DI, 0): (0, 0, 0, 1)}]
 
 
 @pytest.mark.invariant(6)
-async def test_values_that_are_not_answered_become_unknown_and_are_asked_for_again():
+async def test_inv6_values_without_a_reply_become_unknown_and_are_polled_again():
     silent = False
 
     def answer(number, msg_type, message_id, words):
@@ -473,15 +403,15 @@ async def test_values_that_are_not_answered_become_unknown_and_are_asked_for_aga
     async with ScriptedServer(answer) as server, Client(server.port, timeout=0.2) as client:
         await client.known()
         silent = True
-        await until(lambda: len(client.told) == 2)
+        await until(lambda: len(client.reports) == 2)
         silent = False
-        await until(lambda: len(client.told) == 3)
+        await until(lambda: len(client.reports) == 3)
         known = {(DI, 0): (0, 0, 0, 1)}
-        assert client.told == [known, 'no reply from the I/O server within 0.2 s', known]
+        assert client.reports == [known, 'no reply from the I/O server within 0.2 s', known]
         assert client.io.link.statistics.connections == 1
 
 
-async def test_ranges_that_are_refused_do_not_keep_the_others(caplog):
+async def test_refused_range_does_not_prevent_others(caplog):
     caplog.set_level(logging.INFO)
 
     def answer(number, msg_type, message_id, words):
@@ -495,12 +425,14 @@ async def test_ranges_that_are_refused_do_not_keep_the_others(caplog):
     assert 'not all can be read: AI 0: this index cannot do this' in caplog.text
 
 
+HUGE = (DI, 0, 2**31 - 1, 2)
+
+
 @pytest.mark.invariant(7)
-async def test_inv7_a_server_that_says_to_have_any_number_of_points_is_asked_for_few():
+async def test_inv7_huge_announced_range_is_not_polled():
     def answer(number, msg_type, message_id, words):
         if msg_type == INFO:
-            few = (DI, 0, 100, 2)
-            return frame(INFO, message_id, 0, 3, DI, 0, 2**31 - 1, 2, *few, AI, -5, -1, 2)
+            return frame(INFO, message_id, 0, 3, *HUGE, DI, 0, 100, 2, AI, -5, -1, 2)
         return four_inputs(number, msg_type, message_id, words)
 
     async with ScriptedServer(answer) as server, Client(server.port) as client:
@@ -509,7 +441,7 @@ async def test_inv7_a_server_that_says_to_have_any_number_of_points_is_asked_for
         assert max(words[1] for msg_type, words in server.requests if msg_type == READ) == 60
 
 
-async def test_without_a_byte_order_it_waits_for_the_state_messages():
+async def test_requests_wait_for_a_byte_order():
     async with (
         ScriptedServer(four_inputs) as server,
         Client(server.port, dialect=None) as client,
@@ -527,44 +459,44 @@ async def test_without_a_byte_order_it_waits_for_the_state_messages():
         await client.known()
 
 
-async def test_a_driver_without_io_works_and_one_with_io_follows_the_state():
-    async with simulated(BIG_ENDIAN) as (_, ports):
-        async with Harness(ports, io_port=ports.io) as harness:
-            await harness.ready()
-            await until(lambda: harness.driver.io.states)
-        async with Harness(ports, io_port=vacant_port()) as harness:
-            await harness.ready()
-            await until(lambda: 'refused' in harness.driver.io.reason)
-            assert harness.events.links[-1][0] == 'connected'
-            assert harness.running
+async def test_driver_works_without_an_io_server():
+    async with (
+        simulated() as (_, ports),
+        Harness(ports, io_port=vacant_port()) as harness,
+    ):
+        await harness.ready()
+        await until(lambda: 'refused' in harness.driver.io.reason)
+        assert harness.events.links[-1][0] == 'connected'
+        assert harness.running
 
 
-def test_sentences_where_the_ranges_are_not_known():
+def test_result_texts_without_known_ranges():
     assert sentence(2001, DO, 16, 1, ()) == 'DO 16 = 1: there is no such index'
     assert sentence(1001, AI, 0, None, ()) == 'AI 0: the controller has no AI'
     assert sentence(2002, GO, 1000, -1, ()) == 'GO 1000 = -1: must be 0 to 65535'
+    assert sentence(2002, AO, 0, 10001, ()).startswith('AO 0 = 10001: beyond the range of ')
     assert sentence(77, DO, 1, 1, ()) == 'DO 1 = 1: result 77, which has no meaning here'
     twelve = [IoRange(DO, 0, 12, 3)]
     assert sentence(2002, GO, 1, 16, twelve) == 'GO 1 = 16: must be 0 to 15'
 
 
 @pytest.mark.invariant(9)
-async def test_inv9_a_controller_without_points_is_told():
+async def test_inv9_controller_without_points_is_reported():
     def talk(_number, _msg_type, message_id, _words):
         return frame(INFO, message_id, 0, 0)
 
     async with ScriptedServer(talk) as server, Client(server.port) as client:
-        await until(lambda: client.told)
-        assert client.told == ['the controller has no I/O whose values can be shown']
+        await until(lambda: client.reports)
+        assert client.reports == ['the controller has no I/O whose values can be shown']
         assert client.io.place == f'127.0.0.1:{server.port}'
         assert not client.io.states
 
 
-# --- all ways -----------------------------------------------------------------------------------
+# --- all backends------------------------------------------------------------------------------
 
 
 @EVERY
-async def test_inputs_are_shown_as_they_change(profile):
+async def test_changing_inputs_are_reported(profile):
     async with cell(profile) as (client, controller):
         controller.io.set_input(DI, 3, 1)
         await until(lambda: client.values[DI, 0][3] == 1)
@@ -581,21 +513,34 @@ async def test_points_and_groups_are_read_and_written(profile):
         written = await client.io.write([IoSetting(DO, 1, 1), IoSetting(GO, 1, 0x5A)])
         assert [answer.text for answer in written] == ['', '']
         addresses = [(DI, 8), (DI, 9), (GI, 1), (DO, 1), (GO, 0), (GO, 1)]
-        answers = await client.io.read([IoAddress(*each) for each in addresses])
+        answers = await client.io.read([IoAddress(*address) for address in addresses])
         assert [answer.value for answer in answers] == [1, 0, 0x81, 1, 2, 0x5A]
         assert all(answer.result == IoResult.SUCCESS for answer in answers)
 
 
-async def test_remote_ethernet_has_words_and_memory_bits():
-    async with cell('rc700a') as (client, controller):
-        controller.io.set_input(GI, 1000, 0xA55A)
-        settings = [IoSetting(GO, 1000, 0xF00F), IoSetting(FLAG, 511, 1)]
-        assert [each.text for each in await client.io.write(settings)] == ['', '']
-        addresses = [IoAddress(GI, 1000), IoAddress(GO, 1000), IoAddress(FLAG, 511)]
-        assert [each.value for each in await client.io.read(addresses)] == [0xA55A, 0xF00F, 1]
+WORDS = {(GO, 1000): 0xF00F, (FLAG, 511): 1}
+"""Outputs that both Remote Ethernet and the I/O server have."""
 
 
-async def test_outputs_of_motoman_are_shown_too():
+@pytest.mark.parametrize(
+    ('profile', 'outputs', 'inputs'),
+    [
+        ('simulated', WORDS | {(AO, 0): 5000}, {(GI, 1000): 0xA55A, (AI, 1): -2500}),
+        ('rc700a', WORDS, {(GI, 1000): 0xA55A}),
+    ],
+)
+async def test_words_flags_and_analogue_points_are_read_and_written(profile, outputs, inputs):
+    async with cell(profile) as (client, controller):
+        for address, value in inputs.items():
+            controller.io.set_input(*address, value)
+        settings = [IoSetting(*address, value) for address, value in outputs.items()]
+        assert {answer.text for answer in await client.io.write(settings)} == {''}
+        values = outputs | inputs
+        answers = await client.io.read([IoAddress(*address) for address in values])
+        assert [answer.value for answer in answers] == [*values.values()]
+
+
+async def test_motoman_outputs_are_reported():
     async with cell('motoman') as (client, _):
         await client.io.write([IoSetting(DO, 39, 1)])
         await until(lambda: client.values[DO, 0][39] == 1)
@@ -614,9 +559,7 @@ async def test_outputs_of_motoman_are_shown_too():
         ((GO, 0, 256), 'GO 0 = 256: must be 0 to 255'),
     ],
 )
-async def test_what_cannot_be_is_refused_in_the_words_of_every_way_and_the_rest_is_done(
-    profile, item, expected
-):
+async def test_invalid_points_are_refused_and_the_others_are_handled(profile, item, expected):
     async with cell(profile) as (client, _):
         ask, kind = (client.io.write, IoSetting) if len(item) == 3 else (client.io.read, IoAddress)
         good = (DO, 0, 1)[: len(item)]
@@ -625,40 +568,40 @@ async def test_what_cannot_be_is_refused_in_the_words_of_every_way_and_the_rest_
         assert right.text == ''
 
 
-def test_the_last_group_holds_no_more_than_its_points():
+def test_last_group_is_limited_to_its_points():
     ranges = ranges_of(IoProfile(digital_outputs=12), words=True, flags=False)
-    given = ((1, 15), (1, 16), (1000, 4095), (1000, 4096))
-    allowed = [rejection(GO, *each, ranges) for each in given]
+    values = ((1, 15), (1, 16), (1000, 4095), (1000, 4096))
+    results = [rejection(GO, index, value, ranges) for index, value in values]
     good, bad = IoResult.SUCCESS, IoResult.VALUE_OUT_OF_RANGE
-    assert allowed == [good, bad, good, bad]
+    assert results == [good, bad, good, bad]
     assert rejection(FLAG, 0, None, ranges) is IoResult.TYPE_UNSUPPORTED
 
 
 @EVERY
 @pytest.mark.invariant(6)
-async def test_where_nothing_listens_it_is_said_once_and_each_request_is_answered(profile, caplog):
+async def test_inv6_closed_port_is_reported_once_and_requests_end(profile, caplog):
     caplog.set_level(logging.INFO)
     async with Client(vacant_port(), profile=load_controller_profile(profile).io) as client:
         await asyncio.sleep(5.0)
-        assert len(client.told) == 1
-        assert 'refused' in client.told[0]
+        assert len(client.reports) == 1
+        assert 'refused' in client.reports[0]
         assert 'Connection refused' in await client.rejection()
     assert len(caplog.messages) == 1
 
 
 @pytest.mark.invariant(6)
-async def test_a_cut_link_is_told_and_the_values_come_back():
+async def test_inv6_cut_link_is_reported_and_the_values_return():
     async with cell('motoman') as (client, controller):
         controller.faults.start(parse('cut port=io for=2'))
         await until(lambda: not client.io.states)
-        assert 'no I/O link' in client.told[-1]
+        assert 'no I/O link' in client.reports[-1]
         await until(lambda: client.io.states)
-        assert [isinstance(each, dict) for each in client.told] == [True, False, True]
+        assert [isinstance(report, dict) for report in client.reports] == [True, False, True]
 
 
 @pytest.mark.invariant(9)
-async def test_inv9_a_link_that_goes_between_two_points_leaves_it_open_whether_they_are_set():
-    """MotoROS has a request for each point."""
+async def test_inv9_link_lost_between_two_points_leaves_the_result_unknown():
+    """MotoROS needs a request for each point."""
     client = Client(1, profile=load_controller_profile('motoman').io)
     answers = iter([Told(), IoUnavailableError('no I/O link')])
 
@@ -674,91 +617,88 @@ async def test_inv9_a_link_that_goes_between_two_points_leaves_it_open_whether_t
 
 @EVERY
 @pytest.mark.invariant(9)
-async def test_a_port_that_never_answers_ends_each_request_in_its_time(profile):
-    async def hear(reader, writer):
+async def test_inv9_silent_port_ends_each_request_in_time(profile):
+    async def read(reader, writer):
         await reader.read()
         writer.close()
 
-    quiet = await asyncio.start_server(hear, '127.0.0.1', 0)
-    port = quiet.sockets[0].getsockname()[1]
-    held = load_controller_profile(profile).io
-    said = 'no I/O link: a reply is missing' if profile == 'motoman' else 'may have been written'
-    async with quiet, Client(port, profile=held, timeout=0.5) as client:
+    silent = await asyncio.start_server(read, '127.0.0.1', 0)
+    port = silent.sockets[0].getsockname()[1]
+    io_profile = load_controller_profile(profile).io
+    text = 'no I/O link: a reply is missing' if profile == 'motoman' else 'may have been written'
+    async with silent, Client(port, profile=io_profile, timeout=0.5) as client:
         await asyncio.sleep(0.2)
         async with asyncio.timeout(20.0):
-            with pytest.raises(IoUnavailableError, match=said):
+            with pytest.raises(IoUnavailableError, match=text):
                 await client.io.write([IoSetting(DO, 0, 1)])
         assert not client.io.states
 
 
 @EVERY
 @pytest.mark.invariant(9)
-async def test_inv9_io_without_a_port_says_so_and_asks_nobody(profile, caplog):
+async def test_inv9_io_without_a_port_is_reported_and_sends_nothing(profile, caplog):
     async with Client(0, profile=load_controller_profile(profile).io, timeout=0.25) as client:
-        await until(lambda: client.told)
+        await until(lambda: client.reports)
         assert not client.io.used
-        assert client.told == [client.io.reason]
+        assert client.reports == [client.io.reason]
         assert re.match(r'I/O is not used: .*port.* is 0', client.io.reason)
         assert await client.rejection() == client.io.reason
     assert not caplog.messages
 
 
 @EVERY
-async def test_more_points_than_one_request_may_have_are_refused_at_once(profile):
+async def test_too_many_points_in_a_request_are_refused(profile):
     async with Client(1, profile=load_controller_profile(profile).io) as client:
         points = [(DI, 0)] * (MAX_POINTS + 1)
         assert await client.rejection(*points) == '1025 points in one request: at most 1024'
 
 
-async def test_outputs_are_not_set_while_the_controller_is_not_ready_and_the_answer_says_why():
+async def test_outputs_are_unavailable_while_the_controller_is_not_ready():
     async with cell('rc700a') as (client, controller):
         controller.apply(Event.ESTOP_PRESS)
-        (read,) = await client.io.read([IoAddress(DI, 0)])
-        assert read.text == ''
-        (shown,) = await client.io.read([IoAddress(DO, 0)])
-        assert shown.text.startswith('DO 0: not ready (error 20)')
-        assert shown.result == 0
+        (answer,) = await client.io.read([IoAddress(DI, 0)])
+        assert answer.text == ''
+        (answer,) = await client.io.read([IoAddress(DO, 0)])
+        assert answer.text.startswith('DO 0: not ready (error 20)')
+        assert answer.result == 0
 
 
 @pytest.mark.invariant(3)
-async def test_the_motors_go_before_the_io_at_the_remote_port():
-    """A real controller serves one client there: who asks for I/O gives way, and is told."""
-    held = asyncio.Event()
+async def test_inv3_motor_command_preempts_io_at_the_remote_port():
+    """A real controller serves one client there, so an I/O request ends with a reason."""
+    holds = asyncio.Event()
     turns = RemoteTurns()
 
     async def hold():
-        held.set()
+        holds.set()
         await asyncio.Event().wait()
 
     async with cell('rc700a', turns=turns) as (client, controller):
         holding = asyncio.create_task(turns.patient(hold))
-        await held.wait()
-        asked = asyncio.create_task(client.io.read([IoAddress(DI, 0)]))
+        await holds.wait()
+        read = asyncio.create_task(client.io.read([IoAddress(DI, 0)]))
         await asyncio.sleep(0.1)
         port = int(client.io.place.rpartition(':')[2])
         await RemoteEthernetMotors('127.0.0.1', port, turns).act(Action.MOTORS_OFF, 2.0)
         assert not controller.condition.powered
         await asyncio.gather(holding, return_exceptions=True)
         with pytest.raises(IoUnavailableError, match='needed for the motors'):
-            await asked
+            await read
         await until(lambda: client.io.states)
-
-
-MORE = {'digital_inputs': 4000, 'digital_outputs': 4000}
-"""What a profile says of a controller that has fewer."""
 
 
 @pytest.mark.invariant(9)
 @pytest.mark.parametrize(
-    ('profile', 'said'),
+    ('profile', 'reason'),
     [('rc700a', '(error 15)'), ('motoman', 'the controller refused it: ')],
 )
-async def test_inv9_points_that_only_the_profile_has_are_told_and_not_shown_as_0(profile, said):
+async def test_inv9_points_missing_at_the_controller_are_reported(profile, reason):
+    io_profile = load_controller_profile(profile).io
+    more = replace(io_profile, digital_inputs=4000, digital_outputs=4000)
     async with simulated(profile=profile) as (_, ports):
         port = ports.remote if profile == 'rc700a' else ports.io
-        more = replace(load_controller_profile(profile).io, **MORE)
         async with Client(port, profile=more) as client:
-            await until(lambda: any(said in told for told in client.told))
+            await until(lambda: any(reason in report for report in client.reports))
             assert client.io.states == ()
             (answer,) = await client.io.read([IoAddress(DI, 3999)])
             assert answer.text
@@ -766,7 +706,7 @@ async def test_inv9_points_that_only_the_profile_has_are_told_and_not_shown_as_0
 
 
 @pytest.mark.invariant(9)
-async def test_inv9_an_answer_that_is_no_number_is_told_with_its_command():
+async def test_inv9_non_numeric_answer_is_reported_with_its_command():
     async def attend(reader, writer):
         while line := await reader.readline():
             name = line.decode().strip('$\r\n').split(',')[0]
@@ -776,6 +716,6 @@ async def test_inv9_an_answer_that_is_no_number_is_told_with_its_command():
     server = await asyncio.start_server(attend, '127.0.0.1', 0)
     port = server.sockets[0].getsockname()[1]
     async with Client(port, profile=load_controller_profile('rc700a').io) as client:
-        await until(lambda: any("'zz' is no answer to " in told for told in client.told))
+        await until(lambda: any("'zz' is no answer to " in report for report in client.reports))
         assert client.io.states == ()
     server.close()
