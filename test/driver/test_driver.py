@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Drivers as programs use them, with one client and with two."""
+"""Drivers with one client and with two: goals, faults, state and shutdown."""
 
 import asyncio
 import contextlib
@@ -20,7 +20,6 @@ from support.driver_harness import (
     JOINTS,
     LIMITS,
     Harness,
-    ScriptedController,
     Submitted,
     cell,
     frame,
@@ -43,7 +42,7 @@ from epson_driver.simple_message import ByteOrder, Dialect, Real, Status
 # --- goals ------------------------------------------------------------------------------------
 
 
-async def test_a_goal_is_executed():
+async def test_goal_is_executed():
     async with cell() as (harness, _):
         goal = harness.submit(pose(0.2, 0.1), pose(0.3, -0.1, 0.2))
         assert harness.driver.goal_queue.busy
@@ -55,13 +54,12 @@ async def test_a_goal_is_executed():
         assert await harness.rests()
         targets = [target for target, _ in goal.feedback]
         assert targets == sorted(targets)
-        assert set(targets) >= {1, 2}  # it is at point 0 already
-        assert len(goal.feedback) > 20  # every sample is one call
+        assert set(targets) >= {1, 2}  # the arm starts at point 0
+        assert len(goal.feedback) > 20  # one call per sample
 
 
 @pytest.mark.invariant(4)
-async def test_inv4_a_goal_before_enable_is_refused_and_nothing_is_sent():
-    """docs/invariants.md, 4."""
+async def test_inv4_goal_before_enable_is_refused_and_nothing_is_sent():
     async with cell(enabled=False) as (harness, controller):
         controller.apply(Event.MOTORS_ON)
         await until(lambda: harness.driver.robot.status.drives_powered == 1)
@@ -73,8 +71,7 @@ async def test_inv4_a_goal_before_enable_is_refused_and_nothing_is_sent():
 
 
 @pytest.mark.invariant(2)
-async def test_inv2_a_goal_is_refused_while_the_arm_still_moves():
-    """docs/invariants.md, 2: a motion begins at rest. Here the arm brakes after a lost goal."""
+async def test_inv2_goal_is_refused_while_the_arm_brakes():
     async with cell() as (harness, _):
         lost = harness.submit(pose(0.8))
         await until(lambda: harness.driver.robot.sample.velocities[0] > 0.3)
@@ -88,8 +85,7 @@ async def test_inv2_a_goal_is_refused_while_the_arm_still_moves():
 
 
 @pytest.mark.invariant(3)
-async def test_inv3_a_replaced_goal_ends_after_the_arm_rests():
-    """docs/invariants.md, 3."""
+async def test_inv3_replaced_goal_ends_after_the_arm_rests():
     async with cell() as (harness, controller):
         first = harness.submit(pose(1.0))
         await harness.until_moving()
@@ -105,7 +101,7 @@ async def test_inv3_a_replaced_goal_ends_after_the_arm_rests():
         assert await harness.rests()
 
 
-async def test_a_replacement_that_fits_where_the_arm_stops_is_executed():
+async def test_replacement_that_starts_where_the_arm_stops_is_executed():
     async with cell() as (harness, _):
         harness.driver.goal_queue.start_tolerance = 1.0
         first = harness.submit(pose(1.0))
@@ -117,7 +113,7 @@ async def test_a_replacement_that_fits_where_the_arm_stops_is_executed():
         assert abs(harness.at[0] - 0.2) < 1e-6
 
 
-async def test_a_replacement_that_does_not_fit_is_refused_with_its_reason():
+async def test_replacement_that_starts_elsewhere_is_refused():
     async with cell() as (harness, _):
         harness.driver.goal_queue.start_tolerance = 1e-4
         harness.submit(pose(1.0))
@@ -131,7 +127,7 @@ async def test_a_replacement_that_does_not_fit_is_refused_with_its_reason():
         assert await harness.rests()
 
 
-async def test_the_newest_of_several_goals_is_executed():
+async def test_newest_of_several_goals_is_executed():
     async with cell() as (harness, _):
         harness.driver.goal_queue.start_tolerance = 1.0
         first = harness.submit(pose(1.0))
@@ -143,43 +139,37 @@ async def test_the_newest_of_several_goals_is_executed():
         assert first.outcome.end is End.ABORTED
 
 
-async def test_a_replacement_does_not_start_when_the_arm_was_not_brought_to_rest():
-    """The controller answers no STOP: nobody knows whether the arm stands."""
-    async with ScriptedController(lambda _: b'') as scripted:
-        settings = GoalSettings(reply_timeout=0.2)
-        async with Harness(scripted.ports, settings=settings) as harness:
-            await harness.ready()
-            await harness.commands.enable()
-            first = harness.submit(pose(0.5))
-            second = harness.submit(pose(0.2))
-            await first.end()
-            assert 'standstill' in first.outcome.text
-            assert second.outcome.end is End.ABORTED
-            assert 'did not bring the arm to rest' in second.outcome.text
-            await harness.commands.disable()
-            assert set(scripted.received) == {0, -4}
-            assert scripted.received.count(0) == 1
+async def test_replacement_is_refused_if_stop_is_unanswered():
+    """An unanswered STOP leaves it unknown whether the arm is at rest."""
+    settings = GoalSettings(reply_timeout=0.2)
+    async with scripted_cell(lambda _: b'', settings=settings) as (harness, scripted):
+        first = harness.submit(pose(0.5))
+        second = harness.submit(pose(0.2))
+        await first.end()
+        assert 'standstill' in first.outcome.text
+        assert second.outcome.end is End.ABORTED
+        assert 'did not bring the arm to rest' in second.outcome.text
+        await harness.commands.disable()
+        assert set(scripted.received) == {0, -4}
+        assert scripted.received.count(0) == 1
 
 
-async def test_after_a_missing_reply_the_motion_link_starts_anew():
-    """Late replies without a number would be taken for the answers to whatever was asked last."""
-    async with ScriptedController(lambda _: b'') as scripted:
-        settings = GoalSettings(reply_timeout=0.2)
-        async with Harness(scripted.ports, settings=settings) as harness:
-            await harness.ready()
-            await harness.commands.enable()
-            statistics = harness.driver.motion_link.statistics
-            assert statistics.connections == 1
-            outcome = await harness.submit(pose(0.5)).end()
-            assert 'no reply to point 0 of 2' in outcome.text
-            await until(lambda: statistics.connections == 2)
-            await until(lambda: harness.driver.motion_link.connected)
-            # once before the link was closed, and first on the new one
-            await until(lambda: scripted.received == [0, -4, -4])
-            assert 'no reply to point 0 of 2' in harness.gate
+async def test_motion_link_reconnects_after_a_missing_reply():
+    """A late reply has no number and would count as the reply to the newest request."""
+    settings = GoalSettings(reply_timeout=0.2)
+    async with scripted_cell(lambda _: b'', settings=settings) as (harness, scripted):
+        statistics = harness.driver.motion_link.statistics
+        assert statistics.connections == 1
+        outcome = await harness.submit(pose(0.5)).end()
+        assert 'no reply to point 0 of 2' in outcome.text
+        await until(lambda: statistics.connections == 2)
+        await until(lambda: harness.driver.motion_link.connected)
+        # one STOP on each connection
+        await until(lambda: scripted.received == [0, -4, -4])
+        assert 'no reply to point 0 of 2' in harness.gate
 
 
-async def test_cancel_of_a_goal_that_waits_leaves_the_running_one_its_end():
+async def test_cancel_of_a_waiting_goal_does_not_change_the_running_goals_end():
     async with cell() as (harness, _):
         first = harness.submit(pose(1.0))
         await harness.until_moving()
@@ -191,7 +181,7 @@ async def test_cancel_of_a_goal_that_waits_leaves_the_running_one_its_end():
 
 
 @pytest.mark.invariant(5)
-async def test_inv5_a_goal_that_is_to_be_alone_replaces_none():
+async def test_inv5_exclusive_goal_does_not_replace_a_running_one():
     async with cell() as (harness, _):
         first = harness.submit(pose(0.5))
         plan = harness.driver.goal_queue.plans.begin()
@@ -204,8 +194,8 @@ async def test_inv5_a_goal_that_is_to_be_alone_replaces_none():
 
 
 @pytest.mark.invariant(8)
-async def test_inv8_what_was_read_at_once_arrived_at_once_however_slowly_it_is_gone_through():
-    """docs/invariants.md, 8: a process held up within a burst must not take that for a pause."""
+async def test_inv8_messages_read_together_have_one_arrival_time():
+    """A process that stalls while it handles a burst must not see a pause in it."""
     async with scripted_cell(enabled=False) as (harness, scripted):
         scripted.shows_joints = False
         take = harness.events.on_joints
@@ -225,8 +215,7 @@ async def test_inv8_what_was_read_at_once_arrived_at_once_however_slowly_it_is_g
 
 
 @pytest.mark.invariant(4)
-async def test_inv4_an_estop_ends_the_goal_at_once_and_the_gate_stays_closed():
-    """docs/invariants.md, 4."""
+async def test_inv4_estop_ends_the_goal_and_closes_the_gate():
     async with cell() as (harness, controller):
         goal = harness.submit(pose(1.0))
         await harness.until_moving()
@@ -251,29 +240,29 @@ async def test_inv4_an_estop_ends_the_goal_at_once_and_the_gate_stays_closed():
         assert (await harness.submit(harness.at).end()).end is End.SUCCEEDED
 
 
-async def test_motors_off_end_the_goal_and_a_waiting_one():
+async def test_motors_off_ends_the_goal_and_closes_the_gate():
     async with cell() as (harness, controller):
-        first = harness.submit(pose(1.0))
+        goal = harness.submit(pose(1.0))
         await harness.until_moving()
         controller.apply(Event.MOTORS_OFF)
-        await first.end()
+        await goal.end()
         await until(lambda: harness.gate is not None)
         assert 'motors are off' in harness.gate
-        assert first.outcome.end is End.ABORTED
+        assert goal.outcome.end is End.ABORTED
 
 
-async def test_a_fault_ends_the_goal_that_waits_with_the_same_reason():
+async def test_fault_ends_a_waiting_goal_with_the_same_reason():
     async with cell() as (harness, _):
         first = harness.submit(pose(1.0))
         await harness.until_moving()
         second = harness.submit(pose(0.5))
-        harness.driver.fault('somebody pulled the plug')
-        assert 'somebody pulled the plug' in first.outcome.text
-        assert second.outcome.text == 'somebody pulled the plug'
-        assert harness.gate == 'somebody pulled the plug'
+        harness.driver.fault('for the test')
+        assert 'for the test' in first.outcome.text
+        assert second.outcome.text == 'for the test'
+        assert harness.gate == 'for the test'
 
 
-async def test_a_lost_motion_link_ends_the_goal_and_does_not_blur_the_status():
+async def test_lost_motion_link_ends_the_goal_and_keeps_the_status():
     async with cell() as (harness, _):
         goal = harness.submit(pose(1.0))
         await harness.until_moving()
@@ -286,17 +275,15 @@ async def test_a_lost_motion_link_ends_the_goal_and_does_not_blur_the_status():
         await until(lambda: harness.events.links[-1][0] == 'connected')
         assert 'the motion link was lost' in harness.gate
         later = [status for _, status in harness.events.statuses[before:]]
-        assert Status() not in later  # the state link told all the time
+        assert Status() not in later  # the state link stays connected
 
 
 @pytest.mark.invariant(4, 6)
 @pytest.mark.slow
-def test_inv4_inv6_a_killed_controller_that_comes_back_moves_nothing(tmp_path):
-    """docs/invariants.md, 4 and 6."""
+def test_inv4_inv6_restarted_controller_moves_nothing_before_enable(tmp_path):
 
     async def scenario():
-        start = await asyncio.to_thread(_started, tmp_path / 'first.log')
-        process, ports = start
+        process, ports = await asyncio.to_thread(_started, tmp_path / 'first.log')
         again = None
         try:
             async with Harness(ports) as harness:
@@ -332,9 +319,9 @@ def test_inv4_inv6_a_killed_controller_that_comes_back_moves_nothing(tmp_path):
                 await harness.commands.enable()
                 assert (await harness.submit(pose(0.2)).end()).end is End.SUCCEEDED
         finally:
-            for each in (process, again):
-                if each is not None:
-                    await asyncio.to_thread(each.end)
+            for controller in (process, again):
+                if controller is not None:
+                    await asyncio.to_thread(controller.end)
 
     run(scenario(), real_time=True)  # another process
 
@@ -345,8 +332,7 @@ def _started(log, ports=None):
 
 
 @pytest.mark.invariant(6)
-async def test_inv6_joints_that_stop_while_the_status_goes_on_are_not_taken_for_fresh():
-    """docs/invariants.md, 6."""
+async def test_inv6_joints_become_unknown_while_the_status_continues():
     async with scripted_cell(lambda _: b'') as (harness, scripted):
         goal = harness.submit(pose(0.5))
         scripted.shows_joints = False
@@ -358,7 +344,7 @@ async def test_inv6_joints_that_stop_while_the_status_goes_on_are_not_taken_for_
         assert harness.driver.state_link.connected
 
 
-async def test_a_status_that_stops_closes_the_gate_and_is_said_to_be_unknown():
+async def test_missing_status_closes_the_gate_and_is_reported_unknown():
     async with scripted_cell() as (harness, scripted):
         scripted.shows_status = False
         await until(lambda: harness.gate is not None)
@@ -370,13 +356,8 @@ async def test_a_status_that_stops_closes_the_gate_and_is_said_to_be_unknown():
         assert 'no STATUS' in harness.gate
 
 
-async def test_a_silent_state_link_is_lost_after_its_timeout():
-    async with (
-        ScriptedController() as scripted,
-        Harness(scripted.ports, state_timeout=0.2) as harness,
-    ):
-        await harness.ready()
-        await harness.commands.enable()
+async def test_silent_state_link_is_lost_after_its_timeout():
+    async with scripted_cell(state_timeout=0.2) as (harness, scripted):
         scripted.shows_joints = scripted.shows_status = False
         silent = now()
         await until(lambda: harness.gate is not None)
@@ -385,12 +366,12 @@ async def test_a_silent_state_link_is_lost_after_its_timeout():
         assert harness.driver.robot.sample is None
 
 
-# --- the state road ---------------------------------------------------------------------------
+# --- state ---------------------------------------------------------------------------
 
 
 @pytest.mark.invariant(8)
-async def test_inv8_a_reply_on_the_state_port_is_no_state():
-    """docs/invariants.md, 8; REP-I0006: the body of a FAILURE means nothing."""
+async def test_inv8_reply_on_the_state_port_is_not_a_state():
+    """The body of a FAILURE has no meaning (REP-I0006)."""
     async with scripted_cell(enabled=False) as (harness, scripted):
         garbage = struct.pack('<i10f', 0, *[7.0] * 10)
         seen = len(harness.events.samples)
@@ -403,7 +384,7 @@ async def test_inv8_a_reply_on_the_state_port_is_no_state():
         assert harness.driver.state_link.statistics.unsolicited_replies == 3
 
 
-async def test_feedback_messages_are_joints_too():
+async def test_feedback_messages_are_joint_states():
     async with scripted_cell(enabled=False) as (harness, scripted):
         scripted.shows_joints = False
         seen = len(harness.events.samples)
@@ -433,7 +414,7 @@ async def test_every_state_message_is_one_event():
 
 @pytest.mark.parametrize('real', Real)
 @pytest.mark.parametrize('order', ByteOrder)
-async def test_points_are_written_in_byte_order_and_real_width_of_the_state(order, real):
+async def test_points_have_byte_order_and_real_width_of_the_state(order, real):
     dialect = Dialect(order, real)
 
     async with simulated(dialect) as (_, ports), Harness(ports) as harness:
@@ -443,7 +424,7 @@ async def test_points_are_written_in_byte_order_and_real_width_of_the_state(orde
         assert harness.driver.motion_link.dialect == dialect
 
 
-async def test_the_link_state_is_the_worse_of_both():
+async def test_link_state_is_the_worse_of_both_links():
     async with simulated() as (_, ports):
         async with Harness(ports) as harness:
             await harness.ready()
@@ -460,14 +441,13 @@ async def test_the_link_state_is_the_worse_of_both():
         assert all(a != b for a, b in pairwise(names))  # on change only
 
 
-# --- the end ----------------------------------------------------------------------------------
+# --- shutdown ----------------------------------------------------------------------------------
 
 
 @pytest.mark.invariant(3)
-async def test_inv3_shut_down_brings_the_arm_to_rest_and_ends_the_goal():
-    """docs/invariants.md, 3."""
+async def test_inv3_shutdown_brings_the_arm_to_rest_and_ends_the_goal():
     async with cell() as (harness, controller):
-        goal = harness.submit(pose(0.5), step=8.0)  # slow enough to stop at once
+        goal = harness.submit(pose(0.5), step=8.0)
         await harness.until_moving()
         await harness.driver.shut_down()
         assert goal.outcome.text == 'the driver was shut down; the arm stands'
@@ -476,19 +456,18 @@ async def test_inv3_shut_down_brings_the_arm_to_rest_and_ends_the_goal():
         assert 'shut' in harness.submit(pose(0.1)).outcome.text
 
 
-async def test_a_driver_that_is_cancelled_ends_its_goal():
+async def test_cancelled_driver_ends_its_goal():
     async with cell() as (harness, controller):
         goal = harness.submit(pose(1.0))
         await harness.until_moving()
         await harness.stop()
         assert goal.outcome.end is End.ABORTED
         assert 'the driver ended' in goal.outcome.text
-        await until(lambda: not controller.moving)  # the controller stops for a lost client
+        await until(lambda: not controller.moving)
 
 
 @pytest.mark.invariant(2)
-async def test_inv2_nothing_outside_the_limits_arrives_at_the_controller():
-    """docs/invariants.md, 2: a plan at the very limit is executed, and the arm stays inside."""
+async def test_inv2_plan_at_a_limit_is_executed_inside_it():
     async with cell() as (harness, _):
         top = np.array(harness.at)
         top[4] = LIMITS.position_max[4]
@@ -503,7 +482,7 @@ PORTS = ('motion', 'state', 'io', 'remote')
 
 @pytest.fixture
 def make_node(monkeypatch):
-    """Return a function that makes a served node of a namespace for a controller's ports."""
+    """Return a function that makes a node, served by an executor, for a controller's ports."""
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     context, served = rclpy.Context(), Future()
     rclpy.init(context=context, domain_id=free_ros_domain())
@@ -530,7 +509,7 @@ def make_node(monkeypatch):
 
 @contextlib.asynccontextmanager
 async def driven(node):
-    """Make a client of a node and run it."""
+    """Run the client of a node."""
     client = ClientNode(node)
     task = asyncio.create_task(client.run())
     yield client
@@ -540,7 +519,7 @@ async def driven(node):
         await task
 
 
-async def test_each_drives_its_own_arm_and_stays_when_the_other_is_shut_down(make_node):
+async def test_each_client_drives_its_arm_after_the_other_shuts_down(make_node):
     async with (
         simulated() as (_, its),
         simulated() as (_, others),
@@ -560,7 +539,7 @@ async def test_each_drives_its_own_arm_and_stays_when_the_other_is_shut_down(mak
         assert not second.driver.state_link.connected
 
 
-def test_what_a_driver_says_is_said_by_its_node(make_node, capfd):
+def test_driver_log_lines_name_their_node(make_node, capfd):
     log = logging.getLogger('epson_driver')
 
     async def scenario():
@@ -580,6 +559,6 @@ def test_what_a_driver_says_is_said_by_its_node(make_node, capfd):
         run(scenario())
     finally:
         log.setLevel(level)
-    said = capfd.readouterr().err
-    assert '[right.arm]: motion link connected' in said
-    assert '[right.arm]: arm disabled' not in said  # nobody had enabled it
+    output = capfd.readouterr().err
+    assert '[right.arm]: motion link connected' in output
+    assert '[right.arm]: arm disabled' not in output

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Goals that start later: whatever ends a goal ends one that waits for its start."""
+"""Goals with a later start end like running ones while they wait."""
 
 import asyncio
 
@@ -18,7 +18,7 @@ AHEAD_S = 0.8
 
 
 @pytest.mark.parametrize('options', [{}, {'smoothing': Smoothing(0.1)}])
-async def test_it_starts_at_its_stamp_and_not_before(options, monkeypatch):
+async def test_goal_starts_at_its_stamp(options, monkeypatch):
     smooth_on_the_spot(monkeypatch)
     async with cell(**options) as (harness, _):
         begin, before = now(), harness.at
@@ -33,8 +33,7 @@ async def test_it_starts_at_its_stamp_and_not_before(options, monkeypatch):
 
 @pytest.mark.invariant(4, 5)
 @pytest.mark.parametrize('what', ['cancel', 'stop', 'disable', 'E-stop', 'cut', 'replace'])
-async def test_inv4_inv5_a_waiting_goal_ends_and_nothing_moves(what):
-    """docs/invariants.md, 4 and 5."""
+async def test_inv4_inv5_waiting_goal_ends_and_nothing_moves(what):
     async with cell() as (harness, controller):
         goal = harness.submit(pose(0.5), ahead=AHEAD_S)
         await asyncio.sleep(AHEAD_S / 2)
@@ -60,8 +59,7 @@ async def test_inv4_inv5_a_waiting_goal_ends_and_nothing_moves(what):
 
 
 @pytest.mark.invariant(4)
-async def test_inv4_it_is_checked_again_when_it_starts():
-    """docs/invariants.md, 4."""
+async def test_inv4_waiting_goal_is_checked_again_at_its_start():
     async with cell() as (harness, _):
         goal = harness.submit(pose(0.5), start=pose(0.015), ahead=AHEAD_S)
         harness.driver.goal_queue.start_tolerance = 0.01
@@ -70,7 +68,7 @@ async def test_inv4_it_is_checked_again_when_it_starts():
         assert not harness.at.any()
 
 
-async def test_a_running_goal_is_stopped_for_one_that_starts_later():
+async def test_running_goal_is_stopped_for_a_later_start():
     async with cell(smooth=True) as (harness, _):
         first = harness.submit(pose(1.0), step=4.0)
         await harness.until_moving()
@@ -81,7 +79,7 @@ async def test_a_running_goal_is_stopped_for_one_that_starts_later():
         assert (await second.end()).end is End.SUCCEEDED
 
 
-async def test_a_late_start_is_reported():
+async def test_late_start_is_reported():
     async with cell() as (harness, _):
         outcome = await harness.submit(pose(0.1), ahead=-0.5).end()
         assert outcome.end is End.SUCCEEDED

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The arm gate, and which status forbids motion (docs/invariants.md, 4)."""
+"""The arm gate, and the status values that inhibit motion (docs/invariants.md, 4)."""
 
 from itertools import product
 
@@ -15,12 +15,13 @@ from epson_driver.simple_message import Mode, Status, TriState
 pytestmark = pytest.mark.invariant(4)
 
 
-def test_inv4_closed_at_start():
-    """docs/invariants.md, 4."""
-    assert ArmGate().reason == 'not enabled since the driver started'
+def test_inv4_gate_is_closed_at_start():
+    gate = ArmGate()
+    assert not gate.close('anything')
+    assert gate.reason == 'not enabled since the driver started'
 
 
-def test_the_first_reason_is_kept():
+def test_first_reason_stays():
     gate = ArmGate()
     open_gate(gate)
     assert gate.reason is None
@@ -33,8 +34,8 @@ def test_the_first_reason_is_kept():
     assert gate.reason == 'the motors are off'
 
 
-def test_a_reason_without_a_cause_is_completed_by_the_next_one():
-    """A STATUS that comes later than a rejected goal waits for still says what to mend."""
+def test_reason_without_a_cause_is_completed_by_the_next():
+    """A STATUS that arrives late still explains a refused goal."""
     gate = ArmGate()
     open_gate(gate)
     assert gate.close('the controller refused point 1', unexplained=True)
@@ -46,12 +47,6 @@ def test_a_reason_without_a_cause_is_completed_by_the_next_one():
     assert gate.close('the motors are off')
     assert not gate.close('the E-stop is pressed')
     assert gate.reason == 'the motors are off'
-
-
-def test_closing_a_gate_that_was_never_open_says_so():
-    gate = ArmGate()
-    assert not gate.close('anything')
-    assert gate.reason == 'not enabled since the driver started'
 
 
 ERRORS = load_error_texts()
@@ -74,22 +69,18 @@ FINE = {'drives_powered': 1, 'e_stopped': 0, 'in_error': 0, 'error_code': 0}
         ({'in_error': -1}, None),
         ({'drives_powered': -1}, None),
         ({'in_motion': -1, 'motion_possible': -1, 'mode': -1}, None),
-        ({'error_code': 5}, None),  # a code alone, without in_error, is a remark
+        ({'error_code': 5}, None),  # a code without in_error is information
     ],
 )
-def test_what_a_status_says(fields, words):
-    found = status_inhibit(Status(**{**FINE, **fields}), ERRORS)
+def test_inhibit_of_a_status(fields, words):
+    inhibit = status_inhibit(Status(**{**FINE, **fields}), ERRORS)
     if words is None:
-        assert found is None
+        assert inhibit is None
     else:
-        assert all(word in found.text for word in words)
+        assert all(word in inhibit.text for word in words)
 
 
-def test_nothing_known_forbids_nothing():
-    assert status_inhibit(Status(), ERRORS) is None
-
-
-def test_the_rule_in_full():
+def test_status_inhibits_motion_by_estop_error_or_motors_off():
     values = list(TriState)
     for e_stopped, in_error, drives, mode in product(values, values, values, Mode):
         status = Status(drives, e_stopped, 0, in_error, TriState.UNKNOWN, mode, TriState.UNKNOWN)
@@ -97,31 +88,30 @@ def test_the_rule_in_full():
         assert (status_inhibit(status, ERRORS) is not None) == forbidden
 
 
-# --- requests to open it ----------------------------------------------------------------------
+# --- enable requests ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize('opened', [False, True], ids=['closed', 'open'])
-def test_inv4_what_closes_it_or_would_have_closed_it_cancels_a_request(opened):
-    """docs/invariants.md, 4."""
+def test_inv4_closing_reason_cancels_pending_enable_requests(opened):
     gate = ArmGate()
     if opened:
         open_gate(gate)
-    told = []
+    canceled = []
     with gate.enabling() as first, gate.enabling() as second:
-        first.on_cancel = lambda: told.append('first')
+        first.on_cancel = lambda: canceled.append('first')
         gate.close('the E-stop is pressed')
         gate.close('the motors are off')
         for enabling in (first, second):
             assert enabling.canceled == 'the E-stop is pressed'
             with pytest.raises(GateError, match='the E-stop is pressed'):
                 gate.open(enabling)
-    assert told == ['first']
+    assert canceled == ['first']
     assert gate.reason is not None
     open_gate(gate)
     assert gate.reason is None
 
 
-def test_inv4_motors_that_are_off_cancel_only_a_request_that_saw_them_on():
+def test_inv4_motors_off_cancels_only_a_request_that_saw_them_on():
     gate = ArmGate()
     with gate.enabling() as enabling:
         gate.close('the motors are off', motors_off=True)
@@ -131,7 +121,7 @@ def test_inv4_motors_that_are_off_cancel_only_a_request_that_saw_them_on():
         assert enabling.canceled == 'the motors are off'
 
 
-def test_inv4_a_request_that_has_ended_opens_nothing():
+def test_inv4_ended_request_does_not_open_the_gate():
     gate = ArmGate()
     with gate.enabling() as enabling:
         pass
@@ -149,5 +139,5 @@ def test_inv4_a_request_that_has_ended_opens_nothing():
         ({'drives_powered': 0, 'in_error': 1}, Cause.ERROR),
     ],
 )
-def test_motors_are_the_cause_only_if_nothing_else_is(fields, cause):
+def test_motors_off_is_the_cause_only_without_estop_and_error(fields, cause):
     assert status_inhibit(Status(**{**FINE, **fields}), ERRORS).cause is cause

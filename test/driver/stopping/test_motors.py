@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motors and errors by the controller's own commands, against a Motoman."""
+"""Motors and errors by the controller's commands, mostly with a Motoman."""
 
 import asyncio
 import contextlib
@@ -35,14 +35,14 @@ MOTOMAN = load_controller_profile('motoman')
 
 
 def as_motoman():
-    """Return what the profile sets of a driver's configuration."""
+    """Return the part of a driver's configuration that the profile sets."""
     defaults = profile_defaults(MOTOMAN)
     rules = delivery_rules(MOTOMAN, defaults['interface'], defaults['point_message'])
     return {'delivery': rules, 'motors': MOTOMAN.program.motors, 'remote_port': 0}
 
 
 def commands_in(controller):
-    """Return a list that fills with the commands which the motion program takes."""
+    """Return a list that collects the commands received by the motion program."""
     commands = []
     take = controller.program.receive
 
@@ -57,8 +57,8 @@ def commands_in(controller):
 
 
 def others(commands):
-    """Return those that are not STOP_MOTION: ~/enable may send it again."""
-    return [each for each in commands if each != Command.STOP_MOTION]
+    """Return the commands except STOP_MOTION, which ~/enable may repeat."""
+    return [command for command in commands if command != Command.STOP_MOTION]
 
 
 async def rejection(coroutine):
@@ -73,7 +73,7 @@ def reports(harness, **fields):
 
 
 @pytest.mark.parametrize(
-    ('kind', 'port', 'way'),
+    ('kind', 'port', 'expected'),
     [
         ('remote_ethernet', 5000, RemoteEthernetMotors),
         ('remote_ethernet', 0, MotorsByHand),
@@ -84,20 +84,19 @@ def reports(harness, **fields):
         ('none', 5000, MotorsByHand),
     ],
 )
-def test_the_profile_and_the_remote_port_decide(kind, port, way):
-    made = make_motors(kind, '127.0.0.1', port, None)
-    assert type(made) is way
-    assert bool(made.missing) == (way is MotorsByHand)
+def test_profile_and_remote_port_select_the_motors(kind, port, expected):
+    motors = make_motors(kind, '127.0.0.1', port, None)
+    assert type(motors) is expected
+    assert bool(motors.missing) == (expected is MotorsByHand)
 
 
-def test_every_profile_says_how():
+def test_motors_of_every_profile():
     names = ('simulated', 'rc700a', 'generic', 'fanuc', 'abb', 'motoman', 'spel')
-    ways = {name: load_controller_profile(name).program.motors for name in names}
     expected = dict.fromkeys(names, 'remote_ethernet') | {'motoman': 'motoman', 'spel': 'restart'}
-    assert ways == expected
+    assert {name: load_controller_profile(name).program.motors for name in names} == expected
 
 
-async def test_enable_and_disable_switch_a_motomans_servos():
+async def test_enable_and_disable_switch_motoman_servos():
     async with (
         simulated(profile='motoman') as (controller, ports),
         Harness(ports, **as_motoman()) as harness,
@@ -124,7 +123,7 @@ async def test_enable_and_disable_switch_a_motomans_servos():
         assert outcome.end is End.SUCCEEDED, outcome
 
 
-async def test_reset_error_resets_a_motomans_alarm_and_moves_nothing():
+async def test_reset_error_resets_the_alarm_of_a_motoman():
     async with (
         simulated(profile='motoman') as (controller, ports),
         Harness(ports, **as_motoman()) as harness,
@@ -135,8 +134,8 @@ async def test_reset_error_resets_a_motomans_alarm_and_moves_nothing():
         controller.apply(Event.ESTOP_PRESS)
         await until(lambda: reports(harness, e_stopped=1))
         text = await rejection(harness.commands.reset_error())
-        said = 'RESET_ALARM: FAILURE: reset the error at the controller'
-        assert text == f'the E-stop is not reset ({said})'
+        reason = 'RESET_ALARM: FAILURE: reset the error at the controller'
+        assert text == f'the E-stop is not reset ({reason})'
         controller.apply(Event.ESTOP_RELEASE)
         await harness.commands.reset_error()
         assert others(commands) == [Command.START_SERVOS] + [Command.RESET_ALARM] * 2
@@ -148,7 +147,7 @@ async def test_reset_error_resets_a_motomans_alarm_and_moves_nothing():
 
 
 class ScriptedMotoman(ScriptedController):
-    """It answers every command but STOP_MOTION with one result, or not at all."""
+    """Answers every command except STOP_MOTION with one result or not at all."""
 
     STATUS = (0, 0, 0, 0, 0, 2, 0)
 
@@ -173,7 +172,7 @@ class ScriptedMotoman(ScriptedController):
     ('result', 'words'),
     [(None, 'no reply within 0.1 s'), (Result.ALARM, 'ALARM: the controller has an alarm')],
 )
-async def test_a_motoman_that_does_not_obey_leaves_the_gate_closed(monkeypatch, result, words):
+async def test_gate_stays_closed_if_motoman_servos_stay_off(monkeypatch, result, words):
     monkeypatch.setattr(arm_commands, 'ANSWER_TIMEOUT_S', 0.1)
 
     async with (
@@ -188,14 +187,14 @@ async def test_a_motoman_that_does_not_obey_leaves_the_gate_closed(monkeypatch, 
         assert harness.gate is not None
 
 
-async def test_without_a_link_a_motoman_cannot_be_reset():
+async def test_reset_of_a_motoman_without_a_link_is_refused():
     async with ScriptedMotoman(None) as scripted:
         harness = Harness(scripted.ports, **as_motoman())
         text = await rejection(harness.commands.reset_error())
         assert 'RESET_ALARM: motion link is disconnected: reset the error at' in text
 
 
-async def test_a_controller_without_commands_leaves_it_to_a_person():
+async def test_controller_without_motor_commands_needs_manual_operation():
     async with (
         simulated() as (controller, ports),
         Harness(ports, motors='none') as harness,
@@ -212,15 +211,15 @@ async def test_a_controller_without_commands_leaves_it_to_a_person():
 
 
 class Slow:
-    """A controller that takes its time for each command."""
+    """A controller that needs `timeout` for each command."""
 
     missing, restarts = '', False
 
     def __init__(self):
-        self.begun, self.ended = [], []
+        self.started, self.ended = [], []
 
     async def act(self, action, timeout):
-        self.begun.append(action)
+        self.started.append(action)
         try:
             await asyncio.sleep(timeout)
         except asyncio.CancelledError:
@@ -230,7 +229,7 @@ class Slow:
 
 
 @pytest.mark.invariant(4)
-async def test_inv4_a_command_that_nobody_waits_for_any_more_is_given_only_if_it_was_on_its_way():
+async def test_inv4_cancelled_command_is_completed_only_if_already_sent():
     slow = Slow()
     motors = SerializedMotors(slow)
     off = asyncio.create_task(motors.act(Action.MOTORS_OFF, 1.0))
@@ -239,12 +238,12 @@ async def test_inv4_a_command_that_nobody_waits_for_any_more_is_given_only_if_it
     for task in (off, on):
         task.cancel()
     await asyncio.sleep(5.0)
-    assert slow.begun == slow.ended == [Action.MOTORS_OFF]
+    assert slow.started == slow.ended == [Action.MOTORS_OFF]
     assert not motors.busy
 
 
 @pytest.mark.invariant(4)
-async def test_inv4_closing_gives_up_commands_on_their_way_and_those_that_wait():
+async def test_inv4_closing_cancels_sent_and_waiting_commands():
     slow = Slow()
     motors = SerializedMotors(slow)
     both = [
@@ -253,49 +252,49 @@ async def test_inv4_closing_gives_up_commands_on_their_way_and_those_that_wait()
     ]
     await asyncio.sleep(0.1)
     await motors.close()
-    assert slow.begun == [Action.MOTORS_OFF]
+    assert slow.started == [Action.MOTORS_OFF]
     assert slow.ended == ['cancelled']
     assert not motors.busy
     for error in await asyncio.gather(*both, return_exceptions=True):
-        assert isinstance(error, MotorsError), 'nobody has cancelled who waits'
+        assert isinstance(error, MotorsError)
         assert 'the driver has ended' in str(error)
 
 
-async def test_a_refused_command_keeps_nothing_of_who_gave_it():
-    """A Robot that is lost after a refused reset must close (simulation: 2274 on Python 3.13)."""
-    motors, kept = SerializedMotors(MotorsByHand('no remote port')), []
+async def test_refused_command_keeps_no_reference_to_its_caller():
+    """The robot object must be collected after a refused reset (simulation: seed 2274)."""
+    motors, references = SerializedMotors(MotorsByHand('no remote port')), []
 
     async def give():
         mine = set()
-        kept.append(weakref.ref(mine))
+        references.append(weakref.ref(mine))
         await motors.act(Action.RESET, 1.0)
 
     with contextlib.suppress(MotorsError):
         await give()
     await asyncio.sleep(0.0)
     gc.collect()
-    assert kept[0]() is None
+    assert references[0]() is None
 
 
 @pytest.mark.invariant(3)
-async def test_inv3_a_question_at_the_remote_port_gives_way_to_motors_off():
-    """Asked only for a sentence, it would have held up the switching off for as long as 2 s."""
-    asked, given = asyncio.Event(), []
+async def test_inv3_status_query_at_the_remote_port_is_preempted_by_motors_off():
+    """The query could delay the command by 2 s."""
+    queried, sent = asyncio.Event(), []
 
     @contextlib.asynccontextmanager
     async def login(_timeout):
         async def ask(command):
             if command == 'GetStatus':
-                asked.set()
+                queried.set()
                 await asyncio.Event().wait()  # a controller that does not answer
-            given.append(command)
+            sent.append(command)
             return ''
 
         yield ask
 
     motors = SerializedMotors(RemoteEthernetMotors('127.0.0.1', 5000, login=login))
-    telling = asyncio.create_task(motors.tell(60.0))
-    await asked.wait()
+    query = asyncio.create_task(motors.tell(60.0))
+    await queried.wait()
     await motors.act(Action.MOTORS_OFF, 2.0)
-    assert given == [Action.MOTORS_OFF.value.remote_ethernet]
-    assert await telling is None
+    assert sent == [Action.MOTORS_OFF.value.remote_ethernet]
+    assert await query is None

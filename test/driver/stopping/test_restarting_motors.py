@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motors, reset and start where a SPEL+ program runs: Stop, Ready, the command, Start."""
+"""Motors, reset and start with a running SPEL+ program: Stop, Ready, the command, Start."""
 
 import asyncio
 import contextlib
@@ -23,7 +23,7 @@ from epson_driver.sim_controller.condition.states import Event
 PROFILE = load_controller_profile('spel')
 PATIENCE = 60.0
 
-# of virtual time, which flies while the smoother's process starts and ends
+# virtual time, because it jumps while the smoother's process starts and ends
 run = partial(run_in, patience=3600.0)
 
 
@@ -34,7 +34,7 @@ def plans(monkeypatch):
 
 @contextlib.asynccontextmanager
 async def spel_cell(motors=PROFILE.program.motors, **options):
-    """Run our SPEL+ program on the simulated controller, and a driver as its profile says."""
+    """Run the project's SPEL+ program on a simulated controller with a driver for its profile."""
     smoothing = Smoothing(PROFILE.program.resample_period, thin=True)
     async with (
         simulated(profile=PROFILE) as (controller, ports),
@@ -67,8 +67,7 @@ async def test_enable_switches_the_motors_on_and_starts_the_program():
 
 
 @pytest.mark.invariant(4)
-async def test_after_an_estop_nothing_moves_until_enable_starts_the_program_again():
-    """Invariant: reset_error starts nothing; ~/enable does, and old points are gone."""
+async def test_inv4_after_an_estop_only_enable_starts_the_program_without_old_points():
     async with spel_cell() as (harness, controller, _):
         await harness.commands.enable()
         goal = harness.submit(pose(1.5), step=30.0)
@@ -81,17 +80,17 @@ async def test_after_an_estop_nothing_moves_until_enable_starts_the_program_agai
         controller.apply(Event.ESTOP_RELEASE)
         await harness.commands.reset_error()
         await until(lambda: status(harness, e_stopped=0, in_error=0))
-        stands = controller.arm.commanded.copy()
+        rest = controller.arm.commanded.copy()
         assert [row for row in controller.tasks() if row.number == 1] == []
         assert harness.gate is not None
         await harness.commands.enable()
         assert await harness.rests()
-        assert np.array_equal(controller.arm.commanded, stands)
+        assert np.array_equal(controller.arm.commanded, rest)
         await assert_moves(harness)
 
 
 @pytest.mark.slow
-async def test_a_program_that_a_person_has_stopped_is_started_by_enable():
+async def test_enable_starts_a_program_that_a_user_stopped():
     async with spel_cell() as (harness, controller, ports):
         await harness.commands.enable()
         await do(ports, 'Stop')
@@ -105,7 +104,7 @@ async def test_a_program_that_a_person_has_stopped_is_started_by_enable():
 
 
 @pytest.mark.slow
-async def test_a_reset_stops_the_program_so_the_arm_must_be_enabled_again():
+async def test_reset_stops_the_program_and_disables_the_arm():
     async with spel_cell() as (harness, controller, _):
         await harness.commands.enable()
         goal = harness.submit(pose(1.5), step=30.0)
@@ -131,24 +130,24 @@ async def test_disable_stops_the_program_and_switches_the_motors_off():
 
 @pytest.mark.slow
 @pytest.mark.invariant(4)
-async def test_enable_of_an_enabled_arm_does_not_restart_a_paused_program():
-    """Invariant: what is paused by a person goes on by a person; its goal is not lost."""
+async def test_inv4_enable_of_an_enabled_arm_does_not_resume_a_paused_program():
+    """A pause by a user ends by the user, and its goal is kept."""
     async with spel_cell() as (harness, controller, ports):
         await harness.commands.enable()
         goal = harness.submit(harness.at + pose(0.5), step=3.0)
         await harness.until_moving()
         await do(ports, 'Pause')
         await until(lambda: status(harness, motion_possible=0))
-        said = await harness.commands.enable()
-        assert 'the arm is enabled, but the controller is paused' in said
+        text = await harness.commands.enable()
+        assert 'the arm is enabled, but the controller is paused' in text
         assert controller.condition.paused
         await do(ports, 'Continue')
         outcome = await goal.end()
         assert outcome.end is End.SUCCEEDED, outcome
 
 
-async def test_a_running_program_keeps_the_controller_from_being_ready():
-    """As on a real one: what does not stop it first is told so."""
+async def test_enable_without_stop_fails_while_a_program_runs():
+    """The controller is Running and therefore not Ready, like a real one."""
     async with spel_cell(motors='remote_ethernet') as (harness, _, ports):
         flags, _ = (await do(ports, 'GetStatus'))[0].split(',')
         assert flags[-2:] == '10'  # Running, not Ready
@@ -162,7 +161,7 @@ class NeverReady:
     """A controller with a task that Stop does not end."""
 
     def __init__(self):
-        self.got = []
+        self.received = []
         self._over = asyncio.Event()
 
     async def __aenter__(self):
@@ -176,7 +175,7 @@ class NeverReady:
     async def _serve(self, reader, writer):
         while line := await reader.readline():
             name = line.decode().strip()[1:]
-            self.got.append(name)
+            self.received.append(name)
             word = name.partition(',')[0]
             value = '00100000010,0000' if word == 'GetStatus' else '0'
             writer.write(f'#{word},{value}\r\n'.encode())
@@ -184,10 +183,10 @@ class NeverReady:
         self._over.set()
 
 
-async def test_a_controller_that_does_not_get_ready_is_said_and_the_command_is_not_given():
+async def test_command_is_not_sent_if_the_controller_does_not_become_ready():
     async with NeverReady() as (controller, port):
         motors = RestartingMotors('127.0.0.1', port)
         with pytest.raises(MotorsError, match='not Ready: the arm still moves, or a task'):
             await motors.act(Action.MOTORS_ON, 1.0)
-        assert controller.got[:3] == ['Login,', 'Stop', 'GetStatus']
-        assert set(controller.got[3:]) <= {'GetStatus', 'Logout'}
+        assert controller.received[:3] == ['Login,', 'Stop', 'GetStatus']
+        assert set(controller.received[3:]) <= {'GetStatus', 'Logout'}

@@ -1,12 +1,12 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A controller that may go on with old points when a client connects gets STOP before all else."""
+"""A controller that may resume old points on connection receives STOP first."""
 
 import asyncio
 import struct
 
 import pytest
-from support.driver_harness import Harness, ScriptedController, frame, pose
+from support.driver_harness import Harness, ScriptedController, frame, pose, scripted_cell
 from support.event_loop import until
 from support.fault_play import cell_of, make_ready, standing, where
 
@@ -24,9 +24,9 @@ MOTION_CTRL, MOTION_REPLY = 2001, 2002
 
 
 class Motoman(ScriptedController):
-    """Answers MOTION_CTRL as MotoROS does. `connections`: what came on each, as commands.
+    """Answers MOTION_CTRL like MotoROS, and STOP_MOTION with `result`.
 
-    `result` is the answer to STOP_MOTION.
+    `connections` has a list of received commands for each connection.
     """
 
     def __init__(self):
@@ -54,8 +54,8 @@ class Motoman(ScriptedController):
 
 
 @pytest.mark.invariant(4)
-async def test_inv4_a_motoman_gets_stop_motion_first_on_every_connection():
-    """MotoROS keeps its queue over a lost client, and goes on as soon as one connects."""
+async def test_inv4_motoman_receives_stop_motion_first_on_every_connection():
+    """MotoROS keeps its queue without a client and resumes it on the next connection."""
     async with (
         Motoman() as controller,
         Harness(controller.ports, delivery=MOTOMAN, motors='motoman') as harness,
@@ -63,7 +63,7 @@ async def test_inv4_a_motoman_gets_stop_motion_first_on_every_connection():
         for count in (1, 2, 3):
             await until(
                 lambda count=count: (
-                    len(controller.connections) == count and (controller.connections[-1])
+                    len(controller.connections) == count and controller.connections[-1]
                 )
             )
             await harness.ready()
@@ -75,7 +75,7 @@ async def test_inv4_a_motoman_gets_stop_motion_first_on_every_connection():
 
 @pytest.mark.invariant(4)
 @pytest.mark.parametrize('status', [False, True], ids=['no state', 'STATUS alone'])
-async def test_inv4_a_motoman_is_not_connected_to_before_stop_motion_can_be_written(status):
+async def test_inv4_motion_link_to_motoman_waits_until_stop_motion_can_be_encoded(status):
     async with Motoman() as controller:
         controller.shows_joints, controller.shows_status = False, status
         async with Harness(
@@ -96,7 +96,7 @@ async def test_inv4_a_motoman_is_not_connected_to_before_stop_motion_can_be_writ
 
 
 @pytest.mark.invariant(4)
-async def test_inv4_a_motoman_stands_still_also_when_its_state_comes_back_last():
+async def test_inv4_motoman_stays_at_rest_if_its_state_link_returns_last():
     async with cell_of(load_controller_profile('motoman')) as (harness, controller, _):
         await make_ready(harness, controller)
         await harness.commands.enable()
@@ -106,20 +106,20 @@ async def test_inv4_a_motoman_stands_still_also_when_its_state_comes_back_last()
             controller.faults.start(parse(fault))
         assert 'link was lost' in (await goal.end()).text
         await standing(controller)
-        stands = where(controller)
+        rest = where(controller)
         await until(lambda: harness.driver.motion_link.connected)
         await asyncio.sleep(0.5)
-        assert abs(where(controller) - stands).max() < 1e-9
+        assert abs(where(controller) - rest).max() < 1e-9
 
 
-class Liar(Motoman):
-    """Writes its state in the wrong byte order while it `lies`; reads and answers in the right."""
+class WrongByteOrder(Motoman):
+    """Sends its state in the wrong byte order while `wrong`, and its replies in the right one."""
 
-    lies = True
+    wrong = True
 
     async def _state(self, _reader, writer):
         self.state = writer
-        order = '>' if self.lies else '<'
+        order = '>' if self.wrong else '<'
         joints = struct.pack(f'{order}4i', 56, 10, 1, 0) + bytes(44)
         status = struct.pack(f'{order}11i', 40, 13, 1, 0, *self.STATUS)
         while not writer.is_closing():
@@ -129,21 +129,20 @@ class Liar(Motoman):
 
 
 @pytest.mark.invariant(4)
-async def test_inv4_a_stop_in_a_wrong_byte_order_goes_out_again_first_on_a_new_connection(
-    monkeypatch,
-):
-    """A Motoman that has not understood STOP_MOTION still has its queue."""
-    for name in ('ANSWER_TIMEOUT_S', 'UNCONFIRMED_REST_TIME_S'):  # that STOP stays unanswered
-        monkeypatch.setattr(stopper, name, 1e9)  # is not what ends the connection
+async def test_inv4_stop_in_a_wrong_byte_order_is_repeated_on_a_new_connection(monkeypatch):
+    """A Motoman that did not understand STOP_MOTION still has its queue."""
+    # an unanswered STOP must not be the reason for the new connection
+    for name in ('ANSWER_TIMEOUT_S', 'UNCONFIRMED_REST_TIME_S'):
+        monkeypatch.setattr(stopper, name, 1e9)
 
     async with (
-        Liar() as controller,
+        WrongByteOrder() as controller,
         Harness(controller.ports, delivery=MOTOMAN, motors='motoman') as harness,
     ):
         link = harness.driver.motion_link
         await until(lambda: link.statistics.frames_sent)
-        assert controller.connections == [[]]  # it waits for the rest of a very long message
-        controller.lies = False
+        assert controller.connections == [[]]  # it waits for the rest of a long message
+        controller.wrong = False
         controller.state.close()
         await until(lambda: len(controller.connections) == 2 and controller.connections[1])
         assert controller.connections[1][0] == Command.STOP_MOTION
@@ -154,8 +153,8 @@ async def test_inv4_a_stop_in_a_wrong_byte_order_goes_out_again_first_on_a_new_c
 
 
 @pytest.mark.invariant(4)
-async def test_inv4_the_servos_stay_off_until_stop_motion_was_taken():
-    """With the servos, a queue that STOP_MOTION has not emptied would be executed."""
+async def test_inv4_servos_stay_off_until_stop_motion_succeeds():
+    """With servos on, Motoman would execute a queue that STOP_MOTION has not cleared."""
     async with Motoman() as controller:
         controller.status = (0, *Motoman.STATUS[1:])  # drives_powered
         controller.result = Result.MP_FAILURE
@@ -170,14 +169,9 @@ async def test_inv4_the_servos_stay_off_until_stop_motion_was_taken():
 
 
 @pytest.mark.invariant(4)
-async def test_inv4_points_of_before_the_lost_link_are_stopped_when_it_is_back():
-    """FANUC's and ABB's programs finish the points that they have: STOP cuts that short."""
-    async with (
-        ScriptedController(lambda _: b'') as controller,
-        Harness(controller.ports, delivery=POINTS) as harness,
-    ):
-        await harness.ready()
-        await harness.commands.enable()
+async def test_inv4_old_points_are_stopped_when_the_link_returns():
+    """FANUC's and ABB's programs execute the points they have unless STOP arrives."""
+    async with scripted_cell(lambda _: b'', delivery=POINTS) as (harness, controller):
         goal = harness.submit(harness.at + 0.1)
         await until(lambda: controller.received == [0])
         controller.motion.close()
@@ -187,11 +181,6 @@ async def test_inv4_points_of_before_the_lost_link_are_stopped_when_it_is_back()
         assert harness.gate is not None
 
 
-async def test_a_controller_that_has_nothing_of_ours_gets_nothing_on_connection():
-    async with (
-        ScriptedController() as controller,
-        Harness(controller.ports, delivery=POINTS) as harness,
-    ):
-        await harness.ready()
-        await harness.commands.enable()
+async def test_controller_without_old_points_receives_no_stop_on_connection():
+    async with scripted_cell(delivery=POINTS) as (_, controller):
         assert controller.received == []

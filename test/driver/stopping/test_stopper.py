@@ -1,10 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""STOP is seen through to rest, or the alarm is raised (docs/invariants.md, 3, 4 and 9)."""
+"""STOP is monitored until the arm rests, or an alarm is raised (docs/invariants.md, 3, 4, 9)."""
 
 import asyncio
 import contextlib
-import logging
 import struct
 
 import numpy as np
@@ -22,7 +21,7 @@ from support.driver_harness import (
     pose,
     scripted_cell,
 )
-from support.event_loop import run, stand_still, until
+from support.event_loop import stand_still, until
 
 from epson_driver.driver.arm_commands import CommandError
 from epson_driver.driver.goal.goal import Goal, GoalSettings
@@ -38,7 +37,7 @@ STOP = -4
 
 
 class MovableController(ScriptedController):
-    """One whose joint 1 a test moves, at `speed` rad/s. Its STATUS knows nothing of motion."""
+    """A controller whose joint 1 moves at `speed`, rad/s. Its STATUS does not report motion."""
 
     STATUS = (1, 0, 0, 0, -1, 2, 1)
 
@@ -64,14 +63,14 @@ async def rejection(coroutine):
 
 
 def arm(harness):
-    """Return what /diagnostics says of the arm."""
+    """Return the diagnostics status of the arm."""
     diagnostics = Diagnostics(harness.driver, 'node', lambda _: 1)
     message = diagnostics.build(None, asyncio.get_running_loop().time())
     return message.status[-1]
 
 
 def refuses_stop(controller, stops, obeys_after=None):
-    """Have a simulated controller refuse STOP and go on; after so many it obeys."""
+    """Make a simulated controller refuse STOP, the first `obeys_after` times or always."""
     obey = controller.program.receive
 
     def receive(received):
@@ -89,7 +88,7 @@ def refuses_stop(controller, stops, obeys_after=None):
 
 @contextlib.asynccontextmanager
 async def disobedient(obeys_after=None, **options):
-    """Run a driver with an arm that goes a long way, on a controller that refuses STOP."""
+    """Run a driver with a long goal on a controller that refuses STOP."""
     async with cell(enabled=False, **options) as (harness, controller):
         controller.apply(Event.MOTORS_ON)
         await until(lambda: harness.driver.robot.status.drives_powered == 1)
@@ -104,35 +103,28 @@ async def disobedient(obeys_after=None, **options):
 # --- a controller that refuses STOP -----------------------------------------------------------
 
 
-def test_inv3_inv9_a_stop_that_is_refused_is_no_success_and_the_motors_go_off(caplog):
-    """docs/invariants.md, 3 and 9."""
-
-    async def scenario():
-        async with disobedient() as (harness, controller, goal, stops):
-            text = await rejection(harness.commands.stop())
-            assert 'the controller refused STOP (FAILURE reply)' in text
-            assert 'refused STOP' in goal.outcome.text
-            assert 'refused STOP' in harness.gate
-            diagnosis = arm(harness)
-            assert diagnosis.level == DiagnosticStatus.ERROR
-            assert 'the controller refused STOP' in diagnosis.message
-            assert 'the controller refused STOP' in harness.driver.stopper.alarm
-            await until(lambda: controller.status().drives_powered == 0)  # by the remote port
-            await until(lambda: not controller.moving)
-            assert harness.at[0] < 1.4
-            assert len(stops) >= 2
-            refused = harness.submit(pose(0.1), start=harness.at)
-            assert 'not enabled' in refused.outcome.text
-
-    with caplog.at_level(logging.ERROR):
-        run(scenario())
-    texts = [record.getMessage() for record in caplog.records]
-    assert any('not stopped as asked: the controller refused STOP' in text for text in texts)
-    assert any('the motors were switched off' in text for text in texts)
+async def test_inv3_inv9_refused_stop_is_a_failure_and_the_motors_go_off(caplog):
+    async with disobedient() as (harness, controller, goal, stops):
+        text = await rejection(harness.commands.stop())
+        assert 'the controller refused STOP (FAILURE reply)' in text
+        assert 'refused STOP' in goal.outcome.text
+        assert 'refused STOP' in harness.gate
+        diagnosis = arm(harness)
+        assert diagnosis.level == DiagnosticStatus.ERROR
+        assert 'the controller refused STOP' in diagnosis.message
+        assert 'the controller refused STOP' in harness.driver.stopper.alarm
+        await until(lambda: controller.status().drives_powered == 0)  # by the remote port
+        await until(lambda: not controller.moving)
+        assert harness.at[0] < 1.4
+        assert len(stops) >= 2
+        refused = harness.submit(pose(0.1), start=harness.at)
+        assert 'not enabled' in refused.outcome.text
+    assert 'not stopped as asked: the controller refused STOP' in caplog.text
+    assert 'the motors were switched off' in caplog.text
 
 
-async def test_inv3_a_refused_stop_is_sent_again_while_the_arm_moves_and_no_longer():
-    """docs/invariants.md, 3: without a remote port STOP is all there is."""
+async def test_inv3_refused_stop_is_repeated_until_the_arm_rests():
+    """Without a remote port, STOP is the only means."""
     async with disobedient(obeys_after=3, remote_port=0) as (harness, controller, _, stops):
         text = await rejection(harness.commands.stop())
         assert 'the arm stands' in text or 'the arm still moves' in text
@@ -144,15 +136,14 @@ async def test_inv3_a_refused_stop_is_sent_again_while_the_arm_moves_and_no_long
         await asyncio.sleep(0.5)
         assert len(stops) == count
         assert 'refused STOP' in harness.gate
-        assert arm(harness).level == DiagnosticStatus.ERROR  # until somebody enables the arm
+        assert arm(harness).level == DiagnosticStatus.ERROR
         await harness.commands.enable()
         assert arm(harness).level == DiagnosticStatus.OK
         assert (await harness.submit(pose(0.1), start=harness.at).end()).end is End.SUCCEEDED
 
 
 @pytest.mark.parametrize('remote', [True, False], ids=['remote port', 'no remote port'])
-async def test_inv9_disable_of_an_arm_that_refuses_stop(remote):
-    """docs/invariants.md, 9: success only if the arm was seen to stand."""
+async def test_inv9_disable_with_refused_stop_succeeds_only_at_rest(remote):
     options = {} if remote else {'remote_port': 0}
     async with disobedient(**options) as (harness, controller, _, _stops):
         if remote:
@@ -173,8 +164,7 @@ async def test_inv9_disable_of_an_arm_that_refuses_stop(remote):
 
 
 @pytest.mark.parametrize('how', ['fault', 'empty trajectory', 'shut down'])
-async def test_inv3_whatever_sends_the_stop_its_rejection_is_noticed(how):
-    """docs/invariants.md, 3."""
+async def test_inv3_refused_stop_raises_an_alarm_whatever_sent_it(how):
     async with disobedient(obeys_after=1, remote_port=0) as (
         harness,
         controller,
@@ -194,11 +184,8 @@ async def test_inv3_whatever_sends_the_stop_its_rejection_is_noticed(how):
         assert harness.gate is not None
 
 
-async def test_inv9_an_arm_that_moves_on_after_stop_was_taken_is_no_success():
-    """docs/invariants.md, 9: it says yes and does nothing."""
-    async with MovableController() as scripted, Harness(scripted.ports) as harness:
-        await harness.ready()
-        await harness.commands.enable()
+async def test_inv9_acknowledged_stop_without_rest_is_a_failure():
+    async with scripted_cell(controller=MovableController) as (harness, scripted):
         harness.submit(pose(0.5))
         scripted.speed = 0.2
         await until(lambda: harness.driver.robot.sample.velocities[0] > 0.1)
@@ -211,10 +198,9 @@ async def test_inv9_an_arm_that_moves_on_after_stop_was_taken_is_no_success():
         await until(lambda: harness.driver.stopper.over)
 
 
-async def test_an_arm_that_somebody_jogs_is_left_alone():
-    """Nothing of ours moves it: STOP is not repeated, and no goal is to blame."""
-    async with MovableController() as scripted, Harness(scripted.ports) as harness:
-        await harness.ready()
+async def test_stop_of_a_jog_by_another_client_is_not_repeated():
+    """The driver did not start the motion, and no goal is to blame."""
+    async with scripted_cell(controller=MovableController, enabled=False) as (harness, scripted):
         scripted.speed = 0.2
         await until(lambda: harness.driver.robot.sample.velocities[0] > 0.1)
         assert 'the arm still moves' in await rejection(harness.commands.stop())
@@ -225,8 +211,7 @@ async def test_an_arm_that_somebody_jogs_is_left_alone():
         assert 'the controller acknowledged STOP' in await harness.commands.stop()
 
 
-async def test_inv9_a_stop_that_no_joint_state_shows_is_no_success():
-    """docs/invariants.md, 9."""
+async def test_inv9_stop_without_a_joint_state_is_a_failure():
     async with ScriptedController() as scripted:
         scripted.shows_joints = False
         async with Harness(scripted.ports) as harness:
@@ -235,7 +220,7 @@ async def test_inv9_a_stop_that_no_joint_state_shows_is_no_success():
             assert 'no joint state shows whether the arm stands' in text
 
 
-async def test_a_stop_of_an_arm_that_stands_is_quick():
+async def test_stop_of_an_arm_at_rest_is_quick():
     async with cell() as (harness, _):
         times = []
         for _ in range(5):
@@ -245,11 +230,11 @@ async def test_a_stop_of_an_arm_that_stands_is_quick():
         assert min(times) < 0.3, times  # REST_TIME and a STATUS: 0.05 and 0.055 s
 
 
-# --- a goal after one whose points or STOP nobody answered ------------------------------------
+# --- goals after unanswered points or an unanswered STOP ------------------------------------
 
 
 def submitted_goal(harness, to, goal_time=0.0):
-    """Hand in a goal of two points from where the arm is, at 0."""
+    """Submit a goal of two points from position 0."""
     trajectory = Trajectory(
         LIMITS.names, np.array([0.0, 0.05]), np.vstack([np.zeros(JOINTS), pose(to)])
     )
@@ -260,14 +245,9 @@ def submitted_goal(harness, to, goal_time=0.0):
 
 
 @pytest.mark.invariant(5)
-async def test_inv5_after_a_goal_time_violation_the_next_goal_waits_until_stop_is_answered():
-    """docs/invariants.md, 3 and 5: the controller may still be busy with the first."""
-    async with (
-        MovableController(lambda _: b'') as scripted,
-        Harness(scripted.ports) as harness,
-    ):
-        await harness.ready()
-        await harness.commands.enable()
+async def test_inv5_goal_after_a_goal_time_violation_waits_for_the_stop_reply():
+    """The controller may still execute the first goal."""
+    async with scripted_cell(lambda _: b'', controller=MovableController) as (harness, scripted):
         first = submitted_goal(harness, 0.3, goal_time=0.1)
         assert (await first.end()).code is ErrorCode.GOAL_TOLERANCE_VIOLATED
         second = submitted_goal(harness, -0.3)
@@ -275,19 +255,14 @@ async def test_inv5_after_a_goal_time_violation_the_next_goal_waits_until_stop_i
         await asyncio.sleep(0.2)
         assert scripted.received == [0, STOP]
         assert not second.outcomes
-        scripted.motion.write(answer(2) + answer(1))  # the point is refused now, STOP is taken
+        scripted.motion.write(answer(2) + answer(1))  # the point is refused, STOP succeeds
         await until(lambda: scripted.received == [0, STOP, 0])
         assert harness.gate is None
 
 
-async def test_inv4_a_stop_that_is_never_answered_disables_the_arm_and_ends_the_goal_that_waits():
-    """docs/invariants.md, 4: then the controller starts the motion that it had been given."""
-    async with (
-        MovableController(lambda _: b'') as scripted,
-        Harness(scripted.ports) as harness,
-    ):
-        await harness.ready()
-        await harness.commands.enable()
+async def test_inv4_unanswered_stop_disables_and_ends_the_waiting_goal():
+    """The controller may execute the first goal later."""
+    async with scripted_cell(lambda _: b'', controller=MovableController) as (harness, scripted):
         first = submitted_goal(harness, 0.3, goal_time=0.1)
         await first.end()
         second = submitted_goal(harness, -0.3)
@@ -296,39 +271,33 @@ async def test_inv4_a_stop_that_is_never_answered_disables_the_arm_and_ends_the_
         assert 'no reply to STOP' in harness.gate
         assert scripted.received.count(0) == 1
         statistics = harness.driver.motion_link.statistics
-        await until(lambda: statistics.connections == 2)  # no late reply answers anything
+        await until(lambda: statistics.connections == 2)  # late replies are discarded
 
 
-async def test_inv9_a_stop_that_is_answered_late_but_in_time_is_a_success(monkeypatch):
-    """docs/invariants.md, 9: an arm that stands meanwhile says nothing about the answer."""
+async def test_inv9_late_reply_to_stop_is_a_success(monkeypatch):
+    """An arm at rest does not replace the reply."""
     for module in ('arm_commands', 'stopping.stopper'):
         monkeypatch.setattr(f'epson_driver.driver.{module}.ANSWER_TIMEOUT_S', 10.0)
 
-    async with (
-        ScriptedController(lambda number: b'' if number == STOP else answer(1, number)) as it,
-        Harness(it.ports) as harness,
-    ):
-        await harness.ready()
-        await harness.commands.enable()
+    def reply(sequence):
+        return b'' if sequence == STOP else answer(1, sequence)
+
+    async with scripted_cell(reply) as (harness, scripted):
         stopping = asyncio.create_task(harness.commands.stop())
-        await until(lambda: STOP in it.received)
-        await asyncio.sleep(3.0)  # the arm stands all the time
+        await until(lambda: STOP in scripted.received)
+        await asyncio.sleep(3.0)  # the arm is at rest
         assert harness.gate is None
-        it.motion.write(answer(1))
+        scripted.motion.write(answer(1))
         await stopping
         assert harness.gate is None
         assert harness.driver.stopper.alarm is None
 
 
-async def test_inv4_enable_has_the_controller_drop_what_it_may_still_have():
-    """docs/invariants.md, 4: what it has in its queue, too."""
-    silent = [True]
-    async with (
-        MovableController(lambda _: b'' if silent[0] else answer(1)) as scripted,
-        Harness(scripted.ports) as harness,
-    ):
-        await harness.ready()
-        await harness.commands.enable()
+async def test_inv4_enable_sends_stop_to_clear_the_controllers_queue():
+    silent = True
+    async with scripted_cell(
+        lambda _: b'' if silent else answer(1), controller=MovableController
+    ) as (harness, scripted):
         assert scripted.received == []
         await submitted_goal(harness, 0.3, goal_time=0.1).end()
         await until(lambda: harness.gate is not None)
@@ -337,24 +306,23 @@ async def test_inv4_enable_has_the_controller_drop_what_it_may_still_have():
         stops = scripted.received.count(STOP)
         assert 'no reply to STOP' in await rejection(harness.commands.enable())
         assert harness.gate is not None
-        silent[0] = False
+        silent = False
         await until(lambda: harness.driver.stopper.over and harness.driver.motion_link.connected)
         await harness.commands.enable()
         assert scripted.received.count(STOP) >= stops + 2
 
 
-# --- STOP's reply in the place of a point's ---------------------------------------------------
+# --- a reply that may belong to a point ---------------------------------------------------
 
 
-async def test_inv9_a_reply_that_may_be_a_points_confirms_no_standstill_but_the_state_does():
-    """docs/invariants.md, 9: of two requests one is answered, without a number."""
+async def test_inv9_ambiguous_stop_reply_needs_rest_in_the_joint_state():
+    """One of two requests is answered, without a number."""
     settings = GoalSettings(reply_timeout=30.0)
-    async with (
-        MovableController(lambda sequence: answer(1) if sequence == STOP else b'') as scripted,
-        Harness(scripted.ports, settings=settings) as harness,
-    ):
-        await harness.ready()
-        await harness.commands.enable()
+    async with scripted_cell(
+        lambda sequence: answer(1) if sequence == STOP else b'',
+        controller=MovableController,
+        settings=settings,
+    ) as (harness, scripted):
         goal = submitted_goal(harness, 0.3)
         await until(lambda: scripted.received == [0])
         scripted.speed = 0.2
@@ -371,8 +339,8 @@ async def test_inv9_a_reply_that_may_be_a_points_confirms_no_standstill_but_the_
 
 
 @pytest.mark.invariant(9)
-async def test_a_process_that_was_not_scheduled_does_not_take_stop_for_unanswered():
-    """docs/invariants.md, 9: the reply waits in the socket."""
+async def test_inv9_stalled_process_does_not_report_stop_as_unanswered():
+    """The reply is in the socket."""
 
     def reply(number):
         stand_still(30.0)
@@ -387,8 +355,8 @@ async def test_a_process_that_was_not_scheduled_does_not_take_stop_for_unanswere
 
 
 @pytest.mark.invariant(9)
-async def test_inv9_a_process_that_stood_still_has_not_waited_for_the_status_that_says_why():
-    """docs/invariants.md, 9: the motors are off, which is why STOP was refused: to be read yet."""
+async def test_inv9_stalled_process_reads_the_status_before_it_judges_stop():
+    """The STATUS shows that STOP was refused because the motors are off."""
 
     def reply_and_stand_still(number):
         if number == STOP:
@@ -398,11 +366,7 @@ async def test_inv9_a_process_that_stood_still_has_not_waited_for_the_status_tha
             asyncio.get_running_loop().call_later(0.002, stand_still, 30.0)
         return answer(2, number)
 
-    scripted = ScriptedController(reply_and_stand_still)
-
-    async with scripted, Harness(scripted.ports) as harness:
-        await harness.ready()
-        await harness.commands.enable()
+    async with scripted_cell(reply_and_stand_still) as (harness, scripted):
         harness.driver.stopper.stop()
         await until(lambda: harness.driver.stopper.over)
         assert harness.driver.stopper.alarm is None
