@@ -90,6 +90,7 @@ class SmoothingProcess:
     def __init__(self, limits: JointLimits, smoothing: Smoothing) -> None:
         self._limits = limits
         self._smoothing = smoothing
+        self._one = asyncio.Lock()
         self._next: asyncio.Task[asyncio.subprocess.Process] | None = None
         self._closed = False
 
@@ -103,15 +104,16 @@ class SmoothingProcess:
 
         Raises SmoothingError if none is found. Cancelling ends the process immediately.
         """
-        process = await self._take()
-        try:
-            arguments = (trajectory, start, self._limits, self._smoothing)
-            result = await answered(process, arguments, (Trajectory,), TIMEOUT_S)
-            if not isinstance(result, Trajectory):
-                raise SmoothingError(str(result))
-            return result
-        finally:
-            await end_worker(process)
+        async with self._one:
+            process = await self._take()
+            try:
+                arguments = (trajectory, start, self._limits, self._smoothing)
+                result = await answered(process, arguments, (Trajectory,), TIMEOUT_S)
+                if not isinstance(result, Trajectory):
+                    raise SmoothingError(str(result))
+                return result
+            finally:
+                await end_worker(process)
 
     async def _take(self) -> asyncio.subprocess.Process:
         """Return the process that was started for the next trajectory."""
@@ -127,11 +129,12 @@ class SmoothingProcess:
         return process
 
     async def close(self) -> None:
-        """End the process that was started for the next trajectory, and start no other."""
+        """End all processes and start no other. Calls of `prepared` must have been cancelled."""
         self._closed = True
-        waiting, self._next = self._next, None
-        if waiting is not None:
-            await until_done(asyncio.create_task(_end_started(waiting)))
+        async with self._one:
+            waiting, self._next = self._next, None
+            if waiting is not None:
+                await until_done(asyncio.create_task(_end_started(waiting)))
 
 
 async def answered(

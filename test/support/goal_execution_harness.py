@@ -6,6 +6,7 @@ import contextlib
 
 import numpy as np
 
+from epson_driver.driver.delivery.delivery import PreparedTrajectory
 from epson_driver.driver.delivery.trajectory_points import STOP
 from epson_driver.driver.goal.goal import Goal, GoalSettings
 from epson_driver.driver.goal.goal_execution import GoalExecution
@@ -84,9 +85,10 @@ class Harness:
         if start:
             self.start()
 
-    def start(self, trajectory=None):
-        """The motion is prepared, as it was planned or otherwise."""
-        self.execution.start(trajectory or self.goal.trajectory, self.wire, self.now)
+    def start(self, trajectory=None, delay=0.0):
+        """Start the prepared motion: the goal's trajectory, or the given one."""
+        trajectory = trajectory or self.goal.trajectory
+        self.execution.start(PreparedTrajectory(trajectory, self.wire, delay), self.now)
 
     def set_speed(self, factor):
         """Request a speed scaling as the goal queue does."""

@@ -11,12 +11,13 @@ sent through a callable.
 import contextlib
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cached_property, partial
 
 import numpy as np
 
+from epson_driver.driver.delivery.delivery import PreparedTrajectory
 from epson_driver.driver.delivery.reply_rejection import reply_rejection
 from epson_driver.driver.delivery.trajectory_points import MIN_DURATION_S, STOP
 from epson_driver.driver.goal.goal import Arrival, Goal, GoalSettings, check_start, late_start
@@ -44,7 +45,7 @@ from epson_driver.driver.state.standstill import (
     Standstill,
 )
 from epson_driver.link.replies import sequence_of
-from epson_driver.motion import Array, JointLimits, Trajectory
+from epson_driver.motion import Array, JointLimits
 from epson_driver.simple_message import Message, MotionReply, Packet, TriState
 
 SETTLE_TIME_S = 1.0
@@ -162,28 +163,21 @@ class GoalExecution:
         """True once the outcome is known."""
         return self.state in FINAL_STATES
 
-    def start(
-        self,
-        trajectory: Trajectory,
-        points: Sequence[Message],
-        now: float,
-        at: Array | None = None,
-        begin_within: float = 0.0,
-    ) -> None:
+    def start(self, prepared: PreparedTrajectory, now: float, at: Array | None = None) -> None:
         """Send the first point of a prepared trajectory unless the goal was stopped before.
 
-        `trajectory`: the trajectory to execute, which is the goal's or derived from it. `at`:
-        position of the arm, shape (n,), rad, if different from the first point. `begin_within`:
-        maximum delay before the controller moves the arm, s. The plan starts after this delay.
+        `prepared`: the goal's trajectory, or one derived from it. The plan starts after its delay.
+        `at`: position of the arm, shape (n,), rad, if different from the first point.
         """
         if self.state is not GoalState.PREPARING:
             return
+        trajectory = prepared.trajectory
         self.goal = replace(self.goal, trajectory=trajectory)
         start = trajectory.positions[0] if at is None else at
-        self._due = now + begin_within
+        self._due = now + prepared.delay
         if self._paused_at is None:
             self._start, self.started = start, now
-        self._schedule = PointSchedule(trajectory, points, start, self._scaling, self._due)
+        self._schedule = PointSchedule(prepared, start, self._scaling, self._due)
         self._standstill.alive = now
         self._step(GoalEvent.PREPARED)
         self._send_point(now)
@@ -299,6 +293,14 @@ class GoalExecution:
         share = time / max(self.goal.trajectory.duration, MIN_DURATION_S)
         expected = self._passed + (self._plan.duration - self._passed) * share
         return max(expected, self._reached)
+
+    @contextlib.contextmanager
+    def ended_by_rejection(self) -> Iterator[None]:
+        """End the goal by a fault if this block raises GoalRejectedError."""
+        try:
+            yield
+        except GoalRejectedError as rejection:
+            self.fault(str(rejection), rejection.code, rejection.remedy)
 
     def fault(
         self,

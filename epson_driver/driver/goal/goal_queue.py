@@ -11,9 +11,10 @@ here runs in the driver's loop.
 import asyncio
 import contextlib
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Coroutine, Iterator
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 from epson_driver.driver.configuration import Configuration
 from epson_driver.driver.delivery.delivery import PreparedTrajectory
@@ -54,7 +55,8 @@ _log = logging.getLogger(__name__)
 class GoalHandle:
     """A goal in the queue. `on_end` receives its outcome, once, `on_feedback` each sample.
 
-    alone: it must not replace another goal.
+    task: waits for fresh joints, for the smooth motion, or for the start time. None if the goal
+    had to wait for none of these. alone: it must not replace another goal.
     """
 
     goal: Goal
@@ -62,8 +64,18 @@ class GoalHandle:
     on_feedback: Callable[[GoalExecution, JointSample], None]
     execution: GoalExecution | None = None
     outcome: Outcome | None = None
-    preparation: asyncio.Task[None] | None = None
+    task: asyncio.Task[None] | None = None
     alone: bool = False
+
+    def continue_in_task(self, work: Coroutine[Any, Any, None]) -> None:
+        """Continue with `work` in a task, until `cancel_task`."""
+        self.task = asyncio.create_task(work)
+        self.task.add_done_callback(report_task_error)
+
+    def cancel_task(self) -> None:
+        """Cancel the task, if any."""
+        if self.task is not None:
+            self.task.cancel()
 
 
 class GoalQueue:
@@ -107,7 +119,6 @@ class GoalQueue:
         self.smoother = SmoothingProcess(limits, smoothing) if smoothing.wanted else None
         self._running: GoalHandle | None = None
         self._waiting: GoalHandle | None = None
-        self._preparations: set[asyncio.Task[None]] = set()
         self.plans = PlanningScopes()
         """Goals that are still being planned. Submitting a goal cancels them."""
 
@@ -136,8 +147,8 @@ class GoalQueue:
 
     @property
     def idle(self) -> bool:
-        """True while no goal runs, waits or is being prepared."""
-        return self._running is None and self._waiting is None and not self._preparations
+        """True while no goal runs or waits."""
+        return self._running is None and self._waiting is None
 
     @property
     def execution(self) -> GoalExecution | None:
@@ -160,8 +171,7 @@ class GoalQueue:
             self.smoother.make_ready()
 
     async def close(self) -> None:
-        """Wait for pending preparations, then close the smoothing process. No goal may run."""
-        await asyncio.gather(*self._preparations, return_exceptions=True)
+        """Close the smoothing process. No goal may run."""
         if self.smoother is not None:
             await self.smoother.close()
 
@@ -187,8 +197,7 @@ class GoalQueue:
         now = _now()
         found = self._why_not(self._purpose, now)
         if found is not None and found.cause is Cause.NO_POSE and self._robot.stale(now):
-            handle.preparation = asyncio.create_task(self._submit_later(handle))
-            handle.preparation.add_done_callback(report_task_error)
+            handle.continue_in_task(self._submit_later(handle))
             self._wait(handle)
         else:
             self._submit(handle, now)
@@ -197,7 +206,7 @@ class GoalQueue:
         """Submit a goal when a fresh pose is available, or after FRESH_POSE_TIMEOUT_S."""
         now = await wait_for_fresh_state(self._robot.stale, self._changed, FRESH_POSE_TIMEOUT_S)
         if handle is self._waiting:
-            self._waiting = handle.preparation = None
+            self._waiting = handle.task = None
             self._submit(handle, now)
 
     def _submit(self, handle: GoalHandle, now: float) -> None:
@@ -241,15 +250,14 @@ class GoalQueue:
     def _end_unstarted(self, handle: GoalHandle, why: str, end: End = End.ABORTED) -> None:
         if handle is self._waiting:
             self._waiting = None
-        if handle.preparation is not None:
-            handle.preparation.cancel()
+        handle.cancel_task()
         code = ErrorCode.SUCCESSFUL if end is End.CANCELED else ErrorCode.INVALID_GOAL
         handle.on_end(Outcome(end, code, why))
 
     def on_rest(self) -> None:
         """Start the waiting goal after a stop is over, unless it waits for a pose."""
         following = self._waiting
-        if self._running is None and following is not None and following.preparation is None:
+        if self._running is None and following is not None and following.task is None:
             self._waiting = None
             self._start(following, _now())
 
@@ -273,22 +281,21 @@ class GoalQueue:
         if handle is None or handle.execution is None:
             return None
         handle.execution.stop(why, _now())
-        try:
+        with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(timeout):
                 while handle.outcome is None:
                     await self._changed.wait()
-        except TimeoutError:
-            return None
         return handle.outcome
 
     def on_joints(self, sample: JointSample, now: float) -> None:
         """Notify the running goal of new joints."""
         handle = self._running
-        if handle is not None and handle.execution is not None:
-            handle.execution.on_state(self._robot, now)
-            self._resume(now)
-            if not handle.execution.ended:
-                handle.on_feedback(handle.execution, sample)
+        if handle is not None and (execution := handle.execution) is not None:
+            execution.on_state(self._robot, now)
+            if self.scaling.target and execution.state is GoalState.PAUSED:
+                self._resume(handle, execution, now)
+            if not execution.ended:
+                handle.on_feedback(execution, sample)
 
     def on_status(self, now: float) -> None:
         """Notify the running goal of a STATUS that permits motion."""
@@ -322,10 +329,7 @@ class GoalQueue:
 
     def _start(self, handle: GoalHandle, now: float) -> None:
         try:
-            sample = self.ready_sample(now, Purpose.START)
-            check_start(
-                handle.goal.trajectory, sample.positions, self._limits, self.start_tolerance
-            )
+            sample = self._start_sample(handle.goal.trajectory, now)
         except GoalRejectedError as rejection:
             handle.on_end(rejection.outcome)
             return
@@ -359,40 +363,29 @@ class GoalQueue:
         if factor or handle is None or handle.execution is None:
             return f'motions run at {factor:g} of their speed' if factor else 'motions are paused'
         handle.execution.pause(now)
-        if handle.preparation is not None:
-            handle.preparation.cancel()
+        handle.cancel_task()
         if handle.execution.state is GoalState.PAUSED:
             return 'motions are paused'
         return 'pausing: the arm brakes, and the motion waits'
 
-    def _resume(self, now: float) -> None:
-        """Continue the running goal if it is paused and may resume."""
-        handle = self._running
-        if handle is None or handle.execution is None or not self.scaling.target:
+    def _resume(self, handle: GoalHandle, execution: GoalExecution, now: float) -> None:
+        """Continue a paused goal if it may resume."""
+        if self._why_not(Purpose.RESUME, now) is not None:
             return
-        execution = handle.execution
-        paused = execution.state is GoalState.PAUSED
-        if not paused or self._why_not(Purpose.RESUME, now) is not None:
-            return
-        try:
+        with execution.ended_by_rejection():
             sample = self.ready_sample(now, Purpose.START)
             execution.resume(sample, self._limits, self.start_tolerance)
             check_limits(execution.goal.trajectory, self._limits, may_end_moving=True)
-        except GoalRejectedError as rejection:
-            execution.fault(str(rejection), rejection.code, rejection.remedy)
-            return
-        self.scaling.start_from_rest(now)
-        self._prepare(handle, execution, sample)
+            self.scaling.start_from_rest(now)
+            self._prepare(handle, execution, sample)
 
     def _prepare(self, handle: GoalHandle, execution: GoalExecution, sample: JointSample) -> None:
         """Plan a goal's motion if a smoother is set, and execute it at its start time."""
         if self.smoother is None and execution.goal.start <= _now():
-            self._execute(execution, execution.goal.trajectory, sample)
-            return
-        handle.preparation = asyncio.create_task(self._execute_later(execution, sample))
-        self._preparations.add(handle.preparation)
-        handle.preparation.add_done_callback(self._preparations.discard)
-        handle.preparation.add_done_callback(report_task_error)
+            with execution.ended_by_rejection():
+                self._execute(execution, execution.goal.trajectory, sample)
+        else:
+            handle.continue_in_task(self._execute_later(execution, sample))
 
     async def _execute_later(self, execution: GoalExecution, sample: JointSample) -> None:
         """Plan a goal's motion, wait for its start, and execute it unless it was stopped.
@@ -412,33 +405,27 @@ class GoalQueue:
                 self.smoother.make_ready()
         await asyncio.sleep(max(execution.goal.start - _now(), 0.0))
         now = await wait_for_fresh_state(self._robot.stale, self._changed, FRESH_POSE_TIMEOUT_S)
-        if execution.state is not GoalState.PREPARING:
-            return
-        try:
-            sample = self.ready_sample(now, Purpose.START)
-            check_start(motion, sample.positions, self._limits, self.start_tolerance)
-        except GoalRejectedError as rejection:
-            execution.fault(str(rejection), rejection.code, rejection.remedy)
-            return
-        self._execute(execution, motion, sample)
+        if execution.state is GoalState.PREPARING:
+            with execution.ended_by_rejection():
+                self._execute(execution, motion, self._start_sample(motion, now))
+
+    def _start_sample(self, trajectory: Trajectory, now: float) -> JointSample:
+        """Return the joint sample. Raises GoalRejectedError unless a trajectory may start now."""
+        sample = self.ready_sample(now, Purpose.START)
+        check_start(trajectory, sample.positions, self._limits, self.start_tolerance)
+        return sample
 
     def _execute(
         self, execution: GoalExecution, trajectory: Trajectory, sample: JointSample
     ) -> None:
-        try:
-            if (message := execution.goal.message) is not None:
-                prepared = PreparedTrajectory(trajectory, [message])
-            else:
-                if self._settings.require_planned_speed and not execution.resumed:
-                    factor = self.scaling.target
-                    self._planned_speed.check(trajectory, sample.positions, factor)
-                prepared = self._stopper.delivery.prepare(trajectory, sample.positions)
-        except GoalRejectedError as rejection:
-            execution.fault(str(rejection), rejection.code, rejection.remedy)
-            return
-        execution.start(
-            prepared.trajectory, prepared.messages, _now(), sample.positions, prepared.delay
-        )
+        """Send the first point. Raises GoalRejectedError if the controller cannot execute it."""
+        if (message := execution.goal.message) is not None:
+            prepared = PreparedTrajectory(trajectory, [message])
+        else:
+            if self._settings.require_planned_speed and not execution.resumed:
+                self._planned_speed.check(trajectory, sample.positions, self.scaling.target)
+            prepared = self._stopper.delivery.prepare(trajectory, sample.positions)
+        execution.start(prepared, _now(), sample.positions)
 
     def _on_end(self, handle: GoalHandle, outcome: Outcome) -> None:
         if handle is self._running:
@@ -450,8 +437,7 @@ class GoalQueue:
             self.other_speed += self.last_timing.deviates
         if aftermath.broken_off:
             self._on_broken_off(outcome, aftermath.unanswered)
-        if handle.preparation is not None:
-            handle.preparation.cancel()
+        handle.cancel_task()
         self._changed.notify_all()
         handle.on_end(outcome)
         if not aftermath.at_rest:

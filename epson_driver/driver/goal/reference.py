@@ -13,12 +13,12 @@ Rules:
 
 import math
 from array import array
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
 
+from epson_driver.driver.delivery.delivery import PreparedTrajectory
 from epson_driver.driver.delivery.trajectory_points import MIN_DURATION_S, MIN_VELOCITY
 from epson_driver.motion import Array, Trajectory
 from epson_driver.motion.interpolation import Interpolation
@@ -212,20 +212,19 @@ class PointSchedule:
 
     def __init__(
         self,
-        trajectory: Trajectory,
-        messages: Sequence[Message],
+        prepared: PreparedTrajectory,
         start: Array,
         scaling: SpeedScaling,
         begins_by: float,
     ) -> None:
-        self.clock = GoalClock(trajectory, start, scaling, begins_by)
+        self.clock = GoalClock(prepared.trajectory, start, scaling, begins_by)
         self.duration = 0.0
         """Duration of the last point that was sent, s."""
         self._sent_until = begins_by
         self._scaling = scaling
         self._delay = 0.0
-        self._times = trajectory.times.data  # gives floats, as an array does not
-        self._messages = messages
+        self._times = prepared.trajectory.times.data  # gives floats, as an array does not
+        self._messages = prepared.messages
 
     def __len__(self) -> int:
         """Return the number of points."""

@@ -396,7 +396,7 @@ def test_a_rejected_goal_says_whether_the_cause_is_known(status, text, unexplain
 def test_a_process_that_stood_still_has_not_waited_for_the_arm_to_begin():
     """docs/invariants.md, 9: as after a download, in whose dead time the arm stands."""
     harness = Harness(start=False)
-    harness.execution.start(harness.goal.trajectory, harness.wire, harness.now, begin_within=3.0)
+    harness.start(delay=3.0)
     for _ in LINE:
         harness.answer()
     assert harness.state == 'settling'
