@@ -366,8 +366,6 @@ class Connection:
         Raises MotionError if the motion was ended during planning, is rejected, or fails.
         """
         driver = self.running
-        with refusals():
-            plan.check()
         sample, statement = driver.robot.sample, None
         if driver.moves is not None:
             if move is None:
@@ -375,7 +373,7 @@ class Connection:
             statement = move(driver.moves)
         elif sample is not None:
             trajectory = divided(trajectory, sample.positions)
-        motion = Motion(driver.goal_queue, self._setup.goal(trajectory, statement), path)
+        motion = Motion(driver.goal_queue, self._setup.goal(trajectory, statement), plan, path)
         motion.begin()
         if wait:
             await motion.finish()

@@ -18,6 +18,7 @@ if TYPE_CHECKING:  # the driver is loaded with the first Robot
     from epson_driver.driver.goal.goal import Goal
     from epson_driver.driver.goal.goal_execution import GoalExecution
     from epson_driver.driver.goal.goal_queue import GoalQueue
+    from epson_driver.driver.goal.planning_scope import PlanningScope
     from epson_driver.driver.state.robot_state import JointSample
 
 _log = logging.getLogger(__name__)
@@ -34,12 +35,14 @@ HeldPath = tuple[Callable[[Array], float], float]
 class Motion(Unique):
     """A motion of the arm. It ends once: it succeeded, was canceled, or was aborted."""
 
-    def __init__(self, queue: 'GoalQueue', goal: 'Goal', path: HeldPath | None = None) -> None:
+    def __init__(
+        self, queue: 'GoalQueue', goal: 'Goal', plan: 'PlanningScope', path: HeldPath | None = None
+    ) -> None:
         from epson_driver.driver.goal.goal_queue import GoalHandle
 
         self._queue = queue
         self._planned = goal.trajectory.duration
-        self._handle = GoalHandle(goal, self._on_end, self._see, alone=True)
+        self._handle = GoalHandle(goal, self._on_end, self._see, plan=plan)
         self._path = path
         self._away = 0.0
         self._outcome: Outcome | None = None

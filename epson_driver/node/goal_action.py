@@ -25,10 +25,13 @@ CANCELED = Outcome(End.CANCELED, ErrorCode.SUCCESSFUL, 'canceled before it could
 
 
 class Queue(Protocol):
-    """Interface of a queue of goals."""
+    """Interface of a queue of goals. Its methods are called in the loop."""
+
+    def submit(self, handle: Any) -> None:
+        """Execute a goal, which reports its end."""
 
     def cancel(self, handle: Any) -> None:
-        """End a submitted goal. Called in the loop."""
+        """End a submitted goal."""
 
 
 OnEnd = Callable[[Outcome], None]
@@ -41,15 +44,13 @@ class ActionType:
     kind: the ROS type. name: for example `~/follow_joint_trajectory`. prepare: reads and checks a
     request in the executor. It returns a function from the callback for the outcome to a goal for
     the queue, and may raise GoalRejectedError. Its planning scope ends when the goal is canceled,
-    which interrupts long planning. submit: passes the goal and the scope to the queue, in the
-    loop. result: converts an outcome to the action's result. result_timeout: time for which a
-    result is stored for late requests, s.
+    which interrupts long planning. result: converts an outcome to the action's result.
+    result_timeout: time for which a result is stored for late requests, s.
     """
 
     kind: Any
     name: str
     prepare: Callable[[ServerGoalHandle, PlanningScope], Awaitable[Callable[[OnEnd], Any]]]
-    submit: Callable[[Any, PlanningScope], None]
     result: Callable[[Outcome], Any]
     result_timeout: int
 
@@ -123,7 +124,7 @@ class GoalAction:
             return CANCELED
         done = self._bridge.create_future()
         handle = request.handle = prepared(partial(self._bridge.resolve, done))
-        self._bridge.hand_over(self._action.submit, handle, request.plan)
+        self._bridge.hand_over(self._queue.submit, handle)
         if ros_handle.is_cancel_requested:
             self._bridge.to_loop(self._queue.cancel, handle)
         outcome: Outcome = await self._bridge.wait_for(done)

@@ -134,7 +134,6 @@ class GoalServer:
             FollowJointTrajectory,
             '~/follow_joint_trajectory',
             self._prepare,
-            lambda handle, _: self._queue.submit(handle),
             messages.result,
             RESULT_TIMEOUT_S,
         )

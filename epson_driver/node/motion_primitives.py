@@ -75,7 +75,6 @@ class MotionPrimitives:
             ExecuteMotionPrimitiveSequence,
             '~/execute_motion_primitive_sequence',
             self._prepare,
-            self.submit,
             primitive_result,
             RESULT_TIMEOUT_S,
         )
@@ -120,9 +119,8 @@ class MotionPrimitives:
         if (moves := self._driver.moves) is not None:
             statement = sequence_statement(self.kinematics, self._tool, primitives, planned, moves)
         goal = self._setup.goal(planned.trajectory, statement)
-        return partial(
-            GoalHandle, goal, on_feedback=partial(self._on_feedback, ros_handle, planned)
-        )
+        on_feedback = partial(self._on_feedback, ros_handle, planned)
+        return partial(GoalHandle, goal, on_feedback=on_feedback, plan=plan)
 
     # --- in the loop's thread ---------------------------------------------------------------
 
@@ -156,14 +154,6 @@ class MotionPrimitives:
             )
         except (SequenceError, PlanningEndedError) as error:
             raise _invalid(str(error)) from error
-
-    def submit(self, handle: GoalHandle, plan: PlanningScope) -> None:
-        """Execute the planned goal, unless its scope has ended or another goal is running."""
-        if plan.why is not None:
-            handle.on_end(_invalid(plan.why).outcome)
-        else:
-            handle.alone = True
-            self._queue.submit(handle)
 
     def _on_feedback(
         self,

@@ -189,7 +189,8 @@ class PointsInterface:
             if not ended.done():
                 ended.set_result(outcome)
 
-        self._primitives.submit(GoalHandle(goal, end, self._on_feedback), plan)
+        handle = GoalHandle(goal, end, self._on_feedback, plan=plan)
+        self._driver.goal_queue.submit(handle)
         return await ended
 
     def _on_feedback(self, execution: GoalExecution, sample: JointSample) -> None:

@@ -180,7 +180,7 @@ class PassedGoal:
     start: float
     on_feedback: Callable[[FollowJointTrajectory.Feedback], None]
     on_end: OnEnd
-    scope: PlanningScope = field(default_factory=PlanningScope)
+    scope: PlanningScope
     left: asyncio.Event = field(default_factory=asyncio.Event)
     why: Outcome | None = None
 
@@ -274,7 +274,6 @@ class SmoothGoals:
             FollowJointTrajectory,
             '~/follow_joint_trajectory',
             self._prepare,
-            self._submit,
             messages.result,
             RESULT_TIMEOUT_S,
         )
@@ -324,7 +323,7 @@ class SmoothGoals:
                     self._bridge.to_loop(self._leave_all, why)
 
     async def _prepare(
-        self, ros_handle: ServerGoalHandle, _scope: PlanningScope
+        self, ros_handle: ServerGoalHandle, scope: PlanningScope
     ) -> Callable[[OnEnd], PassedGoal]:
         request = ros_handle.request
         check_unsupported(request)
@@ -350,7 +349,8 @@ class SmoothGoals:
             raise _rejected(listed(found))
         stamp, clock = request.trajectory.header.stamp, self._node.get_clock()
         start = start_time(stamp, trajectory.duration, clock, self._loop.time)
-        return partial(PassedGoal, request, trajectory, limits, start, ros_handle.publish_feedback)
+        on_feedback = ros_handle.publish_feedback
+        return partial(PassedGoal, request, trajectory, limits, start, on_feedback, scope=scope)
 
     def _on_feedback(self, driven: Driven, feedback: FollowJointTrajectory.Feedback) -> None:
         try:
@@ -375,10 +375,9 @@ class SmoothGoals:
         for goal in self._goals:
             goal.leave(_aborted(why))
 
-    def _submit(self, goal: PassedGoal, scope: PlanningScope) -> None:
+    def submit(self, goal: PassedGoal) -> None:
         """Abandon the earlier goals, and execute this one when the arm is at rest."""
-        goal.scope = scope
-        if scope.why is not None or self._ending is not None:
+        if goal.scope.why is not None or self._ending is not None:
             goal.on_end(self._ending or CANCELED)
             return
         self._leave_all('replaced by a newer goal')

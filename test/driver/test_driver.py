@@ -180,17 +180,28 @@ async def test_cancel_of_a_waiting_goal_does_not_change_the_running_goals_end():
         assert (await first.end()).text.startswith('replaced by a new goal')
 
 
-@pytest.mark.invariant(5)
-async def test_inv5_exclusive_goal_does_not_replace_a_running_one():
+@pytest.mark.invariant(3, 5)
+async def test_inv3_inv5_planned_goal_replaces_no_other_and_does_not_start_after_a_stop():
+    """A motion planned from the arm's position is rejected while another runs, and after STOP."""
     async with cell() as (harness, _):
+        queue = harness.driver.goal_queue
+
+        def submit_planned(plan):
+            planned = Submitted(first.handle.goal)
+            planned.handle.plan = plan
+            queue.submit(planned.handle)
+            return planned
+
         first = harness.submit(pose(0.5))
-        plan = harness.driver.goal_queue.plans.begin()
-        second = Submitted(first.handle.goal)
-        second.handle.alone = True
-        harness.driver.goal_queue.submit(second.handle)
-        assert second.outcome.text.startswith('another motion runs or waits')
+        plan = queue.plans.begin()
+        assert submit_planned(plan).outcome.text.startswith('another motion runs or waits')
         assert plan.why is None
         assert (await first.end()).end is End.SUCCEEDED
+        await harness.commands.stop()
+        rejected = submit_planned(plan).outcome
+        assert (rejected.end, rejected.code) == (End.ABORTED, ErrorCode.INVALID_GOAL)
+        assert rejected.text == 'stopped on request before it could start'
+        assert (await harness.submit(pose(0.6)).end()).end is End.SUCCEEDED
 
 
 @pytest.mark.invariant(8)

@@ -166,7 +166,7 @@ class Front:
         handle = SimpleNamespace(request=request, publish_feedback=feedback.append)
         ended = asyncio.get_running_loop().create_future()
         goal = (await self.goals._prepare(handle, scope))(ended.set_result)
-        self.goals._submit(goal, scope)
+        self.goals.submit(goal)
         return SimpleNamespace(goal=goal, feedback=feedback, ended=ended)
 
     async def until_moving(self):

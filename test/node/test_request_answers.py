@@ -50,7 +50,7 @@ class Queue:
     def __init__(self):
         self.submitted = []
 
-    def submit(self, handle, _plan):
+    def submit(self, handle):
         self.submitted.append(handle)
 
     def cancel(self, handle):
@@ -64,7 +64,7 @@ def action(made, monkeypatch):
 
     def make(prepare):
         queue = Queue()
-        kind = ActionType(None, '~/x', prepare, queue.submit, lambda outcome: outcome, 60)
+        kind = ActionType(None, '~/x', prepare, lambda outcome: outcome, 60)
         return GoalAction(kind, queue, made.bridge), queue
 
     return make

@@ -28,7 +28,7 @@ from epson_driver.driver.goal.goal import (
 from epson_driver.driver.goal.goal_execution import GoalExecution
 from epson_driver.driver.goal.goal_states import AT_REST, GoalState
 from epson_driver.driver.goal.planned_speed import PlannedSpeed, Timing
-from epson_driver.driver.goal.planning_scope import PlanningScopes
+from epson_driver.driver.goal.planning_scope import PlanningScope, PlanningScopes
 from epson_driver.driver.goal.reference import SpeedScaling
 from epson_driver.driver.inhibit import Cause, Inhibit, Purpose
 from epson_driver.driver.outcome import End, ErrorCode, GoalRejectedError, Outcome
@@ -56,7 +56,8 @@ class GoalHandle:
     """A goal in the queue. `on_end` receives its outcome, once, `on_feedback` each sample.
 
     task: waits for fresh joints, for the smooth motion, or for the start time. None if the goal
-    had to wait for none of these. alone: it must not replace another goal.
+    had to wait for none of these. plan: the scope of a motion that was planned for the position at
+    its beginning. Such a goal must not replace another, and does not start once its scope ended.
     """
 
     goal: Goal
@@ -65,7 +66,7 @@ class GoalHandle:
     execution: GoalExecution | None = None
     outcome: Outcome | None = None
     task: asyncio.Task[None] | None = None
-    alone: bool = False
+    plan: PlanningScope | None = None
 
     def continue_in_task(self, work: Coroutine[Any, Any, None]) -> None:
         """Continue with `work` in a task, until `cancel_task`."""
@@ -185,9 +186,11 @@ class GoalQueue:
         scheduled for a while, and newer joints may still be unread.
         """
         try:
+            if handle.plan is not None and handle.plan.why is not None:
+                raise GoalRejectedError(ErrorCode.INVALID_GOAL, handle.plan.why)
             if self.stops:
                 raise GoalRejectedError(ErrorCode.INVALID_GOAL, self.stops[0])
-            if handle.alone:
+            if handle.plan is not None:
                 self.check(Purpose.ALONE, _now())
             handle.goal = checked_goal(handle.goal, self._limits)
         except GoalRejectedError as rejection:

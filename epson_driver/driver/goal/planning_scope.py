@@ -92,6 +92,7 @@ class PlanningScopes:
         """Cancel all registered goals, in the order of their registration."""
         for plan in list(self._plans.values()):
             plan.end(why)
+        self._plans.clear()
 
 
 def _take(done: 'asyncio.Future[T]', *, left: bool) -> None:
