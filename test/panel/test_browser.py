@@ -44,9 +44,11 @@ def panel(cell: Cell, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Pane
 
 
 @pytest.fixture(scope='module')
-def hasty(cell: Cell, tmp_path_factory: pytest.TempPathFactory) -> Iterator[PanelProcess]:
-    """A panel with the patience that it has for users."""
-    found = PanelProcess(tmp_path_factory.mktemp('hasty'), cell.domain, patience=False)
+def default_timeouts(
+    cell: Cell, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[PanelProcess]:
+    """A panel with the time-outs that users get."""
+    found = PanelProcess(tmp_path_factory.mktemp('default_timeouts'), cell.domain, patience=False)
     yield found
     assert found.end() == 0
 
@@ -57,10 +59,10 @@ def page(panel: PanelProcess) -> Iterator[Page]:
         yield Page(browser, panel.address)
 
 
-# One window at a time is armed: these come before the one that stays open.
+# Only one window can be armed: these tests come before the window that stays open.
 @pytest.mark.parametrize('dark', [False, True])
 @pytest.mark.parametrize('size', SIZES)
-def test_without_webgl_it_works_and_it_fits(
+def test_page_works_and_fits_without_webgl(
     size: tuple[int, int], dark: bool, panel: PanelProcess, cell: Cell
 ) -> None:
     width, height = size
@@ -91,7 +93,7 @@ def test_without_webgl_it_works_and_it_fits(
 
 
 @pytest.mark.invariant(1)
-def test_nothing_can_be_pressed_before_it_is_armed(page: Page, cell: Cell) -> None:
+def test_buttons_are_disabled_before_the_window_is_armed(page: Page, cell: Cell) -> None:
     cell.peer.enable()
     for label in ('Enable', 'Reset error', 'Execute', 'Go to its start, slowly'):
         button = page.button(label)
@@ -101,7 +103,7 @@ def test_nothing_can_be_pressed_before_it_is_armed(page: Page, cell: Cell) -> No
     cell.peer.assert_still()
 
 
-def test_the_view_is_not_empty_and_follows_the_arm_until_stop(page: Page, cell: Cell) -> None:
+def test_3d_view_follows_the_arm_until_stop(page: Page, cell: Cell) -> None:
     import numpy as np
 
     page.lamp('Door', 'good')
@@ -114,8 +116,8 @@ def test_the_view_is_not_empty_and_follows_the_arm_until_stop(page: Page, cell: 
     page.button('Execute').click()
     cell.peer.wait_for_motion()
     page.lamp('Motion', 'good')
-    began = cell.peer.position()[0]
-    page.wait(lambda: abs(cell.peer.position()[0] - began) > 0.05, 'a part of the way')
+    start = cell.peer.position()[0]
+    page.wait(lambda: abs(cell.peer.position()[0] - start) > 0.05, 'motion')
     changed = np.abs(page.picture() - at_rest).sum(axis=2) > 60
     assert np.count_nonzero(changed) > 200
     page.page.keyboard.press('Escape')
@@ -126,7 +128,7 @@ def test_the_view_is_not_empty_and_follows_the_arm_until_stop(page: Page, cell: 
 
 @contextlib.contextmanager
 def stopped(what: bytes) -> Iterator[None]:
-    """Stop the processes of browsers of this process, those with a word in their command line."""
+    """Suspend the child browser processes whose command line contains `what`."""
     parents, found = {}, set()
     for each in Path('/proc').iterdir():
         with contextlib.suppress(OSError):
@@ -151,11 +153,11 @@ def stopped(what: bytes) -> Iterator[None]:
 
 
 RENDERER, WHOLE_BROWSER = b'--type=renderer', b'chromium'
-"""The process that draws a page, as it freezes; all of them, as they are asleep."""
+"""A frozen page suspends the renderer process, a sleeping computer all processes."""
 
 
-def is_executing(page: Page, cell: Cell) -> None:
-    """Have the arm follow the swing."""
+def start_swing(page: Page, cell: Cell) -> None:
+    """Start the swing trajectory and wait for motion."""
     page.armed()
     page.button('Enable').click()
     page.lamp('Arm gate', 'good')
@@ -167,41 +169,41 @@ def is_executing(page: Page, cell: Cell) -> None:
 
 @pytest.mark.invariant(3)
 @pytest.mark.parametrize('what', [RENDERER, WHOLE_BROWSER])
-def test_a_window_that_is_frozen_or_asleep_stops_the_arm_within_2_s(
-    what: bytes, cell: Cell, hasty: PanelProcess
+def test_frozen_window_stops_the_arm_within_2_s(
+    what: bytes, cell: Cell, default_timeouts: PanelProcess
 ) -> None:
     with chromium('--disable-3d-apis') as browser:
-        page = Page(browser, hasty.address)
+        page = Page(browser, default_timeouts.address)
         page.lamp('Door', 'good')
-        is_executing(page, cell)
+        start_swing(page, cell)
         with stopped(what):
-            began = time.time()
-            there = cell.peer.wait_until_still()
-        moved = [s for s in cell.peer.joint_states if list(s.position) != there.tolist()]
-        assert stamp(moved[-1]) - began < 2.0
+            start = time.time()
+            end = cell.peer.wait_until_still()
+        moved = [s for s in cell.peer.joint_states if list(s.position) != end.tolist()]
+        assert stamp(moved[-1]) - start < 2.0
         page.wait_for_text('log', 'the armed window is frozen, hidden or cut off')
 
 
 @pytest.mark.invariant(3)
-def test_a_stop_that_is_not_delivered_is_said_large_and_red(
-    cell: Cell, hasty: PanelProcess
+def test_undelivered_stop_shows_a_large_red_alarm(
+    cell: Cell, default_timeouts: PanelProcess
 ) -> None:
-    said = """(id) => {
+    read_style = """(id) => {
         const each = document.querySelector(id), is = getComputedStyle(each);
         return [each.innerText, is.color, is.backgroundColor, is.fontSize];
     }"""
     with chromium('--disable-3d-apis') as browser:
-        page = Page(browser, hasty.address)
+        page = Page(browser, default_timeouts.address)
         before = page.page.locator('#stop').bounding_box()
         for silent, place, why in (
             (cell.client, '#alarm', 'the driver has not answered for 0.5 s'),
-            (hasty.process, '#silence span', 'the panel did not answer'),
+            (default_timeouts.process, '#silence span', 'the panel did not answer'),
         ):
             silent.send(signal.SIGSTOP)
             try:
                 page.page.keyboard.press('Escape')
                 page.page.locator(place, has_text='STOP was not delivered').wait_for()
-                text, colour, back, size = page.page.evaluate(said, place)
+                text, colour, back, size = page.page.evaluate(read_style, place)
             finally:
                 silent.send(signal.SIGCONT)
             assert text == f'STOP was not delivered: {why}. Press the E-stop.'
@@ -213,7 +215,7 @@ def test_a_stop_that_is_not_delivered_is_said_large_and_red(
 
 
 @pytest.mark.invariant(3)
-def test_a_stop_that_no_robot_is_there_for_is_said(tmp_path: Path) -> None:
+def test_stop_without_a_driver_is_reported(tmp_path: Path) -> None:
     panel = PanelProcess(tmp_path, free_ros_domain())
     try:
         with chromium('--disable-3d-apis') as browser:
@@ -229,7 +231,7 @@ def test_a_stop_that_no_robot_is_there_for_is_said(tmp_path: Path) -> None:
 
 
 @pytest.mark.invariant(6)
-def test_an_estop_is_seen_with_its_reason_and_what_to_do(page: Page) -> None:
+def test_estop_is_shown_with_reason_and_remedy(page: Page) -> None:
     page.page.locator('#pendant summary').click()
     before = page.page.locator('#stop').bounding_box()
     page.button('press').click()
@@ -245,9 +247,7 @@ def test_an_estop_is_seen_with_its_reason_and_what_to_do(page: Page) -> None:
 
 
 @pytest.mark.invariant(6)
-def test_a_page_whose_panel_is_silent_turns_grey_and_says_so(
-    page: Page, panel: PanelProcess
-) -> None:
+def test_page_turns_grey_when_the_panel_is_silent(page: Page, panel: PanelProcess) -> None:
     def shown() -> tuple[set[str], bool]:
         found = page.page.evaluate(
             """() => [[...document.querySelectorAll('.live, #acts')].map(
@@ -267,20 +267,18 @@ def test_a_page_whose_panel_is_silent_turns_grey_and_says_so(
 
 
 @pytest.mark.invariant(3)
-def test_a_held_button_moves_the_arm_until_it_is_released_or_the_window_is_left(
-    page: Page, cell: Cell
-) -> None:
+def test_jog_ends_when_the_button_is_released_or_focus_is_lost(page: Page, cell: Cell) -> None:
     page.armed()
     page.button('Enable').click()
     page.lamp('Arm gate', 'good')
-    time.sleep(1.5)  # after a stop the driver wants a second without a stream
-    began = cell.peer.position()[0]
+    time.sleep(1.5)  # after a stop the driver requires a second without a stream
+    start = cell.peer.position()[0]
     page.button('joint_1 plus').scroll_into_view_if_needed()
     where = page.button('joint_1 plus').bounding_box()
     for end in ('mouse up', 'window left'):
         page.page.mouse.move(where['x'] + 20, where['y'] + 20)
         page.page.mouse.down()
-        page.wait(lambda began=began: cell.peer.position()[0] > began + 0.01, 'moved')
+        page.wait(lambda start=start: cell.peer.position()[0] > start + 0.01, 'moved')
         if end == 'mouse up':
             page.page.mouse.up()
         else:
@@ -289,19 +287,19 @@ def test_a_held_button_moves_the_arm_until_it_is_released_or_the_window_is_left(
         cell.peer.assert_still()
         assert page.page.locator('.held').count() == 0
         page.page.mouse.up()
-        began = cell.peer.position()[0]
+        start = cell.peer.position()[0]
         time.sleep(1.2)
 
 
-def test_a_step_moves_once_by_what_is_chosen(page: Page, cell: Cell) -> None:
+def test_step_button_moves_once_by_the_chosen_step(page: Page, cell: Cell) -> None:
     import numpy as np
 
     page.armed()
     page.page.get_by_label('Each press moves').select_option('1')
-    began = cell.peer.wait_until_still()
+    start = cell.peer.wait_until_still()
     page.button('joint_2 plus').click()
     page.wait_for_text('log', 'step of 2: ')
-    moved = np.degrees(cell.peer.wait_until_still() - began)
+    moved = np.degrees(cell.peer.wait_until_still() - start)
     np.testing.assert_allclose(moved, [0, 1, 0, 0, 0, 0], atol=0.05)
     page.page.get_by_text('World', exact=True).click()
     height = page.page.locator('#tool dd').nth(2)
@@ -312,7 +310,7 @@ def test_a_step_moves_once_by_what_is_chosen(page: Page, cell: Cell) -> None:
     page.wait(lambda: abs(float(height.inner_text()) - before + 1.0) < 0.15, '1 mm lower')
 
 
-def test_points_are_taught_saved_and_gone_to(page: Page, cell: Cell) -> None:
+def test_point_is_taught_saved_and_approached(page: Page, cell: Cell) -> None:
     import numpy as np
 
     page.armed()
@@ -350,7 +348,7 @@ def test_points_are_taught_saved_and_gone_to(page: Page, cell: Cell) -> None:
     page.wait_for_text('points', '350.0 20.0 -30.0 0.0 0.0 0.0')
 
 
-def test_points_of_the_page_and_of_the_driver_are_markers(page: Page, cell: Cell) -> None:
+def test_taught_points_of_page_and_driver_have_markers(page: Page, cell: Cell) -> None:
     from epson_msgs.srv import TaughtPoints
 
     page.armed()
@@ -387,7 +385,7 @@ def test_points_of_the_page_and_of_the_driver_are_markers(page: Page, cell: Cell
     assert not {'mine', 'theirs'} & {*shown.get_attribute('data-points').split()}
 
 
-def test_a_line_of_the_log_stays_selected(page: Page) -> None:
+def test_selected_log_line_stays_selected(page: Page) -> None:
     page.page.evaluate(
         """() => getSelection().selectAllChildren(document.querySelector('#log li'))"""
     )
@@ -397,7 +395,7 @@ def test_a_line_of_the_log_stays_selected(page: Page) -> None:
     assert page.page.evaluate('() => getSelection().toString()') == chosen
 
 
-def test_everything_that_can_be_pressed_has_a_name(page: Page) -> None:
+def test_every_control_has_an_accessible_name(page: Page) -> None:
     unnamed = page.page.evaluate(
         """() => [...document.querySelectorAll('button, input, select')].filter((each) =>
             !each.hidden && !each.ariaLabel && !each.textContent.trim() && !each.labels?.length
@@ -415,9 +413,7 @@ def test_everything_that_can_be_pressed_has_a_name(page: Page) -> None:
     assert 'epson_driver' in page.page.title()
 
 
-def test_it_asked_nobody_else_and_complained_about_nothing(
-    page: Page, panel: PanelProcess
-) -> None:
+def test_page_requests_no_other_host_and_logs_no_errors(page: Page, panel: PanelProcess) -> None:
     own = f'://127.0.0.1:{panel.port}/'
     assert page.requests
     others = [url for url in page.requests if own not in url and not url.startswith('data:')]

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Whatever a driver sends: nothing of it is executed in the page, and nothing breaks it."""
+"""Malicious or invalid driver messages neither run scripts in the page nor break it."""
 
 import math
 import threading
@@ -46,8 +46,8 @@ VALUES = (math.nan, math.inf, 1e308, -1e308, 1e5, 0.1)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-class Liar:
-    """What the panel takes for a driver. It sends the same text everywhere."""
+class HostileDriver:
+    """A node like the driver that publishes one text in all its topics."""
 
     def __init__(self, context: rclpy.Context) -> None:
         self.node = node = Node('epson_driver', context=context)
@@ -77,16 +77,16 @@ class Liar:
             )
         }
 
-    def say(self, names: list[str], value: float, text: str) -> None:
-        """Send one of each."""
+    def publish(self, names: list[str], value: float, text: str) -> None:
+        """Publish one message of each type."""
         values = [value] * len(names)
         state = JointTrajectoryControllerState(joint_names=names)
         state.reference.positions = state.error.positions = state.feedback.positions = values
-        told = {'arm gate': text, 'cause': text, 'remedy': text, 'advice': text}
+        fields = dict.fromkeys(('arm gate', 'cause', 'remedy', 'advice'), text)
         arm = DiagnosticStatus(
             name='epson_driver: arm',
             message=text,
-            values=[KeyValue(key=key, value=each) for key, each in told.items()],
+            values=[KeyValue(key=key, value=each) for key, each in fields.items()],
         )
         for message in (
             RobotStatus(error_codes=[2**31 - 1] * 50),
@@ -102,13 +102,15 @@ class Liar:
 
 
 @pytest.fixture
-def liar(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Liar, PanelProcess]]:
-    """A panel, and what it takes for a driver."""
+def hostile_driver(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[tuple[HostileDriver, PanelProcess]]:
+    """A hostile driver and a panel that is connected to it."""
     domain = free_ros_domain()
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=domain)
-    found = Liar(context)
+    found = HostileDriver(context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(found.node)
     thread = threading.Thread(target=executor.spin)
@@ -125,10 +127,10 @@ def liar(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Liar
     assert code == 0
 
 
-def test_nothing_that_a_driver_sends_is_executed_or_breaks_the_page(
-    liar: tuple[Liar, PanelProcess],
+def test_driver_text_is_not_executed_and_does_not_break_layout(
+    hostile_driver: tuple[HostileDriver, PanelProcess],
 ) -> None:
-    driver, panel = liar
+    driver, panel = hostile_driver
     with chromium('--disable-3d-apis') as browser:
         page = Page(browser, panel.address, {'width': 390, 'height': 844}, link='unknown')
         made = page.page.evaluate('() => document.querySelectorAll("img, script").length')
@@ -137,7 +139,7 @@ def test_nothing_that_a_driver_sends_is_executed_or_breaks_the_page(
             for value in VALUES:
                 text = f'{kind} {value} {HTML} {LONG}'
                 for _ in range(4):
-                    driver.say(names, value, text)
+                    driver.publish(names, value, text)
                     time.sleep(0.1)
             page.wait(lambda kind=kind: kind in page.text('log'), kind)
             wide = page.page.evaluate(
@@ -150,13 +152,13 @@ def test_nothing_that_a_driver_sends_is_executed_or_breaks_the_page(
         assert page.page.evaluate('() => window.run') is None
         found = page.page.evaluate('() => document.querySelectorAll("img, script").length')
         assert found == made
-        # The joints that jumped are shown again once they agree for a while.
+        # The panel shows joints that jumped again after consistent values for some time.
         shown, deadline = (
             page.page.locator('#joints').get_by_text('5.7 °').first,
             time.monotonic() + 60,
         )
         while not shown.is_visible():
             assert time.monotonic() < deadline
-            driver.say(NAMES['usual'], 0.1, 'usual')
+            driver.publish(NAMES['usual'], 0.1, 'usual')
             time.sleep(0.1)
         assert [each for each in page.errors if 'WebGL' not in each] == []

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Motion by hand: where the tool goes, and what keeps it."""
+"""Jogging: directions, speeds, steps and refusals."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ def frame_of(jog: Jog, joints: np.ndarray, frame: str) -> np.ndarray:
     return np.asarray(pose[:3, :3])
 
 
-def test_a_scara_has_no_axes_that_tilt_its_tool() -> None:
+def test_scara_has_no_tilt_axes() -> None:
     assert C3.axes == TOOL_AXES
     assert SCARA.axes == ('X', 'Y', 'Z', 'U')
     with pytest.raises(RequestError, match='has no axis V'):
@@ -48,7 +48,7 @@ def test_a_scara_has_no_axes_that_tilt_its_tool() -> None:
 
 
 @pytest.mark.parametrize(('jog', 'joints', 'axis', 'frame'), MOTIONS)
-def test_the_tool_goes_along_the_axis_and_turns_about_it(
+def test_tool_moves_along_or_turns_about_the_axis(
     jog: Jog, joints: np.ndarray, axis: str, frame: str
 ) -> None:
     share, time = 0.05, 1e-4
@@ -65,9 +65,7 @@ def test_the_tool_goes_along_the_axis_and_turns_about_it(
 
 @pytest.mark.parametrize(('jog', 'joints'), ARMS)
 @pytest.mark.invariant(2)
-def test_no_joint_is_faster_than_its_share_and_the_direction_stays(
-    jog: Jog, joints: np.ndarray
-) -> None:
+def test_joint_speed_limit_preserves_the_direction(jog: Jog, joints: np.ndarray) -> None:
     random = np.random.default_rng(5)
     low, high = jog.model.limits.position_min, jog.model.limits.position_max
     allowed = JOINT_SHARE * jog.model.limits.velocity * (1.0 + 1e-9)
@@ -77,13 +75,13 @@ def test_no_joint_is_faster_than_its_share_and_the_direction_stays(
         try:
             fast, slow = (jog.velocities(joints, axis, 'world', each) for each in (1.0, 1e-3))
         except RequestError:
-            continue  # a direction that is lost there, or the end of a range
+            continue  # singular there, or at the end of a range
         assert np.all(np.abs(fast) <= allowed)
         norms = np.linalg.norm(fast) * np.linalg.norm(slow)
         assert fast @ slow == pytest.approx(norms, rel=1e-6)
 
 
-def test_one_joint_moves_with_its_share_both_ways() -> None:
+def test_single_joint_moves_in_both_directions() -> None:
     for sign in (1.0, -1.0):
         wanted = np.zeros(6)
         wanted[2] = sign * 0.4 * JOINT_SHARE * C3.model.limits.velocity[2]
@@ -91,13 +89,13 @@ def test_one_joint_moves_with_its_share_both_ways() -> None:
 
 
 @pytest.mark.parametrize('axis', ['0', '7', '', 'Q', '²', '99999999999999999999'])
-def test_an_axis_that_is_not_there_is_named(axis: str) -> None:
+def test_unknown_axis_is_rejected(axis: str) -> None:
     with pytest.raises(RequestError, match='c3_a601s has no axis'):
         C3.velocities(BENT, axis, 'world', 0.1)
 
 
 @pytest.mark.invariant(2)
-def test_at_the_end_of_a_range_a_joint_goes_back_only() -> None:
+def test_joint_at_the_end_of_its_range_only_moves_back() -> None:
     joints = BENT.copy()
     joints[0] = C3.model.limits.position_max[0] - 1e-4
     with pytest.raises(RequestError, match='joint_1 is at the end of its range'):
@@ -107,28 +105,28 @@ def test_at_the_end_of_a_range_a_joint_goes_back_only() -> None:
         C3.step(joints, '1', 'world', 0.01, 1.0)
 
 
-def test_from_a_limit_that_is_measured_a_rounding_beyond_it_a_step_goes_back_only() -> None:
+def test_step_starts_at_the_limit_after_rounding() -> None:
     limits = C3.model.limits
     joints = BENT.copy()
     joints[1] = limits.position_min[1] - 0.5 * limits.rounding[1]
-    way = C3.step(joints, '2', 'world', 0.1, 1.0)
-    assert way.positions[0, 1] == limits.position_min[1]
+    step = C3.step(joints, '2', 'world', 0.1, 1.0)
+    assert step.positions[0, 1] == limits.position_min[1]
     with pytest.raises(RequestError, match='joint_2 is at the end of its range'):
         C3.step(joints, '2', 'world', -0.1, 1.0)
 
 
-def test_a_direction_that_is_lost_is_refused() -> None:
+def test_singular_direction_is_refused() -> None:
     """With joint 5 straight, joints 4 and 6 turn about one axis."""
     straight = np.array([0.3, -0.2, 0.4, 0.0, 0.0, 0.0])
     with pytest.raises(RequestError, match='cannot move so from here: turn a joint first'):
         C3.velocities(straight, 'W', 'tool', 0.1)
 
 
-def within(trajectory: Trajectory, jog: Jog, share: float) -> None:
+def assert_slow(trajectory: Trajectory, jog: Jog, share: float) -> None:
     limits = jog.model.limits
     times = np.linspace(0.0, trajectory.duration, 500)
-    way = Interpolation(trajectory.times, trajectory.positions, trajectory.velocities)
-    _, velocities, accelerations = way.at(times)
+    curve = Interpolation(trajectory.times, trajectory.positions, trajectory.velocities)
+    _, velocities, accelerations = curve.at(times)
     assert np.all(np.abs(velocities) <= 1.02 * share * STEP_SHARE * limits.velocity)
     assert np.all(np.abs(accelerations) <= 1.5 * share * STEP_SHARE * limits.acceleration)
     assert trajectory.velocities is not None
@@ -137,7 +135,7 @@ def within(trajectory: Trajectory, jog: Jog, share: float) -> None:
 
 @pytest.mark.parametrize(('jog', 'joints', 'axis', 'frame'), MOTIONS)
 @pytest.mark.invariant(2)
-def test_a_step_of_the_tool_is_straight_slow_and_as_long_as_asked(
+def test_tool_step_is_straight_slow_and_exact(
     jog: Jog, joints: np.ndarray, axis: str, frame: str
 ) -> None:
     turns, direction = DIRECTIONS[axis]
@@ -153,24 +151,24 @@ def test_a_step_of_the_tool_is_straight_slow_and_as_long_as_asked(
         off = jog.kinematics.forward(q)[:3, 3] - start[:3, 3]
         off -= (off @ along) * along * (not turns)
         assert np.linalg.norm(off) < 2e-5
-    within(trajectory, jog, 0.5)
+    assert_slow(trajectory, jog, 0.5)
 
 
 @pytest.mark.invariant(2)
-def test_steps_of_joints_and_ways_to_points_are_slow() -> None:
+def test_joint_steps_and_motions_to_points_are_slow() -> None:
     trajectory = C3.step(BENT, '2', 'world', np.radians(10.0), 1.0)
     assert_allclose(trajectory.positions[-1] - BENT, np.radians([0, 10.0, 0, 0, 0, 0]), atol=1e-9)
-    within(trajectory, C3, 1.0)
-    within(C3.straight(BENT, np.zeros(6)), C3, 1.0)
+    assert_slow(trajectory, C3, 1.0)
+    assert_slow(C3.straight(BENT, np.zeros(6)), C3, 1.0)
 
 
 @pytest.mark.parametrize(('axis', 'size'), [('X', 0.2), ('1', 1.0), ('U', -0.6), ('X', 0.0)])
-def test_a_step_that_is_none_is_refused(axis: str, size: float) -> None:
+def test_zero_or_too_large_step_is_refused(axis: str, size: float) -> None:
     with pytest.raises(RequestError, match='a step of'):
         C3.step(BENT, axis, 'world', size, 1.0)
 
 
-def test_a_place_that_no_joints_reach_is_refused() -> None:
+def test_unreachable_pose_is_refused() -> None:
     folded = np.array([0.5, 0.02, -0.1, 0.3])
     away = SCARA.kinematics.forward(folded)[:3, 3]
     axis, size = ('X', 0.1 * np.sign(away[0])) if abs(away[0]) > abs(away[1]) else ('Y', 0.1)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""From what was reported to lamps and advice; what is old is grey."""
+"""Lamps and advice from the reported state. Lamps of outdated values are grey."""
 
 from dataclasses import replace
 
@@ -54,7 +54,7 @@ def colours(found: RobotState, now: float = NOW) -> dict[str, str]:
     return {lamp.name: lamp.colour for lamp in lamps(found, now)}
 
 
-def test_a_robot_that_is_ready_has_no_bad_lamp() -> None:
+def test_ready_robot_has_no_bad_lamp() -> None:
     shown = colours(state())
     assert set(shown) == {
         'Link', 'Motors', 'E-stop', 'Door', 'Error', 'Mode', 'Motion', 'Arm gate',
@@ -63,13 +63,13 @@ def test_a_robot_that_is_ready_has_no_bad_lamp() -> None:
     assert advice(state(), NOW).colour == GOOD
 
 
-def test_what_was_never_reported_is_unknown() -> None:
+def test_unreported_state_is_unknown() -> None:
     assert set(colours(RobotState()).values()) == {UNKNOWN}
     assert 'does not report' in advice(RobotState(), NOW).reason
 
 
 @pytest.mark.invariant(6)
-def test_what_is_old_turns_grey_whatever_it_was() -> None:
+def test_outdated_state_turns_grey() -> None:
     later = NOW + max(MAX_AGES_S.values()) + 0.1
     assert set(colours(state(replace(FINE, e_stopped=Tri.YES)), later).values()) == {UNKNOWN}
     assert all(lamp.text in ('?', 'no driver', 'not reported') for lamp in lamps(state(), later))
@@ -84,7 +84,7 @@ def test_what_is_old_turns_grey_whatever_it_was() -> None:
         ('simulation', {'Door'}),
     ],
 )
-def test_each_lamp_is_grey_when_its_own_source_is_silent(name: str, grey: set[str]) -> None:
+def test_lamp_is_grey_when_its_source_is_silent(name: str, grey: set[str]) -> None:
     found = state()
     found.times[name] = NOW - MAX_AGES_S[name] - 0.01
     assert {lamp for lamp, colour in colours(found).items() if colour == UNKNOWN} == grey
@@ -93,7 +93,7 @@ def test_each_lamp_is_grey_when_its_own_source_is_silent(name: str, grey: set[st
 
 
 @pytest.mark.invariant(6)
-def test_a_link_without_joint_states_is_not_green() -> None:
+def test_link_lamp_is_bad_without_joint_states() -> None:
     found = state()
     found.times['joints'] = NOW - MAX_AGES_S['joints'] - 0.01
     assert colours(found)['Link'] == BAD
@@ -114,12 +114,12 @@ def test_a_link_without_joint_states_is_not_green() -> None:
         (
             {
                 'status': replace(FINE, in_error=Tri.YES, error_codes=(4031,)),
-                'inhibit': Inhibit(Cause.ERROR, Remedy.RESET, 'error 4031', 'mend it'),
+                'inhibit': Inhibit(Cause.ERROR, Remedy.RESET, 'error 4031', 'fix it'),
             },
             'Error',
             BAD,
             'error 4031',
-            'mend it; Reset error, then Enable',
+            'fix it; Reset error, then Enable',
         ),
         (
             {'gate_open': False, 'inhibit': Inhibit(Cause.NOT_ENABLED, Remedy.ENABLE, 'so it is')},
@@ -147,27 +147,27 @@ def test_a_link_without_joint_states_is_not_green() -> None:
         ),
     ],
 )
-def test_each_condition_has_its_lamp_its_reason_and_what_to_do(
+def test_condition_has_lamp_reason_and_remedy(
     changes: dict[str, object], lamp: str, colour: str, reason: str, remedy: str
 ) -> None:
     found = state(**changes)  # type: ignore[arg-type]
     assert colours(found)[lamp] == colour
-    said = advice(found, NOW)
-    assert reason in said.reason
-    assert remedy in said.remedy
+    shown_advice = advice(found, NOW)
+    assert reason in shown_advice.reason
+    assert remedy in shown_advice.remedy
 
 
 @pytest.mark.parametrize('cause', Cause)
-def test_a_fault_comes_before_what_a_simulated_controller_says(cause: Cause) -> None:
+def test_inhibit_takes_precedence_over_simulated_condition(cause: Cause) -> None:
     simulation = Simulation({'door': 'open', 'tasks': 'stopped'})
-    said = advice(
+    shown_advice = advice(
         state(inhibit=Inhibit(cause, Remedy.KEEP_AWAY, 'mine'), simulation=simulation), NOW
     )
-    assert (said.reason == 'mine') == (cause not in CALM)
-    assert said.colour == BAD
+    assert (shown_advice.reason == 'mine') == (cause not in CALM)
+    assert shown_advice.colour == BAD
 
 
-def test_what_is_pressed_is_called_as_on_the_page() -> None:
+def test_remedies_name_the_buttons_of_the_page() -> None:
     pressed = {Remedy.RELEASE_ESTOP, Remedy.RESET, Remedy.ENABLE, Remedy.TURN_TO_AUTO}
     assert pressed <= set(WORDS)
 
@@ -182,27 +182,24 @@ def test_what_is_pressed_is_called_as_on_the_page() -> None:
         ({'estop': 'not active', 'tasks': 'paused'}, 'no link', 'robot_ip'),
     ],
 )
-def test_a_link_that_ended_with_the_simulated_program_has_that_as_its_reason(
+def test_stopped_simulated_program_explains_the_lost_link(
     condition: dict[str, str], reason: str, remedy: str
 ) -> None:
     found = state(link='backing_off', inhibit=NO_LINK, simulation=Simulation(condition))
-    said = advice(found, NOW)
-    assert reason in said.reason
-    assert remedy in said.remedy
+    shown_advice = advice(found, NOW)
+    assert reason in shown_advice.reason
+    assert remedy in shown_advice.remedy
     found.times['simulation'] = NOW - MAX_AGES_S['simulation'] - 0.1
     assert 'no link' in advice(found, NOW).reason
 
 
-def test_unknown_is_not_taken_for_no() -> None:
+def test_unknown_estop_is_not_shown_as_released() -> None:
     shown = {lamp.name: lamp for lamp in lamps(state(Status()), NOW)}
     assert shown['E-stop'].colour == UNKNOWN
     assert shown['E-stop'].text == 'unknown'
 
 
-# --- as HTML ------------------------------------------------------------------------------------
-
-
-def test_a_line_that_driver_and_panel_both_say_is_shown_once() -> None:
+def test_line_logged_by_driver_and_panel_is_shown_once() -> None:
     found = RobotState()
     found.add_event(Event(10.0, 20, '~/enable: the arm is enabled'))
     found.add_event(Event(10.5, 20, 'enable: the arm is enabled'))
@@ -210,8 +207,8 @@ def test_a_line_that_driver_and_panel_both_say_is_shown_once() -> None:
     assert [event.at for event in found.events] == [10.0, 14.0]
 
 
-def test_a_simulated_controller_that_is_paused_says_what_helps() -> None:
+def test_paused_simulated_controller_has_a_remedy() -> None:
     found = state(simulation=Simulation({'door': 'closed', 'tasks': 'paused'}))
-    told = advice(found, NOW)
-    assert (told.colour, told.reason) == (WARN, 'the controller is paused')
-    assert 'Continue' in told.remedy
+    shown_advice = advice(found, NOW)
+    assert (shown_advice.colour, shown_advice.reason) == (WARN, 'the controller is paused')
+    assert 'Continue' in shown_advice.remedy

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What fails in any part of the panel ends it: a page that looks alive and is not misleads."""
+"""A failure of any part ends the panel, because a page of a broken panel misleads the user."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -23,7 +23,7 @@ OTHER = '/other'
 
 
 class Running:
-    """A panel in a thread of this process, for two drivers that are not there."""
+    """A panel in a thread of this process, for two missing drivers."""
 
     def __init__(self) -> None:
         self.panel = Panel('127.0.0.1', 0, None, [], [ROBOT, OTHER], {}, allow_motion=True)
@@ -69,7 +69,7 @@ def closed(running: Running) -> bool:
 
 @pytest.mark.invariant(9)
 @pytest.mark.parametrize('part', ['drawing', 'a button', 'serving ROS', 'disarming'])
-def test_a_failure_of_any_part_ends_the_panel(
+def test_failure_of_any_part_ends_the_panel(
     part: str, running: Running, caplog: pytest.LogCaptureFixture
 ) -> None:
     client = running.window()
@@ -88,7 +88,7 @@ def test_a_failure_of_any_part_ends_the_panel(
     client.close()
 
 
-def test_without_a_failure_it_ends_with_0(running: Running) -> None:
+def test_panel_without_a_failure_exits_with_0(running: Running) -> None:
     with running.window() as client:
         client.wait_for_lamp('Link', 'unknown')
         running.panel.stop()
@@ -96,7 +96,7 @@ def test_without_a_failure_it_ends_with_0(running: Running) -> None:
     assert closed(running)
 
 
-def test_a_stop_that_nobody_can_carry_out_is_said_and_no_failure(running: Running) -> None:
+def test_undeliverable_stop_is_an_alarm_and_no_failure(running: Running) -> None:
     with running.window() as client:
         client.click('STOP')
         client.wait_for_notification('nobody serves /nobody/stop')
@@ -111,7 +111,7 @@ def test_a_stop_that_nobody_can_carry_out_is_said_and_no_failure(running: Runnin
 
 
 @pytest.mark.invariant(9)
-def test_a_page_that_nobody_serves_any_more_ends_the_panel(
+def test_stopped_web_server_ends_the_panel(
     running: Running, caplog: pytest.LogCaptureFixture
 ) -> None:
     running.window().close()
@@ -121,7 +121,7 @@ def test_a_page_that_nobody_serves_any_more_ends_the_panel(
 
 
 @pytest.mark.invariant(9)
-def test_a_goal_whose_end_was_not_seen_is_told_at_the_end(
+def test_goal_with_unknown_result_is_logged_at_exit(
     running: Running, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(running.panel.ros, 'cancel_goals', lambda: False)
@@ -130,7 +130,7 @@ def test_a_goal_whose_end_was_not_seen_is_told_at_the_end(
     assert 'was canceled, but its end was not seen' in caplog.text
 
 
-def test_without_ros_the_port_is_closed_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_port_is_closed_if_ros_fails_to_start(monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[WebServer] = []
 
     def server(*arguments: Any) -> WebServer:
@@ -154,5 +154,7 @@ def test_without_ros_the_port_is_closed_again(monkeypatch: pytest.MonkeyPatch) -
         ('fe80::1', None, 'http://[fe80::1]:80/'),
     ],
 )
-def test_the_address_is_one_that_a_browser_opens(host: str, token: str | None, shown: str) -> None:
+def test_shown_address_can_be_opened_in_a_browser(
+    host: str, token: str | None, shown: str
+) -> None:
     assert address(host, 80, token) == shown

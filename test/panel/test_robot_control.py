@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The panel's control of a robot: arming, moving, staying."""
+"""The panel's control of a robot: arming, motion, STOP, and `demo --stay`."""
 
 import contextlib
 import os
@@ -45,7 +45,7 @@ NOW = 100.0
 
 
 class Robot:
-    """What a driver has said, without ROS."""
+    """The panel's robot without ROS: a state, and the requests to the driver."""
 
     def __init__(self) -> None:
         self.state = RobotState(positions=np.zeros(6), link='connected')
@@ -55,7 +55,7 @@ class Robot:
 
         self.asked: list[Any] = []
         self.served = True
-        """Whether somebody answers requests."""
+        """Whether the driver's services are available."""
 
     def log(self, text: str, _level: int) -> None:
         self.logged.append(text)
@@ -109,7 +109,7 @@ def control(robot: Robot, pendants: PendantThread) -> RobotControl:
 
 
 @pytest.mark.parametrize('name', ['c3_a601s', 'C3-A601S', 'vt6'])
-def test_a_model_is_loaded_once_however_the_driver_calls_it(
+def test_model_is_loaded_once_for_any_spelling(
     name: str, robot: Robot, control: RobotControl
 ) -> None:
     robot.parameters['robot_model'] = name
@@ -120,22 +120,20 @@ def test_a_model_is_loaded_once_however_the_driver_calls_it(
     assert control.model is model
 
 
-def test_a_model_that_is_not_there_is_said_once_and_is_not_shown_as_the_one_before(
-    robot: Robot, control: RobotControl
-) -> None:
+def test_missing_model_is_logged_once_and_not_shown(robot: Robot, control: RobotControl) -> None:
     control.look()
     robot.parameters['robot_model'] = '/no/such/file.yaml'
     for _ in range(3):
         control.look()
     assert control.model is None
-    (said,) = robot.logged
-    assert '/no/such/file.yaml' in said
+    (message,) = robot.logged
+    assert '/no/such/file.yaml' in message
     robot.parameters['robot_model'] = 'c3_a601s'
     control.look()
     assert control.model is not None
 
 
-def test_of_a_scara_the_shaft_that_is_away_from_the_start_is_named_in_mm(
+def test_distance_of_a_scara_shaft_from_the_start_is_in_mm(
     robot: Robot, control: RobotControl
 ) -> None:
     robot.parameters['robot_model'] = 'gx8_c652s'
@@ -143,20 +141,20 @@ def test_of_a_scara_the_shaft_that_is_away_from_the_start_is_named_in_mm(
     robot.state.positions = np.array([0.5, 0.5, -0.1, 0.0])
     names = tuple(f'joint_{number}' for number in range(1, 5))
     robot.state.joint_names = names
-    for start, said in (
+    for start, message in (
         ([0.5, 0.5, -0.1, 0.015], ''),
         ([0.5, 0.5, -0.15, 0.015], 'joint_3 is 50.0 mm away'),
         ([0.5, 0.4, -0.1, 0.0], 'joint_2 is 5.7° away'),
     ):
         there = Trajectory(names, np.array([0.0, 1.0]), np.array([start, start]))
-        assert control.away_from_start(there) == said
+        assert control.away_from_start(there) == message
 
 
 @pytest.mark.invariant(1)
-def test_after_joint_states_that_were_missing_the_driver_is_asked_first_which_robot_it_has(
+def test_arming_requires_parameters_newer_than_the_joint_states(
     robot: Robot, control: RobotControl
 ) -> None:
-    """Another driver of the same name may have come, for a robot that is not simulated."""
+    """A driver of the same name, for a real robot, may have replaced the first."""
     robot.state.times['first joints'] = NOW - 1.0
     robot.state.times['parameters'] = NOW - 1.5
     with pytest.raises(NotArmedError, match='which robot'):
@@ -171,7 +169,7 @@ def test_after_joint_states_that_were_missing_the_driver_is_asked_first_which_ro
 
 @pytest.mark.invariant(1)
 @pytest.mark.parametrize('silent', ['joints', 'status', 'diagnostics'])
-def test_what_cannot_be_seen_is_not_moved(
+def test_robot_with_outdated_state_cannot_be_armed(
     silent: str, robot: Robot, control: RobotControl
 ) -> None:
     control.arming.arm(1)
@@ -183,15 +181,15 @@ def test_what_cannot_be_seen_is_not_moved(
 
 
 @pytest.mark.invariant(1)
-def test_a_robot_that_nobody_says_is_simulated_is_moved_only_if_the_panel_may(
+def test_robot_not_known_to_be_simulated_requires_allow_motion(
     robot: Robot, pendants: PendantThread
 ) -> None:
     careful = controlled(robot, pendants, allow_motion=False)
     with pytest.raises(NotArmedError, match='--allow-motion'):
         careful.arming.arm(1)
     careful.look()
-    said = robot.state.times.setdefault('simulation', NOW)
-    robot.state.simulation, robot.state.times['simulation'] = SIMULATED, said
+    robot.state.simulation = SIMULATED
+    robot.state.times.setdefault('simulation', NOW)
     usual = dict(robot.parameters)
     robot.parameters |= {'remote_port': usual['remote_port'] + 1}  # of another controller
     with pytest.raises(NotArmedError, match='--allow-motion'):
@@ -208,7 +206,7 @@ SHORT = Trajectory(('a', 'b'), np.array([0.0, 1.0]), np.zeros((2, 2)))
 
 
 @pytest.mark.invariant(3, 9)
-def test_a_stop_that_is_not_answered_is_an_alarm_until_one_is(
+def test_unanswered_stop_is_an_alarm_until_the_answer(
     robot: Robot, pendants: PendantThread
 ) -> None:
     now = NOW
@@ -236,7 +234,7 @@ def test_a_stop_that_is_not_answered_is_an_alarm_until_one_is(
 
 @pytest.mark.invariant(3, 9)
 @pytest.mark.parametrize('served', [True, False])
-def test_a_stop_to_a_driver_that_is_silent_is_an_alarm_at_once(
+def test_stop_of_a_silent_driver_is_an_alarm_immediately(
     served: bool, robot: Robot, control: RobotControl
 ) -> None:
     robot.served = served
@@ -245,18 +243,18 @@ def test_a_stop_to_a_driver_that_is_silent_is_an_alarm_at_once(
         control.stop()
     assert control.stop_alarm.startswith('STOP was not delivered: ')
     assert control.stop_alarm.endswith('Press the E-stop.')
-    assert robot.asked == ['stop'] * served, 'it may arrive yet'
+    assert robot.asked == ['stop'] * served, 'it can still arrive'
 
 
 @pytest.mark.invariant(3)
-def test_stop_and_disable_need_no_armed_browser(robot: Robot, control: RobotControl) -> None:
+def test_stop_and_disable_need_no_armed_window(robot: Robot, control: RobotControl) -> None:
     control.stop()
     control.disable()
     assert robot.asked == ['stop', 'disable']
 
 
 @pytest.mark.invariant(1)
-def test_nothing_that_lets_the_arm_move_is_pressed_by_a_browser_that_is_not_armed(
+def test_unarmed_window_cannot_request_motion(
     control: RobotControl,
 ) -> None:
     with pytest.raises(NotArmedError):
@@ -265,14 +263,14 @@ def test_nothing_that_lets_the_arm_move_is_pressed_by_a_browser_that_is_not_arme
         control.go_to_start(1, 'short', SHORT)
 
 
-def test_where_no_simulated_controller_is_known_nothing_is_pressed(control: RobotControl) -> None:
+def test_pendant_buttons_need_a_simulated_controller(control: RobotControl) -> None:
     control.arming.arm(1)
     for what, how in (('Motors', 'on'), ('E-stop', 'press')):
         with pytest.raises(NotSimulatedError, match='no simulated controller is known'):
             control.press(1, what, how)
 
 
-def test_a_trajectory_for_other_joints_is_refused_with_both_numbers(
+def test_trajectory_with_other_number_of_joints_is_refused(
     robot: Robot, control: RobotControl
 ) -> None:
     control.arming.arm(1)
@@ -287,9 +285,7 @@ def test_a_trajectory_for_other_joints_is_refused_with_both_numbers(
     assert control.plan is None
 
 
-def test_of_many_wishes_for_a_speed_the_last_one_is_asked_for(
-    robot: Robot, control: RobotControl
-) -> None:
+def test_only_the_last_pending_speed_is_requested(robot: Robot, control: RobotControl) -> None:
     control.arming.arm(1)
     for factor in (0.9, 0.5, 0.2):
         control.set_speed(1, factor)
@@ -302,10 +298,8 @@ def test_of_many_wishes_for_a_speed_the_last_one_is_asked_for(
     assert robot.logged == ['~/set_speed_scaling: refused']
 
 
-def test_a_speed_that_nobody_takes_is_said_and_the_next_one_is_asked_for(
-    robot: Robot, control: RobotControl
-) -> None:
-    """Otherwise the slider would be dead: one request would count as under way for ever."""
+def test_failed_speed_request_does_not_block_the_next(robot: Robot, control: RobotControl) -> None:
+    """Otherwise the failed request would stay pending and the slider would have no effect."""
     control.arming.arm(1)
     robot.served = False
     with pytest.raises(NoDriverError):
@@ -324,7 +318,9 @@ def test_a_speed_that_nobody_takes_is_said_and_the_next_one_is_asked_for(
     assert [factor for factor, _ in robot.asked] == [0.6, 0.8]
 
 
-class Rules:
+class ArmingRules:
+    """Arming of two windows, with a settable reason against it and a settable time."""
+
     def __init__(self) -> None:
         self.why: str | None = None
         self.ended: list[str] = []
@@ -343,8 +339,8 @@ class Rules:
 
 
 @pytest.mark.invariant(1)
-def test_nobody_is_armed_until_somebody_asks_for_it() -> None:
-    rules = Rules()
+def test_window_is_armed_only_on_request() -> None:
+    rules = ArmingRules()
     assert not rules.may(1)
     rules.arming.arm(1)
     assert rules.may(1)
@@ -352,8 +348,8 @@ def test_nobody_is_armed_until_somebody_asks_for_it() -> None:
 
 
 @pytest.mark.invariant(1)
-def test_a_second_window_is_not_armed_beside_the_first_but_may_disarm_it() -> None:
-    rules = Rules()
+def test_only_one_window_is_armed() -> None:
+    rules = ArmingRules()
     rules.arming.arm(1)
     with pytest.raises(NotArmedError, match='another window'):
         rules.arming.arm(2)
@@ -366,8 +362,8 @@ def test_a_second_window_is_not_armed_beside_the_first_but_may_disarm_it() -> No
 
 
 @pytest.mark.invariant(4)
-def test_a_window_that_is_gone_is_disarmed_and_its_late_clicks_do_nothing() -> None:
-    rules = Rules()
+def test_disconnected_window_is_disarmed_and_ignored() -> None:
+    rules = ArmingRules()
     rules.arming.arm(1)
     rules.arming.disconnect(1)
     assert rules.ended == ['the armed window of the panel is gone']
@@ -379,8 +375,8 @@ def test_a_window_that_is_gone_is_disarmed_and_its_late_clicks_do_nothing() -> N
 
 
 @pytest.mark.invariant(4)
-def test_what_is_not_seen_any_more_disarms_and_does_not_arm_again_by_itself() -> None:
-    rules = Rules()
+def test_lost_state_disarms_until_armed_again() -> None:
+    rules = ArmingRules()
     rules.arming.arm(1)
     rules.why = 'no joint states'
     assert not rules.may(1)
@@ -392,8 +388,8 @@ def test_what_is_not_seen_any_more_disarms_and_does_not_arm_again_by_itself() ->
 
 
 @pytest.mark.invariant(3, 4)
-def test_a_window_whose_page_gives_no_sign_of_life_is_disarmed_and_cannot_be_armed() -> None:
-    rules = Rules()
+def test_window_without_heartbeat_is_disarmed() -> None:
+    rules = ArmingRules()
     rules.arming.arm(1)
     for _ in range(5):
         rules.now += ALIVE_WITHIN_S
@@ -409,8 +405,8 @@ def test_a_window_whose_page_gives_no_sign_of_life_is_disarmed_and_cannot_be_arm
     rules.arming.arm(2)
 
 
-def test_watching_disarms_without_a_click() -> None:
-    rules = Rules()
+def test_watch_disarms_without_a_request() -> None:
+    rules = ArmingRules()
     rules.arming.arm(1)
     rules.arming.watch()
     assert rules.arming.holder == 1
@@ -420,15 +416,15 @@ def test_watching_disarms_without_a_click() -> None:
 
 
 @pytest.mark.invariant(3)
-def test_a_click_that_has_begun_is_over_before_the_arming_ends() -> None:
-    """Otherwise a goal could be sent after everything that was sent had been canceled."""
-    rules = Rules()
+def test_disarming_waits_for_the_running_request() -> None:
+    """Otherwise a goal could be sent after all goals have been canceled."""
+    rules = ArmingRules()
     rules.arming.arm(1)
     order: list[str] = []
-    begun, disconnected = threading.Event(), threading.Event()
+    started, disconnected = threading.Event(), threading.Event()
 
     def disconnect() -> None:
-        begun.wait()
+        started.wait()
         rules.arming.disconnect(1)
         order.append('ended')
         disconnected.set()
@@ -436,7 +432,7 @@ def test_a_click_that_has_begun_is_over_before_the_arming_ends() -> None:
     thread = threading.Thread(target=disconnect)
     thread.start()
     with rules.arming.held(1):
-        begun.set()
+        started.set()
         assert not disconnected.wait(0.05)
         order.append('goal sent')
     thread.join()
@@ -448,7 +444,7 @@ DEMO = (sys.executable, '-m', 'epson_driver.cli', 'demo')
 
 
 @pytest.mark.slow
-def test_demo_stays_with_a_panel_until_it_is_interrupted(tmp_path: Path) -> None:
+def test_demo_stay_runs_until_interrupted(tmp_path: Path) -> None:
     run = subprocess.Popen(
         [*DEMO, '--stay', '--motion=ptp', f'--picture={tmp_path / "x.png"}'],
         stdout=subprocess.PIPE,
@@ -456,21 +452,21 @@ def test_demo_stays_with_a_panel_until_it_is_interrupted(tmp_path: Path) -> None
         env=os.environ | {'PYTHONUNBUFFERED': '1'},
     )
     assert run.stdout is not None
-    said = ''
+    output = ''
     try:
-        while said.count('panel: http') < 2:  # before the run, and with what is exported
+        while output.count('panel: http') < 2:  # before the run, and with the exports
             line = run.stdout.readline()
-            if not line and 'this driver hung' in said:
+            if not line and 'this driver hung' in output:
                 pytest.skip(
                     'the machine did not run the driver for 0.5 s: the demo says so and ends'
                 )
-            assert line, said
-            said += line
-        assert 'the arm did what was planned' in said or 'too busy to judge' in said
-        assert re.search(r'(?m)^export ROS_DOMAIN_ID=\d+$', said)
-        assert 'export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST\n' in said
-        address = re.search(r'panel: http://127\.0\.0\.1:(\d+)/', said)
-        assert address is not None, said
+            assert line, output
+            output += line
+        assert 'the arm did what was planned' in output or 'too busy to judge' in output
+        assert re.search(r'(?m)^export ROS_DOMAIN_ID=\d+$', output)
+        assert 'export ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST\n' in output
+        address = re.search(r'panel: http://127\.0\.0\.1:(\d+)/', output)
+        assert address is not None, output
         with PanelClient(int(address[1])) as client:
             client.wait_for_lamp('Link', 'good')
             client.wait_for_lamp('Arm gate', 'good')
@@ -482,7 +478,7 @@ def test_demo_stays_with_a_panel_until_it_is_interrupted(tmp_path: Path) -> None
         PanelClient(int(address[1]))
 
 
-def test_two_runs_cannot_stay() -> None:
+def test_demo_compare_and_stay_exclude_each_other() -> None:
     run = subprocess.run(
         [*DEMO, '--compare', '--stay'], capture_output=True, text=True, check=False
     )
@@ -490,7 +486,7 @@ def test_two_runs_cannot_stay() -> None:
     assert 'leave out --stay and --panel' in run.stderr
 
 
-def test_demo_with_a_panel_says_what_is_missing() -> None:
+def test_demo_reports_missing_panel_dependencies() -> None:
     code = (
         'import sys; sys.modules["websockets"] = None; sys.argv = ["", "demo", "--panel"]\n'
         'from epson_driver.cli.__main__ import main; sys.exit(main())'
@@ -501,7 +497,7 @@ def test_demo_with_a_panel_says_what_is_missing() -> None:
 
 
 @pytest.mark.slow
-def test_the_panel_of_a_simulated_controller_ends_with_it(tmp_path: Path) -> None:
+def test_panel_of_sim_controller_ends_with_it(tmp_path: Path) -> None:
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:

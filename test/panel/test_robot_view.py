@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the page is told of a robot, and what a window may ask for."""
+"""The parts of a robot that are sent to the page, and the requests of a window."""
 
 import json
 import time
@@ -36,12 +36,12 @@ from epson_driver.tool_motion.tool_pose import quaternion_pose
 NOW = 100.0
 MODEL = load_robot_model('c3_a601s')
 NAMES = MODEL.joint_names
-WAY = Trajectory(NAMES, np.array([0.0, 1.0]), np.array([[0.0] * 6, [0.2] * 6]))
+TRAJECTORY = Trajectory(NAMES, np.array([0.0, 1.0]), np.array([[0.0] * 6, [0.2] * 6]))
 BROWSER = 7
 
 
 class Robot:
-    """What a driver has said, and what it was asked for."""
+    """The panel's robot without ROS: a state, and the requests to the driver."""
 
     name = '/left/epson_driver'
 
@@ -75,8 +75,8 @@ class Robot:
         self.jogged.append(velocities.tolist())
 
 
-class Made:
-    """A view, and the requests of a window that is armed."""
+class ViewAndRequests:
+    """A view of a robot and the requests of one window."""
 
     def __init__(self, model: RobotModel = MODEL) -> None:
         self.pendants = PendantThread(time.monotonic, self.fail)
@@ -87,11 +87,11 @@ class Made:
             lambda: NOW,
             allow_motion=True,
         )
-        self.view = RobotView(self.control, {'way': WAY}, 'left')
+        self.view = RobotView(self.control, {'way': TRAJECTORY}, 'left')
         self.control.arming.connect(BROWSER)
         self.control.arming.alive(BROWSER)
         self.view.look(NOW)
-        self.table = Requests({'way': WAY}).table
+        self.table = Requests({'way': TRAJECTORY}).table
 
     def fail(self, what: str, error: BaseException) -> None:
         raise AssertionError(what) from error
@@ -107,126 +107,126 @@ class Made:
 
 
 @pytest.fixture
-def made() -> Iterator[Made]:
-    found = Made()
+def shown() -> Iterator[ViewAndRequests]:
+    found = ViewAndRequests()
     yield found
     found.pendants.end()
 
 
-def test_the_way_of_somebody_else_s_goal_is_drawn_as_it_goes(made: Made) -> None:
-    made.control.plan = WAY
-    made.view.look(NOW)
-    own = made.part('plan')
-    ends = [Kinematics(MODEL).forward(joints)[:3, 3] for joints in WAY.positions]
+def test_path_of_a_foreign_goal_is_drawn_during_motion(shown: ViewAndRequests) -> None:
+    shown.control.plan = TRAJECTORY
+    shown.view.look(NOW)
+    own = shown.part('plan')
+    ends = [Kinematics(MODEL).forward(joints)[:3, 3] for joints in TRAJECTORY.positions]
     assert_allclose([own['points'][0], own['points'][-1]], ends, atol=1e-4)
-    made.view.look(NOW + 10.0)  # nothing is executed any more
-    made.robot.state.times['joints'] = made.robot.state.times['reference'] = NOW + 20.0
-    made.robot.state.reference = np.full(6, 0.1)
-    made.view.look(NOW + 20.0)
-    theirs = made.part('plan', NOW + 20.0)
+    shown.view.look(NOW + 10.0)  # nothing is executed any more
+    shown.robot.state.times['joints'] = shown.robot.state.times['reference'] = NOW + 20.0
+    shown.robot.state.reference = np.full(6, 0.1)
+    shown.view.look(NOW + 20.0)
+    theirs = shown.part('plan', NOW + 20.0)
     assert theirs['points'] is None
     assert theirs['way'] != own['way']
-    assert made.part('pose', NOW + 20.0)['plan'] == [0.1] * 6
+    assert shown.part('pose', NOW + 20.0)['plan'] == [0.1] * 6
 
 
-def test_points_of_the_driver_are_told_as_the_pendant_shows_them(made: Made) -> None:
-    assert made.part('taught') == {}
+def test_taught_points_are_in_pendant_units(shown: ViewAndRequests) -> None:
+    assert shown.part('taught') == {}
     arm = Kinematics(MODEL)
     pose = arm.forward(np.array([0.3, 0.2, 0.1, 0.0, -0.8, 0.4]))
-    made.robot.state.taught = {'pick': quaternion_pose(pose)}
-    place = made.part('taught')['pick']
-    base = np.array(made.part('arm')['base'])
+    shown.robot.state.taught = {'pick': quaternion_pose(pose)}
+    place = shown.part('taught')['pick']
+    base = np.array(shown.part('arm')['base'])
     assert_allclose(base @ [*np.array(place[:3]) / 1e3, 1.0], pose[:3, 3], atol=1e-6)
     assert_allclose(rotation_of_uvw(np.radians(place[3:])), arm.in_base(pose)[:3, :3], atol=1e-4)
 
 
 @pytest.mark.invariant(6)
-def test_a_model_that_is_not_known_any_more_is_not_drawn(made: Made) -> None:
-    assert made.part('arm')['units'] == ['°'] * 6
-    assert made.part('pose')['joints'] == [0.0] * 6
-    made.robot.parameters['robot_model'] = '/no/such/file.yaml'
-    made.view.look(NOW)
-    assert made.part('arm') is None
-    assert made.part('pose') is None
+def test_unknown_model_is_not_drawn(shown: ViewAndRequests) -> None:
+    assert shown.part('arm')['units'] == ['°'] * 6
+    assert shown.part('pose')['joints'] == [0.0] * 6
+    shown.robot.parameters['robot_model'] = '/no/such/file.yaml'
+    shown.view.look(NOW)
+    assert shown.part('arm') is None
+    assert shown.part('pose') is None
 
 
 @pytest.mark.invariant(6)
-def test_old_joints_are_told_as_old_and_are_no_part_of_the_curves(made: Made) -> None:
-    assert made.part('pose')['fresh']
+def test_outdated_joints_are_marked_and_not_in_the_curves(shown: ViewAndRequests) -> None:
+    assert shown.part('pose')['fresh']
     later = NOW + MAX_AGES_S['joints'] + 0.1
-    rows = json.loads(made.view.history())
-    made.view.look(later)
-    assert not made.part('pose', later)['fresh']
-    assert json.loads(made.view.history()) == rows
+    rows = json.loads(shown.view.history())
+    shown.view.look(later)
+    assert not shown.part('pose', later)['fresh']
+    assert json.loads(shown.view.history()) == rows
 
 
-def test_the_tool_is_shown_in_the_numbers_of_the_pendant(made: Made) -> None:
+def test_tool_pose_is_in_pendant_units(shown: ViewAndRequests) -> None:
     joints = np.array([0.1, 0.2, 0.3, 0.4, -0.5, 0.6])
-    made.robot.state.positions = joints
+    shown.robot.state.positions = joints
     place, angles = Kinematics(MODEL).epson_point(joints)
     wanted = [*(1e3 * place), *np.degrees(angles)]
-    assert_allclose(made.part('pose')['tool'], wanted, atol=0.006)
+    assert_allclose(shown.part('pose')['tool'], wanted, atol=0.006)
 
 
 @pytest.mark.parametrize('name', one_in(25, robot_models()))
-def test_every_arm_is_drawn_with_its_tool_and_told_what_nobody_has_confirmed(name: str) -> None:
+def test_every_model_is_drawn_and_its_cautions_are_logged(name: str) -> None:
     model = load_robot_model(name)
-    made = Made(model)
+    shown = ViewAndRequests(model)
     try:
-        arm, pose = made.part('arm'), made.part('pose')
+        arm, pose = shown.part('arm'), shown.part('pose')
         kinds = [{'rad': '°', 'm': 'mm'}[unit] for unit in model.limits.units]
         assert (arm['description'], arm['units']) == (model.description, kinds)
         assert len(arm['packed']['origins']) == len(model.joint_names)
         if model.kind == SCARA:
             assert pose['tool'][2] == pytest.approx(0.0, abs=1e-6)
-        said = [text for _, _, text in made.part('log')]
-        assert [each for each in said if 'compare them' in each] == list(model.cautions)
+        logged = [text for _, _, text in shown.part('log')]
+        assert [text for text in logged if 'compare them' in text] == list(model.cautions)
     finally:
-        made.pendants.end()
+        shown.pendants.end()
 
 
-def test_io_is_shown_by_its_values_or_by_why_it_is_not_known(made: Made) -> None:
-    assert made.part('io') == 'nothing was reported yet'
-    made.robot.state.io_reason = ''
-    made.robot.state.io = (IoRange(1, 8, (0, 1)), IoRange(3, 0, (1200,)), IoRange(5, 0, (7,)))
-    found = made.part('io')
+def test_io_shows_values_or_the_reason_for_none(shown: ViewAndRequests) -> None:
+    assert shown.part('io') == 'nothing was reported yet'
+    shown.robot.state.io_reason = ''
+    shown.robot.state.io = (IoRange(1, 8, (0, 1)), IoRange(3, 0, (1200,)), IoRange(5, 0, (7,)))
+    found = shown.part('io')
     assert [(each['name'], each['start'], each['values'], each['analog']) for each in found] == [
         ('Inputs', 8, [0, 1], False),
         ('Analog inputs [mV]', 0, [1200], True),
     ]
 
 
-def test_trajectories_for_another_number_of_joints_are_not_offered(made: Made) -> None:
-    assert json.loads(made.view.controls(BROWSER))['trajectories'] == ['way']
-    made.robot.state.joint_names = NAMES[:4]
-    assert json.loads(made.view.controls(BROWSER))['trajectories'] == []
+def test_trajectories_for_other_robots_are_not_offered(shown: ViewAndRequests) -> None:
+    assert json.loads(shown.view.controls(BROWSER))['trajectories'] == ['way']
+    shown.robot.state.joint_names = NAMES[:4]
+    assert json.loads(shown.view.controls(BROWSER))['trajectories'] == []
 
 
-def test_a_window_is_told_whether_it_or_another_is_armed(made: Made) -> None:
-    found = [json.loads(made.view.controls(BROWSER))['armed']]
-    made.arm()
-    found += [json.loads(made.view.controls(each))['armed'] for each in (BROWSER, 8)]
+def test_window_shows_which_window_is_armed(shown: ViewAndRequests) -> None:
+    found = [json.loads(shown.view.controls(BROWSER))['armed']]
+    shown.arm()
+    found += [json.loads(shown.view.controls(each))['armed'] for each in (BROWSER, 8)]
     assert found == ['no', 'yes', 'other']
 
 
 @pytest.mark.invariant(1)
-def test_what_is_not_there_is_not_switched_and_not_executed(made: Made) -> None:
-    made.arm()
-    state = made.robot.state
+def test_unknown_trajectories_and_outputs_are_refused(shown: ViewAndRequests) -> None:
+    shown.arm()
+    state = shown.robot.state
     state.io, state.io_reason = (IoRange(OUTPUT, 8, (0, 1)), IoRange(INPUT, 0, (0,))), ''
     for word in ('execute', 'go_to_start'):
         with pytest.raises(RequestError, match='there is no such trajectory'):
-            made.ask(word, name='none')
+            shown.ask(word, name='none')
     for index in (7, 10):
         with pytest.raises(RequestError, match=f'there is no point {index}'):
-            made.ask('output', index=index)
-    made.ask('output', index=8)
-    made.ask('output', index=9)
-    assert made.robot.written == [(8, 1), (9, 0)]
+            shown.ask('output', index=index)
+    shown.ask('output', index=8)
+    shown.ask('output', index=9)
+    assert shown.robot.written == [(8, 1), (9, 0)]
     state.io_reason = 'the I/O port is closed'
     with pytest.raises(RequestError, match='I/O is not known: the I/O port is closed'):
-        made.ask('output', index=8)
-    assert made.robot.written == [(8, 1), (9, 0)]
+        shown.ask('output', index=8)
+    assert shown.robot.written == [(8, 1), (9, 0)]
 
 
 POINT = [
@@ -245,54 +245,52 @@ MOVES: dict[str, dict[str, Any]] = {
 
 @pytest.mark.invariant(1)
 @pytest.mark.parametrize('word', MOVES)
-def test_what_moves_the_arm_needs_an_armed_window(word: str, made: Made) -> None:
-    made.robot.state.positions = np.array([0.0, 0.0, 0.0, 0.0, -0.5, 0.0])
+def test_motion_requests_need_an_armed_window(word: str, shown: ViewAndRequests) -> None:
+    shown.robot.state.positions = np.array([0.0, 0.0, 0.0, 0.0, -0.5, 0.0])
     with pytest.raises(RequestError, match='not armed'):
-        made.ask(word, **MOVES[word])
-    assert made.robot.jogged == made.robot.executed == []
-    made.arm()
+        shown.ask(word, **MOVES[word])
+    assert shown.robot.jogged == shown.robot.executed == []
+    shown.arm()
     if word == 'execute':
-        made.robot.state.positions = np.zeros(6)
-    made.ask(word, **MOVES[word])
-    assert len(made.robot.jogged) + len(made.robot.executed) == 1
+        shown.robot.state.positions = np.zeros(6)
+    shown.ask(word, **MOVES[word])
+    assert len(shown.robot.jogged) + len(shown.robot.executed) == 1
 
 
 @pytest.mark.invariant(10)
 @pytest.mark.parametrize('prefix', ['', 'left_'])
-def test_inv10_a_trajectory_is_executed_by_the_names_of_its_joints(
-    prefix: str, made: Made
-) -> None:
-    made.arm()
-    names = made.robot.state.joint_names = tuple(prefix + name for name in NAMES)
+def test_inv10_trajectory_is_mapped_by_joint_names(prefix: str, shown: ViewAndRequests) -> None:
+    shown.arm()
+    names = shown.robot.state.joint_names = tuple(prefix + name for name in NAMES)
     there = np.arange(6) / 10.0
     points = np.array([np.zeros(6), there[::-1]])
     for own in {names, NAMES}:
         back = Trajectory(own[::-1], np.array([0.0, 1.0]), points)
-        made.control.execute(BROWSER, 'back', back)
-        executed = made.robot.executed[-1][0]
+        shown.control.execute(BROWSER, 'back', back)
+        executed = shown.robot.executed[-1][0]
         assert executed.joint_names == names
         assert_allclose(executed.positions[-1], there)
-        assert made.control.away_from_start(replace(back, positions=points[::-1])) == (
+        assert shown.control.away_from_start(replace(back, positions=points[::-1])) == (
             'joint_6 is 28.6° away'
         )
 
 
-def test_a_point_is_gone_to_in_the_nearest_configuration_or_refused(made: Made) -> None:
-    made.arm()
-    made.ask('go_to', **MOVES['go_to'])
-    assert_allclose(made.robot.executed[0][0].positions[-1], np.full(6, 0.2), atol=1e-6)
+def test_motion_to_a_point_uses_the_nearest_configuration(shown: ViewAndRequests) -> None:
+    shown.arm()
+    shown.ask('go_to', **MOVES['go_to'])
+    assert_allclose(shown.robot.executed[0][0].positions[-1], np.full(6, 0.2), atol=1e-6)
     with pytest.raises(RequestError, match='the arm does not reach it'):
-        made.ask('go_to', **(MOVES['go_to'] | {'x': 5000.0}))
+        shown.ask('go_to', **(MOVES['go_to'] | {'x': 5000.0}))
 
 
 @pytest.mark.invariant(3)
-def test_what_is_moved_by_hand_brakes_when_the_arming_ends(made: Made) -> None:
-    made.arm()
-    made.ask('jog', **MOVES['jog'])
-    made.control.arming.disconnect(BROWSER)
-    assert made.robot.jogged[-1] == [0.0] * 6
-    made.ask('jog', share=0)  # nothing moves: nothing is sent
-    assert len(made.robot.jogged) == 2
+def test_jog_brakes_when_the_window_disconnects(shown: ViewAndRequests) -> None:
+    shown.arm()
+    shown.ask('jog', **MOVES['jog'])
+    shown.control.arming.disconnect(BROWSER)
+    assert shown.robot.jogged[-1] == [0.0] * 6
+    shown.ask('jog', share=0)  # ignored: nothing moves
+    assert len(shown.robot.jogged) == 2
 
 
 @pytest.mark.parametrize(
@@ -316,24 +314,26 @@ def test_what_is_moved_by_hand_brakes_when_the_arming_ends(made: Made) -> None:
     ],
 )
 @pytest.mark.invariant(7)
-def test_what_no_page_sends_is_refused(word: str, more: dict[str, Any], made: Made) -> None:
-    made.arm()
+def test_invalid_request_is_rejected(
+    word: str, more: dict[str, Any], shown: ViewAndRequests
+) -> None:
+    shown.arm()
     with pytest.raises(BadMessageError):
-        made.ask(word, **more)
-    assert made.robot.jogged == made.robot.executed == made.robot.written == []
+        shown.ask(word, **more)
+    assert shown.robot.jogged == shown.robot.executed == shown.robot.written == []
 
 
 @pytest.mark.parametrize(
     'text', ['', '[]', '1', '{}', '{"do":1}', '\x00', '[' * 9000, b'\xff', 'NaN']
 )
 @pytest.mark.invariant(7)
-def test_what_is_no_request_is_refused(text: str | bytes) -> None:
+def test_text_that_is_not_a_request_is_rejected(text: str | bytes) -> None:
     with pytest.raises(BadMessageError):
         message_of(text)
 
 
-def test_velocities_are_not_shaken_by_times_that_tremble() -> None:
-    """Joint states 5 ms apart whose stamps are 2 ms off would make spikes of 40 %."""
+def test_velocities_are_robust_to_jittering_time_stamps() -> None:
+    """Differences of joint states 5 ms apart with 2 ms jitter would have 40 % error."""
     history, random = History(np.ones(1)), np.random.default_rng(3)
     for now in np.arange(0.0, 3.0, 0.04):
         measured = now + random.uniform(-0.002, 0.002)
@@ -343,7 +343,7 @@ def test_velocities_are_not_shaken_by_times_that_tremble() -> None:
     assert_allclose(found, 0.5, rtol=2 * 0.004 / OVER_S)
 
 
-def test_curves_have_gaps_where_nothing_was_known_and_end_with_their_span() -> None:
+def test_curves_have_gaps_and_a_limited_span() -> None:
     history = History(np.array([2.0]))
     for now in (0.0, 0.2, 0.25, 3.0, 3.2):
         history.add(now, now, np.array([now]), None if now < 3.0 else np.array([0.1]))

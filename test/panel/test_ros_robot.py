@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The goals of the panel: none is lost on its way, so that each can be canceled."""
+"""The panel's goals, each of which can be canceled, and its discovery of drivers."""
 
 import threading
 import time
@@ -29,15 +29,15 @@ from epson_driver.panel.ros_discovery import RosDiscovery
 from epson_driver.panel.ros_robot import PARAMETERS, Goal, NoDriverError, RosRobot
 from epson_driver.processes.processes import free_ros_domain, ros_environment
 
-WAY = Trajectory(('joint_1',), np.array([1.0]), np.array([[0.5]]))
+TRAJECTORY = Trajectory(('joint_1',), np.array([1.0]), np.array([[0.5]]))
 
 
 class Driver:
-    """It executes goals until they are canceled, or until it is told to stop."""
+    """A node that executes goals until a cancel or stop request."""
 
     def __init__(self, node: Node) -> None:
         self.requests: list[str] = []
-        self.begun = threading.Event()
+        self.started = threading.Event()
         self.stopped = threading.Event()
         node.create_service(Trigger, 'epson_driver/stop', self._stop)
         self.server = ActionServer(
@@ -50,7 +50,7 @@ class Driver:
 
     def _execute(self, handle: Any) -> FollowJointTrajectory.Result:
         self.requests.append('goal')
-        self.begun.set()
+        self.started.set()
         assert self.stopped.wait(PATIENCE)
         if handle.is_cancel_requested:
             handle.canceled()
@@ -70,8 +70,8 @@ class Driver:
         return answer
 
 
-class Both:
-    """A driver and what the panel has of it, each with a thread, in one context."""
+class DriverAndPanel:
+    """A driver and the panel's RosRobot, each with a thread, in one context."""
 
     def __init__(self, context: rclpy.Context) -> None:
         self._nodes = [
@@ -92,7 +92,7 @@ class Both:
     def say(self, text: str, _level: int) -> None:
         self.said.append(text)
 
-    def wait_until_there(self) -> None:
+    def start(self) -> None:
         self._thread.start()
         node = self._nodes[1]
         action = ActionClient(node, FollowJointTrajectory, 'epson_driver/follow_joint_trajectory')
@@ -113,13 +113,13 @@ class Both:
 
 
 @pytest.fixture
-def both(monkeypatch: pytest.MonkeyPatch) -> Iterator[Both]:
+def pair(monkeypatch: pytest.MonkeyPatch) -> Iterator[DriverAndPanel]:
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=free_ros_domain())
-    found = Both(context)
+    found = DriverAndPanel(context)
     try:
-        found.wait_until_there()
+        found.start()
         yield found
         assert not found.errors
     finally:
@@ -127,16 +127,16 @@ def both(monkeypatch: pytest.MonkeyPatch) -> Iterator[Both]:
         context.try_shutdown()
 
 
-def started(both: Both) -> None:
-    """Have a goal sent."""
-    both.robot.execute(WAY, 'the way', both.say)
+def send_goal(pair: DriverAndPanel) -> None:
+    """Send a goal from the panel."""
+    pair.robot.execute(TRAJECTORY, 'goal 1', pair.say)
 
 
 @pytest.mark.invariant(3)
-def test_a_goal_is_sent_and_canceled_where_its_answers_are_taken(
-    both: Both, monkeypatch: pytest.MonkeyPatch
+def test_goals_are_sent_and_canceled_in_the_executor_thread(
+    pair: DriverAndPanel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """docs/invariants.md, 3. Otherwise an answer is taken before rclpy has noted the request."""
+    """Otherwise rclpy can process a response before it has registered the request."""
     threads = []
     for owner, name in (
         (ActionClient, 'send_goal_async'),
@@ -144,63 +144,63 @@ def test_a_goal_is_sent_and_canceled_where_its_answers_are_taken(
     ):
         method = getattr(owner, name)
 
-        def noted(*args: Any, _method: Any = method, **named: Any) -> Any:
+        def record_thread(*args: Any, _method: Any = method, **named: Any) -> Any:
             threads.append(threading.current_thread().name)
             return _method(*args, **named)
 
-        monkeypatch.setattr(owner, name, noted)
-    both.serving.start()
-    started(both)
-    assert both.driver.begun.wait(PATIENCE)
-    (goal,) = both.robot.cancel_goals()
+        monkeypatch.setattr(owner, name, record_thread)
+    pair.serving.start()
+    send_goal(pair)
+    assert pair.driver.started.wait(PATIENCE)
+    (goal,) = pair.robot.cancel_goals()
     assert goal.ended.wait(PATIENCE)
     assert threads == ['rclpy executor'] * 2
-    assert both.driver.requests == ['goal', 'cancel']
-    assert both.robot.goals == []
+    assert pair.driver.requests == ['goal', 'cancel']
+    assert pair.robot.goals == []
 
 
 @pytest.mark.invariant(3)
-def test_a_goal_that_is_canceled_before_it_is_sent_is_not_sent(both: Both) -> None:
-    started(both)
-    (goal,) = both.robot.cancel_goals()
-    both.serving.start()
+def test_goal_canceled_before_sending_is_not_sent(pair: DriverAndPanel) -> None:
+    send_goal(pair)
+    (goal,) = pair.robot.cancel_goals()
+    pair.serving.start()
     assert goal.ended.wait(PATIENCE)
-    assert both.said == ['the way: canceled before it was sent']
-    assert both.driver.requests == []
+    assert pair.said == ['goal 1: canceled before it was sent']
+    assert pair.driver.requests == []
 
 
 @pytest.mark.invariant(3)
-def test_a_stop_does_not_overtake_a_goal(both: Both) -> None:
-    started(both)
-    (goal,) = both.robot.goals
-    both.robot.trigger('stop', both.say)
-    both.serving.start()
+def test_stop_does_not_overtake_a_goal(pair: DriverAndPanel) -> None:
+    send_goal(pair)
+    (goal,) = pair.robot.goals
+    pair.robot.trigger('stop', pair.say)
+    pair.serving.start()
     assert goal.ended.wait(PATIENCE)
-    assert sorted(both.driver.requests) == ['goal', 'stop']
+    assert sorted(pair.driver.requests) == ['goal', 'stop']
 
 
 @pytest.mark.invariant(5)
-def test_a_goal_that_the_driver_rejects_has_ended(both: Both) -> None:
-    both.driver.server.register_goal_callback(lambda _goal: GoalResponse.REJECT)
-    both.serving.start()
-    started(both)
-    (goal,) = both.robot.goals
+def test_rejected_goal_has_ended(pair: DriverAndPanel) -> None:
+    pair.driver.server.register_goal_callback(lambda _goal: GoalResponse.REJECT)
+    pair.serving.start()
+    send_goal(pair)
+    (goal,) = pair.robot.goals
     assert goal.ended.wait(PATIENCE)
-    assert both.said == ['the way: rejected']
-    assert both.robot.goals == []
+    assert pair.said == ['goal 1: rejected']
+    assert pair.robot.goals == []
 
 
 @pytest.mark.invariant(5)
-def test_of_a_driver_that_is_silent_no_goal_is_left_and_that_is_said(both: Both) -> None:
-    started(both)
-    (goal,) = both.robot.goals
-    both.robot.parameters = {'robot_model': 'c3_a601s'}
-    both.robot.state.times['diagnostics'] = 100.0
-    both.robot.look_for_driver(200.0)
+def test_goals_of_a_lost_driver_end_with_an_event(pair: DriverAndPanel) -> None:
+    send_goal(pair)
+    (goal,) = pair.robot.goals
+    pair.robot.parameters = {'robot_model': 'c3_a601s'}
+    pair.robot.state.times['diagnostics'] = 100.0
+    pair.robot.look_for_driver(200.0)
     assert goal.ended.is_set()
-    assert (both.robot.goals, both.robot.parameters) == ([], {})
-    (event,) = both.robot.state.events
-    assert event.text == 'the way: the driver is gone, and what became of it is not known'
+    assert (pair.robot.goals, pair.robot.parameters) == ([], {})
+    (event,) = pair.robot.state.events
+    assert event.text == 'goal 1: the driver is gone, and what became of it is not known'
 
 
 class Handle:
@@ -213,24 +213,24 @@ class Handle:
         self.canceled += 1
 
 
-class AtOnce:
-    """An executor that does what it is given at once."""
+class ImmediateExecutor:
+    """An executor that runs a task immediately."""
 
     def create_task(self, work: Any) -> None:
         work()
 
 
 @pytest.mark.invariant(3)
-def test_a_goal_that_is_canceled_before_it_is_accepted_is_canceled_then() -> None:
+def test_goal_canceled_before_acceptance_is_canceled_later() -> None:
     early, late, ended = Handle(), Handle(), Handle()
-    goal = Goal('the way', AtOnce())  # type: ignore[arg-type]
+    goal = Goal('early', ImmediateExecutor())  # type: ignore[arg-type]
     goal.cancel()
     goal.accepted(early)
-    other = Goal('the way', AtOnce())  # type: ignore[arg-type]
+    other = Goal('late', ImmediateExecutor())  # type: ignore[arg-type]
     other.accepted(late)
     assert late.canceled == 0
     other.cancel()
-    over = Goal('the way', AtOnce())  # type: ignore[arg-type]
+    over = Goal('ended', ImmediateExecutor())  # type: ignore[arg-type]
     over.accepted(ended)
     over.ended.set()
     over.cancel()
@@ -238,21 +238,21 @@ def test_a_goal_that_is_canceled_before_it_is_accepted_is_canceled_then() -> Non
 
 
 @pytest.fixture(scope='module')
-def lonely() -> Iterator[RosRobot]:
-    """Return what the panel has of a driver that is not there."""
+def no_driver() -> Iterator[RosRobot]:
+    """The panel's RosRobot of a missing driver."""
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=free_ros_domain())
     nodes = [Node(name, context=context) for name in ('panel', 'panel_topics')]
-    yield RosRobot(nodes[0], AtOnce(), nodes[1], '/epson_driver')  # type: ignore[arg-type]
+    yield RosRobot(nodes[0], ImmediateExecutor(), nodes[1], '/epson_driver')  # type: ignore[arg-type]
     for node in nodes:
         node.destroy_node()
     context.try_shutdown()
 
 
-def test_a_goal_for_nobody_is_refused_with_the_name_of_the_action(lonely: RosRobot) -> None:
+def test_goal_without_a_driver_is_refused(no_driver: RosRobot) -> None:
     with pytest.raises(NoDriverError, match='nobody serves /epson_driver/follow_joint_trajectory'):
-        lonely.execute(WAY, 'the way', lonely.log)
-    assert lonely.goals == []
+        no_driver.execute(TRAJECTORY, 'goal 1', no_driver.log)
+    assert no_driver.goals == []
 
 
 def controller_state(
@@ -265,24 +265,29 @@ def controller_state(
 
 
 @pytest.mark.invariant(6)
-def test_joint_states_that_are_no_numbers_are_not_shown(lonely: RosRobot) -> None:
+def test_non_finite_joint_states_are_ignored(no_driver: RosRobot) -> None:
     names = ['joint_1', 'joint_2']
-    lonely.parameters = {'joint_names': names}
-    lonely._on_controller_state(controller_state(names, [0.1, 0.2]), 10.0)
+    no_driver.parameters = {'joint_names': names}
+    no_driver._on_controller_state(controller_state(names, [0.1, 0.2]), 10.0)
     for wrong in (float('nan'), float('-inf'), 1e308):
-        lonely._on_controller_state(controller_state(names, [0.1, wrong]), 20.0)
-        lonely._on_speed(Float64(data=wrong), 20.0)
-    lonely._on_controller_state(controller_state(names, [0.3]), 20.0)
-    assert lonely.state.positions.tolist() == [0.1, 0.2]
-    assert lonely.state.times['joints'] == 10.0
+        no_driver._on_controller_state(controller_state(names, [0.1, wrong]), 20.0)
+        no_driver._on_speed(Float64(data=wrong), 20.0)
+    no_driver._on_controller_state(controller_state(names, [0.3]), 20.0)
+    assert no_driver.state.positions.tolist() == [0.1, 0.2]
+    assert no_driver.state.times['joints'] == 10.0
     message = controller_state(names, [0.1, 0.2])
     message.reference.positions = message.error.positions = [0.1, float('nan')]
-    lonely._on_controller_state(message, 20.0)
-    assert lonely.state.reference is lonely.state.tracking_error is lonely.state.speed is None
+    no_driver._on_controller_state(message, 20.0)
+    assert (
+        no_driver.state.reference
+        is no_driver.state.tracking_error
+        is no_driver.state.speed
+        is None
+    )
 
 
 class Answer:
-    """A future that is done."""
+    """A completed future."""
 
     def __init__(self, values: list[ParameterValue] | None) -> None:
         self._values = values
@@ -292,40 +297,40 @@ class Answer:
 
 
 @pytest.mark.invariant(1)
-def test_what_a_driver_answers_too_late_or_in_part_says_nothing_of_the_robot(
-    lonely: RosRobot,
+def test_late_or_incomplete_parameters_are_ignored(
+    no_driver: RosRobot,
 ) -> None:
-    before = lonely.parameters
+    before = no_driver.parameters
     whole = [ParameterValue(type=4, string_value='c3_a601s') for _ in PARAMETERS]
     unset = [*whole[:-1], ParameterValue()]
     for answer in (Answer(None), Answer(whole[1:]), Answer(unset)):
-        lonely._asking = answer
-        lonely._on_parameters(1.0, answer)
-    lonely._on_parameters(1.0, Answer(whole))  # of a question that was given up
-    assert lonely.parameters == before
-    lonely._asking = asked = Answer(whole)
-    lonely._on_parameters(2.0, asked)
-    assert lonely.parameters == dict.fromkeys(PARAMETERS, 'c3_a601s')
-    assert lonely.state.times['parameters'] == 2.0
-    lonely._asking = None
+        no_driver._asking = answer
+        no_driver._on_parameters(1.0, answer)
+    no_driver._on_parameters(1.0, Answer(whole))  # the answer to an abandoned request
+    assert no_driver.parameters == before
+    no_driver._asking = asked = Answer(whole)
+    no_driver._on_parameters(2.0, asked)
+    assert no_driver.parameters == dict.fromkeys(PARAMETERS, 'c3_a601s')
+    assert no_driver.state.times['parameters'] == 2.0
+    no_driver._asking = None
 
 
-def test_a_driver_that_does_not_answer_is_asked_again(
-    lonely: RosRobot, monkeypatch: pytest.MonkeyPatch
+def test_parameters_are_requested_again_after_a_timeout(
+    no_driver: RosRobot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It may have died in between, and another one come in its place."""
-    monkeypatch.setattr(lonely._get_parameters, 'service_is_ready', lambda: True)
-    lonely.state.times.pop('diagnostics', None)
-    lonely.look_for_driver(10.0)
-    first = lonely._asking
-    lonely.look_for_driver(12.0)
-    assert lonely._asking is first
-    lonely.look_for_driver(13.5)
-    assert lonely._asking is not first
-    lonely._give_up_asking()
+    """The driver may have ended and been replaced."""
+    monkeypatch.setattr(no_driver._get_parameters, 'service_is_ready', lambda: True)
+    no_driver.state.times.pop('diagnostics', None)
+    no_driver.look_for_driver(10.0)
+    first = no_driver._asking
+    no_driver.look_for_driver(12.0)
+    assert no_driver._asking is first
+    no_driver.look_for_driver(13.5)
+    assert no_driver._asking is not first
+    no_driver._give_up_asking()
 
 
-def test_a_driver_that_is_gone_is_let_go_of_after_a_while_and_found_again(
+def test_lost_driver_is_forgotten_and_discovered_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     domain = free_ros_domain()
@@ -338,7 +343,7 @@ def test_a_driver_that_is_gone_is_let_go_of_after_a_while_and_found_again(
     remove = Node.remove_waitable
 
     def remove_late(node: Node, waitable: Any) -> None:
-        time.sleep(0.1)  # rclpy has destroyed it already: a thread that served it now would fail
+        time.sleep(0.1)  # rclpy has destroyed it already: serving it now would fail
         remove(node, waitable)
 
     monkeypatch.setattr(Node, 'remove_waitable', remove_late)

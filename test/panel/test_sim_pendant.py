@@ -1,8 +1,8 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The pendant of a simulated controller: each press has its answer, and a real one is left alone.
+"""The panel's pendant for a simulated controller. It must not act on a real one.
 
-The controller is a scripted remote port; time is virtual.
+The controller is a scripted remote port. Time is virtual.
 """
 
 import asyncio
@@ -31,9 +31,9 @@ BAD = RemoteErrorNumber.BAD_COMMAND
 
 
 class Controller:
-    """A remote port. `take(command)` gives the answer, without `#`; None: it never answers.
+    """A remote port. `take(command)` returns the answer, or None for no answer.
 
-    Raises ConnectionError: it hangs up.
+    It disconnects if `take` raises ConnectionError.
     """
 
     def __init__(self, take: Take) -> None:
@@ -67,12 +67,12 @@ class Controller:
         writer.close()
 
     def count(self, command: str) -> int:
-        """Return how often a command came."""
+        """Return how many times a command was received."""
         return self.commands.count(command)
 
 
 def simulated(special: dict[str, Any] | None = None) -> Take:
-    """Answer as the simulated controller does; `special`: other answers, or what is raised."""
+    """Answer like the simulated controller. `special`: other answers or exceptions."""
     usual = {
         'Login,': '#Login,0',
         'Logout': '#Logout,0',
@@ -92,8 +92,8 @@ def simulated(special: dict[str, Any] | None = None) -> Take:
     return take
 
 
-class Said:
-    """What became of commands."""
+class Results:
+    """Collects the results of commands."""
 
     def __init__(self) -> None:
         self.all: list[tuple[str, bool]] = []
@@ -102,8 +102,8 @@ class Said:
         self.all.append((why, done))
 
 
-def played(
-    take: Take, scene: Callable[[SimPendant, Controller, Said], Coroutine[Any, Any, None]]
+def play(
+    take: Take, scene: Callable[[SimPendant, Controller, Results], Coroutine[Any, Any, None]]
 ) -> None:
     """Play a scene with a pendant at a controller."""
 
@@ -114,157 +114,157 @@ def played(
             await asyncio.sleep(0)
             task = pendant._task
             assert task is not None
-            await scene(pendant, controller, Said())
+            await scene(pendant, controller, Results())
             pendant.end()
             await asyncio.wait([task])
 
     run(scenario())
 
 
-def test_it_says_what_the_controller_says_again_and_again() -> None:
-    async def scene(pendant: SimPendant, controller: Controller, said: Said) -> None:
+def test_condition_is_polled_and_a_press_is_done() -> None:
+    async def scene(pendant: SimPendant, controller: Controller, results: Results) -> None:
         await until(lambda: controller.count('Sim,condition') > 3)
         assert pendant.latest is not None
         simulation, at = pendant.latest
         assert simulation.condition == {'estop': 'not active', 'door': 'closed'}
         assert simulation.faults == ('cut', 'late')
         assert now() - at < 1.0
-        pendant.press(Action(('Sim,estop,press',)), said)
-        await until(lambda: said.all)
-        assert said.all == [('', True)]
+        pendant.press(Action(('Sim,estop,press',)), results)
+        await until(lambda: results.all)
+        assert results.all == [('', True)]
         assert controller.count('Login,') == 1
 
-    played(simulated(), scene)
+    play(simulated(), scene)
 
 
 @pytest.mark.invariant(1)
-def test_a_controller_that_is_real_is_asked_once_and_never_again() -> None:
-    """Its one place for a remote client should be the driver's."""
+def test_real_controller_is_queried_only_once() -> None:
+    """It serves one remote client, which should be the driver."""
 
-    async def scene(pendant: SimPendant, controller: Controller, said: Said) -> None:
+    async def scene(pendant: SimPendant, controller: Controller, results: Results) -> None:
         await until(lambda: pendant.real)
         await asyncio.sleep(30.0)
         assert controller.commands == ['Login,', 'Sim,condition']
         with pytest.raises(NotSimulatedError, match='no simulated controller answers'):
-            pendant.press(Action(('SetMotorsOn,1',)), said)
+            pendant.press(Action(('SetMotorsOn,1',)), results)
 
-    played(simulated({'Sim,condition': f'!Sim,{BAD.value}'}), scene)
+    play(simulated({'Sim,condition': f'!Sim,{BAD.value}'}), scene)
 
 
 @pytest.mark.invariant(1)
 @pytest.mark.parametrize(
     'answer', ['!Sim,99', '#Sim,what?', ConnectionError, None],
-    ids=['another error', 'no condition', 'hangs up', 'silent'],
+    ids=['another error', 'no condition', 'disconnects', 'silent'],
 )  # fmt: skip
-def test_who_does_not_say_that_it_is_simulated_is_not_and_is_asked_again(answer: Any) -> None:
-    async def scene(pendant: SimPendant, controller: Controller, said: Said) -> None:
+def test_controller_without_condition_is_not_simulated_and_polled_again(answer: Any) -> None:
+    async def scene(pendant: SimPendant, controller: Controller, results: Results) -> None:
         await until(lambda: controller.count('Sim,condition') > 2)
         assert (pendant.latest, pendant.real) == (None, False)
         with pytest.raises(NotSimulatedError):
-            pendant.press(Action(('Sim,estop,press',)), said)
+            pendant.press(Action(('Sim,estop,press',)), results)
 
-    played(simulated({'Sim,condition': answer}), scene)
+    play(simulated({'Sim,condition': answer}), scene)
 
 
 @pytest.mark.parametrize(
-    ('why', 'said_why'),
+    ('why', 'message'),
     [
         ('#Sim,the key is at MANUAL', 'the key is at MANUAL'),
         ('#Sim,', 'Sim,estop,press: '),
         (f'!Sim,{BAD.value}', 'Sim,estop,press: '),
     ],
 )
-def test_a_press_that_is_refused_says_why(why: str, said_why: str) -> None:
-    async def scene(pendant: SimPendant, controller: Controller, said: Said) -> None:
+def test_refused_press_returns_the_reason(why: str, message: str) -> None:
+    async def scene(pendant: SimPendant, controller: Controller, results: Results) -> None:
         await until(lambda: pendant.latest)
-        pendant.press(Action(('Sim,estop,press',)), said)
-        await until(lambda: said.all)
-        ((text, done),) = said.all
+        pendant.press(Action(('Sim,estop,press',)), results)
+        await until(lambda: results.all)
+        ((text, done),) = results.all
         assert not done
-        assert text.startswith(said_why)
+        assert text.startswith(message)
         await until(lambda: controller.count('Sim,condition') > 3)
-        assert controller.count('Login,') == 1  # it goes on
+        assert controller.count('Login,') == 1  # the session continues
 
-    played(simulated({'Sim,estop,press': '!Sim,20', 'Sim,why': why}), scene)
+    play(simulated({'Sim,estop,press': '!Sim,20', 'Sim,why': why}), scene)
 
 
-@pytest.mark.parametrize('answer', [ConnectionError, None], ids=['hangs up', 'silent'])
-def test_a_press_that_is_not_answered_is_said_and_so_are_those_that_wait(answer: Any) -> None:
-    async def scene(pendant: SimPendant, controller: Controller, said: Said) -> None:
+@pytest.mark.parametrize('answer', [ConnectionError, None], ids=['disconnects', 'silent'])
+def test_unanswered_press_and_pending_presses_fail(answer: Any) -> None:
+    async def scene(pendant: SimPendant, controller: Controller, results: Results) -> None:
         await until(lambda: pendant.latest)
-        pendant.press(Action(('Sim,estop,press',)), said)
-        pendant.press(Action(('Reset',)), said)
-        began = now()
-        await until(lambda: len(said.all) == 2)
-        assert now() - began < ANSWER_TIMEOUT_S + 1.0
-        assert said.all == [
+        pendant.press(Action(('Sim,estop,press',)), results)
+        pendant.press(Action(('Reset',)), results)
+        start = now()
+        await until(lambda: len(results.all) == 2)
+        assert now() - start < ANSWER_TIMEOUT_S + 1.0
+        assert results.all == [
             ('Sim,estop,press: the controller did not answer', False),
             ('Reset: no simulated controller answers', False),
         ]
         assert pendant.latest is None
-        await until(lambda: pendant.latest)  # it comes back
+        await until(lambda: pendant.latest)  # reconnected
         assert controller.count('Reset') == 0
 
-    played(simulated({'Sim,estop,press': answer}), scene)
+    play(simulated({'Sim,estop,press': answer}), scene)
 
 
 @pytest.mark.invariant(4)
-def test_what_was_pressed_as_the_controller_went_is_not_pressed_when_it_comes_back() -> None:
-    """It lay in the queue until the next login, and motors went on seconds after the click."""
-    hung_up = []
+def test_press_during_a_disconnect_is_not_repeated_after_it() -> None:
+    """A queued command of the old session would switch the motors on seconds after the click."""
+    disconnected = []
 
-    async def scene(pendant: SimPendant, controller: Controller, said: Said) -> None:
-        await until(lambda: hung_up)
+    async def scene(pendant: SimPendant, controller: Controller, results: Results) -> None:
+        await until(lambda: disconnected)
         await asyncio.sleep(0.1)
-        late = Action(('SetMotorsOn,1',))  # on its way from another thread
-        pendant._commands.put_nowait((late, said))
+        late = Action(('SetMotorsOn,1',))  # pending from another thread
+        pendant._commands.put_nowait((late, results))
         await until(lambda: controller.count('Login,') == 2 and pendant.latest)
-        assert said.all == [('SetMotorsOn,1: no simulated controller answers', False)]
+        assert results.all == [('SetMotorsOn,1: no simulated controller answers', False)]
         assert controller.count('SetMotorsOn,1') == 0
 
     def once() -> str:
-        if not hung_up:
-            hung_up.append(True)
+        if not disconnected:
+            disconnected.append(True)
             raise ConnectionError
         return '#Sim,'
 
-    played(simulated({'Sim,fault,list': once}), scene)
+    play(simulated({'Sim,fault,list': once}), scene)
 
 
 @pytest.mark.invariant(7)
-def test_a_text_that_is_no_command_is_refused_and_the_session_goes_on() -> None:
-    """A fault is typed by a person. The session ended, and with it what armed the browser."""
+def test_invalid_command_text_does_not_end_the_session() -> None:
+    """Users type faults. The end of the session would disarm the window."""
 
-    async def scene(pendant: SimPendant, controller: Controller, said: Said) -> None:
+    async def scene(pendant: SimPendant, controller: Controller, results: Results) -> None:
         await until(lambda: pendant.latest)
-        pendant.press(Action(('Sim,fault,\x07',)), said)
-        await until(lambda: said.all)
-        ((text, done),) = said.all
+        pendant.press(Action(('Sim,fault,\x07',)), results)
+        await until(lambda: results.all)
+        ((text, done),) = results.all
         assert not done
         assert 'is not one command' in text
         await until(lambda: controller.count('Sim,condition') > 3)
         assert controller.count('Login,') == 1
 
-    played(simulated(), scene)
+    play(simulated(), scene)
 
 
 @pytest.mark.invariant(9)
-def test_a_pendant_that_fails_is_reported_at_once() -> None:
-    """It was only said when the task was thrown away, and the page went on without a pendant."""
-    told: list[Any] = []
+def test_failed_pendant_is_reported_immediately() -> None:
+    """asyncio reports a failed task only when it is deleted."""
+    reported: list[Any] = []
 
     def fails(_why: str, _done: bool) -> None:
         raise ZeroDivisionError('made for this test')
 
-    async def scene(pendant: SimPendant, _controller: Controller, _said: Said) -> None:
+    async def scene(pendant: SimPendant, _controller: Controller, _results: Results) -> None:
         loop = asyncio.get_running_loop()
-        loop.set_exception_handler(lambda _, context: told.append(context['exception']))
+        loop.set_exception_handler(lambda _, context: reported.append(context['exception']))
         await until(lambda: pendant.latest)
         pendant.press(Action(('Sim,estop,press',)), fails)
-        await until(lambda: told)
-        assert isinstance(told[0], ZeroDivisionError)
+        await until(lambda: reported)
+        assert isinstance(reported[0], ZeroDivisionError)
 
-    played(simulated(), scene)
+    play(simulated(), scene)
 
 
 @pytest.mark.invariant(9)
@@ -276,18 +276,16 @@ def test_a_pendant_that_fails_is_reported_at_once() -> None:
     ],
     ids=['a callback', 'the loop'],
 )
-def test_what_fails_in_the_thread_of_the_pendants_is_reported(
-    fails: Callable[[], Any], what: str
-) -> None:
-    told: list[tuple[str, BaseException]] = []
+def test_failure_in_the_pendant_thread_is_reported(fails: Callable[[], Any], what: str) -> None:
+    reported: list[tuple[str, BaseException]] = []
     seen = threading.Event()
 
     def on_error(text: str, error: BaseException) -> None:
-        told.append((text, error))
+        reported.append((text, error))
         seen.set()
 
     thread = PendantThread(lambda: 0.0, on_error)
     thread._loop.call_soon_threadsafe(fails)
     assert seen.wait(PATIENCE)
-    assert [text for text, _ in told] == [what]
+    assert [text for text, _ in reported] == [what]
     thread.end()

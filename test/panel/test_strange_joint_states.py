@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The panel with other publishers of joint_states: a jog moves its own joint only."""
+"""The panel with other publishers of joint_states: a jog moves the chosen joint only."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -23,7 +23,7 @@ from epson_driver.robots import load_robot_model
 BROWSER = 1
 
 
-class Hand:
+class JogRig:
     """The panel's own objects, a driver, a controller, and a second publisher of joint_states."""
 
     def __init__(self, cell: Cell) -> None:
@@ -40,7 +40,7 @@ class Hand:
         raise AssertionError(what) from error
 
     def say(self, names: Sequence[str], positions: Sequence[float]) -> None:
-        """Have the stranger publish this from now on."""
+        """Publish this from the second publisher from now on."""
         self._message = JointState(name=list(names), position=list(positions))
 
     def turn(self) -> None:
@@ -77,11 +77,11 @@ class Hand:
 
 
 @pytest.fixture
-def hand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Hand]:
+def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[JogRig]:
     cell = Cell(tmp_path).ready()
     for name, value in processes.ros_environment(cell.domain).items():
         monkeypatch.setenv(name, value)
-    found = Hand(cell)
+    found = JogRig(cell)
     yield found
     found.close()
 
@@ -94,43 +94,43 @@ def hand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Hand]:
         pytest.param(['finger_joint'], [0.01], id='of a gripper'),
     ],
 )
-def test_inv10_a_jog_moves_the_joint_that_is_meant_beside_other_publishers(
-    hand: Hand, names: list[str], positions: list[float]
+def test_inv10_jog_ignores_other_joint_state_publishers(
+    rig: JogRig, names: list[str], positions: list[float]
 ) -> None:
-    hand.say(names, positions)
-    hand.wait(lambda: hand.control.forbidden() is None, 'a robot that can be armed')
-    hand.cell.peer.enable()
-    hand.wait(lambda: hand.robot.state.gate_open, 'an open gate')
-    hand.control.arming.arm(BROWSER)
-    before = hand.at
+    rig.say(names, positions)
+    rig.wait(lambda: rig.control.forbidden() is None, 'a robot that can be armed')
+    rig.cell.peer.enable()
+    rig.wait(lambda: rig.robot.state.gate_open, 'an open gate')
+    rig.control.arming.arm(BROWSER)
+    before = rig.at
 
     def jogged() -> bool:
-        if time.monotonic() % 6.0 < 4.0:  # a jog that was refused must be released before the next
-            hand.control.jog(BROWSER, '1', 'world', 0.2)
-        return bool(np.abs(hand.at - before).max() > 0.1)
+        if time.monotonic() % 6.0 < 4.0:  # release a refused jog before the next
+            rig.control.jog(BROWSER, '1', 'world', 0.2)
+        return bool(np.abs(rig.at - before).max() > 0.1)
 
-    hand.wait(jogged, 'a jog')
-    hand.control.jog(BROWSER, '1', 'world', 0.0)
-    hand.wait(hand.at_rest, 'rest')
-    jogged_by = hand.at - before
+    rig.wait(jogged, 'a jog')
+    rig.control.jog(BROWSER, '1', 'world', 0.0)
+    rig.wait(rig.at_rest, 'rest')
+    jogged_by = rig.at - before
     assert jogged_by[0] > 0.1
-    hand.control.step(BROWSER, '2', 'world', -0.1, 1.0)
-    hand.wait(lambda: not hand.robot.goals, 'the end of a step')
-    np.testing.assert_allclose(hand.at - before, [jogged_by[0], -0.1, 0, 0, 0, 0], atol=1e-5)
+    rig.control.step(BROWSER, '2', 'world', -0.1, 1.0)
+    rig.wait(lambda: not rig.robot.goals, 'the end of a step')
+    np.testing.assert_allclose(rig.at - before, [jogged_by[0], -0.1, 0, 0, 0, 0], atol=1e-5)
 
 
 @pytest.mark.invariant(6, 10)
 def test_inv6_joints_are_not_fresh_after_the_driver_was_killed(
-    hand: Hand,
+    rig: JogRig,
 ) -> None:
-    hand.say(JOINTS, [0.0] * 6)
-    hand.wait(lambda: hand.control.forbidden() is None, 'a robot that can be armed')
-    state = hand.robot.state
-    hand.cell.client.kill()
-    hand.turn()
+    rig.say(JOINTS, [0.0] * 6)
+    rig.wait(lambda: rig.control.forbidden() is None, 'a robot that can be armed')
+    state = rig.robot.state
+    rig.cell.client.kill()
+    rig.turn()
     last = state.times['joints']
     until = last + MAX_AGES_S['joints']
     while time.monotonic() < until + 0.5:
-        hand.turn()
+        rig.turn()
     assert not state.fresh('joints', time.monotonic())
-    assert hand.control.forbidden() is not None
+    assert rig.control.forbidden() is not None

@@ -15,7 +15,7 @@ CHROMIUM = (
 
 
 class _Playwright:
-    """What drives browsers, while one is open: a thread can have only one, and no other loop."""
+    """Playwright while a browser is open. A thread can run only one, and no other event loop."""
 
     def __init__(self) -> None:
         self._users = 0
@@ -39,7 +39,7 @@ _playwright = _Playwright()
 
 @contextmanager
 def chromium(*arguments: str) -> Iterator[Any]:
-    """Yield a browser. Skips the test where there is none, or no playwright."""
+    """Yield a browser. Skips the test without chromium or playwright."""
     if CHROMIUM is None:
         pytest.skip('no browser test: apt install --no-install-recommends chromium')
     with _playwright as api:
@@ -56,13 +56,13 @@ def chromium(*arguments: str) -> Iterator[Any]:
 def browser_page(
     width: int = 900, height: int = 700
 ) -> Iterator[tuple[Any, list[str], list[str]]]:
-    """Yield a tab, what its console and its errors say, and the addresses it asks for."""
-    told: list[str] = []
+    """Yield a tab, its console messages and errors, and the requested addresses."""
+    messages: list[str] = []
     requested: list[str] = []
     with chromium() as browser:
         tab = browser.new_page(viewport={'width': width, 'height': height})
         tab.set_default_timeout(120_000)
-        tab.on('console', lambda message: told.append(f'{message.type}: {message.text}'))
-        tab.on('pageerror', lambda error: told.append(f'error: {error}'))
+        tab.on('console', lambda message: messages.append(f'{message.type}: {message.text}'))
+        tab.on('pageerror', lambda error: messages.append(f'error: {error}'))
         tab.on('request', lambda request: requested.append(request.url))
-        yield tab, told, requested
+        yield tab, messages, requested

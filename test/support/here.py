@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A command of this package in this process, where it needs none of its own."""
+"""Runs a command of this package in the test's process."""
 
 import contextlib
 import io
@@ -14,7 +14,7 @@ from unittest.mock import patch
 def run_here(
     main: Callable[[], int], *words: str | Path, cwd: Path | None = None
 ) -> CompletedProcess[str]:
-    """Return what `main` prints for these words, and the code with which it would end."""
+    """Return the output and exit code of `main` for these arguments."""
     out, err = io.StringIO(), io.StringIO()
     arguments = [*map(str, words)]
     with (

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Run a command in a terminal of its own, which SIGUSR1 closes, as a lost ssh connection does.
+"""Run a command in a separate terminal. SIGUSR1 closes it, like a lost ssh connection.
 
 Ends with the command's exit code.
 """

@@ -6,9 +6,9 @@ import signal
 
 
 def obey_interrupts() -> None:
-    """Let a child obey the terminal: `&` and `nohup` pass them on ignored.
+    """Restore the default signal handlers in a child (`preexec_fn`).
 
-    For `preexec_fn`.
+    A child of `&` or `nohup` inherits ignored signals.
     """
     for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)

@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a launch file would start, where `launch` is not installed; it starts nothing.
+"""Interprets launch files without `launch`, and without starting processes.
 
-Whatever a launch file imports of launch keeps its keywords, and no more: genuine launch reads the
-files where there is one (test_launch_files.py).
+Imports from `launch` are replaced by objects that store their keywords. Where `launch` is
+installed, test_launch_files.py also loads the files with it.
 """
 
 import re
@@ -19,7 +19,7 @@ FILES = sorted(FOLDER.glob('*.launch.py'))
 
 
 class Entity:
-    """An action, a substitution or a source: its kind, and the arguments that it was made with."""
+    """An action, a substitution or a source: its kind and its arguments."""
 
     name: Any = None
     condition: Any = None
@@ -35,7 +35,7 @@ class Entity:
 
 
 class Launch(types.ModuleType):
-    """A module of launch: each of its names makes an entity of that kind."""
+    """A module of launch. Each of its names creates an entity of that kind."""
 
     def __getattr__(self, kind: str) -> Any:
         if kind.startswith('__'):
@@ -90,7 +90,7 @@ def _run(entities: Iterable[Any], values: dict[str, str], started: list[Any]) ->
                 path = Path(each.given[0].given[0])
                 given = {name: _performed(to, values) for name, to in each.launch_arguments}
                 assert given.keys() <= declared(path), path
-                values |= given  # they stay set, as in launch
+                values |= given  # launch does not restore them either
                 _run(described(path), values, started)
             case 'RegisterEventHandler':
                 handler = each.given[0]
@@ -103,12 +103,12 @@ def _run(entities: Iterable[Any], values: dict[str, str], started: list[Any]) ->
 
 
 def _performed(value: Any, values: dict[str, str]) -> str:
-    """Return a text, or the argument that a LaunchConfiguration names."""
+    """Return a text, or the value of a LaunchConfiguration."""
     return values[value.given[0]] if isinstance(value, Entity) else value
 
 
 def _settled(entity: Any, values: dict[str, str]) -> Any:
-    """Return a process with its command, its parameters by name, and its parameter files."""
+    """Fill in a process's command, parameters by name, and parameter files."""
     if entity.kind == 'ExecuteProcess':
         first, *entity.arguments = entity.cmd
         of_path = isinstance(first, str)
@@ -124,7 +124,7 @@ def _settled(entity: Any, values: dict[str, str]) -> Any:
 
 
 def _flat(values: Mapping[str, Any], above: str = '') -> dict[str, Any]:
-    """Return parameters by their names with dots, and texts as ROS would get them."""
+    """Return parameters by dotted names, with the texts that ROS would receive."""
     found: dict[str, Any] = {}
     for name, value in values.items():
         if isinstance(value, Mapping):

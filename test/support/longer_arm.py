@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Robot models with more joints: the C3 with further joints like its last one at the flange."""
+"""Robot models with more joints: the C3 with copies of its last joint at the flange."""
 
 from copy import deepcopy
 from pathlib import Path
@@ -12,7 +12,7 @@ from epson_driver.share import share_file
 
 
 def arm_file(folder: Path, joints: int) -> Path:
-    """Write the model with so many joints, six or more, to a file in `folder`; return its path."""
+    """Write a model with `joints` joints (≥ 6) to a file in `folder` and return its path."""
     data = yaml.safe_load(share_file('config', 'robots', 'c3.yaml').read_text('utf-8'))
     del data['models'], data['sources']
     data['name'] = f'c3_with_{joints}_joints'
@@ -26,5 +26,5 @@ def arm_file(folder: Path, joints: int) -> Path:
 
 
 def arm_model(folder: Path, joints: int) -> RobotModel:
-    """Return the model with so many joints, as it is read from a file."""
+    """Return a model with `joints` joints (≥ 6)."""
     return load_robot_model(str(arm_file(folder, joints)))

@@ -13,7 +13,7 @@ def unwrapped(text: str) -> str:
 
 
 def items(text: str) -> list[tuple[str, list[str]]]:
-    """Return the items of a list, each with those of the list below it."""
+    """Return the items of a list, each with its sub-items."""
     found: list[tuple[str, list[str]]] = []
     for line in unwrapped(text).splitlines():
         if line.startswith('* '):

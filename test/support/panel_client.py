@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The panel as tests use it: its process, its pages, its clients."""
+"""The panel for tests: its process and a websocket client."""
 
 import contextlib
 import json
@@ -34,14 +34,14 @@ CLICKS = {
     'Reset error': 'reset_error',
     'Clear all faults': 'clear_faults',
 }
-"""What a button asks for."""
+"""The request of each button."""
 
 
 class PanelClient:
-    """One window of the panel at a port; `headers` are added to those of its request.
+    """A window of the panel, without a browser. `headers` are added to its request.
 
-    It keeps the parts of the page by their names, and shows the first robot, or the one whose
-    label is given. Raises websockets' InvalidStatus if it is not let in.
+    It stores the parts of the page by name, and shows the first robot or the given label.
+    Raises websockets' InvalidStatus if the server rejects it.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class PanelClient:
         self.notifications: list[str] = []
         self.inputs = {'Input': 0, 'Fault': '', 'Details': ''}
         self.robot = ''
-        """The node of the robot that it shows."""
+        """The node name of the shown robot."""
         self._wanted = robot
         own = f'http://127.0.0.1:{port}' if origin == '' else origin
         self._socket = connect(
@@ -69,7 +69,7 @@ class PanelClient:
         self._news = threading.Condition()
         self._closed = threading.Event()
         self.lives = threading.Event()
-        """Set when it has given a sign of life for a robot that it shows."""
+        """Set after its first heartbeat for a shown robot."""
         self._threads = [
             threading.Thread(target=each, daemon=True) for each in (self._read, self._live)
         ]
@@ -88,7 +88,7 @@ class PanelClient:
         self._threads[0].join(PATIENCE)
 
     def freeze(self) -> None:
-        """Give no sign of life any more, as a page that hangs; the websocket stays."""
+        """Stop the heartbeat, like a page that hangs. The websocket stays open."""
         self._closed.set()
         self._threads[1].join(PATIENCE)
 
@@ -99,11 +99,11 @@ class PanelClient:
     def send(self, message: Any) -> None:
         self._socket.send(json.dumps(message))
 
-    # --- what it shows ----------------------------------------------------------------------
+    # --- shown state ------------------------------------------------------------------------
 
     @property
     def armed(self) -> bool:
-        """Whether what moves the robot can be pressed."""
+        """Whether this window is armed."""
         return bool(self.parts.get('controls', {}).get('armed') == 'yes')
 
     @property
@@ -112,12 +112,12 @@ class PanelClient:
         return [text for _, _, text in reversed(self.parts.get('log', []))]
 
     def newest_log(self) -> str:
-        """Return the line of the log that came last."""
+        """Return the newest line of the log."""
         return next(iter(self.log), '')
 
     @property
     def advice(self) -> str:
-        """What is in the way, and the remedy."""
+        """The reason why the arm cannot move, and the remedy."""
         found = self.parts.get('advice', {'reason': '', 'remedy': ''})
         return f'{found["reason"]} → {found["remedy"]}'
 
@@ -126,7 +126,7 @@ class PanelClient:
         return next((each[2] for each in self.parts.get('lamps', []) if each[0] == name), '')
 
     def point(self, kind: int, index: int) -> int | None:
-        """Return what an input (1) or output (2) is, None if it is not shown."""
+        """Return the value of an input (1) or output (2), None if it is not shown."""
         for each in self.parts.get('io', []):
             place = index - each['start']
             if each['type'] == kind and 0 <= place < len(each['values']):
@@ -135,25 +135,23 @@ class PanelClient:
         return None
 
     def wait(self, true: Callable[[], object], what: str) -> None:
-        """Wait until something is so. Raises AssertionError with what was said meanwhile."""
+        """Wait until `true()`. Raises AssertionError with notifications and log on time-out."""
         until = time.monotonic() + PATIENCE
         with self._news:
             while not true():
                 left = until - time.monotonic()
-                said = f'{self.notifications}, {self.log}'
-                assert left > 0, f'not: {what}; said: {said}'
-                assert self._threads[0].is_alive(), (
-                    f'the panel has closed; not: {what}; said: {said}'
-                )
+                text = f'not: {what}, log: {self.notifications}, {self.log}'
+                assert left > 0, text
+                assert self._threads[0].is_alive(), f'the panel has closed, {text}'
                 self._news.wait(min(left, 0.5))
 
     def wait_for_lamp(self, name: str, colour: str) -> None:
         self.wait(lambda: self.lamp(name) == colour, f'{name} is {colour}')
 
     def wait_for_log(self, text: str, after: str = '') -> None:
-        """Wait for a line of the log, newer than the newest one with `after`.
+        """Wait for a line of the log, newer than the newest line with `after`.
 
-        The log is that of the panel: other windows may have written the same line before.
+        All windows share one log, so the same line may be in it already.
         """
 
         def newer() -> list[str]:
@@ -170,7 +168,7 @@ class PanelClient:
             lambda: any(text in each for each in self.notifications), f'a notification {text!r}'
         )
 
-    # --- what a person does -----------------------------------------------------------------
+    # --- user actions -----------------------------------------------------------------------
 
     def click(self, label: str) -> None:
         """Click a button, whether it is shown as disabled or not."""
@@ -186,7 +184,7 @@ class PanelClient:
             self.ask(word, name=SWING)
 
     def set(self, label: str, value: Any) -> None:
-        """Set an input, or click one of a group of buttons."""
+        """Set an input, or click a button of a group."""
         if label in self.inputs:
             self.inputs[label] = value
         elif label == 'Speed [%]':
@@ -196,10 +194,10 @@ class PanelClient:
         else:
             self.ask('press', what=label, how=value)
 
-    # --- what the page does by itself -------------------------------------------------------
+    # --- automatic messages of the page -----------------------------------------------------
 
     def _live(self) -> None:
-        """Give signs of life, as the script of the page does."""
+        """Send heartbeats like the page."""
         with contextlib.suppress(ConnectionClosed):
             while not self._closed.wait(ALIVE_S):
                 self.send({'do': 'alive'})
@@ -207,14 +205,14 @@ class PanelClient:
                     self.lives.set()
 
     def _read(self) -> None:
-        with contextlib.suppress(ConnectionClosedOK):  # what is asked as it closes goes nowhere
+        with contextlib.suppress(ConnectionClosedOK):  # a request during close is dropped
             for frame in self._socket:
                 parts = json.loads(frame)
                 with self._news:
                     self.notifications += parts.pop('notes', [])
                     if 'robots' in parts:
                         self._choose(parts['robots'])
-                    if parts.pop('robot') != self.robot:  # of the one that was shown before
+                    if parts.pop('robot') != self.robot:  # of the previously shown robot
                         parts = {key: parts[key] for key in ('robots', 'alarms') if key in parts}
                     self.parts |= parts
                     self._news.notify_all()
@@ -236,9 +234,9 @@ SWING = 'swing'
 
 
 class PanelProcess:
-    """It offers one trajectory, SWING: from START, slowly.
+    """A panel process that offers one slow trajectory from START, SWING.
 
-    It is patient with a machine that is busy, unless `patience` is False.
+    Its time-outs are longer than a user's, for busy machines, unless `patience` is False.
     """
 
     def __init__(self, folder: Path, domain: int, *arguments: str, patience: bool = True) -> None:
@@ -268,12 +266,12 @@ class PanelProcess:
     def armed(self) -> PanelClient:
         """Open a window and arm it."""
         client = self.window()
-        client.wait_for_lamp('Door', 'good')  # the simulated controller has said what it is
+        client.wait_for_lamp('Door', 'good')  # known to be simulated
         self.arm(client)
         return client
 
     def arm(self, client: PanelClient) -> None:
-        """Arm a window; a controller that has just come, or come back, is not known at once."""
+        """Arm a window. Repeats the request until a new controller is known."""
         until = time.monotonic() + PATIENCE
         while not client.armed:
             assert time.monotonic() < until, f'not armed: {client.notifications}'
@@ -282,7 +280,7 @@ class PanelProcess:
             client.wait(lambda: client.notifications or client.armed, 'an answer')
 
     def close_windows(self) -> None:
-        """Close what a test has opened; one that failed may have left an armed window."""
+        """Close all windows. A failed test may have left an armed window."""
         while self._windows:
             self._windows.pop().close()
 

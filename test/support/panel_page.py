@@ -16,7 +16,7 @@ MILLISECONDS = PATIENCE * 1e3
 
 
 class Page:
-    """A page of the panel, and everything that it asked for and complained about."""
+    """A page of the panel, with its requests and errors."""
 
     def __init__(
         self, browser: Any, address: str, size: dict[str, int] = VIEW, link: str = 'good'
@@ -35,7 +35,7 @@ class Page:
                 self.lamp('Link', link)
         except Exception as error:
             shown = self.page.locator('body').inner_text()
-            error.add_note(f'asked for {self.requests}, complained {self.errors}, shows {shown!r}')
+            error.add_note(f'requests {self.requests}, errors {self.errors}, text {shown!r}')
             raise
 
     def _on_console(self, message: Any) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Traces of runs that never were, of which everything is known: a motion, replies, an E-stop."""
+"""Synthetic traces with known content: a motion, replies, an E-stop."""
 
 import io
 from pathlib import Path
@@ -25,7 +25,7 @@ from epson_driver.simple_message import (
 from epson_driver.trace.pcap import Conversation, PcapWriter
 
 BEGAN = 1_790_000_000
-"""When all runs began, s since 1970."""
+"""Start of all runs, s since 1970."""
 
 PERIOD = 0.005
 DEAD_TIME = 0.05
@@ -37,7 +37,7 @@ MOVING = Status(1, 0, 0, 0, 1, 2, 1)
 
 
 class Recorder:
-    """Writes a trace, message by message; times are s since BEGAN."""
+    """Writes a trace, message by message. Times are in s since BEGAN."""
 
     def __init__(self, controller: str = '10.0.0.2') -> None:
         self._file = io.BytesIO()
@@ -55,7 +55,7 @@ class Recorder:
         )
 
     def says(self, time: float, port: int, message: Message, *, answers: bool = False) -> None:
-        """Record what the controller says, as a topic or as a reply."""
+        """Record a message of the controller, as a topic or as a reply."""
         packet = reply(message, ReplyCode.SUCCESS) if answers else topic(message)
         self.raw(time, port, encode(packet, LITTLE_ENDIAN))
 
@@ -68,11 +68,11 @@ class Recorder:
         self.raw(time, port, encode(request(message), LITTLE_ENDIAN), from_client=True)
 
     def raw(self, time: float, port: int, data: bytes, *, from_client: bool = False) -> None:
-        """Record bytes as they are."""
+        """Record unchanged bytes."""
         self._conversations[port].data(nanoseconds(time), data, from_client=from_client)
 
     def lose(self, time: float, port: int) -> None:
-        """The controller closes a connection."""
+        """Record that the controller closes a connection."""
         self._conversations[port].finish(nanoseconds(time), from_client=False)
 
     def content(self) -> bytes:
@@ -91,13 +91,13 @@ def nanoseconds(time: float) -> int:
 
 
 def position(time: float) -> np.ndarray:
-    """Return where the arm is: from the first to the last point in MOVED s, from rest to rest."""
+    """Return the arm's position: from the first to the last point in MOVED s, rest to rest."""
     share = np.clip((time - SENT - DEAD_TIME) / MOVED, 0.0, 1.0)
     return POINTS[-1] * (share - np.sin(2 * np.pi * share) / (2 * np.pi))
 
 
 def usual_run(seconds: float = 4.0, *, estop: float | None = None) -> Recorder:
-    """Return a run: a trajectory of three points, sent at SENT; an E-stop at a time, if given."""
+    """Return a run with a trajectory of three points, sent at SENT, and an optional E-stop."""
     recorder = Recorder()
     recorder.connect(0.0, 11002)
     recorder.connect(0.001, 11000)

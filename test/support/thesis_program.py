@@ -1,10 +1,10 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The thesis' own SPEL+ program: read from its text where that is there, mended, with a DLL.
+"""The thesis' SPEL+ program, extracted from its text and repaired, with a replacement of its DLL.
 
-The text is not part of this repository. It is looked for in ../shared/seed beside it, or where
-EPSON_DRIVER_SEED says. What its printed form has broken is mended by rules; each counts how often
-it was needed, so that a test sees if the text, or a rule, has changed.
+The text is not part of this repository. It is read from ../shared/seed or EPSON_DRIVER_SEED.
+Rules repair errors of the printed form. Each rule counts its uses, so that a test notices a
+change of the text or of a rule.
 """
 
 import os
@@ -25,26 +25,26 @@ NAMES = {
     'E': 'robotinfo.inc',
 }
 USER_ERRORS = 'Label1 {\nnError=8000\nsLabel="CORRUPT_MSG"\n}\n'
-"""The text names the label and the number; it does not print the file."""
+"""The text gives the label and the number, but not the file."""
 
 FENCE = '```'
 INVENTED_ENDS = {'endwhile': (), 'endfunction': ('endif', 'next i')}
-"""What SPEL+ does not have, and what stands before it: the ends of blocks that were open at the
-end of a page, put in by whoever turned the pages into text."""
-GOES_ON = re.compile(r'(\bAs|\bOr|\bAnd|[,(+*=<>-])$', re.IGNORECASE)
+"""Block ends that SPEL+ does not have, with the real ends before them. The conversion of the pages
+to text added them where a block was open at the end of a page."""
+INCOMPLETE = re.compile(r'(\bAs|\bOr|\bAnd|[,(+*=<>-])$', re.IGNORECASE)
 CONTINUES = re.compile(r'[*+<>]')
 BARE_COMMENT = re.compile(r'(TODO:|\*+$)')
 
 
 def listings() -> dict[str, list[str]] | None:
-    """Return the lines of appendices A to F by letter; None where there is no text."""
+    """Return the lines of appendices A to F by letter, None without the text."""
     texts = sorted(SEED.glob('*.txt')) if SEED.is_dir() else []
     for path in texts:
         lines = path.read_text(encoding='utf-8').split('\n')
         starts = {}
         for number, line in enumerate(lines):
             if (match := HEADING.match(line)) is not None:
-                starts[match[1]] = number  # the last one: those before are the table of contents
+                starts[match[1]] = number  # the last one: the table of contents comes first
         if set('ABCDEFG') <= starts.keys():
             following = dict(zip('ABCDEF', 'BCDEFG', strict=True))
             return {
@@ -54,8 +54,8 @@ def listings() -> dict[str, list[str]] | None:
     return None
 
 
-def mended(lines: Sequence[str], repairs: Counter[str]) -> str:
-    """Return a listing as a program; `repairs` counts what was mended."""
+def repaired(lines: Sequence[str], repairs: Counter[str]) -> str:
+    """Return a listing as a program. `repairs` counts the repairs."""
     found: list[str] = []
     for line in lines:
         text = line.strip()
@@ -68,7 +68,7 @@ def mended(lines: Sequence[str], repairs: Counter[str]) -> str:
                 assert end.lower() == expected, end
         elif BARE_COMMENT.match(text):
             repairs['comments without their mark'] += 1
-        elif found and _goes_on(found[-1], text):
+        elif found and _is_continued(found[-1], text):
             repairs['lines that were wrapped'] += 1
             found[-1] += ' ' + text
         else:
@@ -76,8 +76,8 @@ def mended(lines: Sequence[str], repairs: Counter[str]) -> str:
     return '\n'.join(found) + '\n'
 
 
-def _goes_on(before: str, text: str) -> bool:
-    """Return whether a line is the rest of the one before it."""
+def _is_continued(before: str, text: str) -> bool:
+    """Return whether a line continues the previous line."""
     if before.startswith(("'", '#')):
         return False
     code, quotes = _code(before)
@@ -85,7 +85,9 @@ def _goes_on(before: str, text: str) -> bool:
         return True
     depth = code.count('(') - code.count(')')
     return (
-        depth > 0 or GOES_ON.search(code.rstrip()) is not None or CONTINUES.match(text) is not None
+        depth > 0
+        or INCOMPLETE.search(code.rstrip()) is not None
+        or CONTINUES.match(text) is not None
     )
 
 
@@ -105,14 +107,14 @@ def _code(line: str) -> tuple[str, int]:
 
 def program_files(found: dict[str, list[str]], repairs: Counter[str]) -> dict[str, str]:
     """Return the project's files."""
-    files = {name: mended(found[letter], repairs) for letter, name in NAMES.items()}
+    files = {name: repaired(found[letter], repairs) for letter, name in NAMES.items()}
     return {**files, 'UserErrors.dat': USER_ERRORS}
 
 
 def call_library(_host: object, _library: str, name: str, arguments: Sequence[object]) -> int:
-    """Do what the functions of the thesis' DLL do (its appendix F).
+    """Emulate the functions of the thesis' DLL (its appendix F).
 
-    ConvertToFloatingpoint has velocity and duration by value in C, so they stay as they are.
+    ConvertToFloatingpoint takes velocity and duration by value in C, so they stay unchanged.
     """
     given: list[Any] = [getattr(each, 'd', each) for each in arguments]
     if name.lower() == 'jointpositionsmtoints':

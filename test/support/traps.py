@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A folder in which importing goes wrong: nothing that is started there may import from it."""
+"""A folder of modules that fail on import. Programs started there must not import from it."""
 
 import sys
 from pathlib import Path
@@ -24,7 +24,7 @@ raise ImportError('the trap ' + __name__)
 
 
 def trap_folder(parent: Path) -> Path:
-    """Return a new folder with a module for each of Python's own, and for what we need."""
+    """Return a new folder with a module for each standard module and dependency."""
     folder = parent / 'traps'
     folder.mkdir()
     for name in {*sys.stdlib_module_names, *INSTALLED, 'sitecustomize', 'usercustomize'}:
@@ -33,6 +33,6 @@ def trap_folder(parent: Path) -> Path:
 
 
 def sprung(folder: Path) -> str:
-    """Return the modules that were executed, a line each."""
-    told = folder / 'PWNED'
-    return told.read_text(encoding='utf-8') if told.exists() else ''
+    """Return the executed modules, one per line."""
+    record = folder / 'PWNED'
+    return record.read_text(encoding='utf-8') if record.exists() else ''

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A second state client of the simulated controller: what the arm does without the driver."""
+"""A second state client of the simulated controller, to measure the arm without the driver."""
 
 import socket
 import threading
@@ -16,7 +16,7 @@ from support.ros_peer import PATIENCE
 
 LIMITS = load_robot_model('c3_a601s').limits
 ROUNDING = 0.02
-"""What float32 and encoder pulses add to a velocity's difference in a step, rad/s."""
+"""Effect of float32 and encoder pulses on a velocity difference, rad/s."""
 
 PROFILE = """
 like: {kind}
@@ -28,17 +28,17 @@ server: {{state_clients: 2, client_timeout: 0}}
 
 
 BUFFER = 4_000_000
-"""What the system may keep for a watcher whose process has no turn, bytes: minutes of messages."""
+"""Size of the receive buffer, bytes: minutes of messages, in case the process is delayed."""
 
 AT_REST = 50
-"""So many messages in a row without a velocity are an arm at rest."""
+"""Number of consecutive messages without a velocity that mean an arm at rest."""
 
 
 class Watcher:
-    """Another state client of the controller: it sees the arm also when the driver is gone.
+    """A state client of the controller that also works without the driver.
 
-    Its thread only takes the bytes, so that the controller never meets a client that does not
-    read; who asks decodes them.
+    Its thread only reads the bytes, so that the controller never waits for this client.
+    `seen` decodes them.
     """
 
     def __init__(self, port: int) -> None:
@@ -72,7 +72,7 @@ class Watcher:
 
     @property
     def seen(self) -> list[JointFeedback]:
-        """All messages that have come, the oldest first."""
+        """All received messages, the oldest first."""
         with self._changed:
             unread, self._unread = self._unread, []
         for data in unread:
@@ -84,7 +84,7 @@ class Watcher:
         return self._seen
 
     def until_at_rest(self) -> None:
-        """Wait until so many messages in a row that come from now on show no motion."""
+        """Wait until AT_REST new consecutive messages show no motion."""
         begin = len(self.seen)
         end = time.monotonic() + PATIENCE
         while True:
@@ -110,7 +110,7 @@ class Watcher:
         return np.diff(times), velocities, np.diff(velocities, axis=0)
 
     def assert_within_limits(self) -> None:
-        """Check all velocities that were seen, and how they changed."""
+        """Check all received velocities and their changes."""
         steps, velocities, changes = self.changes()
         assert np.all(np.abs(velocities) <= np.array(LIMITS.velocity) * 1.01)
         allowed = np.array(LIMITS.acceleration) * steps[:, None] + ROUNDING

@@ -9,7 +9,7 @@ BEGINNINGS = ('rcl', 'ros2', 'rosidl', 'rosbag', 'ament')
 
 
 class NoRos:
-    """Finds nothing of ROS, before any other finder is asked."""
+    """Hides the modules of ROS from all other finders."""
 
     def find_spec(self, name, _path=None, _target=None):
         top = name.partition('.')[0]
