@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver doctor` as a person calls it; this machine; MoveIt; `ros2 doctor`."""
+"""The command `epson_driver doctor`, its checks of this machine and MoveIt, and `ros2 doctor`."""
 
 import json
 import os
@@ -35,14 +35,14 @@ def doctor(*words, **environment):
 
 
 def checked(**changes):
-    """Return what is found on this machine with other environment variables, by its name."""
+    """Return the findings on this machine, by level and name, with changed variables."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith('ROS_')} | changes
     findings = Findings(lambda finding: None)
     check_environment(findings, environment)
     return {(each.level, each.about): each for each in findings.all}
 
 
-def test_this_machine_is_in_order():
+def test_correct_environment_has_no_errors():
     found = checked(ROS_DOMAIN_ID='42', ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
     assert not [key for key in found if key[0] is Level.WRONG]
     assert found[Level.OK, 'middleware'].found == 'rmw_fastrtps_cpp'
@@ -50,7 +50,7 @@ def test_this_machine_is_in_order():
 
 
 @pytest.mark.parametrize(
-    ('changes', 'key', 'said'),
+    ('changes', 'key', 'message'),
     [
         ({'ROS_DOMAIN_ID': 'five'}, (Level.WRONG, 'domain'), "'five' is not a number"),
         ({'ROS_DOMAIN_ID': '150'}, (Level.NOTE, 'domain'), 'ports may be taken'),
@@ -61,13 +61,13 @@ def test_this_machine_is_in_order():
         ({'RMW_IMPLEMENTATION': 'rmw_none'}, (Level.WRONG, 'ROS'), 'rmw_none'),
     ],
 )
-def test_what_is_wrong_with_this_machine_is_named(changes, key, said):
+def test_wrong_environment_variable_is_reported_with_remedy(changes, key, message):
     found = checked(**changes)
-    assert said in found[key].found
+    assert message in found[key].found
     assert found[key].remedy
 
 
-def test_shared_memory_that_is_removed_or_of_another_user_is_found(monkeypatch, tmp_path):
+def test_removed_or_foreign_shared_memory_is_reported(monkeypatch, tmp_path):
     for name in ('SHARED', 'PROCESSES', 'LOGIND'):
         monkeypatch.setattr(environment, name, tmp_path / name)
     monkeypatch.setattr(os, 'geteuid', lambda: os.getuid() + 1)
@@ -93,7 +93,7 @@ def test_shared_memory_that_is_removed_or_of_another_user_is_found(monkeypatch, 
     assert len(findings.all) == 5
 
 
-def test_another_package_of_the_same_name_is_found_out(tmp_path):
+def test_message_of_another_package_is_reported(tmp_path):
     package = tmp_path / 'industrial_msgs'
     package.mkdir()
     (package / '__init__.py').touch()
@@ -110,7 +110,7 @@ def test_another_package_of_the_same_name_is_found_out(tmp_path):
     assert 'PYTHONPATH' in finding.remedy
 
 
-def test_a_package_of_the_same_name_that_is_no_message_package_is_shown(tmp_path):
+def test_class_that_is_not_a_message_is_reported(tmp_path):
     package = tmp_path / 'industrial_msgs'
     package.mkdir()
     (package / '__init__.py').touch()
@@ -121,11 +121,11 @@ def test_a_package_of_the_same_name_that_is_no_message_package_is_shown(tmp_path
     assert 'PYTHONPATH' in finding.remedy
 
 
-def test_another_distribution_of_ros_is_wrong():
+def test_other_ros_distribution_is_an_error():
     assert 'jazzy' in checked(ROS_DISTRO='humble')[Level.WRONG, 'ROS'].found
 
 
-def test_what_this_machine_lacks_is_named_with_what_helps(tmp_path):
+def test_missing_packages_are_reported_with_remedy(tmp_path):
     for name in ('rclpy', 'epson_msgs'):
         (tmp_path / name).mkdir()
         text = f'raise ImportError("{name} was made for this test")\n'
@@ -138,25 +138,25 @@ def test_what_this_machine_lacks_is_named_with_what_helps(tmp_path):
         assert 'colcon build' in found[Level.WRONG, about].remedy
 
 
-def test_a_python_that_is_too_old_and_an_import_that_hangs_are_wrong(monkeypatch):
+def test_old_python_and_hanging_import_are_errors(monkeypatch):
     monkeypatch.setattr(environment, 'MIN_PYTHON', (99, 0))
     monkeypatch.setattr(environment, 'ASK_TIMEOUT_S', 1e-3)
     found = checked(ROS_DOMAIN_ID='42')
     assert 'is too old' in found[Level.WRONG, 'Python'].found
     assert found[Level.WRONG, 'ROS'].found == 'importing rclpy took more than 0.001 s'
-    assert (Level.OK, 'domain') in found  # the rest is looked at all the same
+    assert (Level.OK, 'domain') in found  # the other checks still run
 
 
 @pytest.fixture
 def called(monkeypatch, capsys):
-    """Return a function that runs the command without a look at this machine."""
+    """Return a function that runs the command without the checks of this machine."""
     monkeypatch.setattr(command, 'check_environment', lambda findings: None)
 
     def call(*words, graph=None, moveit=None, drivers=()):
-        """`graph`: what the process prints that looks around; `moveit`, `drivers`: in it."""
-        told = json.dumps({'moveit': moveit, 'drivers': drivers})
-        said = graph or f'a line of the middleware\n{told}'
-        printed = [sys.executable, '-c', f'print({said!r})']
+        """`graph`: output of the ROS graph process, by default with `moveit` and `drivers`."""
+        found = json.dumps({'moveit': moveit, 'drivers': drivers})
+        output = graph or f'a line of the middleware\n{found}'
+        printed = [sys.executable, '-c', f'print({output!r})']
         monkeypatch.setattr(command, 'module_command', lambda *_: printed)
         monkeypatch.setattr(sys, 'argv', ['epson_driver doctor', *words])
         code = command.main()
@@ -169,7 +169,7 @@ NAMES = list(load_robot_model('c3_a601s').joint_names)
 
 
 @pytest.mark.parametrize(
-    ('joints', 'code', 'said'),
+    ('joints', 'code', 'message'),
     [
         (None, 0, 'skipped MoveIt: no move_group runs in this domain'),
         ([*NAMES, 'gripper'], 0, f'ok      MoveIt: knows {", ".join(NAMES)}'),
@@ -177,13 +177,13 @@ NAMES = list(load_robot_model('c3_a601s').joint_names)
         ([], 1, '(it has none)'),
     ],
 )
-def test_the_joints_of_moveit_are_held_against_those_of_the_model(called, joints, code, said):
+def test_joints_of_moveit_are_compared_with_the_model(called, joints, code, message):
     found, output = called(moveit=joints)
     assert found == code
-    assert said in output
+    assert message in output
 
 
-def test_what_cannot_be_looked_for_is_skipped(called):
+def test_checks_are_skipped_if_ros_does_not_start(called):
     code, output = called(graph='Traceback')
     assert (code, 'ROS does not start' in output) == (0, True)
 
@@ -197,7 +197,7 @@ CLOSED = {
 }
 
 
-def test_a_closed_arm_gate_keeps_the_arm_from_moving(called):
+def test_closed_arm_gate_is_reported(called):
     code, output = called(drivers=[CLOSED])
     assert code == 1
     assert f'held    driver /left/epson_driver (127.0.0.1): {CLOSED["text"]}' in output
@@ -206,18 +206,18 @@ def test_a_closed_arm_gate_keeps_the_arm_from_moving(called):
     assert 'nothing is wrong' not in output
 
 
-def test_an_open_arm_gate_is_in_order(called):
+def test_open_arm_gate_is_ok(called):
     code, output = called(drivers=[CLOSED | {'cause': 'NONE', 'text': 'enabled'}])
     assert (code, output.splitlines()[-1]) == (0, 'nothing is wrong')
 
 
-def test_a_text_that_cannot_be_saved_is_said_in_one_sentence(called, capsys, tmp_path):
+def test_unwritable_report_is_an_error(called, capsys, tmp_path):
     with pytest.raises(SystemExit, match='2'):
         called('--save', str(tmp_path / 'no' / 'x.txt'))
     assert 'No such file or directory' in capsys.readouterr().err
 
 
-def test_a_person_who_ends_the_questions_interrupts_it(called, monkeypatch):
+def test_end_of_input_interrupts_the_command(called, monkeypatch):
     asked = []
 
     def ends(sentence):
@@ -234,7 +234,7 @@ def test_a_person_who_ends_the_questions_interrupts_it(called, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_controller_is_examined_and_the_text_is_saved(tmp_path):
+def test_controller_is_examined_and_the_report_saved(tmp_path):
     process, ports = started()
     try:
         text = tmp_path / 'doctor.txt'
@@ -252,7 +252,7 @@ def test_a_controller_is_examined_and_the_text_is_saved(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_learned_profile_drives_the_simulated_controller(tmp_path):
+def test_learned_profile_works_in_the_simulated_controller(tmp_path):
     process, ports = started('--controller', 'fanuc')
     learned = tmp_path / 'ours.yaml'
     try:
@@ -268,19 +268,19 @@ def test_a_learned_profile_drives_the_simulated_controller(tmp_path):
 
 
 @pytest.mark.slow
-def test_nobody_there_is_one_wrong_line_and_exit_code_1(tmp_path):
+def test_closed_state_port_is_an_error_with_exit_code_1(tmp_path):
     learned = tmp_path / 'x.yaml'
     run = doctor('127.0.0.1', '--state-port', '1', '--learn', str(learned))
     assert run.returncode == 1
-    said = 'state port: 127.0.0.1:1: the machine is there, but nothing listens at this port'
-    assert f'{said} (Connection refused)' in run.stdout
+    message = 'state port: 127.0.0.1:1: the machine is there, but nothing listens at this port'
+    assert f'{message} (Connection refused)' in run.stdout
     assert '→ start the program on the controller' in run.stdout
     assert 'no profile is written' in run.stdout
     assert not learned.exists()
 
 
 @pytest.mark.parametrize(
-    ('words', 'said'),
+    ('words', 'message'),
     [
         (('--ask',), 'give its address'),
         (('not a host',), 'must be an IP address'),
@@ -290,14 +290,14 @@ def test_nobody_there_is_one_wrong_line_and_exit_code_1(tmp_path):
         (('127.0.0.1', '--seconds', '0'), 'must be a number from 1 to 600'),
     ],
 )
-def test_wrong_arguments_are_said_in_one_sentence(monkeypatch, capsys, words, said):
+def test_invalid_argument_is_reported(monkeypatch, capsys, words, message):
     monkeypatch.setattr(sys, 'argv', ['epson_driver doctor', *words])
     with pytest.raises(SystemExit, match='2'):
         command.main()
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
-def test_a_profile_that_is_there_is_not_overwritten(tmp_path, monkeypatch, capsys):
+def test_existing_profile_is_not_overwritten(tmp_path, monkeypatch, capsys):
     path = tmp_path / 'mine.yaml'
     path.write_text('precious')
     monkeypatch.setattr(sys, 'argv', ['epson_driver doctor', '127.0.0.1', '--learn', str(path)])
@@ -307,16 +307,16 @@ def test_a_profile_that_is_there_is_not_overwritten(tmp_path, monkeypatch, capsy
     assert path.read_text() == 'precious'
 
 
-def test_the_text_has_every_line_and_what_to_do():
+def test_report_has_findings_remedies_and_verdict():
     findings = Findings(lambda finding: None)
     findings.ok('a', 'fine')
-    findings.wrong('b', 'broken', 'mend it')
+    findings.wrong('b', 'broken', 'fix it')
     assert as_text(findings, ['head']) == (
-        'head\n\nok      a: fine\nwrong   b: broken\n        -> mend it\n\n1 wrong\n'
+        'head\n\nok      a: fine\nwrong   b: broken\n        -> fix it\n\n1 wrong\n'
     )
 
 
-def test_joints_of_a_description():
+def test_joints_of_are_read_from_urdf():
     assert joints_of(urdf('c3_a601s')) == list(load_robot_model('c3_a601s').joint_names)
     assert joints_of('<robot') == []
 
@@ -332,7 +332,7 @@ rclpy.spin(node)
 
 
 @pytest.mark.slow
-def test_the_joints_of_a_running_moveit_are_compared():
+def test_joints_of_a_running_move_group_are_read():
     domain = processes.free_ros_domain()
     environment = processes.ros_environment(domain)
     node = subprocess.Popen(
@@ -358,9 +358,9 @@ def test_the_joints_of_a_running_moveit_are_compared():
     assert json.loads(asked.stdout)['moveit'] == list(load_robot_model('c3_a601s').joint_names)
 
 
-def test_ros2_doctor_counts_what_is_wrong(monkeypatch):
-    """ros2doctor is no wheel: its two modules stand in, with the names that its checks use."""
-    said = []
+def test_ros2_doctor_counts_the_errors(monkeypatch):
+    """ros2doctor cannot be installed with pip: two modules replace it."""
+    messages = []
 
     class Result:
         def __init__(self):
@@ -375,7 +375,7 @@ def test_ros2_doctor_counts_what_is_wrong(monkeypatch):
     api = types.ModuleType('ros2doctor.api')
     api.DoctorCheck, api.Result = object, Result
     words = types.ModuleType('ros2doctor.api.format')
-    words.doctor_error = words.doctor_warn = said.append
+    words.doctor_error = words.doctor_warn = messages.append
     for name, module in (
         ('ros2doctor', types.ModuleType('ros2doctor')),
         ('ros2doctor.api', api),
@@ -390,9 +390,9 @@ def test_ros2_doctor_counts_what_is_wrong(monkeypatch):
     check = EpsonDriverCheck()
     assert check.category() == 'epson_driver'
     result = check.check()
-    assert result.errors == 1 + any('rclpy' in each for each in said)
-    assert result.errors + result.warnings == len(said)
-    assert any('everybody on this network can move the robot' in each for each in said)
-    assert any('ROS_DOMAIN_ID' in each for each in said)
+    assert result.errors == 1 + any('rclpy' in each for each in messages)
+    assert result.errors + result.warnings == len(messages)
+    assert any('everybody on this network can move the robot' in each for each in messages)
+    assert any('ROS_DOMAIN_ID' in each for each in messages)
     text = (Path(__file__).parents[2] / 'setup.py').read_text(encoding='utf-8')
     assert 'cli.ros2_doctor:EpsonDriverCheck' in text

@@ -1,14 +1,23 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What is at a port that is no state port: a sentence of its own for each; a busy machine."""
+"""The doctor at ports that are not state ports, and on a busy machine."""
 
 import asyncio
 import errno
 import random
 import socket
+import struct
 
 import pytest
-from doctor.test_doctor_questions import JOINTS, OFF, Served, answers, examined, sends, silent
+from doctor.test_doctor_questions import (
+    JOINTS,
+    OFF,
+    ScriptedPorts,
+    answers,
+    examined,
+    sends,
+    silent,
+)
 from support.examples import one_in
 
 from epson_driver.doctor import listening
@@ -18,7 +27,7 @@ from epson_driver.simple_message import LITTLE_ENDIAN, IoInfo, encode, topic
 
 
 async def web(reader, writer):
-    """A web server: silent until it is asked."""
+    """A web server."""
     if (await reader.readline()).startswith(b'HEAD'):
         writer.write(b'HTTP/1.0 501 Unsupported method\r\nServer: here\r\n\r\n')
     await reader.read()
@@ -36,9 +45,9 @@ async def falls_silent(reader, writer):
     await reader.read()
 
 
-def said(served, **options):
-    """Return the sentences about the state port that say what is wrong, with their remedies."""
-    _, findings = examined(served, **options)
+def state_port_errors(scripted, **options):
+    """Return the errors of the state port, and their remedies."""
+    _, findings = examined(scripted, **options)
     wrong = [
         each for each in findings.all if each.about == 'state port' and each.level is Level.WRONG
     ]
@@ -71,12 +80,27 @@ KINDS = [
 @pytest.mark.parametrize(
     ('talks', 'options', 'sentence'), [each[1:] for each in KINDS], ids=[each[0] for each in KINDS]
 )
-def test_what_is_at_a_wrong_port_is_told(talks, options, sentence):
+def test_service_at_a_wrong_port_is_identified(talks, options, sentence):
     options = options if talks else {'state_port': 1}
-    found, _ = said(Served(**({'state': silent} | talks)), **options)
+    found, _ = state_port_errors(ScriptedPorts(**({'state': silent} | talks)), **options)
     assert sentence in found[0]
     others = [each[3] for each in KINDS if each[3] != sentence]
     assert not [each for each in others if any(each in one for one in found)]
+
+
+@pytest.mark.invariant(7)
+@pytest.mark.parametrize(
+    'noise', [b'SSH-2.0-OpenSSH_9.2\r\n', b'\0' * 400, struct.pack('<i', 2**30) * 20]
+)
+def test_other_protocol_at_the_state_port_is_reported(noise):
+    async def send_noise(reader, writer):
+        writer.write(noise)
+        await reader.read()
+
+    facts, findings = examined(ScriptedPorts(state=send_noise))
+    (error,) = [each.found for each in findings.all if each.about == 'state port']
+    assert 'something else answers there' in error or 'nothing came' in error
+    assert facts == {}
 
 
 @pytest.mark.parametrize(
@@ -87,19 +111,19 @@ def test_what_is_at_a_wrong_port_is_told(talks, options, sentence):
         (OSError(errno.EHOSTUNREACH, 'x'), 'there is no way to this address', 'network settings'),
     ],
 )
-def test_why_there_is_no_connection_is_told(monkeypatch, error, sentence, remedy):
+def test_reason_of_a_failed_connection_is_reported(monkeypatch, error, sentence, remedy):
     async def fails(*_args, **_options):
         raise error
 
     monkeypatch.setattr(listening.asyncio, 'open_connection', fails)
-    found, remedies = said(Served(state=silent))
+    found, remedies = state_port_errors(ScriptedPorts(state=silent))
     assert sentence in found[0]
     assert remedy in remedies[0]
     assert 'start the program' not in remedies[0]
 
 
-def test_a_machine_that_is_gone_is_told(monkeypatch):
-    """TCP's own question stays unanswered, as when a cable is out."""
+def test_lost_machine_is_reported(monkeypatch):
+    """TCP keepalive fails, for example because a cable is unplugged."""
     read = asyncio.StreamReader.read
 
     async def gone(reader, count=-1):
@@ -109,32 +133,32 @@ def test_a_machine_that_is_gone_is_told(monkeypatch):
         raise OSError(errno.ETIMEDOUT, 'Connection timed out')
 
     monkeypatch.setattr(asyncio.StreamReader, 'read', gone)
-    found, remedies = said(Served(state=sends(JOINTS, OFF)))
+    found, remedies = state_port_errors(ScriptedPorts(state=sends(JOINTS, OFF)))
     assert 'half-open: the connection stood, but the machine is gone' in found[0]
     assert 'cable' in remedies[0]
 
 
 @pytest.mark.invariant(1)
-def test_a_silent_port_where_robots_listen_is_not_spoken_to(monkeypatch):
-    heard = []
+def test_nothing_is_sent_to_a_silent_robot_port(monkeypatch):
+    received = []
 
     async def motion(reader, _writer):
-        heard.append(await reader.read())
+        received.append(await reader.read())
 
     monkeypatch.setattr('epson_driver.doctor.port_checks.ROBOT_PORTS', frozenset(range(65536)))
-    found, _ = said(Served(state=motion))
+    found, _ = state_port_errors(ScriptedPorts(state=motion))
     assert found[0].startswith('accepts, but nothing came')
-    assert heard == [b'']
+    assert received == [b'']
 
 
 @pytest.mark.parametrize('seed', range(20))
-def test_a_busy_machine_does_not_change_the_period(seed):
-    """Messages that wait until a busy process reads them come in bursts, and none is lost."""
+def test_period_is_correct_on_a_busy_machine(seed):
+    """A busy process reads the messages in bursts, without loss."""
     draw = random.Random(seed)
     sent = [0.005 * number for number in range(1000)]
     times, read = [], 0.0
     for each in sent:
-        if each > read:  # the process is held up now and then, for up to 80 ms
+        if each > read:  # the process is delayed at random, for up to 80 ms
             read = each + (draw.uniform(0.0, 0.08) if draw.random() < 0.2 else 0.0)
         times.append(max(read, each))
     found = rhythm(times, 0.08)
@@ -142,27 +166,27 @@ def test_a_busy_machine_does_not_change_the_period(seed):
     assert found.uncertainty < 0.0005
 
 
-def test_a_stop_of_the_stream_for_a_moment_does_not_change_the_period():
+def test_gap_in_the_stream_does_not_change_the_period():
     times = [0.005 * number + (0.4 if number > 150 else 0.0) for number in range(1000)]
     assert rhythm(times) == pytest.approx(0.005, rel=0.1)
 
 
 @pytest.mark.parametrize('seed', one_in(5, range(5)))
-def test_no_profile_is_wrong_on_a_busy_machine(monkeypatch, seed):
-    """It was told that half the period was true, two lines below the right rate."""
+def test_profile_fits_on_a_busy_machine(monkeypatch, seed):
+    """The estimated period must not be halved by bursts."""
     draw = random.Random(seed)
     take = listening.Conversation._take
     late = {'until': 0.0}
 
-    def held_up(self, data, now):
+    def delayed(self, data, now):
         if now > late['until']:
             late['until'] = now + (draw.uniform(0.0, 0.08) if draw.random() < 0.2 else 0.0)
         take(self, data, max(now, late['until']))
 
-    monkeypatch.setattr(listening.Conversation, '_take', held_up)
+    monkeypatch.setattr(listening.Conversation, '_take', delayed)
     from doctor.test_doctor_controller import examined as at_simulated
-    from doctor.test_doctor_controller import told
+    from doctor.test_doctor_controller import found_at
 
     _, findings = at_simulated()
-    assert 'profile' not in told(findings, Level.WRONG)
-    assert 'joint states' not in told(findings, Level.WRONG)
+    assert 'profile' not in found_at(findings, Level.WRONG)
+    assert 'joint states' not in found_at(findings, Level.WRONG)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Joint signs and tool0, with a person who jogs: real TCP, a scripted arm."""
+"""Checks of joint signs and tool0 with a user who jogs: real TCP, a scripted arm."""
 
 import asyncio
 
@@ -20,7 +20,7 @@ HERE = np.array([0.3, -0.4, 0.5, 0.2, -0.6, 0.1])
 
 
 class Arm:
-    """A state port that sends where the arm stands; `moves`: what a jog does, by joint."""
+    """A state port of a scripted arm. `moves`: the joint and step of each jog."""
 
     def __init__(self, moves=None, typed=''):
         self.joints = HERE.copy()
@@ -68,12 +68,12 @@ def checked(arm, check):
     return {each.about: each for each in findings.all}
 
 
-def test_joints_that_follow_are_ok():
+def test_joints_that_follow_the_jog_are_ok():
     assert {each.level for each in checked(Arm(), check_joints).values()} == {Level.OK}
 
 
 @pytest.mark.parametrize(
-    ('moves', 'joint', 'said', 'remedy'),
+    ('moves', 'joint', 'message', 'remedy'),
     [
         ({2: (2, -0.02)}, 3, 'its sign is turned', 'joint_signs: -1 for joint_3'),
         ({1: (4, 0.02)}, 2, 'joint_2 did not move, number 5 did', 'joint_names'),
@@ -81,15 +81,15 @@ def test_joints_that_follow_are_ok():
         ({3: ([3, 5], 0.02)}, 4, 'number 6 moved, too', 'one joint'),
     ],
 )
-def test_what_is_wrong_with_a_joint_is_named(moves, joint, said, remedy):
+def test_wrong_joint_is_reported_with_remedy(moves, joint, message, remedy):
     found = checked(Arm(moves), check_joints)
     assert found[f'joint {joint}'].level is Level.WRONG
-    assert said in found[f'joint {joint}'].found
+    assert message in found[f'joint {joint}'].found
     assert remedy in found[f'joint {joint}'].remedy
     assert sum(each.level is Level.WRONG for each in found.values()) == 1
 
 
-def test_a_joint_may_be_skipped():
+def test_joint_can_be_skipped():
     assert checked(Arm({3: None}), check_joints)['joint 4'].level is Level.SKIPPED
 
 
@@ -101,7 +101,7 @@ def shown(off_mm=0.0, turned_deg=0.0):
 
 
 @pytest.mark.parametrize(
-    ('typed', 'level', 'said'),
+    ('typed', 'level', 'message'),
     [
         (shown(), Level.OK, 'as on the pendant'),
         (shown(turned_deg=360.0), Level.OK, 'as on the pendant'),
@@ -112,16 +112,16 @@ def shown(off_mm=0.0, turned_deg=0.0):
         ('1 2 3 4 5 nan', Level.WRONG, 'are not six numbers'),
     ],
 )
-def test_tool0_is_compared_with_the_pendant(typed, level, said):
+def test_tool0_is_compared_with_the_pendant(typed, level, message):
     found = checked(Arm(typed=typed), check_tool)['tool0']
     assert found.level is level
-    assert said in found.found
+    assert message in found.found
 
 
 @pytest.mark.invariant(8)
 @pytest.mark.parametrize('joints', [None, np.full(6, np.nan)], ids=['none', 'no numbers'])
-def test_an_arm_of_which_nobody_knows_where_it_is_is_not_ok(joints):
-    """Joints that are no numbers differ from nothing: each was said to be as it should be."""
+def test_missing_or_non_finite_joints_are_errors(joints):
+    """NaN differs from nothing, so a comparison alone would accept it."""
     arm = Arm(typed=shown())
     arm.joints = joints
     found = [*checked(arm, check_joints).values(), *checked(arm, check_tool).values()]

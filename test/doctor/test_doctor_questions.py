@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The doctor at controllers that do something wrong: scripted ports, in virtual time."""
+"""The doctor with faulty controllers: scripted ports in virtual time."""
 
 import asyncio
 import contextlib
@@ -37,11 +37,11 @@ from epson_driver.simple_message import (
 OFF = Status(0, 0, 0, 0, 0, 2, 0)
 JOINTS = JointPosition(0, joint_data([0.1] * 6))
 VACANT = 1
-"""A port of this machine at which nobody listens."""
+"""A closed port of this machine."""
 
 
 def sends(*messages, period=0.2, times=None):
-    """Return a state port that sends the messages in one piece, again and again."""
+    """Return a state port that sends the messages together, periodically."""
     data = b''.join(encode(topic(message), LITTLE_ENDIAN) for message in messages)
 
     async def talk(_reader, writer):
@@ -55,7 +55,7 @@ def sends(*messages, period=0.2, times=None):
 
 
 def answers(take):
-    """Return a port at which `take(message)` gives the reply to a request: a message or None."""
+    """Return a port that replies with `take(message)`, a message or None."""
 
     async def talk(reader, writer):
         framer = Framer()
@@ -72,11 +72,11 @@ async def silent(reader, _writer):
     await reader.read()
 
 
-async def hangs_up(reader, _writer):
+async def disconnects(reader, _writer):
     await reader.read(4096)
 
 
-class Served:
+class ScriptedPorts:
     """Servers of this machine, by the names of a profile's ports."""
 
     def __init__(self, **talks):
@@ -99,7 +99,7 @@ class Served:
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
     def close(self, name):
-        """Let nobody else in."""
+        """Accept no further client."""
         self._servers[name].close()
 
     def _attended(self, talk):
@@ -116,13 +116,13 @@ class Served:
         return accept
 
 
-def examined(served, ask=None, **options):
-    """Return facts and findings of the doctor at ports that a test has scripted."""
+def examined(scripted, ask=None, **options):
+    """Return the doctor's facts and findings at scripted ports."""
     findings = Findings(lambda finding: None)
     facts = {}
 
     async def scenario():
-        async with served as ports:
+        async with scripted as ports:
             question = Question(
                 host='127.0.0.1',
                 profile=load_controller_profile('simulated'),
@@ -149,7 +149,7 @@ def found(findings, level):
 
 
 @pytest.mark.parametrize(
-    ('talk', 'level', 'about', 'said'),
+    ('talk', 'level', 'about', 'text'),
     [
         (sends(JOINTS), Level.WRONG, 'STATUS', 'none came'),
         (sends(OFF), Level.WRONG, 'joint states', '0 in 1.0 s'),
@@ -200,29 +200,29 @@ def found(findings, level):
         'unknown',
     ],
 )
-def test_what_is_wrong_with_the_messages_is_named(talk, level, about, said):
-    """Two joint states in one piece of the stream ended the doctor with a ZeroDivisionError."""
-    _, findings = examined(Served(state=talk))
+def test_wrong_messages_are_reported(talk, level, about, text):
+    """Simultaneous joint states must not cause a ZeroDivisionError."""
+    _, findings = examined(ScriptedPorts(state=talk))
     (finding,) = [each for each in findings.all if each.about == about]
     assert finding.level is level
-    assert said in finding.found
+    assert text in finding.found
     assert finding.remedy
 
 
-@pytest.mark.parametrize('once', [True, False], ids=['all at once', 'two STATUS for each'])
-def test_messages_without_a_rhythm_leave_the_period_unknown(once):
+@pytest.mark.parametrize('once', [True, False], ids=['simultaneous', 'two STATUS per joint state'])
+def test_irregular_messages_leave_the_period_unknown(once):
     joints = [JOINTS, OFF] * 30 if once else [JOINTS, OFF, OFF]
     talk = sends(*joints, period=0.02, times=1 if once else None)
-    facts, _ = examined(Served(state=talk))
+    facts, _ = examined(ScriptedPorts(state=talk))
     assert facts['state.message'] == 'joint_position'
     assert not [key for key in facts if key in ('state.period', 'state.status_with_joints')]
 
 
-def test_a_clock_that_was_set_meanwhile_is_noted(monkeypatch):
+def test_clock_set_during_the_check_is_noted(monkeypatch):
     walls = iter((1000.0, 1007.5))
     clock = types.SimpleNamespace(time=lambda: next(walls), monotonic=lambda: 50.0)
     monkeypatch.setattr(controller_checks, 'time', clock)
-    _, findings = examined(Served(state=sends(JOINTS, OFF)))
+    _, findings = examined(ScriptedPorts(state=sends(JOINTS, OFF)))
     assert 'was set by 7.50 s' in found(findings, Level.NOTE)['clock']
 
 
@@ -235,38 +235,38 @@ def test_a_clock_that_was_set_meanwhile_is_noted(monkeypatch):
         ([JOINTS, dataclasses.replace(OFF, drives_powered=-1)], 'or nobody knows'),
     ],
 )
-def test_what_may_stand_on_the_motors_is_left_alone(messages, why):
+def test_ports_are_not_opened_with_motors_possibly_on(messages, why):
     asked = []
 
-    async def noted(_reader, _writer):
+    async def record(_reader, _writer):
         asked.append('a client')
 
-    served = Served(state=sends(*messages), motion=noted, io=noted)
-    _, findings = examined(served, may_ask=True, may_use_io=True)
+    scripted = ScriptedPorts(state=sends(*messages), motion=record, io=record)
+    _, findings = examined(scripted, may_ask=True, may_use_io=True)
     assert why in found(findings, Level.SKIPPED)['motion, I/O port']
     assert asked == []
 
 
 def stop_only(message):
-    """Answer a STOP; nothing else has a reply."""
+    """Reply to STOP only."""
     if getattr(message, 'sequence', None) == SpecialSequence.STOP_TRAJECTORY:
         return reply(JointPosition(SpecialSequence.STOP_TRAJECTORY), ReplyCode.SUCCESS)
     return None
 
 
 @pytest.mark.parametrize(
-    ('talk', 'level', 'said'),
+    ('talk', 'level', 'text'),
     [
         (None, Level.WRONG, 'refused'),
         (silent, Level.WRONG, 'no reply to a STOP within 5 s'),
-        (hangs_up, Level.NOTE, 'closed by the controller as soon as it was open'),
+        (disconnects, Level.NOTE, 'closed by the controller as soon as it was open'),
     ],
-    ids=['nobody', 'silent', 'hangs up: it may be the driver that has the place'],
+    ids=['refused', 'silent', 'disconnects, perhaps because the driver is connected'],
 )
-def test_a_motion_port_that_does_not_answer_is_told(talk, level, said):
+def test_unresponsive_motion_port_is_reported(talk, level, text):
     talks = {} if talk is None else {'motion': talk}
-    facts, findings = examined(Served(state=sends(JOINTS, OFF), **talks), may_ask=True)
-    assert said in found(findings, level)['motion port']
+    facts, findings = examined(ScriptedPorts(state=sends(JOINTS, OFF), **talks), may_ask=True)
+    assert text in found(findings, level)['motion port']
     assert findings.verdict != 'nothing is wrong'
     assert not {'ports.motion', 'program.kind'} & facts.keys()
 
@@ -274,46 +274,46 @@ def test_a_motion_port_that_does_not_answer_is_told(talk, level, said):
 @pytest.mark.parametrize(
     ('talks', 'missing'),
     [
-        ({'motion': answers(stop_only), 'io': hangs_up}, 'IoServer (68)'),
-        ({'motion': hangs_up, 'io': silent}, 'MotionServer (66) and IoServer (68)'),
-        ({'state': hangs_up}, 'StateServer (67)'),
+        ({'motion': answers(stop_only), 'io': disconnects}, 'IoServer (68)'),
+        ({'motion': disconnects, 'io': silent}, 'MotionServer (66) and IoServer (68)'),
+        ({'state': disconnects}, 'StateServer (67)'),
     ],
     ids=['io', 'motion and io', 'state'],
 )
-def test_the_task_of_the_spel_program_that_does_not_serve_is_named(talks, missing):
-    served = Served(**{'state': sends(JOINTS, OFF), **talks})
+def test_unresponsive_task_of_the_spel_program_is_named(talks, missing):
+    scripted = ScriptedPorts(**{'state': sends(JOINTS, OFF), **talks})
     spel = load_controller_profile('spel')
-    _, findings = examined(served, profile=spel, may_ask=True, may_use_io=True)
-    said = found(findings, Level.NOTE)['SPEL+ program']
-    assert said == f'RC+ must show {missing} in its Task Manager'
+    _, findings = examined(scripted, profile=spel, may_ask=True, may_use_io=True)
+    text = found(findings, Level.NOTE)['SPEL+ program']
+    assert text == f'RC+ must show {missing} in its Task Manager'
 
 
-def test_a_motion_port_that_serves_one_client_once_is_told():
-    served = Served(state=sends(JOINTS, OFF), motion=None)
+def test_motion_port_that_serves_one_client_once_is_reported():
+    scripted = ScriptedPorts(state=sends(JOINTS, OFF), motion=None)
 
     async def once(reader, writer):
-        served.close('motion')
+        scripted.close('motion')
         await answers(stop_only)(reader, writer)
 
-    served._talks['motion'] = once
-    facts, findings = examined(served, may_ask=True)
+    scripted._talks['motion'] = once
+    facts, findings = examined(scripted, may_ask=True)
     assert found(findings, Level.WRONG)['motion port'] == 'serves nobody after its client has left'
     assert facts['program.reply'] == 'sequence'
-    # nor had the point a reply: the tasks may be paused
+    # the point had no reply either: the tasks may be paused
     assert 'program.special_sequences' not in facts
 
 
-def test_a_motion_port_that_hangs_up_after_the_stop_is_asked_nothing_more():
+def test_motion_port_that_closes_after_stop_gets_no_points():
     async def ends(reader, writer):
         await reader.read(4096)
         writer.write(encode(stop_only(JointTrajPt(-4)), LITTLE_ENDIAN))
 
-    facts, _ = examined(Served(state=sends(JOINTS, OFF), motion=ends), may_ask=True)
+    facts, _ = examined(ScriptedPorts(state=sends(JOINTS, OFF), motion=ends), may_ask=True)
     assert facts['program.kind'] == 'points'
 
 
 @pytest.mark.invariant(1)
-def test_no_point_is_sent_to_motors_that_were_switched_on_meanwhile():
+def test_no_point_is_sent_after_the_motors_are_switched_on():
     motors = {'on': 0}
     asked = []
 
@@ -329,7 +329,7 @@ def test_no_point_is_sent_to_motors_that_were_switched_on_meanwhile():
         motors['on'] = 1
         return stop_only(message)
 
-    examined(Served(state=state, motion=answers(take)), may_ask=True)
+    examined(ScriptedPorts(state=state, motion=answers(take)), may_ask=True)
     assert set(asked) == {
         SpecialSequence.STOP_TRAJECTORY,
         SpecialSequence.START_TRAJECTORY_STREAMING,
@@ -341,24 +341,24 @@ def refused(message):
 
 
 @pytest.mark.parametrize(
-    ('talk', 'said'),
+    ('talk', 'text'),
     [
         (None, 'refused'),
         (silent, 'IO_INFO: no answer within 5 s'),
-        (hangs_up, 'IO_INFO: closed by the controller'),
+        (disconnects, 'IO_INFO: closed by the controller'),
         (answers(refused), 'IO_INFO: refused: its task does not run'),
     ],
-    ids=['nobody', 'silent', 'hangs up', 'refuses'],
+    ids=['closed', 'silent', 'disconnects', 'refuses'],
 )
-def test_an_io_port_that_does_not_answer_is_told(talk, said):
+def test_unresponsive_io_port_is_reported(talk, text):
     talks = {} if talk is None else {'io': talk}
-    facts, findings = examined(Served(state=sends(JOINTS, OFF), **talks), may_use_io=True)
+    facts, findings = examined(ScriptedPorts(state=sends(JOINTS, OFF), **talks), may_use_io=True)
     wrong = found(findings, Level.WRONG)['I/O port']
-    assert said in wrong
+    assert text in wrong
     assert not {'io', 'ports.io'} & facts.keys()
 
 
-def says(line):
+def answers_once(line):
     async def talk(reader, writer):
         await reader.readline()
         writer.write(line)
@@ -368,53 +368,53 @@ def says(line):
 
 
 @pytest.mark.parametrize(
-    ('talk', 'said', 'remedy'),
+    ('talk', 'text', 'remedy'),
     [
-        (says(b'!Login,10\r\n'), 'Login: ', 'password'),
-        (says(b'what?\r\n'), "'what?' is no answer to Login", 'remote_port 0'),
+        (answers_once(b'!Login,10\r\n'), 'Login: ', 'password'),
+        (answers_once(b'what?\r\n'), "'what?' is no answer to Login", 'remote_port 0'),
         (silent, 'no answer within 5 s', 'remote_port 0'),
         (None, 'refused', 'remote_port 0'),
     ],
-    ids=['password', 'something else', 'silent', 'nobody'],
+    ids=['password', 'other protocol', 'silent', 'closed'],
 )
-def test_a_remote_port_that_does_not_answer_is_told(talk, said, remedy):
+def test_unresponsive_remote_port_is_reported(talk, text, remedy):
     talks = {} if talk is None else {'remote': talk}
     allowed = {'may_ask': True} | ({'remote_port': VACANT} if talk is None else {})
-    facts, findings = examined(Served(state=sends(JOINTS, OFF), **talks), **allowed)
+    facts, findings = examined(ScriptedPorts(state=sends(JOINTS, OFF), **talks), **allowed)
     (wrong,) = [each for each in findings.all if each.about == 'remote port']
     assert wrong.level is Level.WRONG
-    assert said in wrong.found
+    assert text in wrong.found
     assert remedy in wrong.remedy
     assert 'wrong' not in wrong.found  # the password
     assert not {'ports.remote', 'program.motors'} & facts.keys()
 
 
-def test_a_state_port_that_lets_nobody_else_in_serves_one_client():
-    served = Served(state=None)
+def test_exclusive_state_port_serves_one_client():
+    scripted = ScriptedPorts(state=None)
 
     async def first(reader, writer):
-        served.close('state')
+        scripted.close('state')
         await sends(JOINTS, OFF)(reader, writer)
 
-    served._talks['state'] = first
-    facts, _ = examined(served, may_ask=True)
+    scripted._talks['state'] = first
+    facts, _ = examined(scripted, may_ask=True)
     assert facts['server.state_clients'] == 1
 
 
-def test_a_person_is_asked_for_each_joint_and_for_the_tool():
+def test_user_is_asked_for_each_joint_and_the_tool():
     asked = []
 
-    async def person(sentence):
+    async def user(sentence):
         asked.append(sentence)
         return '' if sentence.startswith('X Y Z') else 's'
 
-    _, findings = examined(Served(state=sends(JOINTS, OFF)), person)
+    _, findings = examined(ScriptedPorts(state=sends(JOINTS, OFF)), user)
     assert [sentence[:6] for sentence in asked[:6]] == [f'Jog J{n}' for n in range(1, 7)]
     assert asked[6].startswith('X Y Z U V W')
     assert {f'joint {n}' for n in range(1, 7)} | {'tool0'} <= found(findings, Level.SKIPPED).keys()
 
 
-async def test_an_address_that_never_answers_is_told_with_the_time(monkeypatch):
+async def test_unreachable_address_is_reported_with_the_timeout(monkeypatch):
     async def never(*_args, **_options):
         await asyncio.sleep(3600.0)
 
