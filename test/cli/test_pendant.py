@@ -1,17 +1,15 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The pendant's answers, against a simulated controller and against what is like a real one."""
+"""`epson_driver pendant`, with a simulated controller and with scripted real ones."""
 
 import asyncio
-import re
 import socket
-import subprocess
-import sys
 import threading
 from contextlib import suppress
 
 import pytest
-from support.sim_process import vacant_port
+from support.here import run_here
+from support.sim_process import vacant_port, wait_for
 
 from epson_driver.cli import pendant
 from epson_driver.profiles.profile import load_controller_profile
@@ -22,16 +20,27 @@ from epson_driver.sim_controller.faults.fault_kinds import FAULTS
 from epson_driver.sim_controller.network.servers import ControllerServers, Ports
 
 
+def call(port, words, *options):
+    """Run the command. Return the exit code, the text, and the controller's identity."""
+    done = run_here(pendant.main, f'--port={port}', *options, *words.split(' '))
+    text = (done.stdout + done.stderr).removesuffix('\n')
+    before, _, identity = text.removesuffix(']').rpartition(' [')
+    if not identity.endswith(f'127.0.0.1:{port}'):
+        before, identity = text, ''
+    return done.returncode, before, identity
+
+
+# ---- a simulated controller
+
+
 @pytest.fixture
 def port():
-    """Serve a controller from a thread; return its remote port."""
-    ready = threading.Event()
-    found = []
+    """The remote port of a simulated controller, which runs in a thread."""
+    ready, found = threading.Event(), []
 
     async def serve():
         profile = load_controller_profile('simulated')
-        controller = new_controller(load_robot_model('c3_a601s'), profile)
-        servers = ControllerServers(controller)
+        servers = ControllerServers(new_controller(load_robot_model('c3_a601s'), profile))
         ports = await servers.open('127.0.0.1', Ports(0, 0, 0, 0))
         running = asyncio.create_task(servers.run())
         end = asyncio.Event()
@@ -52,59 +61,28 @@ def port():
     thread.join()
 
 
-@pytest.fixture
-def said(monkeypatch, capsys):
-    """Return exit code and output of the pendant on a port."""
-
-    def say(port, *words):
-        monkeypatch.setattr(sys, 'argv', ['pendant', '--port', str(port), *words])
-        code = pendant.main()
-        output = capsys.readouterr()
-        text = output.out + output.err
-        return code, re.sub(rf'\s\[[^\]]*\b127\.0\.0\.1:{port}\]', '', text)
-
-    return say
-
-
-@pytest.fixture
-def ask(port, said):
-    return lambda words: said(port, *words.split())
-
-
-@pytest.fixture
-def done(ask):
-    """Return the answer to words that must be obeyed."""
-
-    def say(words):
-        code, text = ask(words)
-        assert code == 0, text
-        return text.removesuffix('\n')
-
-    return say
-
-
-STORY = """
-motors on               | motors on
-estop press             | E-stop pressed
-reset                   | refused: the E-stop is pressed: release the E-stop, then reset (error 20)
-estop release           | E-stop released; it stays latched until the reset
-reset                   | reset; the motors are switched on separately
-motors on               | motors on
-power high              | power high
-power low               | power low, until it is said to be high
-pause                   | paused; continue goes on
-reset                   | refused: the tasks are paused: continue, or stop, first (error 20)
-door open               | door open
-continue                | refused: the safeguard door is open: close it, then continue (error 20)
-door close              | door closed; what it interrupted waits for continue
-continue                | the tasks go on
-continue                | refused: nothing is paused (error 20)
-stop                    | the tasks are stopped; start runs them again
-start                   | the tasks run
-mode manual             | key switch at MANUAL; the motors go off
-motors on               | refused: the key switch is at MANUAL: turn it to AUTO first (error 20)
-mode auto               | key switch at AUTO
-motors off              | motors off
+DIALOGUE = """
+motors on
+estop press
+reset                   | ! the E-stop is pressed
+estop release
+reset
+motors on
+power high
+power low
+pause
+reset                   | ! the tasks are paused
+door open
+continue                | ! the safeguard door is open
+door close
+continue
+continue                | ! nothing is paused
+stop
+start
+mode manual
+motors on               | ! the key switch is at MANUAL
+mode auto
+motors off
 io                      | io: DI=24: DO=16: AI=2:0 0 AO=2:0 0 flag=512:
 io DI 3 on              | DI 3: on
 io DI 3                 | io DI 3: 1
@@ -113,25 +91,37 @@ io DO 5 1               | DO 5: 1
 io AI 1 -2500           | AI 1: -2500
 io flag 7 on            | flag 7: on
 io                      | io: DI=24:3 DO=16:5 AI=2:0 -2500 AO=2:0 0 flag=512:7
+io DO 16 on             | ! this controller has digital outputs 0 to 15
+io lamp 3               | ! must be one of DI, DO, AI, AO, flag
 fault                   | fault: none
 fault late_reply seconds=3 | fault late_reply seconds=3: done
 fault delay:seconds=0.2,port=state | fault delay:seconds=0.2,port=state: done
 fault clear delay       | fault clear delay: done
+fault clear delay       | ! delay:
+fault delay seconds=1000 | ! seconds =
 fault clear             | fault clear: done
 disturb 2 -1.5          | disturb 2 -1.5: done
+disturb 9 1             | ! joint
+disturb 1 nan           | ! degrees
+reboot soon             | ! for =
 """
 
 
-def test_a_day_at_a_controller(port, said):
-    for line in STORY.strip().splitlines():
-        words, expected = (part.strip() for part in line.split('|'))
-        code, text = said(port, *words.split())
-        assert (code, ' '.join(text.split())) == (int(expected.startswith('refused')), expected)
+def test_simulated_controller_obeys_or_gives_the_reason(port):
+    for line in DIALOGUE.strip().splitlines():
+        words, _, expected = (part.strip() for part in line.partition('|'))
+        code, text, identity = call(port, words)
+        assert identity == f'simulated, c3_a601s, 127.0.0.1:{port}'
+        if expected.startswith('!'):
+            assert (code, text[:9]) == (1, 'refused: '), line
+            assert expected[2:] in text
+        else:
+            assert (code, ' '.join(text.split())) == (0, expected or ACTIONS[words].done), line
 
 
-def test_status_tells_all_that_a_simulated_controller_does(port, said):
-    said(port, 'estop', 'press')
-    code, text = said(port, 'status')
+def test_status_shows_the_condition_of_a_simulated_controller(port):
+    call(port, 'estop press')
+    code, text, _ = call(port, 'status')
     assert code == 0
     for row in (
         'motors=off', 'estop=pressed', 'mode=AUTO', 'joints: 0.00000 0.00000', 'timing: ',
@@ -141,34 +131,13 @@ def test_status_tells_all_that_a_simulated_controller_does(port, said):
         assert row in text
 
 
-@pytest.mark.parametrize(
-    ('words', 'why'),
-    [
-        ('io DO 16 on', 'this controller has digital outputs 0 to 15'),
-        ('io lamp 3', 'must be one of DI, DO, AI, AO, flag'),
-        ('fault clear delay', 'delay: it is not active'),
-        ('fault delay seconds=1000', 'seconds = '),
-        ('disturb 9 1', 'joint'),
-        ('disturb 1 nan', 'degrees'),
-        ('reboot soon', 'for = '),
-    ],
-)
-def test_what_the_controller_refuses_is_told_in_its_words(port, said, words, why):
-    code, text = said(port, *words.split())
-    assert code == 1
-    assert text.startswith('refused: ')
-    assert why in text
+def test_reboot_switches_the_motors_off(port):
+    call(port, 'motors on')
+    assert call(port, 'reboot 0.2')[:2] == (0, 'reboot 0.2: done')
+    wait_for(lambda: 'motors=off' in call(port, 'status')[1])
 
 
-def test_reboot(port, said):
-    said(port, 'motors', 'on')
-    assert said(port, 'reboot', '0.2') == (0, 'reboot 0.2: done\n')
-    for _ in range(200):
-        code, text = said(port, 'status')
-        if code == 0 and 'motors=off' in text:
-            return
-        threading.Event().wait(0.05)
-    pytest.fail(text)
+# ---- without a controller
 
 
 @pytest.mark.parametrize(
@@ -176,57 +145,54 @@ def test_reboot(port, said):
     ['motors', 'motors up', 'dance', 'status now', 'stat', 'estop', 'io DI', 'io DI x', 'io DI -1',
      'io DI 3 high', 'io DI 3 on on', 'io DO 3,1 on', 'fault kinds\n'],
 )  # fmt: skip
-def test_words_that_mean_nothing(said, capsys, words):
-    with pytest.raises(SystemExit) as caught:
-        said(1, *words.split(' '))
-    assert caught.value.code == 2
-    assert 'must be ' in capsys.readouterr().err
+def test_unknown_words_are_a_usage_error(words):
+    code, text, _ = call(1, words)
+    assert code == 2
+    assert 'must be ' in text
 
 
-def test_help_tells_everything_that_can_be_said(said, capsys):
-    with pytest.raises(SystemExit) as caught:
-        said(1, '--help')
-    assert caught.value.code == 0
-    help_text = capsys.readouterr().out
-    assert all(f'  {said}  ' in help_text for said in ('status', *ACTIONS, *FORMS))
+def test_help_lists_all_actions():
+    code, text, _ = call(1, '--help')
+    assert code == 0
+    assert all(f'  {words}  ' in text for words in ('status', *ACTIONS, *FORMS))
 
 
-def test_the_kinds_of_faults_are_told_without_a_controller(said):
-    code, text = said(1, 'fault', 'kinds')
+def test_fault_kinds_are_listed_without_a_controller():
+    code, text, _ = call(1, 'fault kinds')
     assert code == 0
     assert all(f'{name}\n' in text for name in FAULTS)
 
 
-def test_nobody_listens():
+def test_closed_port_is_reported():
     vacant = vacant_port()
-    result = subprocess.run(
-        [sys.executable, '-m', 'epson_driver.cli', 'pendant', '--port', str(vacant), 'status'],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-    assert result.returncode == 1
-    assert f'127.0.0.1:{vacant}: Connection refused' in result.stderr
-    assert 'Traceback' not in result.stderr
+    code, text, _ = call(vacant, 'status')
+    assert code == 1
+    assert f'127.0.0.1:{vacant}: Connection refused' in text
 
 
-# ---- what is not the simulation
+def test_missing_answer_is_reported_with_the_timeout():
+    with socket.create_server(('127.0.0.1', 0)) as server:  # it accepts no connection
+        port = server.getsockname()[1]
+        code, text, _ = call(port, 'status', '--timeout=0.2')
+    assert (code, text) == (1, f'no answer from 127.0.0.1:{port} in 0.2 s')
 
 
-class Answers:
-    """A remote port that gives the same answers in one session; others are told they are wrong.
+# ---- scripted controllers
 
-    At the commands in `hangs_up` it ends the session instead, and takes another one.
+
+class ScriptedPort:
+    """A remote port with fixed answers. It rejects other commands, or answers `default`.
+
+    It disconnects once at each command of `disconnects`, instead of an answer.
     """
 
-    def __init__(self, answers=(), raw=b'', hangs_up=()):
-        self._answers = {
-            f'${name}'.encode(): line.encode() for name, line in dict(answers).items()
-        }
-        self._raw = raw
-        self._hangs_up = list(hangs_up)
-        self.lines = []
+    def __init__(self, answers=(), default=b'!%s,11\r\n', greeting=b'', disconnects=()):
+        answers = {'Login,': '#Login,0', 'Logout': '#Logout,0', **dict(answers)}
+        self._answers = {key.encode(): f'{line}\r\n'.encode() for key, line in answers.items()}
+        self._default = default
+        self._greeting = greeting
+        self._disconnects = list(disconnects)
+        self.commands = []
 
     def __enter__(self):
         self._server = socket.create_server(('127.0.0.1', 0))
@@ -236,35 +202,32 @@ class Answers:
         return self
 
     def __exit__(self, *_):
+        self._server.shutdown(socket.SHUT_RDWR)
         self._thread.join()
         self._server.close()
 
     def _serve(self):
-        while self._serve_one():
-            pass
+        with suppress(OSError):
+            while True:
+                client, _ = self._server.accept()
+                with suppress(ConnectionError), client, client.makefile('rb') as lines:
+                    self._serve_client(client, lines)
 
-    def _serve_one(self):
-        """Serve one client; return whether there will be another: none after a login."""
-        sock, _ = self._server.accept()
-        hangs_up = suppress(ConnectionError)  # as it may do at any time
-        with hangs_up, sock, sock.makefile('rb') as lines:
-            sock.sendall(self._raw)
-            for line in lines:
-                command = line.strip()
-                self.lines.append(command[1:].decode())
-                if self.lines[-1] in self._hangs_up:
-                    self._hangs_up.remove(self.lines[-1])
-                    return True
-                name = command[1:].split(b',')[0]
-                known = name in (b'Login', b'Logout')
-                otherwise = b'#' + name + b',0' if known else b'!' + name + b',11'
-                sock.sendall(self._answers.get(command, otherwise) + b'\r\n')
-        return not any(line.startswith('Login') for line in self.lines)
+    def _serve_client(self, client, lines):
+        client.sendall(self._greeting)
+        for line in lines:
+            command = line.strip().removeprefix(b'$')
+            self.commands.append(command.decode())
+            if self.commands[-1] in self._disconnects:
+                self._disconnects.remove(self.commands[-1])
+                return
+            default = self._default.replace(b'%s', command.partition(b',')[0])
+            client.sendall(self._answers.get(command, default))
 
 
-def test_somebody_else_listens(said):
-    with Answers(raw=b'SSH-2.0-server\r\n') as other:
-        code, text = said(other.port, 'motors', 'on')
+def test_other_protocol_is_reported():
+    with ScriptedPort(greeting=b'SSH-2.0-server\r\n') as other:
+        code, text, _ = call(other.port, 'motors on')
     assert code == 1
     assert 'is no answer to Login' in text
 
@@ -273,7 +236,7 @@ def test_somebody_else_listens(said):
     ('answers', 'rows'),
     [
         (
-            {'GetStatus': '#GetStatus,0100100110,4031'},  # ten flags, as of an older firmware
+            {'GetStatus': '#GetStatus,0100100110,4031'},  # ten flags, like older firmware
             ['state=the safeguard door is open', 'error=4031 (motion attempted with the motors',
              'flags=Auto Safeguard Paused Running'],
         ),
@@ -284,15 +247,15 @@ def test_somebody_else_listens(said):
         ),
     ],
 )  # fmt: skip
-def test_status_of_a_real_controller_is_what_it_tells(said, answers, rows):
-    with Answers(answers) as real:
-        code, text = said(real.port, 'status')
+def test_status_shows_the_flags_of_a_real_controller(answers, rows):
+    with ScriptedPort(answers) as real:
+        code, text, _ = call(real.port, 'status')
     assert code == 0
     assert all(row in text for row in rows)
 
 
 @pytest.mark.parametrize(
-    ('flags', 'sentence'),
+    ('flags', 'reason'),
     [
         ('00100010001', 'the E-stop is pressed or not reset; release it, reset'),
         (
@@ -307,44 +270,48 @@ def test_status_of_a_real_controller_is_what_it_tells(said, answers, rows):
         ('00100000001', 'the controller does not accept it in its present condition'),
     ],
 )
-def test_why_a_real_controller_refuses(said, flags, sentence):
+def test_refusal_of_a_real_controller_has_a_reason(flags, reason):
     answers = {'GetStatus': f'#GetStatus,{flags},0517', 'SetMotorsOn,1': '!SetMotorsOn,20'}
-    with Answers(answers) as real:
-        code, text = said(real.port, 'motors', 'on')
+    with ScriptedPort(answers) as real:
+        code, text, _ = call(real.port, 'motors on')
     assert code == 1
     assert text.startswith('refused: ')
-    assert sentence in text
+    assert reason in text
     assert '(error 20)' in text
 
 
 @pytest.mark.parametrize(
     ('words', 'command'), [('motors off', 'SetMotorsOff,1'), ('pause', 'Pause'), ('stop', 'Stop')]
 )
-def test_what_stops_is_said_again_to_a_controller_that_hung_up(said, words, command):
-    """docs/invariants.md, 7: it is crowded, and nobody knows whether it was done."""
+def test_stopping_command_is_repeated_after_a_disconnect(words, command):
+    """docs/invariants.md, 7: a busy controller disconnects, perhaps before it has obeyed."""
     answer = f'#{command.split(",")[0]},0'
-    with Answers({command: answer}, hangs_up=[command, command]) as real:
-        code, text = said(real.port, *words.split())
+    with ScriptedPort({command: answer}, disconnects=[command, command]) as real:
+        code, text, _ = call(real.port, words)
     assert code == 0, text
-    assert real.lines.count(command) == 3
+    assert real.commands.count(command) == 3
 
 
-def test_what_starts_is_said_once(said):
-    with Answers(hangs_up=['SetMotorsOn,1']) as real:
-        code, text = said(real.port, 'motors', 'on')
-        with socket.create_connection(('127.0.0.1', real.port)):
-            pass  # the session that it would have been given
+def test_starting_command_is_not_repeated():
+    with ScriptedPort(disconnects=['SetMotorsOn,1']) as real:
+        code, text, _ = call(real.port, 'motors on')
     assert code == 1
     assert text.startswith('no controller: ')
-    assert real.lines.count('SetMotorsOn,1') == 1
+    assert real.commands.count('SetMotorsOn,1') == 1
+
+
+def test_disconnect_after_the_reply_is_a_success():
+    with ScriptedPort({'SetMotorsOff,1': '#SetMotorsOff,0'}, disconnects=['Sim,identity']) as real:
+        code, text, _ = call(real.port, 'motors off')
+    assert (code, text) == (0, ACTIONS['motors off'].done)
 
 
 @pytest.mark.parametrize('words', ['estop press', 'door open', 'mode auto', 'io DI 3 on', 'fault'])
-def test_what_needs_a_finger_at_a_real_controller(said, words):
-    with Answers() as real:
-        code, text = said(real.port, *words.split())
+def test_manual_actions_are_refused_at_a_real_controller(words):
+    with ScriptedPort() as real:
+        code, text, _ = call(real.port, words)
     assert code == 1
-    assert text == 'refused: this is no simulation: it is done by hand, at the controller\n'
+    assert text == 'refused: this is no simulation: it is done by hand, at the controller'
 
 
 @pytest.mark.parametrize(
@@ -357,107 +324,41 @@ def test_what_needs_a_finger_at_a_real_controller(said, words):
         ('io flag 9 off', 'SetMemIO,9,0', '#SetMemIO,0', 'flag 9: off'),
     ],
 )
-def test_what_a_real_controller_does_with_its_own_commands(said, words, command, answer, expected):
-    with Answers({command: answer}) as real:
-        assert said(real.port, *words.split()) == (0, expected + '\n')
-    assert command in real.lines  # who it is, is asked afterwards
-    assert real.lines[-1] == 'Logout'
+def test_real_controller_gets_its_own_command(words, command, answer, expected):
+    identity = {'GetContType': '#GetContType,RC90-B', 'GetRobotInfo': '#GetRobotInfo,=;,;==,7'}
+    with ScriptedPort(identity | {command: answer}) as real:
+        assert call(real.port, words) == (0, expected, f'RC90-B, 127.0.0.1:{real.port}')
+    assert command in real.commands
+    assert real.commands[-1] == 'Logout'
 
 
-def test_the_password_is_sent_and_not_shown(monkeypatch, capsys):
-    with Answers({'Login,secret': '!Login,13'}) as real:
-        words = ['pendant', '--port', str(real.port), '--password', 'secret', 'status']
-        monkeypatch.setattr(sys, 'argv', words)
-        assert pendant.main() == 1
-    assert real.lines == ['Login,secret']
-    output = capsys.readouterr()
-    assert 'the password is wrong (error 13)' in output.err
-    assert 'secret' not in output.out + output.err
+def test_password_is_sent_but_not_printed():
+    with ScriptedPort({'Login,secret': '!Login,13'}) as real:
+        code, text, _ = call(real.port, 'status', '--password=secret')
+    assert code == 1
+    assert real.commands == ['Login,secret']
+    assert 'the password is wrong (error 13)' in text
+    assert 'secret' not in text
 
 
-# ---- what a hostile controller answers
-
-HOSTILE = {
-    'escapes': b'#%s,\x1b]0;owned\x07\x9b2J\r\n',
-    'a number of 5000 digits': b'!%s,' + b'9' * 5000 + b'\r\n',
-    'a status of 5000 digits': b'#%s,1,' + b'9' * 5000 + b'\r\n',
-    'nothing of sense': b'#%s,=;,;==,\xff\r\n',
-    'nothing at all': b'#%s\r\n',
-    'escapes instead of an answer': b'\x1b[2J\x07' * 1000 + b'\r\n',
-}
-
-
-@pytest.mark.parametrize('name', HOSTILE)
+@pytest.mark.parametrize(
+    'answer',
+    [
+        b'#%s,\x1b]0;owned\x07\x9b2J\r\n',
+        b'!%s,' + b'9' * 5000 + b'\r\n',
+        b'#%s,1,' + b'9' * 5000 + b'\r\n',
+        b'#%s,=;,;==,\xff\r\n',
+        b'#%s\r\n',
+        b'\x1b[2J\x07' * 1000 + b'\r\n',
+    ],
+    ids=['escapes', 'long error', 'long status', 'separators', 'empty', 'only escapes'],
+)
 @pytest.mark.parametrize(
     'words', ['status', 'io', 'io DI 1', 'fault', 'estop press', 'fault clear']
 )
-def test_what_a_hostile_controller_answers_is_printed_harmlessly(ask_of, name, words):
-    code, text = ask_of(HOSTILE[name], words)
+def test_malicious_answer_is_printed_harmlessly(answer, words):
+    with ScriptedPort(default=answer) as hostile:
+        code, text, identity = call(hostile.port, words)
     assert code in (0, 1)
-    assert text.replace('\n', '').isprintable()
+    assert (text + identity).replace('\n', '').isprintable()
     assert len(text) < 20_000
-
-
-@pytest.fixture
-def ask_of(said):
-    """Return exit code and output of the pendant on a controller with one answer to everything."""
-
-    def say(answer, words):
-        with socket.create_server(('127.0.0.1', 0)) as server:
-            threading.Thread(target=_answer_all, args=(server, answer), daemon=True).start()
-            return said(server.getsockname()[1], *words.split())
-
-    return say
-
-
-def _answer_all(server, answer):
-    """Log a client in, and give it the same answer to every command."""
-    with suppress(OSError):
-        sock, _ = server.accept()
-        with sock, sock.makefile('rwb') as lines:
-            for line in lines:
-                name = line.strip().lstrip(b'$').split(b',')[0]
-                usual = name in (b'Login', b'Logout')
-                lines.write(b'#%s,0\r\n' % name if usual else answer.replace(b'%s', name))
-                lines.flush()
-
-
-def test_whoever_is_told_something_is_named(port, monkeypatch, capsys):
-    """Commands went to a stranger's controller on the usual port, and nothing said so."""
-    for words, place in (('motors on', 'out'), ('fault list please', 'err')):
-        monkeypatch.setattr(sys, 'argv', ['pendant', '--port', str(port), *words.split()])
-        code = pendant.main()
-        text = getattr(capsys.readouterr(), place)
-        assert (code == 0) == (place == 'out')
-        assert text.endswith(f' [simulated, c3_a601s, 127.0.0.1:{port}]\n'), text
-
-
-@pytest.mark.parametrize('words', ['motors on', 'power high', 'estop press'])
-def test_of_a_real_controller_what_it_tells_is_said(words, monkeypatch, capsys):
-    answers = {
-        'GetContType': '#GetContType,RC90-B',
-        'GetRobotInfo': '#GetRobotInfo,=;,;==,7',
-        'SetMotorsOn,1': '#SetMotorsOn,0',
-        'Execute,"Power High"': '!Execute,20',
-    }
-    with Answers(answers) as real:
-        words = ['pendant', '--port', str(real.port), *words.split()]
-        monkeypatch.setattr(sys, 'argv', words)
-        pendant.main()
-    output = capsys.readouterr()
-    assert (output.out + output.err).endswith(f' [RC90-B, 127.0.0.1:{real.port}]\n')
-
-
-def test_a_controller_that_does_not_answer_is_told_with_the_time(said):
-    with socket.create_server(('127.0.0.1', 0)) as server:  # it accepts nobody
-        port = server.getsockname()[1]
-        code, text = said(port, '--timeout', '0.2', 'status')
-    assert (code, text) == (1, f'no answer from 127.0.0.1:{port} in 0.2 s\n')
-
-
-def test_a_controller_that_hangs_up_when_it_has_obeyed_has_obeyed(said):
-    with Answers({'SetMotorsOff,1': '#SetMotorsOff,0'}, hangs_up=['Sim,identity']) as real:
-        code, text = said(real.port, 'motors', 'off')
-        socket.create_connection(('127.0.0.1', real.port)).close()  # it serves the next one
-    assert code == 0
-    assert text.startswith('motors off')
