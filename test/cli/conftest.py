@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the tests of the executables share."""
+"""Fixtures of the tests of the executables."""
 
 import pytest
 from support.sim_process import started
@@ -8,7 +8,7 @@ from support.sim_process import started
 
 @pytest.fixture
 def start():
-    """Start `sim_controller` with arguments, on free ports; it ends with the test."""
+    """Start `sim_controller` on free ports. It ends with the test."""
     processes = []
 
     def start_process(*arguments, **options):

@@ -43,19 +43,19 @@ def test_help_lists_every_executable() -> None:
 
 
 @pytest.mark.parametrize('arguments', [(), ('robot',)])
-def test_unknown_executable_is_answered_with_the_list(arguments: tuple[str, ...]) -> None:
+def test_unknown_executable_lists_all(arguments: tuple[str, ...]) -> None:
     run = command(*arguments)
     assert run.returncode == 2
     assert 'sim_controller' in run.stderr
 
 
-def test_an_unknown_executable_is_named_with_the_nearest_one() -> None:
+def test_unknown_executable_suggests_the_nearest() -> None:
     run = command('robot')
     assert run.stderr.startswith("epson_driver: no executable 'robot'; did you mean robots?\n")
     assert command('xyz').stderr.startswith("epson_driver: no executable 'xyz'\n")
 
 
-def test_the_version_is_that_of_the_package() -> None:
+def test_version_equals_package_xml() -> None:
     root = Path(__file__).parents[2]
     run = command('--version')
     assert run.returncode == 0
@@ -71,7 +71,7 @@ def test_every_executable_is_installed_for_ros2_run() -> None:
 
 
 @pytest.mark.parametrize('package', ['epson_msgs', 'industrial_msgs'])
-def test_without_the_messages_it_says_how_they_are_built(package: str) -> None:
+def test_missing_messages_are_reported_with_build_command(package: str) -> None:
     run = command('client', before=f'sys.modules["{package}"] = None')
     assert run.returncode == 1
     assert f'the Python module {package} is missing' in run.stderr
@@ -80,7 +80,7 @@ def test_without_the_messages_it_says_how_they_are_built(package: str) -> None:
 
 
 @pytest.mark.parametrize('name', ['client', 'demo'])
-def test_without_ros_it_says_what_is_missing(name: str) -> None:
+def test_missing_rclpy_is_reported(name: str) -> None:
     run = command(name, before='sys.modules["rclpy"] = None')
     assert run.returncode == 1
     (line,) = run.stderr.splitlines()
@@ -89,20 +89,20 @@ def test_without_ros_it_says_what_is_missing(name: str) -> None:
     assert 'Traceback' not in run.stderr
 
 
-def test_the_simulated_controller_needs_no_ros() -> None:
+def test_sim_controller_needs_no_ros() -> None:
     run = command('sim_controller', '--help', before='sys.modules["rclpy"] = None')
     assert run.returncode == 0
     assert '--start' in run.stdout
 
 
-def test_what_comes_with_an_extra_is_named_with_it() -> None:
+def test_missing_module_names_its_extra() -> None:
     assert main._missing('matplotlib') == (
         "the Python module matplotlib is missing: pip install 'epson_driver[report]'"
     )
 
 
 @pytest.mark.parametrize('name', ['epson_driver.cli.robot', 'epson_driver', None])
-def test_a_module_of_our_own_that_is_missing_is_a_fault_and_no_advice(
+def test_missing_module_of_this_package_raises(
     monkeypatch: pytest.MonkeyPatch, name: str | None
 ) -> None:
     def missing(_name: str) -> None:
@@ -114,7 +114,7 @@ def test_a_module_of_our_own_that_is_missing_is_a_fault_and_no_advice(
         main._run()
 
 
-def test_only_a_port_that_is_taken_has_the_advice_for_it() -> None:
+def test_only_a_port_in_use_gives_advice() -> None:
     assert if_in_use(None) == if_in_use(OSError(errno.EACCES, 'x')) == ''
     assert '--motion-port' in if_in_use(OSError(errno.EADDRINUSE, 'x'))
 
@@ -136,12 +136,12 @@ answers.write(b'answer')
 @pytest.mark.parametrize(
     ('words', 'code'), [(['robots'], 0), (['--help'], 0), (['pendant', '--port=x', 'status'], 2)]
 )
-def test_the_exit_code_is_the_usual_one(words: list[str], code: int) -> None:
+def test_exit_code_is_correct_with_closed_streams(words: list[str], code: int) -> None:
     run = subprocess.run([*CLOSED, *module_command('epson_driver.cli', *words)], check=False)
     assert run.returncode == code
 
 
-def test_what_a_worker_prints_is_no_part_of_its_answer() -> None:
+def test_output_of_a_worker_is_not_in_its_answer() -> None:
     answer = subprocess.run(
         [*WITHOUT_STDERR, *safe_python(), '-c', WORKER],
         stdin=subprocess.DEVNULL,
@@ -157,7 +157,7 @@ PROGRAM = str(Path(__file__).parents[2] / 'controller_program')
 
 DIGITS = '9' * 400
 
-TOO_LONG = '9' * 5000  # more than Python reads
+TOO_LONG = '9' * 5000  # above Python's limit for integers
 
 HOSTS = ('', ' ', 'a..b', '.', 'x' * 64, 'a\nb', 'a\0b', '\udc80', '999.1.1.1', '1.2.3.4.5', 'a b')
 
@@ -212,7 +212,7 @@ TABLE = (
 )
 
 BAD_FILE = {'demo': 1}
-"""What ends with 1 for a bad file; the others end with 2, as their pages say."""
+"""Executables that exit with 1 for an invalid file. All others exit with 2."""
 
 
 @pytest.mark.invariant(7)
@@ -221,7 +221,7 @@ BAD_FILE = {'demo': 1}
     [(name, values, words) for name, values, *words in TABLE],
     ids=[f'{name} {" ".join(words)[-30:]}' for name, _, *words in TABLE],
 )
-def test_inv7_whatever_an_argument_is_it_is_refused_in_a_sentence(
+def test_inv7_invalid_argument_is_rejected_with_a_message(
     name: str,
     values: tuple[str, ...],
     words: list[str],
@@ -237,8 +237,8 @@ def test_inv7_whatever_an_argument_is_it_is_refused_in_a_sentence(
             code = main()
         except SystemExit as end:
             code = end.code
-        said = capsys.readouterr()
-        sentence = ' '.join((said.out + said.err).split())
+        output = capsys.readouterr()
+        sentence = ' '.join((output.out + output.err).split())
         assert code in (2, BAD_FILE.get(name, 2)), (value[:50], sentence)
         assert 'error: ' in sentence or 'demo failed: ' in sentence
         assert len(sentence) < 3000
@@ -248,7 +248,7 @@ def test_inv7_whatever_an_argument_is_it_is_refused_in_a_sentence(
 @pytest.mark.invariant(7)
 @pytest.mark.parametrize('name', ['client', 'panel'])
 @pytest.mark.parametrize('words', [('-r', 'no remapping'), ('-p', 'x'), ('-p', ':=3')])
-def test_inv7_whatever_a_ros_argument_is_it_is_refused_in_a_sentence(
+def test_inv7_invalid_ros_argument_is_rejected_with_a_message(
     name: str,
     words: tuple[str, ...],
     monkeypatch: pytest.MonkeyPatch,
@@ -258,16 +258,16 @@ def test_inv7_whatever_a_ros_argument_is_it_is_refused_in_a_sentence(
         pytest.importorskip('websockets')
     monkeypatch.setattr(sys, 'argv', [name, '--ros-args', *words])
     assert import_module(f'epson_driver.cli.{name}').main() == 1
-    said = capsys.readouterr().err
-    assert said.startswith(f'epson_driver {name}: ')
-    assert 'Failed to parse ROS arguments' in said
-    assert words[1] in said
+    error = capsys.readouterr().err
+    assert error.startswith(f'epson_driver {name}: ')
+    assert 'Failed to parse ROS arguments' in error
+    assert words[1] in error
 
 
 PATIENCE = 300.0
 
 PAUSE = 0.01
-"""Between one signal and the next, s."""
+"""Time between two signals, s."""
 
 AT_IMPORT = """
 import os, signal, sys
@@ -279,7 +279,7 @@ sys.meta_path.insert(0, AtImport())
 from epson_driver.cli.__main__ import main
 sys.exit(main())
 """
-"""Sends itself SIGINT where a module begins to be imported."""
+"""A program that sends itself SIGINT when it imports `module`."""
 
 LOADED = [
     *((name, f'epson_driver.cli.{name.replace("-", "_")}') for name in EXECUTABLES),
@@ -292,9 +292,7 @@ LOADED = [
 
 
 @pytest.mark.parametrize(('name', 'module'), one_in(7, LOADED, several=True))
-def test_ctrl_c_while_an_executable_is_loaded_ends_it_without_a_traceback(
-    name: str, module: str
-) -> None:
+def test_ctrl_c_during_import_leaves_no_traceback(name: str, module: str) -> None:
     run = subprocess.run(
         [sys.executable, '-c', AT_IMPORT.format(module=module), name, '--help'],
         capture_output=True,
@@ -307,7 +305,7 @@ def test_ctrl_c_while_an_executable_is_loaded_ends_it_without_a_traceback(
 
 
 @pytest.mark.parametrize('number', ENDING)
-def test_a_signal_before_an_executable_handles_it_itself(number: signal.Signals) -> None:
+def test_signal_before_the_executable_handles_it_exits_with_130(number: signal.Signals) -> None:
     code = (
         'import os, signal, sys\n'
         'from epson_driver.cli import robots\n'
@@ -322,8 +320,8 @@ def test_a_signal_before_an_executable_handles_it_itself(number: signal.Signals)
     assert (run.returncode, run.stdout, run.stderr) == (130, '', '')
 
 
-def test_ctrl_c_ends_a_loop_and_does_nothing_from_then_on() -> None:
-    """Not even in the moment in which the loop closes, wherever the process is then."""
+def test_further_ctrl_c_is_ignored_after_the_loop_ends() -> None:
+    """This includes the time in which the loop closes."""
     code = (
         'import asyncio, os, signal\n'
         'from epson_driver.processes.interrupt import ended_by_signals\n'
@@ -353,7 +351,7 @@ def test_ctrl_c_ends_a_loop_and_does_nothing_from_then_on() -> None:
 
 
 def interrupted(process: subprocess.Popen[str]) -> str:
-    """Send SIGINT until the process has ended; return what it said after that began."""
+    """Send SIGINT until the process ends. Return its remaining output."""
     until = time.monotonic() + PATIENCE
     while process.poll() is None:
         process.send_signal(signal.SIGINT)
@@ -366,7 +364,7 @@ def interrupted(process: subprocess.Popen[str]) -> str:
 
 @pytest.fixture
 def started() -> Iterator[Callable[..., subprocess.Popen[str]]]:
-    """Start executables in a ROS domain of their own; they end with the test."""
+    """Start executables in a separate ROS domain. They end with the test."""
     all_started: list[subprocess.Popen[str]] = []
 
     def start(*arguments: str) -> subprocess.Popen[str]:
@@ -387,19 +385,19 @@ def started() -> Iterator[Callable[..., subprocess.Popen[str]]]:
 
 
 def line_with(process: subprocess.Popen[str], text: str) -> str:
-    """Wait until the process has said something; return the line."""
+    """Wait for a line of output with `text` and return it."""
     assert process.stdout is not None
-    said = ''
+    output = ''
     for line in process.stdout:
-        said += line
+        output += line
         if text in line:
             return line
-    raise AssertionError(said)
+    raise AssertionError(output)
 
 
 @pytest.mark.invariant(9)
 @pytest.mark.slow
-def test_more_of_ctrl_c_while_controller_and_client_end(
+def test_repeated_ctrl_c_ends_controller_and_client(
     started: Callable[..., subprocess.Popen[str]],
 ) -> None:
     free = [f'--{name}-port=0' for name in ('motion', 'state', 'io', 'remote')]
@@ -409,22 +407,22 @@ def test_more_of_ctrl_c_while_controller_and_client_end(
     client = started('client', '--ros-args', *(w for each in settings for w in ('-p', each)))
     line_with(client, 'state link connected')
     for process in (client, controller):
-        said = interrupted(process)
-        assert process.returncode in (0, 130), said
-        assert 'Traceback' not in said
-        assert 'KeyboardInterrupt' not in said
+        output = interrupted(process)
+        assert process.returncode in (0, 130), output
+        assert 'Traceback' not in output
+        assert 'KeyboardInterrupt' not in output
 
 
 @pytest.mark.invariant(9)
 @pytest.mark.slow
-def test_more_of_ctrl_c_while_the_demo_ends_leaves_nothing_running(
+def test_repeated_ctrl_c_leaves_no_process_of_the_demo(
     started: Callable[..., subprocess.Popen[str]], tmp_path: Path
 ) -> None:
     demo = started('demo', f'--picture={tmp_path / "report.png"}')
     line_with(demo, 'sim_controller: simulated, c3_a601s, 127.0.0.1:')
     children = Path(f'/proc/{demo.pid}/task/{demo.pid}/children').read_text().split()
     assert children
-    said = interrupted(demo)
-    assert demo.returncode == 130, said
-    assert 'Traceback' not in said
+    output = interrupted(demo)
+    assert demo.returncode == 130, output
+    assert 'Traceback' not in output
     assert [child for child in children if Path('/proc', child).exists()] == []

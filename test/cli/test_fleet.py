@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver fleet`: what it shows, and that nothing of it is left when it ends."""
+"""`epson_driver fleet`: its table, and its end without remaining processes."""
 
 import io
 import os
@@ -32,7 +32,7 @@ WELL = Row('robot_1', 'connected', 182.0, 0.15, 150_000_000)
         (WELL._replace(rate=0.0), 'robot_1 | connected | 0 Hz | 15 % | 150 MB'),
     ],
 )
-def test_a_line_says_how_a_robot_does_and_the_last_how_all_do(row: Row, cells: str) -> None:
+def test_table_has_a_row_per_robot_and_a_summary(row: Row, cells: str) -> None:
     console = Console(width=80, record=True, file=io.StringIO())
     console.print(table([row, WELL]))
     lines = [re.split('  +', line.strip()) for line in console.export_text().splitlines()]
@@ -42,7 +42,7 @@ def test_a_line_says_how_a_robot_does_and_the_last_how_all_do(row: Row, cells: s
 
 
 def left_running() -> list[str]:
-    """Return the process ids of all that inherited the variable of this test's fleet."""
+    """Return the ids of all processes with the environment variable of this test."""
     mark = f'OF_THIS_FLEET={os.getpid()}'.encode()
     found = []
     for path in Path('/proc').glob('[0-9]*'):
@@ -59,7 +59,7 @@ def left_running() -> list[str]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize('interrupted', [False, True], ids=['after a time', 'by Ctrl-C'])
-def test_two_robots_are_up_and_end_with_all_their_processes(interrupted: bool) -> None:
+def test_two_robots_run_and_leave_no_process(interrupted: bool) -> None:
     words = ['fleet', '--robots=2'] if interrupted else ['fleet', '--robots=2', '--seconds=1']
     environment = os.environ | {'OF_THIS_FLEET': str(os.getpid()), 'COLUMNS': '140'}
     fleet = subprocess.Popen(
@@ -71,15 +71,15 @@ def test_two_robots_are_up_and_end_with_all_their_processes(interrupted: bool) -
     )
     assert fleet.stdout is not None
     with fleet:
-        said = ''.join(
+        output = ''.join(
             iter(fleet.stdout.readline, 'export ROS_SUPER_CLIENT=TRUE  # for ros2 topic list\n')
         )
         if interrupted:
             assert len(left_running()) >= 6  # two drivers, two controllers, server, itself
             fleet.send_signal(signal.SIGINT)
-        said += fleet.communicate(timeout=PATIENCE_S)[0]
-    assert fleet.returncode == 0, said
-    assert 'all up' in said
-    assert 'export ROS_DISCOVERY_SERVER=127.0.0.1:' in said
-    assert re.search(r'all +2 of 2 ', said)
+        output += fleet.communicate(timeout=PATIENCE_S)[0]
+    assert fleet.returncode == 0, output
+    assert 'all up' in output
+    assert 'export ROS_DISCOVERY_SERVER=127.0.0.1:' in output
+    assert re.search(r'all +2 of 2 ', output)
     assert left_running() == []

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver robots`: the list, one model, pipes and terminals, and no such model."""
+"""`epson_driver robots`: the list, one model, pipes, terminals and unknown models."""
 
 import os
 import pty
@@ -25,7 +25,7 @@ run = partial(run_here, robots.main)
 
 
 def tables(text: str) -> dict[str, dict[str, list[str]]]:
-    """Return plain text as rows by their first word, by their table's title."""
+    """Return plain text as rows by their first word, by table title."""
     found = {}
     for block in text.strip().split('\n\n'):
         title, _, *rows = block.splitlines()
@@ -38,7 +38,7 @@ def c3() -> dict[str, dict[str, list[str]]]:
     return tables(run('c3_a601s').stdout)
 
 
-def test_into_a_pipe_it_lists_every_model_with_tabs() -> None:
+def test_list_in_a_pipe_is_separated_by_tabs() -> None:
     done = run()
     assert (done.returncode, done.stderr) == (0, '')
     head, *lines = done.stdout.splitlines()
@@ -59,7 +59,7 @@ def test_into_a_pipe_it_lists_every_model_with_tabs() -> None:
     assert {'acceleration', 'jerk', 'payload'} <= set(estimated.split(', '))
 
 
-def test_one_model_is_shown_in_degrees_and_in_si(c3: dict[str, dict[str, list[str]]]) -> None:
+def test_model_is_shown_in_degrees_and_si_units(c3: dict[str, dict[str, list[str]]]) -> None:
     joints = c3['Joints']
     assert joints['position min [degrees]'] == ['-170', '-160', '-51', '-200', '-135', '-360']
     assert float(joints['position max [rad]'][1]) == pytest.approx(np.radians(65.0), rel=1e-6)
@@ -76,7 +76,7 @@ def test_one_model_is_shown_in_degrees_and_in_si(c3: dict[str, dict[str, list[st
     assert c3['OPW lengths, m']['c1'] == ['0.32']
 
 
-def test_every_number_comes_with_its_source(c3: dict[str, dict[str, list[str]]]) -> None:
+def test_every_quantity_has_its_source(c3: dict[str, dict[str, list[str]]]) -> None:
     model = load_robot_model('c3_a601s')
     assert list(c3['Sources']) == list(model.provenance)
     for quantity, (mark, source) in c3['Sources'].items():
@@ -85,7 +85,7 @@ def test_every_number_comes_with_its_source(c3: dict[str, dict[str, list[str]]])
         assert set(mark.split(', ')) == set(origin.marks)
 
 
-def test_a_scara_is_shown_in_mm_and_m() -> None:
+def test_scara_is_shown_in_mm_and_m() -> None:
     shown = tables(run('gx4_c251s').stdout)
     joints = shown['Joints']
     assert joints['position min [degrees or mm]'] == ['-50', '-141', '-150', '-360']
@@ -106,7 +106,7 @@ def test_a_scara_is_shown_in_mm_and_m() -> None:
         (('--search', 'nothing-like-it'), set(), {'c3_a601s'}),
     ],
 )
-def test_the_list_can_be_narrowed(
+def test_list_can_be_filtered(
     arguments: tuple[str, ...], found: set[str], not_found: set[str]
 ) -> None:
     names = {line.split('\t')[0] for line in run(*arguments).stdout.splitlines()[1:]}
@@ -115,13 +115,13 @@ def test_the_list_can_be_narrowed(
     assert len(names) < len(robot_models())
 
 
-def test_what_is_not_known_is_said() -> None:
+def test_unknown_values_are_marked() -> None:
     shown = tables(run('t6_602s').stdout)
     assert shown['Joints']['pulses per degree or mm'][2:] == ['not known', 'not known']
     assert shown['Sources']['speed'][0] == 'derived, estimated'
 
 
-def test_a_file_of_ones_own_is_shown_too(tmp_path: Path) -> None:
+def test_model_file_is_shown(tmp_path: Path) -> None:
     mine = tmp_path / 'mine.yaml'
     mine.write_text('name: mine\nlike: C3-A601S\npayload_kg: 2.5\n', encoding='utf-8')
     assert run(str(mine)).stdout.startswith('# mine: six-axis, table top mount')
@@ -131,7 +131,7 @@ def test_a_file_of_ones_own_is_shown_too(tmp_path: Path) -> None:
     assert f"{mine}, line 3: payload_kg = 'heavy': must be a number" in done.stderr
 
 
-def test_no_such_model_is_answered_with_those_there_are() -> None:
+def test_unknown_model_is_an_error() -> None:
     done = run('c5')
     assert done.returncode == 2
     assert done.stdout == ''
@@ -139,7 +139,7 @@ def test_no_such_model_is_answered_with_those_there_are() -> None:
     assert 'Traceback' not in done.stderr
 
 
-def test_a_reader_that_leaves_early_is_no_error() -> None:
+def test_closed_pipe_is_no_error() -> None:
     shown = subprocess.Popen(COMMAND, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert shown.stdout is not None
     assert shown.stderr is not None
@@ -150,7 +150,7 @@ def test_a_reader_that_leaves_early_is_no_error() -> None:
 
 
 def on_a_terminal(*arguments: str) -> str:
-    """Return what the command writes to a terminal of 150 columns."""
+    """Return the command's output on a terminal of 150 columns."""
     ours, theirs = pty.openpty()
     environment = os.environ | {'COLUMNS': '150', 'TERM': 'xterm-256color'}
     with subprocess.Popen([*COMMAND, *arguments], stdout=theirs, env=environment) as shown:
@@ -159,14 +159,14 @@ def on_a_terminal(*arguments: str) -> str:
         try:
             while part := os.read(ours, 65536):
                 text += part
-        except OSError:  # Linux's way of saying that the other end is closed
+        except OSError:  # the other end is closed
             pass
         os.close(ours)
     assert shown.returncode == 0
     return text.decode()
 
 
-def test_a_terminal_gets_tables_with_colours_unless_plain() -> None:
+def test_terminal_shows_coloured_tables_unless_plain() -> None:
     text = on_a_terminal('c3_a601s')
     assert '┃' in text
     assert 'position min [degrees]' in text  # brackets are no markup
@@ -176,7 +176,7 @@ def test_a_terminal_gets_tables_with_colours_unless_plain() -> None:
     assert plain.replace('\r\n', '\n') == run('c3_a601s').stdout
 
 
-def test_an_arm_without_lengths_to_compute_with_says_why(tmp_path: Path) -> None:
+def test_arm_without_closed_form_kinematics_gives_the_reason(tmp_path: Path) -> None:
     ((name, why),) = robots._lengths(arm_model(tmp_path, 7))
     assert (name, 'c3_with_7_joints' in why) == ('none', True)
     known = dict(robots._lengths(load_robot_model('c3_a601s')))

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The process `sim_controller`, as a user starts it."""
+"""The process `sim_controller`."""
 
 import os
 import signal
@@ -65,9 +65,7 @@ def until(condition):
         pytest.param(signal.SIGINT, 'smooth', marks=pytest.mark.slow),
     ],
 )
-def test_a_signal_ends_it_with_0_while_clients_are_connected_and_the_arm_moves(
-    start, number, motion
-):
+def test_signal_during_motion_exits_with_0(start, number, motion):
     process, ports = start('--motion', motion)
     planners = children(process.pid)
     assert len(planners) == (motion == 'smooth')
@@ -87,7 +85,7 @@ def test_a_signal_ends_it_with_0_while_clients_are_connected_and_the_arm_moves(
     'arguments',
     one_in(2, [['--start', '-1.5,0.25,0,0,-0.5,6'], ['--start=-1.5,0.25,0,0,-0.5,6']]),
 )
-def test_the_arm_starts_where_it_is_told_to(start, arguments):
+def test_start_option_sets_the_arm_position(start, arguments):
     _, ports = start(*arguments)
     with connect(ports['state']) as sock:
         data = receive(sock, 60)
@@ -96,7 +94,7 @@ def test_the_arm_starts_where_it_is_told_to(start, arguments):
     assert joints == pytest.approx((-1.5, 0.25, 0, 0, -0.5, 6, 0, 0, 0, 0), abs=1e-6)
 
 
-def test_big_endian_and_another_period(start):
+def test_byte_order_and_state_period_can_be_set(start):
     _, ports = start('--byte-order', 'big', '--state-period', '0.02')
     with connect(ports['state']) as sock:
         assert receive(sock, 16) == bytes.fromhex('00000038 0000000a 00000001 00000000')
@@ -104,7 +102,7 @@ def test_big_endian_and_another_period(start):
 
 @pytest.mark.quick
 @pytest.mark.parametrize('motion', one_in(2, ['smooth', 'ptp']))
-def test_a_killed_client_stops_the_arm_and_a_new_one_can_go_on(start, motion):
+def test_killed_client_stops_the_arm_and_another_can_connect(start, motion):
     _, ports = start('--motion', motion)
     script = (
         'import socket, struct, sys, time\n'
@@ -132,7 +130,7 @@ def test_a_killed_client_stops_the_arm_and_a_new_one_can_go_on(start, motion):
         assert struct.unpack_from('<4i', receive(sock, 60)) == (56, 10, 3, 1)
 
 
-def test_a_killed_planner_stops_the_arm_and_comes_back(start):
+def test_killed_planner_stops_the_arm_and_is_restarted(start):
     process, ports = start('--motion', 'smooth')
     assert remote(ports['remote'], '$SetMotorsOn') == ['#SetMotorsOn,0']
     with connect(ports['motion']) as sock:
@@ -150,7 +148,7 @@ def test_a_killed_planner_stops_the_arm_and_comes_back(start):
         assert struct.unpack_from('<f', receive(sock, 60), 20)[0] == pytest.approx(0.1, abs=1e-6)
 
 
-def test_a_killed_controller_leaves_no_planner(start):
+def test_killed_controller_leaves_no_planner(start):
     process, ports = start('--motion', 'smooth')
     (planner,) = children(process.pid)
     assert remote(ports['remote'], '$SetMotorsOn') == ['#SetMotorsOn,0']
@@ -161,7 +159,7 @@ def test_a_killed_controller_leaves_no_planner(start):
     until(lambda: not running(planner))
 
 
-def test_a_log_that_nobody_reads_stops_nothing(start):
+def test_unread_log_does_not_block_the_controller(start):
     process, ports = start(stderr=subprocess.PIPE)
     refused = point(7, (0.0,) * 6)
     with connect(ports['motion']) as sock:
@@ -172,7 +170,7 @@ def test_a_log_that_nobody_reads_stops_nothing(start):
     assert process.wait(timeout=120) == 0
 
 
-def test_a_port_in_use_is_named(start):
+def test_port_in_use_is_reported_by_name(start):
     _, ports = start()
     arguments = list(FREE)
     arguments[3] = str(ports['state'])
@@ -207,7 +205,7 @@ def test_a_port_in_use_is_named(start):
         (['--state-period', 'nan'], 'must be a number from 0.001 to 3600 s'),
     ],
 )
-def test_wrong_arguments_end_with_2_and_a_reason(arguments, text):
+def test_invalid_argument_exits_with_2_and_a_reason(arguments, text):
     result = run_here(sim_controller.main, *FREE, *arguments)
     assert result.returncode == 2
     assert text in result.stderr
@@ -215,7 +213,7 @@ def test_wrong_arguments_end_with_2_and_a_reason(arguments, text):
 
 
 @pytest.mark.quick
-def test_a_robot_with_too_many_joints_is_refused_with_the_limit(tmp_path):
+def test_robot_with_too_many_joints_is_refused(tmp_path):
     result = run_here(sim_controller.main, *FREE, '--robot', arm_file(tmp_path, 11))
     assert result.returncode == 2
     assert '11 joints: a message carries at most 10' in result.stderr
@@ -223,7 +221,7 @@ def test_a_robot_with_too_many_joints_is_refused_with_the_limit(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_fault_and_a_look_ahead_from_the_start(start):
+def test_fault_and_look_ahead_options_are_applied(start):
     process, ports = start('--look-ahead', '0.4', '--fault', 'cut:port=state,after=3600')
     (faults,) = remote(ports['remote'], '$Sim,fault,list')
     assert faults.startswith('#Sim,cut')
@@ -234,7 +232,7 @@ def test_a_fault_and_a_look_ahead_from_the_start(start):
 
 @pytest.mark.quick
 @pytest.mark.parametrize(
-    ('words', 'said'),
+    ('words', 'message'),
     [
         (['--define', 'A=1'], '--define: there is no SPEL+ program'),
         (['--program-port', '2001'], "'2001', PORT=PORT: '': must be a port from 0"),
@@ -242,8 +240,8 @@ def test_a_fault_and_a_look_ahead_from_the_start(start):
         (['--program-port', '2001=70000'], "'2001=70000', PORT=PORT: 70000: must be a port"),
     ],
 )
-def test_what_a_spel_program_would_take_is_refused_in_a_sentence(monkeypatch, capsys, words, said):
+def test_spel_options_without_a_program_are_rejected(monkeypatch, capsys, words, message):
     monkeypatch.setattr(sys, 'argv', ['sim_controller', *words])
     with pytest.raises(SystemExit, match='2'):
         sim_controller.main()
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err

@@ -21,7 +21,7 @@ REFUSED = b'x\n$\x1b]0;owned\x07\n$Login,a\n$SetMotorsOn,\x9b9\n' * 500
 
 @pytest.fixture
 def crowded(tmp_path):
-    """Start a controller with so many descriptors; return its process, ports and log."""
+    """Start a controller with a descriptor limit. Return its process, ports and log."""
     processes = []
 
     def start_process(descriptors=1024):
@@ -44,7 +44,7 @@ def crowded(tmp_path):
 
 @pytest.fixture
 def crowd():
-    """Open connections that say nothing, and do not wait until they are accepted."""
+    """Open silent connections, without waiting until they are accepted."""
     socks = []
 
     def connect_all(ports, count):
@@ -62,7 +62,7 @@ def crowd():
 
 @pytest.fixture
 def flooding():
-    """Send bytes for ever, over as many connections at once, each opened again when it ends."""
+    """Send bytes continuously over several connections, and reconnect when they close."""
     over = threading.Event()
     threads = []
 
@@ -81,12 +81,12 @@ def flooding():
             while sock.recv(65_536):
                 pass
 
-    def begin(port, data, connections):
+    def start(port, data, connections):
         for _ in range(connections):
             threads.append(threading.Thread(target=flood, args=(port, data)))
             threads[-1].start()
 
-    yield begin
+    yield start
     over.set()
     for thread in threads:
         thread.join()
@@ -97,7 +97,7 @@ def descriptors(process):
 
 
 def pressed(port):
-    """Press the E-stop as a person does; return what the pendant says."""
+    """Press the E-stop with the pendant. Return its exit code and output."""
     run = subprocess.run(
         [*PENDANT, '--port', str(port), '--timeout', '120', 'estop', 'press'],
         capture_output=True,
@@ -109,17 +109,17 @@ def pressed(port):
 
 
 def assert_pressed(port):
-    """Press the E-stop, and see that it worked; a controller that hung up then is not named."""
-    code, said = pressed(port)
-    assert code == 0, said
-    assert re.fullmatch(rf'E-stop pressed \[(simulated, c3_a601s, )?127\.0\.0\.1:{port}\]\n', said)
+    """Press the E-stop successfully. The controller may disconnect before its identity."""
+    code, text = pressed(port)
+    assert code == 0, text
+    assert re.fullmatch(rf'E-stop pressed \[(simulated, c3_a601s, )?127\.0\.0\.1:{port}\]\n', text)
 
 
 @pytest.mark.invariant(7)
 @pytest.mark.parametrize(
     'idle', [64, *(pytest.param(count, marks=pytest.mark.slow) for count in (16, 1000))]
 )
-def test_invariant_7_idle_clients_do_not_keep_the_pendant_out(crowded, crowd, idle):
+def test_inv7_idle_clients_do_not_block_the_pendant(crowded, crowd, idle):
     process, ports, log = crowded()
     crowd([ports['remote']], idle)
     assert_pressed(ports['remote'])
@@ -131,9 +131,7 @@ def test_invariant_7_idle_clients_do_not_keep_the_pendant_out(crowded, crowd, id
 @pytest.mark.parametrize(
     'limit', [32, *(pytest.param(count, marks=pytest.mark.slow) for count in (64, 48))]
 )
-def test_invariant_9_without_descriptors_left_the_pendant_gets_in_and_no_traceback_is_logged(
-    crowded, crowd, limit
-):
+def test_inv9_pendant_connects_when_descriptors_are_exhausted(crowded, crowd, limit):
     process, ports, log = crowded(limit)
     with connect(ports['state']) as state:
         receive(state, 60)
@@ -147,9 +145,7 @@ def test_invariant_9_without_descriptors_left_the_pendant_gets_in_and_no_traceba
 
 
 @pytest.mark.invariant(7)
-def test_invariant_7_a_flood_of_refused_commands_neither_fills_the_log_nor_keeps_the_pendant_out(
-    crowded, flooding
-):
+def test_inv7_flood_of_refused_commands_blocks_neither_log_nor_pendant(crowded, flooding):
     process, ports, log = crowded()
     flooding(ports['remote'], REFUSED, 16)
     with connect(ports['state']) as state:
@@ -161,14 +157,14 @@ def test_invariant_7_a_flood_of_refused_commands_neither_fills_the_log_nor_keeps
     assert b'there is no command' in data
     assert b'Traceback' not in data
     assert not set(data) & {0x1B, 0x07, 0x9B}
-    # a few kinds of lines (connected, gone, makes room, refused), each with its burst and its pace
+    # a few kinds of lines (connected, gone, makes room, refused), each with burst and rate limit
     assert data.count(b'refused (') <= BURST_LINES + 2 + _seconds(data)
     assert size < 200 * 6 * (BURST_LINES + 2 + _seconds(data))
     assert process.poll() is None
 
 
 def _seconds(log):
-    """Return how long the lines of a log took, s, rounded up."""
+    """Return the duration of a log, s, rounded up."""
     times = [line.split(b',')[0].split(b' ')[1] for line in log.splitlines() if b',' in line]
     first, last = (
         int(hours) * 3600 + int(minutes) * 60 + int(seconds)
@@ -178,7 +174,7 @@ def _seconds(log):
 
 
 BOUND = 12
-"""MiB that a flood may add, of any port and size."""
+"""Maximum additional memory during a flood, MiB."""
 
 MIB = 2**20
 
@@ -220,10 +216,10 @@ def resident(pid):
 
 
 def flood(port, data, reads):
-    """Send up to 8 MiB over as many connections as it takes; read what comes, or do not.
+    """Send up to 8 MiB, reconnecting as needed, and read the replies if `reads`.
 
-    A client that uses more than its share of the processor is listened to slowly: the flood is
-    over then, with all buffers full.
+    The controller reads slowly from a client that uses too much processor time. The flood ends
+    then, with all buffers full.
     """
     sent = 0
     for _ in range(20):
@@ -259,12 +255,12 @@ SPEL = ('--controller', 'spel')
         *(pytest.param(SPEL, name, marks=pytest.mark.slow) for name in ('motion', 'io', 'remote')),
     ],
 )
-def test_invariant_7_floods_do_not_add_memory_and_the_state_goes_on(start, arguments, port):
-    """The SPEL+ program has one state client, who sees here that the state goes on."""
+def test_inv7_floods_neither_use_memory_nor_stop_the_state(start, arguments, port):
+    """The SPEL+ program has one state client, which is this test."""
     process, ports = start(*arguments)
     with connect(ports['state']) as state:
         receive(state, 6000)
-        flood(ports[port], FLOODS['requests'], reads=True)  # what a first use allocates
+        flood(ports[port], FLOODS['requests'], reads=True)  # first-use allocations
         before = resident(process.pid)
         for name, data in FLOODS.items():
             for reads in (True, False):

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver smooth`: the file, the report and the picture, and what it says when it cannot."""
+"""`epson_driver smooth`: the output file, the report, the picture, and errors."""
 
 import sys
 
@@ -25,7 +25,10 @@ PLAN = read_trajectory(FILE)
 
 @pytest.fixture
 def run(monkeypatch, tmp_path, capsys):
-    """Return a function that runs the command in an empty folder: exit code, stdout, stderr."""
+    """Return a function that runs the command in an empty folder.
+
+    It returns exit code, stdout and stderr.
+    """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv('COLUMNS', '120')
 
@@ -50,7 +53,7 @@ def without_times(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_fastest_path_bends_more_than_the_spline_which_can_be_kept(run, tmp_path):
+def test_free_path_is_faster_than_the_spline(run, tmp_path):
     motions = {}
     for name, more in (('fast', []), ('spline', ['--keep-spline'])):
         output = tmp_path / f'{name}.yaml'
@@ -60,7 +63,7 @@ def test_the_fastest_path_bends_more_than_the_spline_which_can_be_kept(run, tmp_
     assert motions['fast'].times[-1] < 0.98 * motions['spline'].times[-1]
 
 
-def test_it_writes_the_smooth_motion_and_a_picture_beside(run, tmp_path):
+def test_smooth_motion_and_picture_are_written(run, tmp_path):
     code, text, _ = run(FILE)
     assert code == 0
     for word in (
@@ -83,7 +86,7 @@ def test_it_writes_the_smooth_motion_and_a_picture_beside(run, tmp_path):
     assert (tmp_path / f'{FILE.stem}_smooth.png').read_bytes().startswith(b'\x89PNG')
 
 
-def test_names_rate_mode_and_look_ahead_can_be_chosen(run, tmp_path):
+def test_output_rate_mode_and_look_ahead_can_be_set(run, tmp_path):
     out, picture = tmp_path / 'out.yaml', tmp_path / 'out.png'
     options = ['--rate', 100, '--look-ahead', 0.5, '--mode', 'time_optimal']
     code, text, _ = run(FILE, '--output', out, '--picture', picture, *options)
@@ -93,7 +96,7 @@ def test_names_rate_mode_and_look_ahead_can_be_chosen(run, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ['out.png', 'out.yaml']
 
 
-def test_a_plan_without_times_becomes_time_optimal_only(run, without_times):
+def test_plan_without_times_needs_time_optimal_mode(run, without_times):
     code, text, _ = run(without_times, '--mode', 'time_optimal')
     assert code == 0
     assert 'the plan has no times' in text
@@ -102,7 +105,7 @@ def test_a_plan_without_times_becomes_time_optimal_only(run, without_times):
     assert 'no point has a time: add time_from_start, or use --mode time_optimal' in error
 
 
-def test_what_is_wrong_is_said_in_one_sentence(run, tmp_path):
+def test_invalid_plans_and_options_are_rejected_with_a_reason(run, tmp_path):
     text = FILE.read_text(encoding='utf-8')
 
     def refusal(*options, **changes):
@@ -124,26 +127,26 @@ def test_what_is_wrong_is_said_in_one_sentence(run, tmp_path):
         replace=[('{sec: 0, nanosec: 300000000}', '{sec: 0, nanosec: 100000000}')]
     )
     assert 'not YAML' in refusal(replace=[('points:', '{')])
-    assert 'points is missing' in refusal(replace=[('points:', 'way:')])
+    assert 'points is missing' in refusal(replace=[('points:', 'rows:')])
     assert 'must be a number from 0.01 to inf s' in refusal('--look-ahead', '0')
     assert 'must be a number from 1 to 1000 Hz' in refusal('--rate', '5000')
     assert 'must be a number from 0 to 0.5 rad' in refusal('--path-tolerance', '0.6')
     assert 'no_robot' in refusal('--robot', 'no_robot')
 
 
-def test_a_file_that_is_not_there(run):
+def test_missing_file_is_an_error(run):
     code, _, error = run('nothing.yaml')
     assert code == 2
     assert 'nothing.yaml' in error
 
 
-# --- what it is compared with -----------------------------------------------------------------
+# --- the motions of the comparison ------------------------------------------------------------
 
 
-def test_point_to_point_rests_at_every_point_within_the_limits():
+def test_point_to_point_stops_at_every_point_within_limits():
     motion, at = point_to_point(PLAN, LIMITS)
     figures = measure(motion, None, LIMITS)
-    assert figures.stops >= len(PLAN.times) - 3  # the shortest may be over within a sample
+    assert figures.stops >= len(PLAN.times) - 3  # the shortest can be within one sample
     assert max(figures.velocity, figures.acceleration, figures.jerk) <= 1.0 + 1e-6
     for time, point in zip(at, PLAN.positions, strict=True):
         nearest = int(np.argmin(np.abs(motion.times - time)))
@@ -151,7 +154,7 @@ def test_point_to_point_rests_at_every_point_within_the_limits():
 
 
 @pytest.mark.parametrize('accelerations', [True, False])
-def test_the_spline_keeps_the_times_and_the_velocities_of_the_plan(accelerations):
+def test_spline_keeps_times_and_velocities_of_the_plan(accelerations):
     plan = Trajectory(
         PLAN.joint_names,
         PLAN.times,
@@ -167,10 +170,12 @@ def test_the_spline_keeps_the_times_and_the_velocities_of_the_plan(accelerations
         assert motion.velocities[sample] == pytest.approx(velocity, abs=1e-6)
     numeric = np.gradient(motion.positions, 0.001, axis=0)[5:-5]
     assert np.abs(numeric - motion.velocities[5:-5]).max() < 0.05
-    assert column('spline', (motion, at), LIMITS).figures.jerk > 2.0  # what it is shown for
+    assert (
+        column('spline', (motion, at), LIMITS).figures.jerk > 2.0
+    )  # the reason for the comparison
 
 
-def test_plans_of_one_point():
+def test_plan_with_one_point_has_no_stops():
     one = Trajectory(PLAN.joint_names, PLAN.times[:1], PLAN.positions[:1])
     for motion, at in (point_to_point(one, LIMITS), spline(one)):
         assert at.tolist() == [0.0]
@@ -178,8 +183,8 @@ def test_plans_of_one_point():
 
 
 @pytest.mark.slow
-def test_stops_that_the_plan_asks_for_are_told_apart(run, tmp_path):
-    """There, and after a rest back again."""
+def test_planned_stops_have_a_separate_count(run, tmp_path):
+    """The plan moves forth, rests and moves back."""
     points = [
         f'- positions: [{value}, 0, 0, 0, 0, 0]\n'
         f'  velocities: [0, 0, 0, 0, 0, 0]\n  time_from_start: {seconds}\n'
@@ -192,7 +197,7 @@ def test_stops_that_the_plan_asks_for_are_told_apart(run, tmp_path):
     assert '0, and 1 that the plan asks for' in ' '.join(text.split())
 
 
-def test_without_matplotlib_a_picture_that_was_asked_for_is_refused(run, monkeypatch, tmp_path):
+def test_picture_without_matplotlib_is_refused(run, monkeypatch, tmp_path):
     monkeypatch.setattr(smooth, 'find_spec', lambda _: None)
     code, _, error = run(FILE, '--picture', 'x.png')
     assert code == 2
@@ -201,18 +206,18 @@ def test_without_matplotlib_a_picture_that_was_asked_for_is_refused(run, monkeyp
 
 
 @pytest.mark.parametrize(
-    ('error', 'code', 'said'),
+    ('error', 'code', 'message'),
     [
         (ValueError('point 3 cannot be passed'), 2, f'error: {FILE}: point 3 cannot be passed'),
         (KeyboardInterrupt(), INTERRUPTED, ''),
     ],
 )
-def test_a_plan_that_is_not_smoothed_leaves_no_file(run, monkeypatch, tmp_path, error, code, said):
+def test_failed_smoothing_leaves_no_file(run, monkeypatch, tmp_path, error, code, message):
     def fails(*_, **__):
         raise error
 
     monkeypatch.setattr(smooth, 'smooth', fails)
-    found, _, told = run(FILE)
+    found, _, output = run(FILE)
     assert found == code
-    assert said in told
+    assert message in output
     assert not list(tmp_path.iterdir())

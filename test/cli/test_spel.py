@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver spel`: check and test, and runs in a process as a user has them."""
+"""`epson_driver spel`: check, test and run."""
 
 import json
 import os
@@ -63,7 +63,7 @@ def program(tmp_path: Path) -> Path:
     return tmp_path / 'tests.prg'
 
 
-def test_check_says_file_line_and_column_and_ends_with_1_for_errors(tmp_path: Path) -> None:
+def test_check_reports_positions_and_exits_with_1_for_errors(tmp_path: Path) -> None:
     path = tmp_path / 'main.prg'
     path.write_text(GOOD.replace('Print', 'Prin'))
     done = run('check', path.parent, cwd=tmp_path.parent)
@@ -86,7 +86,7 @@ def test_check_says_file_line_and_column_and_ends_with_1_for_errors(tmp_path: Pa
     assert piped.stdout.startswith(b'stdin.prg:3:8: warning: i = True')
 
 
-def test_check_has_versions_and_warnings_that_fail_if_wished(tmp_path: Path) -> None:
+def test_check_version_and_strict_options_change_the_result(tmp_path: Path) -> None:
     path = tmp_path / 'main.prg'
     path.write_text(NEWER)
     assert run('check', path).returncode == 0
@@ -98,7 +98,7 @@ def test_check_has_versions_and_warnings_that_fail_if_wished(tmp_path: Path) -> 
     assert run('check', path, '--strict').returncode == 1
 
 
-def test_check_in_json(tmp_path: Path) -> None:
+def test_check_writes_json_github_and_sarif(tmp_path: Path) -> None:
     path = tmp_path / 'main.prg'
     path.write_text(WARNS)
     (problem,) = json.loads(run('check', '--format', 'json', 'main.prg', cwd=tmp_path).stdout)
@@ -129,7 +129,7 @@ def test_check_in_json(tmp_path: Path) -> None:
     assert place['region'] == {'startLine': 3, 'startColumn': 8}
 
 
-def test_a_folder_is_a_project(program: Path) -> None:
+def test_folder_is_checked_as_a_project(program: Path) -> None:
     (program.parent / 'main.prg').write_text('Function main\n  helper\nFend\n')
     done = run('check', program.parent)
     assert (done.returncode, done.stdout) == (0, '0 errors, 0 warnings (version 8)\n')
@@ -139,7 +139,7 @@ def test_a_folder_is_a_project(program: Path) -> None:
     assert both.returncode == 0
 
 
-def test_tests_run_and_are_reported(program: Path) -> None:
+def test_test_functions_run_and_are_reported(program: Path) -> None:
     report = program.parent / 'report.xml'
     done = run('test', program.name, '--junit', report, cwd=program.parent)
     assert done.returncode == 1
@@ -165,14 +165,14 @@ def test_tests_run_and_are_reported(program: Path) -> None:
     ]
 
 
-def test_some_tests_only(program: Path) -> None:
+def test_test_functions_can_be_selected(program: Path) -> None:
     done = run('test', program, '-k', 'ADDS')
     assert (done.returncode, done.stdout.splitlines()[-1]) == (0, '1 passed, 0 failed')
     done = run('test', program, '-k', 'nothing')
     assert (done.returncode, done.stdout) == (1, 'no function is named Test…\n')
 
 
-def test_a_program_that_cannot_be_read_is_not_tested(tmp_path: Path) -> None:
+def test_invalid_program_is_not_tested(tmp_path: Path) -> None:
     path = tmp_path / 'main.prg'
     path.write_text('Function TestIt\n  Curved 1\nFend\n')
     done = run('test', path.name, cwd=tmp_path)
@@ -183,7 +183,7 @@ def test_a_program_that_cannot_be_read_is_not_tested(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('command', ['check', 'run', 'test'])
 @pytest.mark.parametrize(
-    ('name', 'text', 'said'),
+    ('name', 'text', 'message'),
     [
         (
             'a.sprj',
@@ -198,15 +198,15 @@ def test_a_program_that_cannot_be_read_is_not_tested(tmp_path: Path) -> None:
         ('UserErrors.dat', 'Label1 {\n\tnError=1e999\n}\n', '2:1: error: cannot be read: nError'),
     ],
 )
-def test_a_project_that_cannot_be_read_is_told_from_where_the_command_was_called(
-    tmp_path: Path, command: str, name: str, text: str, said: str
+def test_project_error_has_a_path_relative_to_the_caller(
+    tmp_path: Path, command: str, name: str, text: str, message: str
 ) -> None:
     (tmp_path / 'cell').mkdir()
     (tmp_path / 'cell' / 'main.prg').write_text('Function main\nFend\n')
     (tmp_path / 'cell' / name).write_text(text)
     done = run(command, 'cell', cwd=tmp_path)
     assert done.returncode == 1
-    assert f'cell/{name}:{said}' in done.stdout
+    assert f'cell/{name}:{message}' in done.stdout
 
 
 RUNS = """#define STEPS 3
@@ -239,9 +239,7 @@ def run_with_input(typed: str, *arguments: str | Path) -> subprocess.CompletedPr
 
 
 @pytest.mark.parametrize('how', one_in(2, [['--fast'], []]), ids=['fast', 'real time'])
-def test_run_prints_reads_what_is_typed_and_ends_with_the_program(
-    tmp_path: Path, how: list[str]
-) -> None:
+def test_run_prints_reads_input_and_ends_with_the_program(tmp_path: Path, how: list[str]) -> None:
     (tmp_path / 'main.prg').write_text(RUNS)
     done = run_with_input('you\n', *how, '--define', 'STEPS=2', tmp_path)
     assert done.returncode == 0, done.stderr
@@ -254,8 +252,8 @@ def test_run_prints_reads_what_is_typed_and_ends_with_the_program(
 
 
 @pytest.mark.slow
-def test_two_fast_runs_print_the_same(tmp_path: Path) -> None:
-    """Nothing depends on the computer: the times of motions and statements neither."""
+def test_fast_runs_are_reproducible(tmp_path: Path) -> None:
+    """The times of motions and statements do not depend on the computer."""
     (tmp_path / 'main.prg').write_text(
         'Function main\n  Integer i\n  Xqt 2, other\n  Motor On\n  Power High\n  Speed 30\n'
         '  For i = 1 To 5\n    Go AglToPls(5 * i, 0, 0, 0, 0, 0) CP\n    Print i, Tmr(0)\n'
@@ -268,7 +266,7 @@ def test_two_fast_runs_print_the_same(tmp_path: Path) -> None:
     assert len(first.stdout.splitlines()) > 20
 
 
-def test_an_error_of_the_program_ends_the_run_and_is_said_as_rc_plus_does(tmp_path: Path) -> None:
+def test_program_error_ends_the_run_and_is_reported(tmp_path: Path) -> None:
     (tmp_path / 'main.prg').write_text(
         'Function main\n  Integer a(3), i\n  i = 7\n  a(i) = 1\nFend\n'
     )
@@ -277,16 +275,16 @@ def test_an_error_of_the_program_ends_the_run_and_is_said_as_rc_plus_does(tmp_pa
     assert 'main.prg:4: error 9992 in main (task 1): an array index is out of range' in done.stderr
 
 
-def test_a_program_that_cannot_be_run_is_not_started(tmp_path: Path) -> None:
+def test_invalid_program_is_not_started(tmp_path: Path) -> None:
     (tmp_path / 'main.prg').write_text('Function main\n  Jumps P1\nFend\n')
     done = run_with_input('', tmp_path)
     assert done.returncode == 1
-    said = 'error: unknown statement or function Jumps: did you mean Jump? [unknown]'
-    assert done.stdout == f'{tmp_path}/main.prg:2:3: {said}\n'
+    message = 'error: unknown statement or function Jumps: did you mean Jump? [unknown]'
+    assert done.stdout == f'{tmp_path}/main.prg:2:3: {message}\n'
     assert done.stderr == f'{tmp_path} has no .sprj: all its .prg files are built\n'
 
 
-def test_a_program_that_is_not_over_in_time_shows_its_tasks(tmp_path: Path) -> None:
+def test_timeout_of_run_shows_the_tasks(tmp_path: Path) -> None:
     (tmp_path / 'main.prg').write_text('Function main\n  Do\n    Wait 1\n  Loop\nFend\n')
     done = run_with_input('', '--fast', '--seconds', '5', tmp_path)
     assert done.returncode == 3
@@ -294,7 +292,7 @@ def test_a_program_that_is_not_over_in_time_shows_its_tasks(tmp_path: Path) -> N
     assert 'task 1 main (Normal): waits main.prg:3' in done.stderr
 
 
-def test_people_at_the_controller_reach_a_run_over_the_remote_port(tmp_path: Path) -> None:
+def test_run_accepts_operator_actions_on_the_remote_port(tmp_path: Path) -> None:
     (tmp_path / 'main.prg').write_text(
         'Function main\n  Wait Sw(3) = On\n  On 2\n  Print "seen"\nFend\n'
     )
@@ -325,7 +323,7 @@ Fend
 
 
 @pytest.mark.slow
-def test_run_takes_what_the_robot_manager_keeps_and_has_all_boards(tmp_path: Path) -> None:
+def test_run_setup_option_replaces_the_robot_manager(tmp_path: Path) -> None:
     (tmp_path / 'main.prg').write_text(HOMES)
     (tmp_path / 'robot.pts').write_text('sVersion="2.0.0"\nnNumberOfPoints=0\n')
     setup = 'HomeSet 0, 0, 0, 0; TLSet 1, XY(0, 0, 50, 0)'
@@ -338,8 +336,8 @@ def test_run_takes_what_the_robot_manager_keeps_and_has_all_boards(tmp_path: Pat
     assert 'must be one line of statements' in done.stderr
 
 
-def test_a_program_is_the_client_of_who_listens_on_this_machine(tmp_path: Path) -> None:
-    """OpenNet … As Client, with the port of the system configuration."""
+def test_program_connects_to_a_local_server(tmp_path: Path) -> None:
+    """`OpenNet … As Client` uses the port of the system configuration."""
     (tmp_path / 'main.prg').write_text(
         'Function main\n  String s$\n  OpenNet #202 As Client\n  WaitNet #202\n'
         '  Print #202, "hello"\n  Input #202, s$\n  Print s$\n  CloseNet #202\nFend\n'
@@ -359,7 +357,7 @@ def test_a_program_is_the_client_of_who_listens_on_this_machine(tmp_path: Path) 
     assert done.returncode == 0
 
 
-def test_tests_have_the_arm_of_run(tmp_path: Path) -> None:
+def test_test_functions_can_move_the_arm(tmp_path: Path) -> None:
     (tmp_path / 'main.prg').write_text(
         'Function TestJumps\n  Motor On\n  Jump XY(0, 300, -50, 0)\n'
         '  If CZ(Here) <> -50 Or Tmr(0) < 0.1 Or In(511) <> 0 Then Error 8001\nFend\n'
@@ -367,12 +365,12 @@ def test_tests_have_the_arm_of_run(tmp_path: Path) -> None:
     done = run('test', '--robot', 't3_401s', tmp_path)
     assert done.returncode == 0, done.stdout
     done = run('test', 'main.prg', cwd=tmp_path)
-    said = 'FAILED TestJumps: main.prg:3: error 9993: Jump: only a SCARA can; c3_a601s is none'
-    assert done.stdout.startswith(said)
+    message = 'FAILED TestJumps: main.prg:3: error 9993: Jump: only a SCARA can; c3_a601s is none'
+    assert done.stdout.startswith(message)
     assert done.stderr == ''
 
 
-def test_which_lines_the_tests_ran(tmp_path: Path) -> None:
+def test_coverage_lists_the_executed_lines(tmp_path: Path) -> None:
     (tmp_path / 'main.prg').write_text(
         'Function pick(found As Boolean)\n  If found Then\n    On 1\n  Else\n    Off 1\n'
         '  EndIf\nFend\nFunction TestPick\n  SetSw 3, On\n  pick(Sw(3))\nFend\n'

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Any bytes as a program: a result, or sentences with file and line. Nothing else, and in time."""
+"""Fuzzing: any program text runs or is refused with file and line, in bounded time."""
 
 import random
 import re
@@ -59,8 +59,8 @@ PIECES = [
 PROBLEM = re.compile(r'[^\n]*main\.prg:\d+:\d+: error: [^\n]+ \[[a-z-]+\]')
 
 
-def judged(text: str) -> str:
-    """Build, check and run a program; return what it came to, the one of two things."""
+def build_and_run(text: str) -> str:
+    """Check, build and run a program. Return 'refused' or 'run'."""
     check({'main.prg': text})
     try:
         program = build({'main.prg': text})
@@ -89,17 +89,17 @@ def judged(text: str) -> str:
 
 @settings(max_examples=examples(200))
 @given(st.binary(max_size=300))
-def test_any_bytes(content: bytes) -> None:
-    judged(decoded(content))
-    judged('Function main\n' + decoded(content) + '\nFend\n')
+def test_random_bytes_run_or_are_refused(content: bytes) -> None:
+    build_and_run(decoded(content))
+    build_and_run('Function main\n' + decoded(content) + '\nFend\n')
 
 
 @settings(max_examples=examples(300))
 @given(st.lists(st.sampled_from(PIECES), max_size=40))
-def test_words_of_the_language_in_any_order(pieces: list[str]) -> None:
+def test_random_words_run_or_are_refused(pieces: list[str]) -> None:
     text = ' '.join(pieces)
-    judged(text)
-    judged(f'Global Integer a, b(3)\nFunction main\n{text}\nFend\n')
+    build_and_run(text)
+    build_and_run(f'Global Integer a, b(3)\nFunction main\n{text}\nFend\n')
 
 
 GOOD = """#define LAST 3
@@ -148,15 +148,13 @@ Fend
 """
 
 
-def test_the_good_program_runs() -> None:
-    assert judged(GOOD) == 'run'
+def test_valid_program_runs() -> None:
+    assert build_and_run(GOOD) == 'run'
 
 
 @settings(max_examples=examples(300))
 @given(st.integers(0, 2**32), st.integers(1, 6))
-def test_a_good_program_with_pieces_taken_away_doubled_and_swapped(
-    seed: int, changes: int
-) -> None:
+def test_mutated_program_runs_or_is_refused(seed: int, changes: int) -> None:
     chance = random.Random(seed)
     words = re.findall(r'\s+|\w+\$?|.', GOOD)
     for _ in range(changes):
@@ -171,7 +169,7 @@ def test_a_good_program_with_pieces_taken_away_doubled_and_swapped(
         else:
             other = chance.randrange(len(words))
             words[at], words[other] = words[other], words[at]
-    judged(''.join(words))
+    build_and_run(''.join(words))
 
 
 @pytest.mark.parametrize(
@@ -201,8 +199,8 @@ def test_a_good_program_with_pieces_taken_away_doubled_and_swapped(
         '\x00\x01Function main\nFend\x1a',
     ],
 )  # fmt: skip
-def test_what_grows_or_never_ends(text: str) -> None:
-    judged(text)
+def test_unbounded_program_is_stopped(text: str) -> None:
+    build_and_run(text)
 
 
 @pytest.mark.parametrize(
@@ -216,7 +214,7 @@ def test_what_grows_or_never_ends(text: str) -> None:
     ),
     ids=['cases', 'points'],
 )
-def test_a_long_function_takes_little_memory(text: str) -> None:
+def test_long_function_uses_little_memory(text: str) -> None:
     tracemalloc.start()
     try:
         Machine(build({'main.prg': f'Function main\n{text}\nFend'}), ScriptedHost())

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a person reads of a bad program: rule or number, file, line, and what to do about it."""
+"""Messages for faulty programs: rule or error number, file, line, and remedy."""
 
 import pytest
 from support.spel_harness import files, run
@@ -71,15 +71,15 @@ WHEN_IT_RUNS = {
 
 
 @pytest.mark.parametrize('name', BEFORE_THE_START)
-def test_what_cannot_be_built(name: str) -> None:
-    source, said = BEFORE_THE_START[name]
+def test_build_error_has_position_and_remedy(name: str) -> None:
+    source, message = BEFORE_THE_START[name]
     with pytest.raises(ProgramError) as caught:
         build(files(source))
-    assert str(caught.value) == said
+    assert str(caught.value) == message
 
 
 @pytest.mark.parametrize('name', BY_THE_LINTER)
-def test_what_the_linter_sees_before(name: str) -> None:
+def test_linter_problem_has_position_and_remedy(name: str) -> None:
     source, where, what = BY_THE_LINTER[name]
     (problem,) = check(files(source))
     assert str(problem).startswith(where)
@@ -87,7 +87,7 @@ def test_what_the_linter_sees_before(name: str) -> None:
 
 
 @pytest.mark.parametrize('name', WHEN_IT_RUNS)
-def test_what_ends_a_task(name: str) -> None:
+def test_run_time_error_has_position_and_remedy(name: str) -> None:
     source, where, what = WHEN_IT_RUNS[name]
     (failure,) = run(source, 30.0).failures
     assert str(failure).startswith(where)

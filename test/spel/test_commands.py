@@ -174,17 +174,17 @@ VALUES = {
     'iolabel$': ('IOLabel$(0, 1, 3)', ''),
     'ptptime': ('PTPTime(XY(0, 0, 0, 0), 0, 0)', '0'),
 }
-"""An expression for each function, and what Print shows; input 3 is on."""
+"""An expression for each function and its printed value, with input 3 on."""
 
 WITH_VARIABLES = {
     'parsestr', 'ubound', 'p', 'pdef', 'pallet', 'local', 'eof', 'filelen', 'filedatetime$', 'ctr',
     'ionumber', 'box', 'plane', 'eval',
 }  # fmt: skip
-"""Those that need more than one line: below, or in test_types.py."""
+"""Functions that are tested with a program, below or in test_types.py."""
 
 
 @pytest.mark.parametrize('name', VALUES)
-def test_a_function_of_the_table(name: str) -> None:
+def test_function_returns_its_value(name: str) -> None:
     expression, expected = VALUES[name]
     assert name.rstrip('$') in expression.lower()
     host = ScriptedHost()
@@ -195,7 +195,7 @@ def test_a_function_of_the_table(name: str) -> None:
     assert host.text.splitlines() == [expected]
 
 
-def test_every_function_has_a_test_and_one_place_that_works_it_out() -> None:
+def test_every_function_has_a_test_and_one_implementation() -> None:
     assert VALUES.keys() | WITH_VARIABLES == FUNCTIONS.keys()
     by = {
         kind: {name for name, rule in FUNCTIONS.items() if rule.by == kind}
@@ -208,7 +208,7 @@ def test_every_function_has_a_test_and_one_place_that_works_it_out() -> None:
     assert not FUNCTIONS.keys() & CONSTANTS.keys()
 
 
-def test_points_are_stored_and_parts_of_strings_counted() -> None:
+def test_points_are_stored_and_string_functions_count_characters() -> None:
     body = """
     String t$(1), s$
     Integer n
@@ -381,7 +381,7 @@ STATEMENTS_AT_WORK = {
     'rmdir': ('MkDir "x"\nRmDir "x"\nPrint FolderExists("x")', ['0']),
     'chdir': ('MkDir "x"\nChDir "x"\nPrint CurDir$\nChDir ".."\nPrint CurDir$', ['/x', '/']),
 }  # fmt: skip
-"""Statements for each command, and what is printed (None: an odd argument is refused)."""
+"""Statements for each command, and the printed text (None: an invalid argument is refused)."""
 
 SETTINGS = {
     'speedr': 'SpeedR 50',
@@ -405,7 +405,7 @@ SETTINGS = {
     'homeset': 'HomeSet 0, 0, 0, 0',
     'waitpos': 'WaitPos',
 }
-"""Those that the host is only told."""
+"""Statements that only pass a setting to the host."""
 
 HELPERS = """
 Function helper(n As Integer)
@@ -431,7 +431,7 @@ Fend
 
 
 @pytest.mark.parametrize('name', STATEMENTS_AT_WORK)
-def test_a_statement_of_the_table(name: str) -> None:
+def test_statement_prints_its_result(name: str) -> None:
     body, expected = STATEMENTS_AT_WORK[name]
     source = f'Function main\n  TmReset 0\n{body}\nFend\n{HELPERS}'
     if expected is None:
@@ -446,13 +446,13 @@ def test_a_statement_of_the_table(name: str) -> None:
 
 
 @pytest.mark.parametrize('name', SETTINGS)
-def test_a_setting_reaches_the_host(name: str) -> None:
+def test_setting_reaches_the_host(name: str) -> None:
     host = run(f'Function main\n  {SETTINGS[name]}\nFend')
     assert [command[0] for command in host.commands] == [name]
     assert host.failures == []
 
 
-def test_every_statement_has_a_test_and_one_place_that_executes_it() -> None:
+def test_every_statement_has_a_test_and_one_implementation() -> None:
     assert STATEMENTS_AT_WORK.keys() | SETTINGS.keys() == COMMANDS.keys()
     own = {name for name, rule in COMMANDS.items() if not rule.robot and rule.form[:1] != '@'}
     assert own <= all_statements().keys()
@@ -470,15 +470,15 @@ SOURCES = {
 }
 A_NUMBER = re.compile(r'(?<![\w.$&"])\d+(?:\.\d+)?(?![\w.])')
 HANDLED = re.compile('OnErr|(Till|Sense|Find) Sw')
-"""What says nothing to a run: an error that is handled, a condition that no motion looks at."""
+"""Programs without a run-time error: with a handler, or with an unused motion condition."""
 IT_DEPENDS = re.compile(r'^(Box|Local|Redim|Read|Seek) |Pallet\(|Ctr\(|CTReset 0|#0|Asc\(Tab\$\(0')
-"""On other numbers, or on what was done before: only a run can tell."""
+"""Statements whose validity depends on other numbers or earlier statements."""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', SOURCES)
-def test_check_and_a_run_refuse_the_same_numbers(name: str) -> None:
-    """Every number of every statement and function, below and above what it can be."""
+def test_check_and_run_refuse_the_same_numbers(name: str) -> None:
+    """Each number of each statement and function is replaced by numbers out of range."""
     body = SOURCES[name]
     source = body if 'Function' in body else f'Function main\n{body}\nFend'
     for found in A_NUMBER.finditer(source):
@@ -488,14 +488,14 @@ def test_check_and_a_run_refuse_the_same_numbers(name: str) -> None:
             line = changed.splitlines()[before.count('\n')].strip()
             if before.count('"') % 2 or IT_DEPENDS.search(line):
                 continue
-            said = {each.rule for each in check({'main.prg': changed}) if not each.warning}
-            if said - {'range'} or (said and HANDLED.search(changed)):
+            errors = {each.rule for each in check({'main.prg': changed}) if not each.warning}
+            if errors - {'range'} or (errors and HANDLED.search(changed)):
                 continue
             host = ScriptedHost()
             host.typed = ['5, 2.5']
             run(changed, host=host)
             refused = [each.text for each in host.failures if each.number in (9991, 9993, 2260)]
-            assert bool(refused) == bool(said), line
+            assert bool(refused) == bool(errors), line
 
 
 OTHER_WORDS = [
@@ -507,8 +507,8 @@ OTHER_WORDS = [
 
 
 @pytest.mark.parametrize('name', OTHER_WORDS)
-def test_what_is_not_simulated_says_so_by_name_when_it_is_executed(name: str) -> None:
-    """And `check` warns of it: an answer makes it run."""
+def test_unsimulated_word_is_an_error_unless_stubbed(name: str) -> None:
+    """`check` gives a warning."""
     text = f'  {name} 1' if is_a('statement', name) else f'  Print {name}(1)'
     source = f'Function main\n{text}\nFend'
     host = run(source)
@@ -525,7 +525,7 @@ def test_what_is_not_simulated_says_so_by_name_when_it_is_executed(name: str) ->
     assert answered.failures == []
 
 
-def test_a_wait_condition_takes_what_a_controller_can_see() -> None:
+def test_wait_condition_accepts_only_supported_functions() -> None:
     host = ScriptedHost()
     source = """
     Global Integer g_n
@@ -555,8 +555,8 @@ def test_a_wait_condition_takes_what_a_controller_can_see() -> None:
     assert rest == ['-1', '-1']
 
 
-def test_places_of_a_pallet() -> None:
-    """Between four corners, outside of them, by column and row; and those that there are not."""
+def test_pallet_positions_are_interpolated() -> None:
+    """Positions between and outside the corners, by column and row, and invalid ones."""
     body = """
     P1 = XY(0, 0, 0, 7)
     Pallet Outside, 2, P1, XY(10, 0, 0, 0), XY(0, 10, 0, 0), XY(20, 20, 4, 0), 2, 2
@@ -580,14 +580,14 @@ def test_places_of_a_pallet() -> None:
         run('Function main\nPallet 1, P1, P2, 3, 4\nFend')
 
 
-def test_text_in_the_terminal_is_printed_with_who_printed_it() -> None:
+def test_terminal_text_has_its_task() -> None:
     assert printed('Print "a"; Print 1, 2.5, 1 / 3') == ['a', '1 2.5 0.333333333333333']
     assert value('True') == '-1'
 
 
 @pytest.mark.parametrize('state', ['estopon', 'safetyon'])
 @pytest.mark.parametrize('statement', ['On 1', 'Off 1', 'Out 0, 3', 'OutW 0, 3'])
-def test_outputs_need_forced_in_an_estop_and_with_an_open_door(statement: str, state: str) -> None:
+def test_outputs_in_estop_or_open_door_need_forced(statement: str, state: str) -> None:
     """SPEL+ p560, p567."""
     host = ScriptedHost()
     host.states[state] = -1

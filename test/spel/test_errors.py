@@ -8,7 +8,7 @@ from support.spel_harness import ScriptedHost, printed, run
 from epson_driver.spel import ErrorNumber, Memory, SpelError
 
 
-def test_eresume_repeats_the_statement_and_next_goes_on_behind_it() -> None:
+def test_eresume_repeats_and_eresume_next_continues() -> None:
     body = """
     Integer i, tries
     OnErr GoTo failed
@@ -27,7 +27,7 @@ def test_eresume_repeats_the_statement_and_next_goes_on_behind_it() -> None:
     assert printed(body) == ['10', 'behind']
 
 
-def test_eresume_with_a_label() -> None:
+def test_eresume_continues_at_a_label() -> None:
     body = """
     OnErr GoTo failed
     Error 8001
@@ -59,14 +59,14 @@ Fend
 """
 
 
-def test_an_error_in_a_called_function_comes_to_the_handler_of_the_caller() -> None:
+def test_handler_of_the_caller_catches_an_error() -> None:
     again = run(CALLS.format(resume='EResume')).text.splitlines()
     assert again == ['failed 8001 13 may_fail 1', 'failed 8001 13 may_fail 2', '9']
     following = run(CALLS.format(resume='EResume Next')).text.splitlines()
     assert following == ['failed 8001 13 may_fail 1', '1']
 
 
-def test_a_handler_is_not_its_own_handler() -> None:
+def test_error_in_a_handler_is_not_handled_by_it() -> None:
     source = """
     Function main
       OnErr GoTo failed
@@ -79,7 +79,7 @@ def test_a_handler_is_not_its_own_handler() -> None:
     assert (failure.number, failure.position.line) == (8002, 5)
 
 
-def test_handlers_belong_to_a_call() -> None:
+def test_handler_is_limited_to_its_call() -> None:
     source = """
     Function main
       OnErr GoTo failed
@@ -103,7 +103,7 @@ def test_handlers_belong_to_a_call() -> None:
     assert run(source).text.splitlines() == ['quiet', 'main 8003']
 
 
-def test_error_with_a_task_is_the_error_of_that_task_where_it_stands() -> None:
+def test_error_statement_can_raise_in_another_task() -> None:
     source = """
     Function main
       Xqt 2, other
@@ -111,7 +111,7 @@ def test_error_with_a_task_is_the_error_of_that_task_where_it_stands() -> None:
       Wait 0.1
       Error 2, 8005
       Error 3, 8006
-      Print "main goes on", TaskState(2), TaskState(3)
+      Print "main continues", TaskState(2), TaskState(3)
     Fend
     Function other
       Wait 10
@@ -126,11 +126,11 @@ def test_error_with_a_task_is_the_error_of_that_task_where_it_stands() -> None:
     host = run(source)
     (failure,) = host.failures
     assert (failure.number, failure.task, failure.position.line) == (8005, 2, 10)
-    assert host.text.splitlines() == ['main goes on 5 1', 'careful 8006 14']
+    assert host.text.splitlines() == ['main continues 5 1', 'careful 8006 14']
 
 
-def test_error_with_the_own_task_comes_to_the_own_handler() -> None:
-    """An Error that names the task it is in is not passed over."""
+def test_error_statement_with_its_task_reaches_its_handler() -> None:
+    """An `Error` statement with the number of its task takes effect."""
     source = """
     Function main
       OnErr GoTo failed
@@ -144,7 +144,7 @@ def test_error_with_the_own_task_comes_to_the_own_handler() -> None:
     assert run(source).text.splitlines() == ['failed 8007 3']
 
 
-def test_an_error_in_the_condition_of_a_wait_is_the_error_of_its_task_at_its_line() -> None:
+def test_error_in_a_wait_condition_has_its_task_and_line() -> None:
     class Unplugged(ScriptedHost):
         looks = 0
 
@@ -172,7 +172,7 @@ def test_an_error_in_the_condition_of_a_wait_is_the_error_of_its_task_at_its_lin
     assert 'the inputs are unplugged' in failure.text
 
 
-def test_quit_all_that_the_host_refuses_has_ended_the_tasks_all_the_same() -> None:
+def test_quit_all_ends_the_tasks_if_the_host_refuses() -> None:
     class Refusing(ScriptedHost):
         def command(self, name, arguments, words):
             raise SpelError(ErrorNumber.ARGUMENT, f'{name} is refused')
@@ -183,7 +183,7 @@ def test_quit_all_that_the_host_refuses_has_ended_the_tasks_all_the_same() -> No
 
 
 @pytest.mark.parametrize('kind', [ValueError, IndexError, ZeroDivisionError, OverflowError])
-def test_a_fault_of_the_host_is_not_taken_for_one_of_the_program(kind: type[Exception]) -> None:
+def test_exception_of_the_host_is_not_a_program_error(kind: type[Exception]) -> None:
     class Broken(ScriptedHost):
         def read_bits(self, memory: Memory, index: int, width: int) -> int:
             raise kind('a bug')
@@ -192,14 +192,14 @@ def test_a_fault_of_the_host_is_not_taken_for_one_of_the_program(kind: type[Exce
         run('Function main\n  Print Sw(1)\nFend\n', host=Broken())
 
 
-def test_an_error_in_the_condition_of_a_trap_is_the_error_of_its_task() -> None:
+def test_error_in_a_trap_condition_has_its_task() -> None:
     source = 'Function main\n  Trap 1, Sw(-1) = On Call main\n  Wait 1\nFend\n'
     (failure,) = run(source).failures
     assert (failure.number, failure.position.line) == (ErrorNumber.ARGUMENT, 3)
 
 
 @pytest.mark.parametrize(
-    ('statements', 'number', 'line', 'said'),
+    ('statements', 'number', 'line', 'text'),
     [
         ('i = 1 / z', ErrorNumber.DIVISION_BY_ZERO, 4, 'division by zero'),
         ('i = 1 Mod z', ErrorNumber.DIVISION_BY_ZERO, 4, 'division by zero'),
@@ -258,11 +258,11 @@ def test_an_error_in_the_condition_of_a_trap_is_the_error_of_its_task() -> None:
         ('Error 1, 0', ErrorNumber.ARGUMENT, 4, 'Error: 0 is not in 1..9999'),
     ],
 )
-def test_an_error_without_a_handler_has_number_file_line_and_a_sentence(
-    statements: str, number: int, line: int, said: str
+def test_unhandled_error_has_number_file_line_and_text(
+    statements: str, number: int, line: int, text: str
 ) -> None:
     head = 'Function main\n  Integer i, z, a(5)\n  Long l; Double r\n'
     (failure,) = run(f'{head}{statements}\nFend\n').failures
     assert (failure.number, failure.position.line, failure.task) == (number, line, 1)
-    assert said in failure.text
+    assert text in failure.text
     assert str(failure).startswith(f'main.prg:{line}: error {number:d} in main (task 1): ')

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`spel export`: a complete project for every robot and controller, as RC+ writes one."""
+"""`spel export`: a complete project for every robot and controller, in the format of RC+."""
 
 from argparse import Namespace
 from datetime import UTC, datetime
@@ -32,12 +32,12 @@ def of(robot: str) -> dict[str, str]:
 
 @cache
 def problems(config: str) -> list[Any]:
-    """Return what is wrong with the program, which robots of one configuration share."""
+    """Return the problems of the program with a configuration. Robots share configurations."""
     return check(FILES | {'config.inc': config})
 
 
 @pytest.mark.parametrize('robot', one_in(125, robot_models()))
-def test_the_program_of_every_robot_is_clean(robot: str) -> None:
+def test_program_of_every_robot_has_no_problems(robot: str) -> None:
     files = of(robot)
     assert files.keys() == FILES.keys()
     assert all(text == FILES[name] for name, text in files.items() if name != 'config.inc')
@@ -46,12 +46,12 @@ def test_the_program_of_every_robot_is_clean(robot: str) -> None:
 
 @pytest.mark.parametrize('version', one_in(3, sorted(set(CONTROLLERS.values()), reverse=True)))
 @pytest.mark.parametrize('robot', ['c3_a601s', pytest.param('gx4_c251s', marks=pytest.mark.slow)])
-def test_the_program_is_clean_for_every_controller(robot: str, version: int) -> None:
+def test_program_has_no_problems_on_every_controller(robot: str, version: int) -> None:
     assert check(of(robot), version) == []
 
 
 @pytest.mark.parametrize('version', one_in(3, [7, 6, 8]))
-def test_the_folder_is_a_project_that_can_be_read_again(tmp_path: Path, version: int) -> None:
+def test_exported_project_can_be_read(tmp_path: Path, version: int) -> None:
     files = of('gx4_c251s')
     written = exported('cell', files, version, WHEN)
     for name, content in written.items():
@@ -71,8 +71,8 @@ def test_the_folder_is_a_project_that_can_be_read_again(tmp_path: Path, version:
     assert check(again, version) == []
 
 
-def test_an_rc620_gets_what_rc_6_0_0_knows() -> None:
-    """As EPSON's ConveyorDemo1, a sample that RC+ 6.0.0 has written, has its blocks and keys."""
+def test_rc620_export_has_the_blocks_of_rc_6_0_0() -> None:
+    """Blocks and keys are those in EPSON's sample ConveyorDemo1, written by RC+ 6.0.0."""
     written = exported('cell', FILES, 6, WHEN)
     texts = {name: content.decode() for name, content in written.items()}
     for name in ('cell.sprj', 'UserErrors.dat', 'IOLabels.dat'):
@@ -83,7 +83,7 @@ def test_an_rc620_gets_what_rc_6_0_0_knows() -> None:
     assert 'Program63 {' in texts['cell.sprj']
 
 
-def test_the_error_labels_of_the_program_are_those_of_its_file() -> None:
+def test_error_labels_of_the_program_match_their_file() -> None:
     errors = parsed('UserErrors.dat', FILES['UserErrors.dat'])
     assert [each.text('sLabel') for each in errors.blocks('Label')] == [
         'CORRUPT_MSG', 'NOT_READY', 'STOPPED_BY_BIT', 'CLIENT_SILENT'
@@ -91,7 +91,7 @@ def test_the_error_labels_of_the_program_are_those_of_its_file() -> None:
     assert header_fault((share_folder('controller_program') / 'UserErrors.dat').read_bytes()) == ''
 
 
-def test_two_exports_of_the_same_are_the_same() -> None:
+def test_export_is_reproducible() -> None:
     assert exported('a', FILES, 7, WHEN) == exported('a', FILES, 7, WHEN)
 
 
@@ -101,7 +101,7 @@ def export_into(folder: Path) -> int:
     )
 
 
-def test_the_command_writes_a_project_into_a_new_folder_only(tmp_path: Path) -> None:
+def test_export_needs_a_new_folder(tmp_path: Path) -> None:
     assert export_into(tmp_path / 'Cell_1') == 0
     config = (tmp_path / 'Cell_1' / 'config.inc').read_text()
     assert '#define OWN_ADDRESS "10.0.0.2"\n' in config
@@ -111,7 +111,7 @@ def test_the_command_writes_a_project_into_a_new_folder_only(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize('name', ['Zelle_ö', 'my "cell"', 'x' * 25])
-def test_a_name_that_no_project_can_have_is_refused(tmp_path: Path, name: str) -> None:
+def test_invalid_project_name_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match='must be 1 to 24 letters'):
         export_into(tmp_path / name)
     assert list(tmp_path.iterdir()) == []

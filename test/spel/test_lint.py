@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The linter's rules: each finds its fault at its place, and nothing where there is none."""
+"""The linter's rules: their positions, and valid programs without problems."""
 
 import pytest
 from support.spel_harness import files
@@ -115,13 +115,13 @@ BAD = [
 
 
 @pytest.mark.parametrize(('rule', 'line', 'source'), BAD)
-def test_a_rule_finds_its_fault_at_its_line(rule: str, line: int, source: str) -> None:
+def test_rule_finds_its_problem_at_the_line(rule: str, line: int, source: str) -> None:
     problems = found(source, 6)
     assert (rule, line) in problems
     assert {each for each, _ in problems} - {rule} <= {'version', 'unused'}
 
 
-def test_more_than_64_variables_in_wait_conditions() -> None:
+def test_more_than_64_variables_in_wait_conditions_are_a_problem() -> None:
     names = [f'g_{number}' for number in range(65)]
     declared = '\n'.join(f'Global Integer {name}' for name in names)
     waits = '\n'.join(f'  Wait {name} = 1, 1' for name in names)
@@ -129,19 +129,19 @@ def test_more_than_64_variables_in_wait_conditions() -> None:
     assert found(main(waits.rsplit('\n', 1)[0], declared)) == []
 
 
-def test_a_bad_user_errors_file_is_found() -> None:
+def test_invalid_user_errors_file_is_a_problem() -> None:
     given = files('Function main\nFend\n')
     given['UserErrors.dat'] = 'Label1 {\nnError=many\n}\n'
     problem, _ = check(given)
     assert (problem.rule, problem.position.file) == ('project-file', 'UserErrors.dat')
 
 
-def test_every_rule_has_a_program_that_breaks_it() -> None:
+def test_every_rule_has_a_violating_program() -> None:
     elsewhere = {'wait-variables', 'project-file'}
     assert {rule for rule, _, _ in BAD} | elsewhere == RULES.keys()
 
 
-def test_where_exactly_a_problem_is() -> None:
+def test_problem_has_line_and_column() -> None:
     (problem,) = check(files('Function main\n  Integer i\n  If i = True Then Print 1\nFend\n'))
     assert str(problem) == (
         'main.prg:3:8: warning: i = True: True is -1 (p995), i may be 1: '
@@ -159,7 +159,7 @@ Fend
 """
 
 
-def test_what_only_names_a_task_does_not_run_in_this_one() -> None:
+def test_named_task_is_not_treated_as_called() -> None:
     """TaskState(main) and Quit main in a background task: only main moves."""
     assert found(NAMES_ONLY, 6) == []
 
@@ -172,7 +172,7 @@ def test_what_only_names_a_task_does_not_run_in_this_one() -> None:
     ],
     ids=['Quit All ends this task', 'Print # waits for its port'],
 )
-def test_what_ends_a_task_or_waits_is_known(source: str) -> None:
+def test_statement_that_waits_or_ends_the_task_breaks_a_loop(source: str) -> None:
     assert found(source) == []
 
 
@@ -225,7 +225,7 @@ Fend
 
 
 @pytest.mark.parametrize('version', [6, 7, 8])
-def test_a_good_program_is_clean_on_every_version(version: int) -> None:
+def test_valid_program_has_no_problems_on_every_version(version: int) -> None:
     build(files(GOOD))
     assert found(GOOD, version) == []
 
@@ -243,10 +243,10 @@ QUIET = {
     ),
     'a comment that switches a rule off': main("  Integer i  ' check off: hex, unused"),
     'background tasks': 'Function BgMain\n  Xqt 66, a\nFend\nFunction a\n  Wait 1\nFend\n',
-    'a port of two programs that a person starts one at a time': (
+    'a port of two alternative programs': (
         main('  OpenNet #201 As Server') + 'Function main1\n  OpenNet #201 As Server\nFend\n'
     ),
-    'a handler that begins where it is set': main(
+    'a handler directly after OnErr': main(
         '  OnErr GoTo again\nagain:\n  Print 1\n  OpenNet #201 As Client\n  WaitNet #201'
     ),
     'a handler that does nothing without an error': main(
@@ -254,16 +254,16 @@ QUIET = {
     ),
     'a loop that moves': main('  Do While Sw(1) = Off\n    JTran 3, -.5\n  Loop'),
     'a name behind an #ifdef': 'Integer m\n#ifdef X\n#define Y m\n#endif\n' + main('  Print 1'),
-    'Error with a handler that goes on': main(
+    'Error with a handler that continues': main(
         '  OnErr GoTo bad\n  Error 8001\n  Exit Function\nbad:\n  EResume Next'
     ),
 }
 
 
 @pytest.mark.parametrize('source', QUIET.values(), ids=QUIET.keys())
-def test_there_is_no_false_alarm(source: str) -> None:
+def test_valid_program_has_no_problems(source: str) -> None:
     assert found(source, 7) == []
 
 
-def test_no_comment_switches_an_error_off() -> None:
+def test_comment_does_not_suppress_an_error() -> None:
     assert found(main("  Speed 120 ' check off: range")) == [('range', 3)]

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What single pages of EPSON's SPEL+ Language Reference say: page, program, what it prints."""
+"""Statements of EPSON's SPEL+ Language Reference, as programs with their output."""
 
 from pathlib import Path
 from textwrap import dedent, indent
@@ -11,7 +11,7 @@ from support.spel_harness import on_controller
 FACTS = (Path(__file__).parent / 'manual_facts.txt').read_text(encoding='utf-8')
 
 PROGRAMS = {
-    'TaskWait: a task that ends wakes who waits for it': (
+    'TaskWait returns when the task ends': (
         'Function t\n  Print "t"\nFend\n'
         'Function main\n  Xqt 4, t\n  TaskWait 4\n  Print "over"\nFend',
         't|over',
@@ -21,18 +21,18 @@ PROGRAMS = {
         'Function main\n  Xqt t\n  Wait 0.1\n  Quit t\n  Quit 7\n  Print "over"\nFend',
         't|over',
     ),
-    'p316 Eval executes what the type of its task may': (
+    'p316 Eval has the rights of its task type': (
         'Function t\n  Print Eval("Motor On"), Eval("On 1"), Motor, Oport(1)\nFend\n'
         'Function main\n  Xqt 2, t, NoEmgAbort\n  Wait 1\nFend',
         '9996 0 0 1',
     ),
-    'p316 an Eval within another task has a reply of its own': (
+    'p316 concurrent Evals have separate replies': (
         'Function t\n  String r$\n  Print Eval("Wait 0.5; Print 2", r$), r$\nFend\n'
         'Function main\n  String r$\n  Xqt t\n  Wait 0.1\n'
         '  Print Eval("Print 1; Wait 1; Print 3", r$), r$\nFend',
         '0 2|0 1|3',
     ),
-    'p758 a signal wakes who waits for it': (
+    'p758 a signal wakes waiting tasks': (
         'Function t\n  Wait 0.1\n  Signal 1\nFend\n'
         'Function main\n  Xqt t\n  WaitSig 1\n  Print "woken"\nFend',
         'woken',
@@ -58,6 +58,6 @@ def facts():
 
 
 @pytest.mark.parametrize(('source', 'wanted'), list(facts()))
-def test_the_manual_says(source: str, wanted: str) -> None:
+def test_statement_of_the_manual_is_true(source: str, wanted: str) -> None:
     result = on_controller(source)
     assert (result.error, '|'.join(result.printed.splitlines())) == ('', wanted)

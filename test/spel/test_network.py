@@ -29,10 +29,10 @@ Fend
 """
 
 
-def served(
+def waiting_server(
     body: str, terminator: str = 'CRLF', timeout: str = '0'
 ) -> tuple[Machine, ScriptedHost]:
-    """Return a program that waits for its peer."""
+    """Return a machine that waits for its peer, and its host."""
     host = ScriptedHost()
     source = SERVER.format(body=body, terminator=terminator, timeout=timeout)
     made = machine(source, host)
@@ -49,8 +49,8 @@ def served(
 def talk(
     body: str, *incoming: bytes, terminator: str = 'CRLF', timeout: str = '0'
 ) -> ScriptedHost:
-    """Let a peer connect and send, piece by piece; return the host."""
-    made, host = served(body, terminator, '0')
+    """Connect a peer that sends the pieces one after another. Return the host."""
+    made, host = waiting_server(body, terminator, '0')
     peer = host.peers[201]
     peer.there = True
     for piece in (b'', *incoming):
@@ -59,7 +59,7 @@ def talk(
     return host
 
 
-def test_one_byte_per_element_in_and_out() -> None:
+def test_arrays_hold_one_byte_per_element() -> None:
     body = """
     ReadBin #201, b(), 4
     ReadBin #201, c(), 2
@@ -75,7 +75,7 @@ def test_one_byte_per_element_in_and_out() -> None:
     assert host.peers[201].sent == b'A\xff\x03\x07\xfe'
 
 
-def test_lines_and_values() -> None:
+def test_lines_and_values_are_read_and_written() -> None:
     body = """
     Input #201, i, r
     Print i, r
@@ -95,17 +95,17 @@ def test_lines_and_values() -> None:
 
 
 @pytest.mark.parametrize(('name', 'end'), [('CR', b'\r'), ('LF', b'\n'), ('CRLF', b'\r\n')])
-def test_lines_end_as_setnet_says(name: str, end: bytes) -> None:
+def test_setnet_sets_the_line_end(name: str, end: bytes) -> None:
     host = talk('Line Input #201, s$\nPrint #201, s$', b'abc' + end, terminator=name)
     assert host.peers[201].sent == b'abc' + end
 
 
-def test_a_wrong_number_of_values_is_error_2505() -> None:
+def test_wrong_number_of_values_is_error_2505() -> None:
     assert talk('Input #201, i, r', b'1,2,3\r\n').text.splitlines()[-1] == 'error 2505'
 
 
-def test_reading_ends_with_an_error_after_the_timeout_of_setnet() -> None:
-    made, host = served('ReadBin #201, b(), 4', 'CRLF', '2')
+def test_read_times_out_after_the_setnet_timeout() -> None:
+    made, host = waiting_server('ReadBin #201, b(), 4', 'CRLF', '2')
     host.peers[201].there = True
     made.advance(2.9)
     assert host.text == '0\n'
@@ -113,9 +113,9 @@ def test_reading_ends_with_an_error_after_the_timeout_of_setnet() -> None:
     assert host.text == f'0\nerror {ErrorNumber.READ_TIMEOUT:d}\n'
 
 
-def test_a_lost_peer_is_an_error_for_who_reads_and_for_who_writes() -> None:
+def test_lost_peer_is_an_error_for_reads_and_writes() -> None:
     for body in ('ReadBin #201, b(), 4', 'Wait 1; WriteBin #201, b(), 4'):
-        made, host = served(body, 'CRLF', '0')
+        made, host = waiting_server(body, 'CRLF', '0')
         host.peers[201].there = True
         made.advance(made.time + 0.1)
         host.peers[201].there = False
@@ -123,7 +123,7 @@ def test_a_lost_peer_is_an_error_for_who_reads_and_for_who_writes() -> None:
         assert host.text.splitlines()[-1] == 'error 2902'
 
 
-def test_a_port_belongs_to_the_task_that_opened_it_while_that_lives() -> None:
+def test_port_belongs_to_the_task_that_opened_it() -> None:
     source = """
     Function main
       Xqt 2, owner
@@ -157,8 +157,8 @@ def test_a_port_belongs_to_the_task_that_opened_it_while_that_lives() -> None:
     assert not host.peers[201].server
 
 
-def test_the_loop_that_reconnects_for_years() -> None:
-    """`If ChkNet < 0 Then CloseNet; Wait; OpenNet; WaitNet`, as programs in the field have it."""
+def test_reconnect_loop_works_repeatedly() -> None:
+    """`If ChkNet < 0 Then CloseNet; Wait; OpenNet; WaitNet` is common in fielded programs."""
     source = """
     Function main
       Integer n
@@ -195,7 +195,7 @@ def test_the_loop_that_reconnects_for_years() -> None:
     assert host.failures == []
 
 
-def test_bytes_go_to_arrays_of_one_dimension_only() -> None:
+def test_bytes_are_read_into_one_dimensional_arrays_only() -> None:
     for statement in ('ReadBin #201, d(), 2', 'WriteBin #201, d(), 2'):
         host = talk(f'Integer d(1, 1)\n{statement}', b'abcd')
         assert host.text.splitlines()[-1] == f'error {ErrorNumber.ARGUMENT:d}'

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Lines as tokens; small programs, with what they print; faults, with what is said of them."""
+"""Tokens, small programs with their output, and syntax errors with their messages."""
 
 import pytest
 from support.spel_harness import ScriptedHost, files, printed, run
@@ -186,12 +186,12 @@ PROGRAMS = {
 
 
 @pytest.mark.parametrize('name', PROGRAMS)
-def test_a_small_program_does_what_it_says(name: str) -> None:
+def test_small_program_prints_the_expected_text(name: str) -> None:
     body, expected = PROGRAMS[name]
     assert printed(body, DECLARED) == expected
 
 
-def test_functions_take_values_references_and_arrays_and_return_values() -> None:
+def test_functions_have_value_reference_and_array_parameters() -> None:
     source = """
     Function twice(n As Integer) As Long
       twice = n * 2
@@ -238,7 +238,7 @@ def test_functions_take_values_references_and_arrays_and_return_values() -> None
     assert host.text.splitlines() == expected
 
 
-def test_a_function_called_without_brackets_in_another_file() -> None:
+def test_function_of_another_file_is_called_without_brackets() -> None:
     head = 'Function show(n As Integer, s$ As String)'
     others = {'b_prg': f'Integer m\n{head}\n  m = m + n\n  Print m, s$\nFend'}
     calls = 'show 1, "a"\n  show (2), "b"\n  show(3, "c")'
@@ -280,8 +280,8 @@ FAULTS = [
     ('Function main\n  Static Integer a\nFend', 'Static stands inside a function'),
     ('Function main\n  Integer then\nFend', 'then is a word of SPEL+'),
     ('Function main(a() As Long)\nFend', 'arrays are handed over ByRef only'),
-    ('Function main\n  Call nobody\nFend', 'there is no function nobody'),
-    ('Function main\n  Xqt nobody\nFend', 'there is no function nobody'),
+    ('Function main\n  Call missing\nFend', 'there is no function missing'),
+    ('Function main\n  Xqt missing\nFend', 'there is no function missing'),
     ('Function main\n  Select 1\n  Print 1\n  Case 1\n  Send\nFend', 'are never executed'),
     ('Function main\n Integer i, j\n  For i = 1 To 2\n  Next j\nFend', 'Next j ends For i'),
     ('Function main\n  Select P1\n  Case 1\n  Send\nFend', 'Select does not take points'),
@@ -304,7 +304,7 @@ FAULTS = [
     ('Declare f\nFunction main\nFend', 'expected a comma'),
     ('Declare f, a\nFunction main\nFend', 'needs the name of a DLL in quotes'),
     ('Function f(n As Long)\n  Trap 1, Sw(1) = On Call f\nFend', 'Trap takes no parameters'),
-    ('Function main\n  Xqt nobody, NoPause\nFend', 'there is no function nobody'),
+    ('Function main\n  Xqt missing, NoPause\nFend', 'there is no function missing'),
     ('Function main\n  Xqt 2 main\nFend', 'expected a comma, found main'),
     ('Function main\n  Integer i\n  Wait i = 1\nFend', 'i is a local variable: a condition takes'),
     ('Real r\nFunction main\n  Wait r > 1\nFend', 'r is Real: a condition takes'),
@@ -336,14 +336,14 @@ FAULTS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(('source', 'said'), FAULTS)
-def test_a_fault_is_said_with_file_and_line(source: str, said: str) -> None:
+@pytest.mark.parametrize(('source', 'message'), FAULTS)
+def test_syntax_error_has_file_and_line(source: str, message: str) -> None:
     with pytest.raises(ProgramError, match=r'\Amain\.prg:\d+:\d+: error: ') as caught:
         build(files(source))
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
-def test_functions_of_a_dll_go_to_the_host() -> None:
+def test_dll_functions_are_called_in_the_host() -> None:
     source = """
     Declare conv, "numbers.dll", "Convert"(a As Byte, ByRef b() As Long, ByRef c As Real) As Byte
     Declare quiet, "numbers.dll"
@@ -364,7 +364,7 @@ def test_functions_of_a_dll_go_to_the_host() -> None:
     assert second == ('numbers.dll', 'quiet', [])
 
 
-def test_all_faults_are_said_at_once_and_each_once() -> None:
+def test_all_errors_are_reported_together_without_duplicates() -> None:
     source = """
     Function broken(
       Integer i
@@ -383,7 +383,7 @@ def test_all_faults_are_said_at_once_and_each_once() -> None:
     assert lines == [1, 5, 7, 9]
 
 
-def test_many_faults_are_counted() -> None:
+def test_message_counts_the_errors_above_the_limit() -> None:
     body = '\n'.join('  Prin 1' for _ in range(50))
     with pytest.raises(ProgramError, match='and 30 more'):
         build(files(f'Function main\n{body}\nFend'))
@@ -408,7 +408,7 @@ def texts(line: str) -> list[str]:
         ('_a1 = &H1F And &b101', ['_a1', '=', '&H1F', 'And', '&b101']),
     ],
 )  # fmt: skip
-def test_a_line_as_tokens(line: str, expected: list[str]) -> None:
+def test_line_is_split_into_tokens(line: str, expected: list[str]) -> None:
     assert texts(line) == expected
 
 
@@ -428,13 +428,13 @@ def test_a_line_as_tokens(line: str, expected: list[str]) -> None:
         ('1234567890123456789012345', 1.2345678901234568e24),
     ],
 )
-def test_numbers_have_their_values(text: str, value: float) -> None:
+def test_number_token_has_its_value(text: str, value: float) -> None:
     (token,) = tokens(text, 'a.prg', 1)
     assert (token.value, type(token.value)) == (value, type(value))
 
 
 @pytest.mark.parametrize(
-    ('line', 'column', 'said'),
+    ('line', 'column', 'message'),
     [
         ('Print "open', 7, 'the string has no end'),
         ('a = 3 % 4', 7, "'%' cannot stand here"),
@@ -444,8 +444,8 @@ def test_numbers_have_their_values(text: str, value: float) -> None:
         ('a = €', 5, 'cannot stand here'),
     ],
 )
-def test_what_cannot_be_read_is_named_with_its_column(line: str, column: int, said: str) -> None:
+def test_invalid_token_is_reported_with_its_column(line: str, column: int, message: str) -> None:
     with pytest.raises(SyntaxProblem, match=r'a\.prg:7:') as caught:
         tokens(line, 'a.prg', 7)
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert caught.value.problem.position.column == column

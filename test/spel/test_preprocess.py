@@ -9,7 +9,7 @@ from epson_driver.inputs import InputError
 from epson_driver.spel import ProgramError, build, preprocess, with_defines
 
 
-def test_a_definition_is_put_in_wherever_its_name_stands_in_any_case() -> None:
+def test_definition_replaces_its_name_in_any_case() -> None:
     before = """
     #define COUNT 3 ' how many
     #define SUM (Count + 1)
@@ -23,18 +23,18 @@ def test_a_definition_is_put_in_wherever_its_name_stands_in_any_case() -> None:
     assert printed(body, before=before) == ['3 4 9', '7 4 COUNT']
 
 
-def test_a_definition_that_names_itself_stays() -> None:
+def test_recursive_definition_is_not_expanded() -> None:
     before = '#define g_n g_n\n#define a_ b_\n#define b_ a_\nGlobal Integer g_n, a_'
     assert printed('g_n = 4; a_ = 5\nPrint g_n, a_', before=before) == ['4 5']
 
 
-def test_a_definition_with_empty_brackets_is_used_with_them() -> None:
+def test_definition_with_empty_brackets_is_used_with_brackets() -> None:
     assert printed('Print NOTHING() + 1, "NOTHING()"', before='#define NOTHING() 4') == [
         '5 NOTHING()'
     ]
 
 
-def test_a_program_with_more_lines_than_are_read_is_refused_at_the_first_of_them(
+def test_program_above_the_line_limit_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(preprocess, 'MOST_LINES', 4)
@@ -44,7 +44,7 @@ def test_a_program_with_more_lines_than_are_read_is_refused_at_the_first_of_them
     assert 'a.inc:4:1: error: the program has more than 4 lines' in str(caught.value)
 
 
-def test_conditions_nest() -> None:
+def test_ifdef_blocks_can_be_nested() -> None:
     before = """
     #define ONE
     #ifdef ONE
@@ -69,7 +69,7 @@ def test_conditions_nest() -> None:
     assert printed('Print RESULT', before=before) == ['12']
 
 
-def test_included_files_are_found_in_any_case_and_globals_may_come_twice() -> None:
+def test_included_files_are_found_in_any_case() -> None:
     shared = 'Global Integer g_x\n#define TEN 10\n'
     others = {
         'config_inc': '#include "Shared.INC"\n#define ELEVEN (TEN + 1)\n',
@@ -83,7 +83,7 @@ def test_included_files_are_found_in_any_case_and_globals_may_come_twice() -> No
 
 
 @pytest.mark.parametrize(
-    ('source', 'said'),
+    ('source', 'message'),
     [
         ('#include "no.inc"', 'main.prg:1:1: error: #include: there is no file no.inc'),
         ('#include no.inc', 'needs a file name in quotes'),
@@ -105,27 +105,27 @@ def test_included_files_are_found_in_any_case_and_globals_may_come_twice() -> No
         ('#ifndef 7\n#endif', 'main.prg:1:1: error: #ifndef needs a name'),
     ],
 )
-def test_what_does_not_fit_is_said_with_its_line(source: str, said: str) -> None:
+def test_preprocessor_error_has_its_line(source: str, message: str) -> None:
     with pytest.raises(ProgramError) as caught:
         build(files(source + '\nFunction main\nFend\n'))
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize('last', ['#define n40 1', '#define n40'])
-def test_definitions_that_double_each_time_end_with_a_sentence(last: str) -> None:
-    """Forty definitions of two names each would be 2 ** 40 tokens."""
+def test_exponential_definitions_are_refused(last: str) -> None:
+    """Forty definitions with two names each would expand to 2 ** 40 tokens."""
     lines = [f'#define n{i} n{i + 1} n{i + 1}' for i in range(40)]
     with pytest.raises(ProgramError, match='the #defines make the line too long'):
         build(files('\n'.join([*lines, last, 'Function main', 'n0', 'Fend'])))
 
 
-def test_a_long_chain_of_definitions_ends_with_a_sentence() -> None:
+def test_long_chain_of_definitions_is_refused() -> None:
     lines = [f'#define n{i} n{i + 1}' for i in range(3000)]
     with pytest.raises(ProgramError, match='the #defines make the line too long'):
         build(files('\n'.join([*lines, 'Function main', 'Print n0', 'Fend'])))
 
 
-def test_user_errors_have_names_and_texts() -> None:
+def test_user_errors_have_labels_and_texts() -> None:
     source = """
     Function main
       OnErr GoTo failed
@@ -150,7 +150,7 @@ CONFIG = {
 }
 
 
-def test_defines_get_other_values_and_are_switched_on_and_off() -> None:
+def test_defines_can_be_changed_and_switched() -> None:
     changed = with_defines(CONFIG, {'SPEED': '20', 'FAST': '1', 'OWN': ''})
     assert changed['config.inc'].split('\n')[1:] == [
         '#define SPEED 20',
@@ -165,8 +165,6 @@ def test_defines_get_other_values_and_are_switched_on_and_off() -> None:
     ('values', 'words'),
     [({'SPEEED': '1'}, "no line #define 'SPEEED'"), ({'SPEED': '1\n2'}, 'must be printable')],
 )
-def test_a_define_that_is_not_there_or_no_line_is_refused(
-    values: dict[str, str], words: str
-) -> None:
+def test_unknown_or_invalid_define_is_refused(values: dict[str, str], words: str) -> None:
     with pytest.raises(InputError, match=words.replace('no line', 'line')):
         with_defines(CONFIG, values)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Files of RC+ projects: read, written back byte by byte, and what programs find in them."""
+"""Files of RC+ projects: reading, writing, and their use by programs."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -54,8 +54,8 @@ def lines(body: str) -> list[str]:
     return host.text.splitlines()
 
 
-def test_an_empty_point_file_has_the_checksum_of_rc_plus() -> None:
-    """Two public projects have this very file, with size 133 and checksum 23853."""
+def test_empty_point_file_has_the_checksum_of_rc_plus() -> None:
+    """Two public projects contain this file, with size 133 and checksum 23853."""
     text = sealed(NO_POINTS, WHEN, '00-50-56-37-DD-C3')
     assert 'DS:0000000133,CS:23853,' in text
     assert text.startswith('ENVT0100,LM:2015/03/10 10:42:32:383,')
@@ -66,17 +66,17 @@ def test_an_empty_point_file_has_the_checksum_of_rc_plus() -> None:
     assert 'no header' in header_fault(rendered(NO_POINTS).encode())
 
 
-def test_an_odd_length_is_filled_with_a_zero() -> None:
+def test_checksum_of_odd_length_is_padded_with_zero() -> None:
     assert checksum(b'\x01\x02\x03') == 0x0201 ^ 0x0003
 
 
-def test_what_is_read_is_written_back_byte_by_byte() -> None:
+def test_project_file_is_written_back_unchanged() -> None:
     text = sealed(Block('', [Block('A', [('sPath', r'"C:\\X\\"'), Block('B', [])])]), WHEN)
     assert rendered(parsed('a.sprj', text)) == text
 
 
 @pytest.mark.parametrize(
-    ('text', 'said'),
+    ('text', 'message'),
     [
         ('a=1\nnonsense\n', r'robot1\.pts:2:1: error: cannot be read: expected key=value'),
         ('}\n', r'robot1\.pts:1:1: error: cannot be read: \} without a block'),
@@ -86,19 +86,19 @@ def test_what_is_read_is_written_back_byte_by_byte() -> None:
         ('Point1 {\nnNumber=4000\n}\n', r'pts:2:1: .* point number 4000 is not in 0\.\.999'),
     ],
 )
-def test_what_cannot_be_read_is_told_with_file_and_line(text: str, said: str) -> None:
-    with pytest.raises(ProgramError, match=said):
+def test_invalid_project_file_is_reported_with_file_and_line(text: str, message: str) -> None:
+    with pytest.raises(ProgramError, match=message):
         build({'main.prg': 'Function main\nFend', 'robot1.pts': text})
 
 
-def test_a_project_file_that_lists_no_program_is_no_project() -> None:
-    """All 52 public ones have the number: one that was cut short builds nothing unnoticed."""
-    said = r'p\.sprj:1:1: error: cannot be read: expected nProgramFileCount=1 or more'
-    with pytest.raises(ProgramError, match=said):
+def test_project_file_without_programs_is_refused() -> None:
+    """All 52 public files have the number. A truncated file must not build an empty program."""
+    message = r'p\.sprj:1:1: error: cannot be read: expected nProgramFileCount=1 or more'
+    with pytest.raises(ProgramError, match=message):
         build({'main.prg': 'Function main\nFend', 'p.sprj': 'sRCVersion="7.0.5"\n'})
 
 
-def test_points_and_their_labels() -> None:
+def test_points_are_found_by_number_and_label() -> None:
     assert lines('Print CX(pick), CZ(P0), CU(place), PDef(1), PDef(3)') == ['100 -30 4 0 -1']
     assert lines('pick = XY(1, 2, 3, 4)\nPrint CX(P0)') == ['1']
     assert lines('Integer i\ni = 3\nPrint CX(Pi)') == ['1']  # p345
@@ -111,11 +111,11 @@ def test_points_and_their_labels() -> None:
     ('text', 'z'),
     [('pick :Z(0)', 0), ('pick +Z(5)', -25), ('pick -Z(5) /R', -35), ('pick /R :Z(1)', 1)],
 )
-def test_point_expressions_begin_with_a_label(text: str, z: float) -> None:
+def test_point_expression_can_start_with_a_label(text: str, z: float) -> None:
     assert lines(f'P9 = {text}\nPrint CZ(P9)') == [f'{z}']
 
 
-def test_a_label_without_a_place_is_an_undefined_point() -> None:
+def test_label_without_a_position_is_an_undefined_point() -> None:
     host = ScriptedHost()
     machine = Machine(build(project('Print CX(later)')), host)
     machine.start()
@@ -123,11 +123,11 @@ def test_a_label_without_a_place_is_an_undefined_point() -> None:
     assert [each.number for each in host.failures] == [7007]
 
 
-def test_labels_of_inputs_and_outputs_are_numbers() -> None:
+def test_io_labels_are_bit_numbers() -> None:
     assert lines('Print Sw(part), part, lamps') == ['0 3 1']
 
 
-def test_only_what_the_project_lists_is_read(tmp_path: Path) -> None:
+def test_only_files_listed_in_the_project_are_read(tmp_path: Path) -> None:
     listed = (
         'nProgramFileCount=1\n'
         'ProgramFile1 {\n\tsName="MAIN.prg"\n}\nIncludeFile1 {\n\tsName="a.inc"\n}\n'
@@ -161,12 +161,12 @@ def test_only_what_the_project_lists_is_read(tmp_path: Path) -> None:
         ('Print "로봇이 움직입니다"', 'cp949'),
     ],
 )
-def test_the_code_page_is_found_by_content(text: str, encoding: str) -> None:
+def test_code_page_is_detected_from_the_content(text: str, encoding: str) -> None:
     assert decoded(text.encode(encoding)) == text
 
 
-def test_a_label_is_the_same_in_all_files_of_a_project(tmp_path: Path) -> None:
-    """Two characters are no text to find a code page by; the programs beside them are."""
+def test_all_files_of_a_project_have_one_code_page(tmp_path: Path) -> None:
+    """A label of two characters is too short to detect a code page, unlike the programs."""
     program = "Function main\n  Go 開啟 ' 機器人開始運動等待訊號，本程式實作讀寫設備方式\nFend\n"
     (tmp_path / 'main.prg').write_bytes(program.encode('big5'))
     (tmp_path / 'robot1.pts').write_bytes('Point1 {\nsLabel="開啟"\n}\n'.encode('big5'))
@@ -176,7 +176,7 @@ def test_a_label_is_the_same_in_all_files_of_a_project(tmp_path: Path) -> None:
     assert '"開啟"' in files['robot1.pts']
 
 
-def test_check_tells_of_a_header_that_rc_plus_refuses() -> None:
+def test_check_reports_an_invalid_header() -> None:
     found = [each for each in check(project('')) if each.rule == 'project-file']
     assert {each.position.file for each in found} == {'robot1.pts', 'IOLabels.dat'}
     assert all(each.warning for each in found)
@@ -197,16 +197,11 @@ Fend
 """
 
 
-def test_a_program_without_its_files_names_points_and_bits() -> None:
-    taken = [
-        ('Origin is taken for the label of a point', True),
-        ('home1 is taken for the label of a point', True),
-        ('Part is taken for the label of an I/O bit', True),
-        ('Gripper is taken for the label of an I/O bit', True),
-        ('Corner is taken for the label of a point', True),
-        ('Side is taken for the label of a point', True),
-    ]
-    assert found({'main.prg': ALONE}) == taken
+def test_labels_of_missing_files_are_warnings() -> None:
+    problems = found({'main.prg': ALONE})
+    assert all(warning and ' the label of a' in text for text, warning in problems)
+    labels = [text.split()[0] for text, _ in problems]
+    assert labels == ['Origin', 'home1', 'Part', 'Gripper', 'Corner', 'Side']
     assert found({'main.prg': ALONE.replace('Gripper', 'Griper(2)')})[3][1] is False
     host = ScriptedHost()
     machine = Machine(build({'main.prg': ALONE.replace('Jump Origin +X(5) C0', '')}), host)
@@ -215,7 +210,7 @@ def test_a_program_without_its_files_names_points_and_bits() -> None:
     assert 'the I/O label Part has no number' in str(host.failures[0])
 
 
-def test_a_project_with_its_files_names_nothing_that_they_lack() -> None:
+def test_labels_missing_in_present_files_are_errors() -> None:
     names = project(ALONE.removeprefix('Function main\n').removesuffix('Fend\n'))
     assert [warning for _, warning in found(names)].count(False) == 5
 
@@ -232,8 +227,8 @@ Fend
 """
 
 
-def test_what_a_fielded_project_and_a_library_of_epson_write() -> None:
-    """DUNE/CE-RTS is built with AsInteger; SMC_LEHR has Static variables of a file."""
+def test_constructs_of_published_projects_are_accepted() -> None:
+    """DUNE/CE-RTS uses `AsInteger`, and SMC_LEHR uses Static variables of a file."""
     host = ScriptedHost()
     machine = Machine(build({'main.prg': LIBRARY}), host)
     machine.start()

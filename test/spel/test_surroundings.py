@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Answers to what is not simulated, ports without SetNet, files, and ports that are peers."""
+"""Stub answers, ports without SetNet, files, and connected ports of one program."""
 
 from itertools import product
 from pathlib import Path
@@ -42,7 +42,7 @@ VISION = """
 """
 
 
-def test_answers_are_given_in_turn_and_the_last_one_stays(tmp_path: Path) -> None:
+def test_stub_answers_are_used_in_order_and_the_last_repeats(tmp_path: Path) -> None:
     path = tmp_path / 'answers.yaml'
     path.write_text(
         'VRun:\n'
@@ -56,17 +56,17 @@ def test_answers_are_given_in_turn_and_the_last_one_stays(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ('text', 'said'),
+    ('text', 'message'),
     [
         ('- VRun\n', 'must have lines WORD: ANSWERS'),
         ('VRunn: 1\n', 'VRunn is no word of SPEL.*did you mean VRun'),
         ('VRun: {a: 1}\n', 'an answer is a value, or a list of values'),
     ],
 )
-def test_answers_that_cannot_be_used(tmp_path: Path, text: str, said: str) -> None:
+def test_invalid_stub_answers_are_refused(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / 'answers.yaml'
     path.write_text(text)
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         read_answers(path)
 
 
@@ -94,8 +94,8 @@ Fend
 """
 
 
-def test_a_port_without_set_net_has_what_the_system_configuration_says() -> None:
-    """And a client of a TCP port that the program itself serves is its peer."""
+def test_port_without_setnet_uses_the_system_configuration() -> None:
+    """A client of a TCP port that the same program serves is its peer."""
     ports = {201: NetSettings('', 2001), 202: NetSettings('192.168.0.1', 2001)}
     assert lines(run(PEERS, Surroundings(ports=ports), SERVED)) == ['hello to you', '-1']
 
@@ -115,9 +115,7 @@ WRITES = """
 
 
 @pytest.mark.parametrize('keep', [True, False])
-def test_files_are_those_of_the_folder_and_written_there_only_if_asked(
-    tmp_path: Path, keep: bool
-) -> None:
+def test_files_are_written_to_the_folder_only_with_keep(tmp_path: Path, keep: bool) -> None:
     (tmp_path / 'Data.csv').write_bytes(b'1\r\n')
     (tmp_path / 'old.txt').write_bytes(b'')
     result = run(WRITES.replace('\\\\', '\\'), Surroundings(files=Files(tmp_path, keep)))
@@ -140,7 +138,7 @@ POINTS = """
 """
 
 
-def test_taught_points_are_never_replaced_by_those_of_a_simulated_robot(tmp_path: Path) -> None:
+def test_taught_points_are_not_overwritten(tmp_path: Path) -> None:
     for name in ('robot1.pts', 'old.pts'):
         (tmp_path / name).write_text('taught')
     result = run(POINTS, Surroundings(files=Files(tmp_path, keep=True)))
@@ -171,27 +169,23 @@ SPELLED = ('{}', '{}/.', './{}', './/{}//./', 'sub/../{}', '{}\\', '{}\\.', '/{}
         'SavePoints "{0}"',
     ],
 )
-def test_a_program_leaves_its_sources_alone_however_they_are_spelled(
-    tmp_path: Path, statement: str
-) -> None:
+def test_program_cannot_change_its_sources(tmp_path: Path, statement: str) -> None:
     sources = dict.fromkeys(SOURCES, b'source')
     for each, content in (sources | {'other.txt': b'other'}).items():
         (tmp_path / each).write_bytes(content)
     for name, spelled in product(SOURCES, SPELLED):
         for case in (name, name.upper()):
-            said = statement.format(spelled.format(case))
+            text = statement.format(spelled.format(case))
             (tmp_path / 'sub').mkdir(exist_ok=True)
-            run(f'  {said}\n', Surroundings(files=Files(tmp_path, keep=True)))
-            assert {each: (tmp_path / each).read_bytes() for each in SOURCES} == sources, said
+            run(f'  {text}\n', Surroundings(files=Files(tmp_path, keep=True)))
+            assert {each: (tmp_path / each).read_bytes() for each in SOURCES} == sources, text
     assert {each.name for each in tmp_path.iterdir()} <= {*SOURCES, 'other.txt', 'sub', 'new.txt'}
 
 
 @pytest.mark.parametrize(
     'name', ['../a.txt', 'C:\\\\a.txt', '/a.txt', 'main.prg', 'IOLabels.dat', 'link/a.txt']
 )
-def test_nothing_is_written_outside_the_folder_or_over_the_project(
-    tmp_path: Path, name: str
-) -> None:
+def test_program_cannot_write_outside_its_folder(tmp_path: Path, name: str) -> None:
     project, elsewhere = tmp_path / 'project', tmp_path / 'elsewhere'
     project.mkdir()
     elsewhere.mkdir()
@@ -201,6 +195,6 @@ def test_nothing_is_written_outside_the_folder_or_over_the_project(
     assert {each.name for each in tmp_path.rglob('*')} == {'project', 'elsewhere', 'link'}
 
 
-def test_a_file_cannot_grow_without_end() -> None:
+def test_file_size_is_limited() -> None:
     body = '  WOpen "a" As #30\n  Do\n    Print #30, Space$(255)\n  Loop\n'
     assert run(body).error.startswith(('error 2556: ', 'error 9993: '))

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Tasks on a clock: who runs when, what a wait takes, what stops whom, two runs alike."""
+"""Scheduling of tasks: times, waits, stops, locks and reproducibility."""
 
 from typing import Any
 
@@ -34,7 +34,7 @@ Fend
 """
 
 
-def test_the_clock_is_only_the_one_that_is_given() -> None:
+def test_machine_uses_only_the_given_time() -> None:
     made = machine(COUNTING)
     made.start()
     made.advance(0.0)
@@ -46,7 +46,7 @@ def test_the_clock_is_only_the_one_that_is_given() -> None:
     assert made.time == pytest.approx(0.1, abs=0.0011)
 
 
-def test_tasks_share_the_processor_turn_by_turn() -> None:
+def test_tasks_share_the_processor_equally() -> None:
     made = machine(COUNTING)
     made.start()
     made.advance(1.0)
@@ -58,7 +58,7 @@ def test_tasks_share_the_processor_turn_by_turn() -> None:
 
 
 @pytest.mark.parametrize('statement', [5e-6, 20e-6])
-def test_a_statement_costs_what_the_timing_says(statement: float) -> None:
+def test_statement_takes_the_configured_time(statement: float) -> None:
     source = """
     Function main
       Integer i
@@ -75,18 +75,18 @@ def test_a_statement_costs_what_the_timing_says(statement: float) -> None:
 
 
 @pytest.mark.parametrize('name', ['statement', 'scan', 'turn'])
-def test_a_time_that_would_stand_still_is_refused(name: str) -> None:
+def test_zero_time_step_is_refused(name: str) -> None:
     with pytest.raises(ValueError, match=f'{name} must be a time above 0 s'):
         Timing(**{name: 0.0})
 
 
 @pytest.mark.parametrize('given', [{'granularity': -0.01}, {'extra': {'print': -0.1}}])
-def test_a_time_that_would_go_back_is_refused(given: dict[str, Any]) -> None:
+def test_negative_time_is_refused(given: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match='granularity and extra must be times from 0 s on'):
         Timing(**given)
 
 
-def test_a_function_that_there_is_not_cannot_be_started() -> None:
+def test_unknown_function_cannot_be_started() -> None:
     made = machine('Function main\nFend\n')
     with pytest.raises(SpelError, match='there is no function main7'):
         made.start('main7')
@@ -102,7 +102,7 @@ def test_extra_times_of_statements_are_added() -> None:
     assert float(host.text.split()[-1]) == pytest.approx(0.5, abs=0.0011)
 
 
-def test_a_wait_is_rounded_up_to_whole_ticks_and_counted_from_its_own_statement() -> None:
+def test_wait_is_rounded_up_to_ticks_from_its_statement() -> None:
     source = """
     Function main
       Wait 0.001
@@ -116,7 +116,7 @@ def test_a_wait_is_rounded_up_to_whole_ticks_and_counted_from_its_own_statement(
     assert run(source).text.split() == ['0.01', '0.03', '0.03']
 
 
-def test_next_time_says_when_to_come_back() -> None:
+def test_next_time_is_the_next_event() -> None:
     source = 'Function main\n  Wait 0.5\n  Input g_n\nFend\nGlobal Integer g_n\n'
     made = machine(source)
     assert made.next_time() is None
@@ -130,7 +130,7 @@ def test_next_time_says_when_to_come_back() -> None:
     assert made.next_time() is None  # it waits for the host
 
 
-def test_a_task_that_waits_for_the_host_goes_on_when_there_is_news() -> None:
+def test_task_resumes_when_the_host_has_input() -> None:
     host = ScriptedHost()
     made = machine('Function main\n  Integer i\n  Input i\n  Print i\nFend\n', host)
     made.start()
@@ -140,8 +140,8 @@ def test_a_task_that_waits_for_the_host_goes_on_when_there_is_news() -> None:
     assert host.text == '7\n'
 
 
-def test_conditions_are_looked_at_on_scans_only() -> None:
-    """A value that holds for less than a scan may be missed, as the manual says."""
+def test_conditions_are_evaluated_on_scans_only() -> None:
+    """A value that holds for less than a scan may be missed, according to the manual."""
     source = """
     Global Integer g_n
     Function main
@@ -184,7 +184,7 @@ def living(made: Machine) -> dict[int, TaskType]:
     return {view.number: view.type for view in made.tasks()}
 
 
-def test_what_stops_which_tasks() -> None:
+def test_stop_commands_end_the_right_tasks() -> None:
     made = machine(LIVES)
     made.start_background()
     made.start(clear=False)
@@ -211,7 +211,7 @@ def test_what_stops_which_tasks() -> None:
     assert list(living(made)) == [65, 66]
 
 
-def test_a_wait_begins_again_after_a_pause() -> None:
+def test_wait_restarts_after_a_pause() -> None:
     source = 'Function main\n  Wait 1\n  Print Tmr(0)\nFend\n'
     host = ScriptedHost()
     made = machine(source, host)
@@ -243,7 +243,7 @@ def test_a_wait_begins_again_after_a_pause() -> None:
         ('Trap 1, Sw(1) = On Call nothing', {'NoEmgAbort', 'background'}),
     ],
 )
-def test_statements_that_a_type_of_task_cannot_run(statement: str, refused_by: set[str]) -> None:
+def test_statement_is_refused_by_task_type(statement: str, refused_by: set[str]) -> None:
     source = f"""
     Function main
     Fend
@@ -283,7 +283,7 @@ def test_statements_that_a_type_of_task_cannot_run(statement: str, refused_by: s
     assert found == refused_by
 
 
-def test_background_tasks_start_main_again() -> None:
+def test_background_task_restarts_main() -> None:
     source = """
     Function bgmain
       Do
@@ -303,7 +303,7 @@ def test_background_tasks_start_main_again() -> None:
     assert host.text.split() == ['1'] * 5
 
 
-def test_locks_are_taken_in_turn_and_freed_by_the_end_of_a_task() -> None:
+def test_locks_are_first_come_first_served_and_released_at_task_end() -> None:
     source = """
     Function main
       Xqt 2, worker(1)
@@ -322,7 +322,7 @@ def test_locks_are_taken_in_turn_and_freed_by_the_end_of_a_task() -> None:
     assert lines == ['1 in', '1 out', '2 in', '2 out', '3 in', '3 out']
 
 
-def test_a_lock_that_is_not_free_in_time_sets_tw() -> None:
+def test_lock_timeout_sets_tw() -> None:
     source = """
     Function main
       Xqt 2, holder
@@ -343,7 +343,7 @@ def test_a_lock_that_is_not_free_in_time_sets_tw() -> None:
     assert run(source).text.split() == ['-1', f'{ErrorNumber.SYNC:d}']
 
 
-def test_a_main_with_parameters_cannot_be_started() -> None:
+def test_main_with_parameters_cannot_be_started() -> None:
     made = machine('Function main(n As Integer)\nFend\n')
     with pytest.raises(SpelError, match='main has 1 parameters'):
         made.start()
@@ -360,9 +360,7 @@ def test_a_main_with_parameters_cannot_be_started() -> None:
         ('n_tenths * 0.1', '0 0.4'),
     ],
 )
-def test_wait_takes_a_state_for_a_condition_and_a_number_for_a_time(
-    condition: str, expected: str
-) -> None:
+def test_wait_accepts_conditions_and_times(condition: str, expected: str) -> None:
     source = f"""
     Integer n_tenths
     Function main
@@ -383,7 +381,7 @@ def test_wait_takes_a_state_for_a_condition_and_a_number_for_a_time(
     assert float(host.text.split()[1]) == pytest.approx(float(seconds), abs=0.011)
 
 
-def test_only_a_function_by_its_name_is_started_by_startmain() -> None:
+def test_startmain_needs_a_function_name() -> None:
     host = ScriptedHost()
     made = machine('Function main\nFend\nFunction bgmain\n  StartMain 1\nFend\n', host)
     made.start_background()
@@ -393,7 +391,7 @@ def test_only_a_function_by_its_name_is_started_by_startmain() -> None:
     assert 'StartMain: needs the name of a main function' in failure.text
 
 
-def test_a_motion_holds_its_task_until_the_host_says_it_is_over() -> None:
+def test_motion_blocks_its_task_until_the_host_reports_its_end() -> None:
     source = """
     Function main
       Motor On
@@ -441,7 +439,7 @@ def test_a_motion_holds_its_task_until_the_host_says_it_is_over() -> None:
     assert not list(made.tasks())
 
 
-def test_an_endless_loop_without_a_wait_ends_with_an_error_at_its_line() -> None:
+def test_endless_loop_without_wait_is_an_error() -> None:
     source = 'Function main\n  Integer i\n  Do\n    i = 1 - i\n  Loop\nFend\n'
     (failure,) = run(source, 20.0).failures
     assert failure.number == ErrorNumber.ENDLESS_LOOP
@@ -449,13 +447,13 @@ def test_an_endless_loop_without_a_wait_ends_with_an_error_at_its_line() -> None
     assert 'put one of 0.01 s or more into it' in str(failure)
 
 
-def test_a_loop_that_calls_itself_for_ever_ends_with_an_error() -> None:
+def test_infinite_recursion_is_an_error() -> None:
     source = 'Function main\n  deeper\nFend\nFunction deeper\n  deeper\nFend\n'
     (failure,) = run(source).failures
     assert (failure.number, failure.position.line) == (ErrorNumber.CALL_DEPTH, 5)
 
 
-def test_two_runs_give_the_same_in_whatever_steps_they_are_made() -> None:
+def test_result_does_not_depend_on_the_time_steps() -> None:
     source = """
     Global Long g_n
     Function main
@@ -488,7 +486,7 @@ def test_two_runs_give_the_same_in_whatever_steps_they_are_made() -> None:
     assert texts[0] == texts[1] == texts[2]
 
 
-def test_tasks_show_their_state_and_line() -> None:
+def test_tasks_report_their_state_and_line() -> None:
     source = """
     Function main
       Xqt 2, dies
@@ -514,7 +512,7 @@ def test_tasks_show_their_state_and_line() -> None:
     assert made.lines()['main.prg'] == {2: True, 3: True, 4: False, 6: True, 7: False}
 
 
-def test_who_waited_for_the_host_goes_on_when_the_news_came() -> None:
+def test_task_resumes_at_the_time_of_the_host_event() -> None:
     host = ScriptedHost()
     host.slow = host.motors = True
     made = machine('Function main\n  Go JA(1, 0, 0, 0)\n  Wait 0.5\n  Print "end"\nFend\n', host)

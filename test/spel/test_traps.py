@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Trap: armed once, sprung on a scan, and the functions that events start."""
+"""`Trap`: arming, triggering on a scan, and functions started by events."""
 
 import pytest
 from support.spel_harness import ScriptedHost, machine, run
@@ -40,9 +40,7 @@ def test_event_traps_start_their_functions() -> None:
 
 
 @pytest.mark.parametrize(('action', 'expected'), [('Call', '0.5'), ('Xqt', '0.1')])
-def test_a_trap_that_calls_holds_its_task_and_one_that_starts_does_not(
-    action: str, expected: str
-) -> None:
+def test_trap_call_blocks_its_task_but_trap_xqt_does_not(action: str, expected: str) -> None:
     source = f"""
     Function main
       Trap 1, MemSw(1) = On {action} handle
@@ -57,7 +55,7 @@ def test_a_trap_that_calls_holds_its_task_and_one_that_starts_does_not(
     assert float(run(source).text) == pytest.approx(float(expected), abs=0.002)
 
 
-def test_a_trap_is_armed_once() -> None:
+def test_trap_triggers_once() -> None:
     source = """
     Function main
       Trap 2, MemSw(1) = On Xqt sprung
@@ -75,7 +73,7 @@ def test_a_trap_is_armed_once() -> None:
     assert run(source).text == 'sprung\n'
 
 
-def test_a_trap_is_disarmed_without_a_target() -> None:
+def test_trap_without_a_target_is_disarmed() -> None:
     source = """
     Function main
       Trap 2, MemSw(1) = On Xqt sprung
@@ -91,7 +89,7 @@ def test_a_trap_is_disarmed_without_a_target() -> None:
     assert run(source).text == 'over\n'
 
 
-def test_an_armed_trap_has_the_machine_called_at_its_next_scan() -> None:
+def test_armed_trap_makes_the_next_scan_an_event() -> None:
     source = """
     Function main
       Trap 1, Sw(1) = On Call sprung()
@@ -113,7 +111,7 @@ def test_an_armed_trap_has_the_machine_called_at_its_next_scan() -> None:
     assert host.text == 'sprung\n'
 
 
-def test_a_trap_does_not_start_what_it_started_before_and_still_runs() -> None:
+def test_trap_does_not_start_a_running_function_again() -> None:
     source = """
     Function main
       Trap 1, MemSw(1) = On Xqt slow
@@ -134,7 +132,7 @@ def test_a_trap_does_not_start_what_it_started_before_and_still_runs() -> None:
     assert host.failures == []
 
 
-def test_an_event_trap_runs_once_at_a_time() -> None:
+def test_event_trap_runs_once_at_a_time() -> None:
     source = """
     Function main
       Trap SGOpen Xqt door
@@ -158,7 +156,7 @@ def test_an_event_trap_runs_once_at_a_time() -> None:
     assert host.text == 'door\ndoor\n'
 
 
-def test_a_trap_that_goes_to_a_label_ends_a_wait_and_the_calls_above() -> None:
+def test_trap_goto_ends_the_wait_and_the_calls() -> None:
     """The manual's example of a global variable as the event (p853)."""
     source = """
     Global Integer gi
@@ -183,7 +181,7 @@ def test_a_trap_that_goes_to_a_label_ends_a_wait_and_the_calls_above() -> None:
     assert run(source).text == 'in trap 5 -1\n'
 
 
-def test_a_trap_that_goes_to_a_label_ends_with_its_function() -> None:
+def test_trap_goto_ends_with_its_function() -> None:
     source = """
     Function main
       armed
@@ -201,8 +199,8 @@ def test_a_trap_that_goes_to_a_label_ends_with_its_function() -> None:
     assert run(source).text == 'over\n'
 
 
-def test_a_trap_that_calls_ends_the_wait_it_interrupts() -> None:
-    """When its function is over, the task goes on with the next statement (p852)."""
+def test_trap_call_ends_the_interrupted_wait() -> None:
+    """The task continues with the next statement after the function (p852)."""
     source = """
     Function main
       Trap 1, MemSw(1) = On Call handle

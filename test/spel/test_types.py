@@ -44,7 +44,7 @@ from epson_driver.spel import ErrorNumber, Machine, ProgramError, SpelError, bui
         ('100000 * 100000', '10000000000'),
     ],
 )
-def test_operators_and_their_order(expression: str, expected: str) -> None:
+def test_operators_have_their_precedence(expression: str, expected: str) -> None:
     assert value(expression) == expected
 
 
@@ -63,7 +63,7 @@ RANGES = {
 
 
 @pytest.mark.parametrize('name', RANGES)
-def test_a_whole_type_takes_its_range_and_no_more(name: str) -> None:
+def test_integer_type_has_its_range(name: str) -> None:
     least, most = RANGES[name]
     body = f"""
     {name} x
@@ -82,13 +82,13 @@ def test_a_whole_type_takes_its_range_and_no_more(name: str) -> None:
 
 
 @pytest.mark.parametrize('name', RANGES)
-def test_a_constant_out_of_range_is_found_before_the_start(name: str) -> None:
+def test_constant_out_of_range_is_a_build_error(name: str) -> None:
     most = RANGES[name][1]
     with pytest.raises(ProgramError, match=f'main.prg:3:7: error: {most + 1} does not fit {name}'):
         build(files(f'Function main\n  {name} x\n  x = {most + 1}\nFend\n'))
 
 
-def test_a_real_has_the_precision_of_binary32_and_a_double_of_binary64() -> None:
+def test_real_is_binary32_and_double_is_binary64() -> None:
     body = """
     Real r; Double d
     r = 0.1; d = 0.1
@@ -101,7 +101,7 @@ def test_a_real_has_the_precision_of_binary32_and_a_double_of_binary64() -> None
     assert printed(body) == ['0 0.1 0.1', f'{ErrorNumber.OVERFLOW:d} 6']
 
 
-def test_a_double_never_holds_infinity() -> None:
+def test_double_overflow_is_an_error() -> None:
     body = """
     Double d
     d = 1e308
@@ -114,7 +114,7 @@ def test_a_double_never_holds_infinity() -> None:
 
 
 @pytest.mark.parametrize(('rounding', 'expected'), [('nearest', '3 -3'), ('truncate', '2 -2')])
-def test_how_a_real_becomes_whole_can_be_chosen(rounding: str, expected: str) -> None:
+def test_rounding_to_integers_can_be_configured(rounding: str, expected: str) -> None:
     source = 'Function main\n  Integer a, b\n  a = 2.5; b = -2.5\n  Print a, b\nFend\n'
     host = ScriptedHost()
     machine = Machine(build(files(source)), host, rounding=rounding)
@@ -124,7 +124,7 @@ def test_how_a_real_becomes_whole_can_be_chosen(rounding: str, expected: str) ->
 
 
 @given(st.integers(-(2**31), 2**31 - 1), st.integers(0, 31))
-def test_shifts_are_those_of_32_bits(number: int, count: int) -> None:
+def test_shifts_use_32_bits(number: int, count: int) -> None:
     left = struct.unpack('<i', struct.pack('<I', (number << count) & 0xFFFF_FFFF))[0]
     body = f'Print LShift({number}, {count}), RShift({number}, {count})'
     assert printed(body) == [f'{left} {number >> count}']
@@ -146,7 +146,7 @@ def test_strings_have_at_most_255_characters() -> None:
         build(files(f'Function main\n  Print "{"x" * 256}"\nFend\n'))
 
 
-def test_arrays_begin_at_0_and_end_at_their_upper_bound() -> None:
+def test_array_indices_range_from_0_to_the_upper_bound() -> None:
     body = """
     Integer a(3), b(1, 2), c(1, 1, 1), i
     a(0) = 5; a(3) = 6; b(1, 2) = 7; c(1, 1, 1) = 8; c(0, 1, 0) = 9
@@ -162,7 +162,7 @@ def test_arrays_begin_at_0_and_end_at_their_upper_bound() -> None:
 
 
 @pytest.mark.parametrize('index', ['i', '-1 * i', 'i, 0', '0, i'])
-def test_an_index_out_of_range_is_an_error_with_its_line(index: str) -> None:
+def test_index_out_of_range_is_an_error_with_its_line(index: str) -> None:
     dimensions = '3, 3' if ',' in index else '3'
     source = f"""
     Function main
@@ -192,7 +192,7 @@ def test_an_index_out_of_range_is_an_error_with_its_line(index: str) -> None:
         ('Global Preserve String a$(400)', False),
     ],
 )
-def test_arrays_have_the_limits_of_their_scope(declaration: str, allowed: bool) -> None:
+def test_array_size_is_limited_by_scope(declaration: str, allowed: bool) -> None:
     if allowed:
         build(files(declaration + '\n'))
         return
@@ -201,7 +201,7 @@ def test_arrays_have_the_limits_of_their_scope(declaration: str, allowed: bool) 
 
 
 @pytest.mark.parametrize(
-    ('statement', 'said'),
+    ('statement', 'text'),
     [
         ('i = "a"', 'Integer cannot take a string'),
         ('s$ = 1', 'String cannot take a whole number'),
@@ -234,7 +234,7 @@ def test_arrays_have_the_limits_of_their_scope(declaration: str, allowed: bool) 
         ('Redim a(1, 1)', 'cannot change how many dimensions'),
     ],
 )
-def test_a_wrong_type_is_found_before_the_start(statement: str, said: str) -> None:
+def test_wrong_type_is_a_build_error(statement: str, text: str) -> None:
     source = f"""
     Function main
       Integer i, a(5)
@@ -249,10 +249,10 @@ def test_a_wrong_type_is_found_before_the_start(statement: str, said: str) -> No
     with pytest.raises(ProgramError) as caught:
         build(files(source))
     assert str(caught.value).startswith('main.prg:5:')
-    assert said in str(caught.value)
+    assert text in str(caught.value)
 
 
-def test_preserved_globals_outlive_the_machine_and_others_are_cleared_by_main() -> None:
+def test_only_preserved_globals_survive_a_restart() -> None:
     source = """
     Global Preserve Long g_kept, g_many(2)
     Global Long g_lost
@@ -275,7 +275,7 @@ def test_preserved_globals_outlive_the_machine_and_others_are_cleared_by_main() 
     assert host.printed == ['1 2 1\n', '2 4 1\n', '3 6 1\n']
 
 
-def test_how_a_real_becomes_whole_does_not_change_what_is_too_large() -> None:
+def test_rounding_does_not_change_the_integer_limits() -> None:
     source = 'Function main\n  Long a\n  a = 1e308 * 10\nFend\n'
     for rounding in ('nearest', 'truncate'):
         host = ScriptedHost()
@@ -287,15 +287,15 @@ def test_how_a_real_becomes_whole_does_not_change_what_is_too_large() -> None:
 
 
 @pytest.mark.parametrize(
-    ('statement', 'typed', 'number', 'said'),
+    ('statement', 'typed', 'number', 'text'),
     [
         ('Input i', '40000', ErrorNumber.OVERFLOW, '40000 does not fit Integer'),
         ('Line Input s$', 'x' * 256, ErrorNumber.STRING_LENGTH, 'a string of 256 characters'),
         ('Input i', '1e999', ErrorNumber.OVERFLOW, 'inf does not fit Double'),
     ],
 )
-def test_what_is_typed_must_fit_its_variable(
-    statement: str, typed: str, number: int, said: str
+def test_input_must_match_the_variable_type(
+    statement: str, typed: str, number: int, text: str
 ) -> None:
     source = f'Function main\n  Integer i\n  String s$\n  {statement}\n  Print "never"\nFend\n'
     host = ScriptedHost()
@@ -304,11 +304,11 @@ def test_what_is_typed_must_fit_its_variable(
     machine.start()
     machine.advance(1.0)
     (failure,) = host.failures
-    assert (failure.number, failure.position.line, failure.text) == (number, 4, said)
+    assert (failure.number, failure.position.line, failure.text) == (number, 4, text)
     assert host.printed == []
 
 
-def test_a_preserved_value_of_another_type_is_refused_by_its_value() -> None:
+def test_preserved_value_of_another_type_is_refused() -> None:
     source = 'Global Preserve Long g_kept\nFunction main\nFend\n'
     machine = Machine(build(files(source)), ScriptedHost())
     with pytest.raises(SpelError, match="'many' is not a number"):

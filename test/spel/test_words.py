@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The table of SPEL+'s words, what reads it, and what docs/spel.md gets of them."""
+"""The table of SPEL+ words, its use by the parser, and the tables of docs/spel.md."""
 
 import re
 import runpy
@@ -19,10 +19,10 @@ def problems(text: str, version: int = 8) -> list[tuple[str, str]]:
     return [(p.rule, p.text) for p in check({'main.prg': text}, version)]
 
 
-def test_the_table_has_what_the_manual_lists() -> None:
-    """Appendix A (p929-950) and the summary (p27-50); constants of appendix D (p995-1009).
+def test_word_table_is_complete() -> None:
+    """Sources: appendix A (p929-950), the summary (p27-50), and appendix D (p995-1009).
 
-    Two words more are from a library of EPSON's for a later version.
+    Two more words are from an EPSON library for a later version.
     """
     assert len(WORDS) == 613 + 2
     assert len(CONSTANTS) == 475
@@ -46,25 +46,25 @@ def test_the_table_has_what_the_manual_lists() -> None:
         'Function f\nLefty:\nFend',
     ],
 )
-def test_no_name_may_be_a_word(text: str) -> None:
+def test_reserved_word_is_refused_as_a_name(text: str) -> None:
     assert {rule for rule, _ in problems(text)} - {'unused'} == {'reserved'}
 
 
-def test_a_word_of_a_later_version_is_none_before() -> None:
+def test_word_of_a_later_version_is_a_valid_name() -> None:
     text = 'Function Hand_On\nFend\nFunction main\n  Hand_On\nFend'
     assert problems(text, 6) == []
     assert [rule for rule, _ in problems(text, 7)] == ['reserved']
 
 
-def test_no_word_is_called_unknown() -> None:
-    """Known, or refused by name: as a statement, and as a value."""
+def test_every_word_is_known() -> None:
+    """Each word, as a statement and as a value, is accepted or refused by its name."""
     forms = ('{} 1', 'x = {}(1)', 'x = {}')
     for text in (form.format(word.name) for word in WORDS.values() for form in forms):
         found = problems(f'Function main\n  Real x\n  {text}\nFend')
         assert 'unknown' not in [rule for rule, _ in found], (text, found)
 
 
-def test_reserved_counts_versions() -> None:
+def test_reserved_words_depend_on_the_version() -> None:
     assert reserved('DOCKFILL')
     assert reserved('encTemper')
     assert not reserved('EncTemper', (7, 99))
@@ -77,7 +77,7 @@ MAKE = runpy.run_path(str(DOCS / 'make_tables.py'))
 PAGE = (DOCS / 'spel.md').read_text(encoding='utf-8')
 
 
-def test_the_parts_of_the_page_that_are_made_have_all_of_the_code() -> None:
+def test_generated_tables_of_the_page_are_complete() -> None:
     for name in ('spel_words', 'spel_rules', 'spel_errors'):
         assert f'<!-- made: {name} -->' in PAGE
     assert any(f'{len(COMMANDS)} statements' in line for line in MAKE['spel_words']())
