@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The pictures that the demo draws."""
+"""The demo's measurements and picture of a run."""
 
 from itertools import pairwise
 
@@ -20,7 +20,7 @@ SPEED = 0.5
 
 
 def smooth_step(share):
-    """Return a motion from rest to rest, 0 … 1 for a share of 0 … 1 of its time."""
+    """Return a motion from rest to rest, 0 … 1 over the fraction `share` of its time."""
     return share - np.sin(2 * np.pi * share) / (2 * np.pi)
 
 
@@ -49,7 +49,7 @@ WAYPOINTS = [(0.0, 0.0), (0.5, 0.2), (1.0, 0.4), (1.5, 0.6), (2.0, 0.8)]
 
 
 def ptp(rest=0.0):
-    """Return a run that comes to rest at every waypoint, and stands there for a while."""
+    """Return a run that stops at every waypoint for `rest` s."""
     positions = still(WAYPOINTS[0], 0.5)
     for start, end in pairwise(WAYPOINTS):
         positions += line(start, end, 1.0, smooth_step)
@@ -58,7 +58,7 @@ def ptp(rest=0.0):
 
 
 def through():
-    """Return a run that passes the waypoints without a stop."""
+    """Return a run through the waypoints without a stop."""
     return recording(
         still(WAYPOINTS[0], 0.5)
         + line(WAYPOINTS[0], WAYPOINTS[-1], 4.0, smooth_step)
@@ -67,15 +67,15 @@ def through():
 
 
 @pytest.mark.parametrize('rest', [0.0, 0.1, 0.5])
-def test_stops_at_every_waypoint_are_counted(rest):
+def test_stop_at_every_waypoint_is_counted(rest):
     assert measure(plan(WAYPOINTS), ptp(rest)).stops == 3
 
 
-def test_a_run_without_stops():
+def test_run_without_stops_has_none():
     assert measure(plan(WAYPOINTS), through()).stops == 0
 
 
-def test_stops_that_the_plan_asks_for_are_no_stops_of_the_run():
+def test_planned_stops_are_no_stops_of_the_run():
     times = np.arange(5.0)
     moving, still = np.full(2, 0.5), np.zeros(2)
     velocities = np.array([still, moving, still, moving, still])
@@ -87,18 +87,18 @@ def test_stops_that_the_plan_asks_for_are_no_stops_of_the_run():
     assert measure(waiting, ptp(0.5)).commanded_stops == 1
 
 
-def test_a_late_state_is_no_stop():
+def test_late_state_is_no_stop():
     run = through()
     positions = run.positions.copy()
-    positions[400:402] = positions[399]  # the arm moves on, but nobody sees it for 15 ms
+    positions[400:402] = positions[399]  # no new position for 15 ms of the motion
     assert measure(plan(WAYPOINTS), recording(positions)).stops == 0
 
 
-def test_the_highest_speed():
+def test_top_speed_is_measured():
     assert measure(plan(WAYPOINTS), through()).top_speed == pytest.approx(1.0, rel=0.01)
 
 
-def test_times():
+def test_planned_and_measured_times_are_found():
     figures = measure(plan(WAYPOINTS), through())
     assert figures.planned == 4.0
     assert figures.moved == pytest.approx(4.0, abs=0.5)  # its ends are slower than the threshold
@@ -112,7 +112,7 @@ def test_times():
     assert figures.begin == pytest.approx(1000.5, abs=3 * PERIOD)
 
 
-def test_rate_and_longest_gap():
+def test_rate_and_longest_gap_are_measured():
     positions = line((0.0, 0.0), (1.0, 0.0), 2.0)
     run = recording(positions)
     figures = measure(plan([(0.0, 0.0), (1.0, 0.0)]), run)
@@ -126,7 +126,7 @@ def test_rate_and_longest_gap():
     assert figures.rate == pytest.approx(399 / (399 * PERIOD + 0.1))
 
 
-def test_waypoints_that_are_passed_exactly():
+def test_exactly_passed_waypoints_have_no_deviation():
     figures = measure(plan(WAYPOINTS), ptp())
     assert figures.waypoint_deviation < 1e-3
     assert figures.end_deviation == 0.0
@@ -134,7 +134,7 @@ def test_waypoints_that_are_passed_exactly():
 
 
 @pytest.mark.parametrize('deviation', [0.005, 0.03, 0.1])
-def test_a_waypoint_that_is_missed_by_a_known_distance(deviation):
+def test_missed_waypoint_has_its_deviation(deviation):
     shifted = [WAYPOINTS[0], WAYPOINTS[1], (1.0, 0.4 + deviation), *WAYPOINTS[3:]]
     figures = measure(plan(shifted), ptp())
     # the nearest place on the line: joint a gives as much as joint b is missing
@@ -142,18 +142,18 @@ def test_a_waypoint_that_is_missed_by_a_known_distance(deviation):
     assert (figures.waypoint_deviation <= MAX_DEVIATION_RAD) == (deviation < 0.02)
 
 
-def test_an_end_that_is_missed():
+def test_missed_end_has_its_deviation():
     short = [*WAYPOINTS[:-1], (2.0, 0.85)]
     figures = measure(plan(short), ptp())
     assert figures.end_deviation == pytest.approx(0.05)
 
 
-def test_a_waypoint_that_is_left_out_is_a_deviation():
+def test_skipped_waypoint_has_its_deviation():
     detour = [WAYPOINTS[0], WAYPOINTS[1], (1.0, -0.5), *WAYPOINTS[3:]]
     assert measure(plan(detour), ptp()).waypoint_deviation > 0.3
 
 
-def test_a_path_that_crosses_itself_is_followed_in_its_order():
+def test_crossing_path_is_matched_in_order():
     back_and_forth = [(0.0, 0.0), (1.0, 0.0), (0.0, 0.0), (1.0, 0.0)]
     positions = still((0.0, 0.0), 0.2)
     for start, end in pairwise(back_and_forth):
@@ -165,14 +165,14 @@ def test_a_path_that_crosses_itself_is_followed_in_its_order():
     assert figures.stops == 2
 
 
-def test_an_arm_that_never_moved():
+def test_unmoved_arm_has_no_motion():
     figures = measure(plan([WAYPOINTS[0]] * 2), recording(still(WAYPOINTS[0], 1.0)))
     assert figures.stops == 0
     assert figures.moved == 0.0
     assert figures.end_deviation == 0.0
 
 
-def test_the_picture_is_written(tmp_path):
+def test_picture_is_written(tmp_path):
     pytest.importorskip('matplotlib')
     run = ptp()
     path = tmp_path / 'report.png'
@@ -187,9 +187,7 @@ def test_the_picture_is_written(tmp_path):
 @pytest.mark.parametrize(
     ('until', 'reads'), [(3.9, 3), pytest.param(9.0, MAX_READS, marks=pytest.mark.slow)]
 )
-def test_the_trace_of_a_driver_that_still_records_is_read_until_now(
-    tmp_path, monkeypatch, until, reads
-):
+def test_unfinished_trace_is_read_until_now(tmp_path, monkeypatch, until, reads):
     whole = usual_run().content()
     trace = tmp_path / 'demo.pcap'
     pauses = []

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Runs of the demo, and its ROS client."""
+"""The demo's runs, verdicts and ROS client."""
 
 import dataclasses
 import io
@@ -48,18 +48,16 @@ def console():
     return Console(file=io.StringIO(), width=200)
 
 
-def test_an_arm_that_is_neither_a_six_axis_one_nor_a_scara_is_refused(
-    monkeypatch, capsys, tmp_path
-):
+def test_seven_axis_arm_is_refused(monkeypatch, capsys, tmp_path):
     words = ['--robot', str(arm_file(tmp_path, 7)), '--trajectory', str(FILE)]
     monkeypatch.setattr(sys, 'argv', ['epson_driver demo', *words])
     with pytest.raises(SystemExit, match='2'):
         demo.main()
-    said = capsys.readouterr().err
-    assert 'c3_with_7_joints is neither a six-axis arm nor a SCARA' in said
+    output = capsys.readouterr().err
+    assert 'c3_with_7_joints is neither a six-axis arm nor a SCARA' in output
 
 
-def test_a_trajectory_of_another_arm_is_refused_with_the_joints_of_both():
+def test_trajectory_of_another_arm_is_refused():
     with pytest.raises(InputError) as error:
         demo._fitting(FILE, load_robot_model('gx4_c251s'))
     text = str(error.value)
@@ -69,7 +67,7 @@ def test_a_trajectory_of_another_arm_is_refused_with_the_joints_of_both():
 
 
 def executed(**figures):
-    """Return a run with these figures; of the rest it is as planned."""
+    """Return a run with these figures, and otherwise as planned."""
     fields = {each.name: 0 for each in dataclasses.fields(Figures)}
     found = Figures(**fields | {'planned': 1.0} | figures)
     still = Recording(np.array([0.0, 1.0]), np.zeros((2, 6)), np.zeros((2, 6)))
@@ -88,12 +86,12 @@ def executed(**figures):
         ),
     ],
 )
-def test_what_was_not_as_planned_is_a_sentence_each(figures, faults):
+def test_deviation_from_the_plan_is_reported(figures, faults):
     assert executed(**figures).faults == faults
 
 
 @pytest.mark.parametrize(
-    ('found', 'commanded', 'motions', 'standstills', 'told'),
+    ('found', 'commanded', 'motions', 'standstills', 'reported'),
     [
         (0, 0, [2], 0, 2),
         (1, 0, [0], 0, 1),
@@ -103,17 +101,15 @@ def test_what_was_not_as_planned_is_a_sentence_each(figures, faults):
         (0, 1, [0], 3, 2),
     ],
 )
-def test_the_verdict_tells_of_the_stops_that_the_page_tells_of(
-    found, commanded, motions, standstills, told
-):
+def test_verdict_counts_the_stops_of_the_page(found, commanded, motions, standstills, reported):
     numbers = executed(stops=found, commanded_stops=commanded).figures
     stood = [(0.1, 0.08)] * standstills
     page = SimpleNamespace(motions=[SimpleNamespace(stops=m) for m in motions], stops=stood)
-    assert run.as_on_page(numbers, page).stops == told
+    assert run.as_on_page(numbers, page).stops == reported
 
 
-def test_a_rest_behind_a_slow_beginning_is_a_stop():
-    """As it was once on a busy machine: the points came late behind the first one."""
+def test_pause_after_a_slow_start_is_a_stop():
+    """On a busy machine the points after the first one were late."""
     times = np.arange(0.0, 3.0, 0.0055)
     speed = np.interp(
         times,
@@ -130,7 +126,7 @@ def test_a_rest_behind_a_slow_beginning_is_a_stop():
     assert run.as_on_page(found, page).stops == 1
 
 
-def test_stops_that_the_plan_asks_for_are_told_apart():
+def test_planned_stops_have_a_separate_text():
     plan = demo._fitting(FILE, MODEL)
     rows = dict(run._rows(MODEL, plan, executed(stops=1, commanded_stops=2)))
     assert rows['stops on the way'] == '1, and 2 that the plan asks for'
@@ -138,7 +134,7 @@ def test_stops_that_the_plan_asks_for_are_told_apart():
 
 
 @pytest.mark.parametrize(('hung', 'expected'), [(0.01, 1), (0.72, TOO_BUSY)])
-def test_a_report_that_cannot_be_written_hides_no_verdict(monkeypatch, hung, expected):
+def test_unwritable_report_does_not_hide_the_verdict(monkeypatch, hung, expected):
     def fails(*_):
         raise OSError(28, 'No space left on device')
 
@@ -148,15 +144,15 @@ def test_a_report_that_cannot_be_written_hides_no_verdict(monkeypatch, hung, exp
     wire = SimpleNamespace(times=np.cumsum([0.01] * 9 + [hung]))
     error = run._GoalError('goal aborted: E-stop', 0, wire)
     code = run._unfinished(error, MODEL, Path('demo.html'), out)
-    said = out.file.getvalue()
+    output = out.file.getvalue()
     assert code == expected
-    assert 'no report: ' in said
-    assert 'No space left on device' in said
-    assert 'goal aborted: E-stop' in said
+    assert 'no report: ' in output
+    assert 'No space left on device' in output
+    assert 'goal aborted: E-stop' in output
 
 
 def pinged(*handlers):
-    """Ping a port where each client in turn gets its own handler, the last one gets the rest."""
+    """Ping a port. Each client gets the next handler, and all further clients the last one."""
     with socket.create_server(('127.0.0.1', 0)) as server:
 
         def serve():
@@ -186,26 +182,24 @@ def resets(connection):
 
 
 def echoes(connection):
-    while said := connection.recv(4096):
-        connection.sendall(said)
+    while output := connection.recv(4096):
+        connection.sendall(output)
 
 
-def test_a_controller_that_closes_its_io_port_is_told(monkeypatch):
+def test_io_port_closed_by_the_controller_is_reported(monkeypatch):
     monkeypatch.setattr(run, 'TIMEOUT_S', 0.3)
     with pytest.raises(RunError, match='the controller closed its I/O port: it ended the'):
         pinged(leaves)
 
 
-def test_a_ping_that_comes_before_the_port_is_open_again_is_repeated():
+def test_ping_is_repeated_after_a_disconnect():
     assert len(pinged(resets, leaves, echoes)) == run.PINGS
 
 
 # --- --panel and --stay -----------------------------------------------------------------------
 
 
-def test_without_the_panel_s_libraries_the_demo_goes_on_and_says_what_to_install(
-    monkeypatch, tmp_path
-):
+def test_missing_panel_libraries_are_reported(monkeypatch, tmp_path):
     monkeypatch.setattr(cell, 'missing', lambda: True)
     out = console()
     driver = SimpleNamespace(domain=1)
@@ -215,7 +209,7 @@ def test_without_the_panel_s_libraries_the_demo_goes_on_and_says_what_to_install
 
 
 @pytest.mark.invariant(9)
-def test_a_driver_that_ends_while_a_person_uses_it_is_an_error(monkeypatch):
+def test_end_of_the_driver_during_stay_is_an_error(monkeypatch):
     monkeypatch.setenv('ROS_DOMAIN_ID', '7')
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
@@ -226,9 +220,9 @@ def test_a_driver_that_ends_while_a_person_uses_it_is_an_error(monkeypatch):
     out = console()
     with pytest.raises(RunError, match='client ended with 1'):
         cell.stay(SimpleNamespace(process=process), 'http://127.0.0.1:8080/', out)
-    said = out.file.getvalue()
-    assert 'export ROS_DOMAIN_ID=7' in said
-    assert 'panel: http://127.0.0.1:8080/' in said
+    output = out.file.getvalue()
+    assert 'export ROS_DOMAIN_ID=7' in output
+    assert 'panel: http://127.0.0.1:8080/' in output
 
 
 FAULT = 'smooth: the arm stopped once on the way'
@@ -251,14 +245,14 @@ FAULT = 'smooth: the arm stopped once on the way'
         ([FAULT], 0, 0.25, TOO_BUSY, 'joint states were up to 250 ms apart'),
     ],
 )
-def test_the_controllers_own_clock_tells_a_busy_machine(faults, missed, gap, code, words):
+def test_missed_deadlines_make_the_verdict_too_busy(faults, missed, gap, code, words):
     found, sentence = verdict(faults, missed, gap)
     assert found == code
     assert words in sentence
     assert '\n' not in sentence
 
 
-def test_the_simulated_controller_tells_what_it_missed(tmp_path):
+def test_sim_controller_reports_missed_deadlines(tmp_path):
     controller = processes.sim_controller(tmp_path / 'log', start=[0.0] * 6)
     with processes.ended_at_exit(controller):
         assert deadlines_missed(controller.ports().remote) >= 0
@@ -268,7 +262,7 @@ NAMES = ('joint_1', 'joint_2')
 
 
 class LateStates:
-    """A driver whose joint states come later than the result of the goal, as DDS allows it."""
+    """A driver whose joint states arrive after the goal's result, which DDS allows."""
 
     def __init__(self, context):
         self.over = threading.Event()
@@ -295,8 +289,8 @@ class LateStates:
             self.publish(0.5)
 
 
-def test_the_recording_shows_how_the_arm_stands_after_the_goal(monkeypatch):
-    """A result may overtake joint states: the place was 'missed' by what had not come yet."""
+def test_recording_includes_states_after_the_result(monkeypatch):
+    """A result may overtake joint states, and the end position must not count as missed."""
     domain = free_ros_domain()
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
@@ -326,8 +320,8 @@ def test_the_recording_shows_how_the_arm_stands_after_the_goal(monkeypatch):
 
 
 @pytest.fixture
-def alone(monkeypatch):
-    """Return a user of a driver that is not there."""
+def client(monkeypatch):
+    """A ROS client without a driver."""
     for name, value in ros_environment(free_ros_domain()).items():
         monkeypatch.setenv(name, value)
     monkeypatch.setattr(ros_client, 'READY_TIMEOUT_S', 0.05)
@@ -336,18 +330,18 @@ def alone(monkeypatch):
     found.close()
 
 
-def test_without_a_driver_each_request_says_what_is_missing(alone):
+def test_requests_without_a_driver_report_the_missing_service(client):
     with pytest.raises(RunError, match=r'no ~/enable service within 0\.05 s'):
-        alone.enable()
+        client.enable()
     with pytest.raises(RunError, match='no joint states came while the goal ran'):
-        alone.recording()
+        client.recording()
     with pytest.raises(RunError, match=r'no answer within 0\.1 s'):
-        alone._complete(Future(), 0.1)
+        client._complete(Future(), 0.1)
 
 
-def test_what_the_driver_refuses_is_said_in_its_words(alone, monkeypatch):
-    monkeypatch.setattr(alone, '_wait', lambda *_: None)
+def test_refusal_of_the_driver_keeps_its_text(client, monkeypatch):
+    monkeypatch.setattr(client, '_wait', lambda *_: None)
     refused = Trigger.Response(success=False, message='the E-stop is pressed')
-    monkeypatch.setattr(alone, '_complete', lambda *_: refused)
+    monkeypatch.setattr(client, '_complete', lambda *_: refused)
     with pytest.raises(RunError, match=r'^~/enable: the E-stop is pressed$'):
-        alone.enable()
+        client.enable()

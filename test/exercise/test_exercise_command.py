@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver exercise` without a cell: what it says of a program that does not work at all."""
+"""`epson_driver exercise` without a real run: programs that fail without a fault, cell errors."""
 
 import os
 import signal
@@ -33,7 +33,7 @@ USUAL = Observed('no fault', 0, 5.0, 'there', 1, np.zeros(6), moved=True)
 
 @pytest.fixture
 def called(monkeypatch, capsys):
-    """Return a function that calls the command; `case` stands in for a run of the program."""
+    """Return a function that calls the command. `case` replaces a run of the program."""
     before = {each: signal.getsignal(each) for each in ENDING}
 
     def call(case, *words):
@@ -48,7 +48,7 @@ def called(monkeypatch, capsys):
 
 
 @pytest.mark.parametrize(
-    ('changes', 'said'),
+    ('changes', 'reason'),
     [
         (
             {'code': None, 'said': 'waiting'},
@@ -58,7 +58,7 @@ def called(monkeypatch, capsys):
         ({'moved': False}, 'it ended without having moved the arm'),
     ],
 )
-def test_a_program_that_does_not_finish_without_a_fault_is_not_judged(called, changes, said):
+def test_program_that_fails_without_a_fault_is_not_judged(called, changes, reason):
     asked = []
 
     def case(_exercise, what, _folder, _usual):
@@ -67,12 +67,12 @@ def test_a_program_that_does_not_finish_without_a_fault_is_not_judged(called, ch
 
     code, output = called(case)
     assert code == 2
-    assert f'without a fault it must finish: {said}' in ' '.join(output.split())
+    assert f'without a fault it must finish: {reason}' in ' '.join(output.split())
     assert len(asked) == 1
 
 
 @pytest.mark.parametrize('aborted', [1, 2, 3])
-def test_a_run_without_a_fault_in_which_a_goal_was_aborted_is_no_measure(called, aborted):
+def test_reference_run_with_an_aborted_goal_is_repeated(called, aborted):
     asked = []
 
     def case(_exercise, what, folder, _usual):
@@ -88,7 +88,7 @@ def test_a_run_without_a_fault_in_which_a_goal_was_aborted_is_no_measure(called,
     assert f'{2 if aborted == 3 else 1} trajectories' in output
 
 
-def test_what_the_driver_aborted_is_read_from_its_log(tmp_path):
+def test_aborted_goal_is_read_from_the_driver_log(tmp_path):
     log = tmp_path / 'client.log'
     lines = [
         outcome_line(Outcome(End(end), ErrorCode.SUCCESSFUL, text))
@@ -101,7 +101,7 @@ def test_what_the_driver_aborted_is_read_from_its_log(tmp_path):
 
 
 @pytest.mark.parametrize('error', [RunError('~/enable: the E-stop is pressed'), OSError(28, 'x')])
-def test_a_cell_that_does_not_work_is_no_verdict(called, error):
+def test_cell_error_gives_no_verdict(called, error):
     def case(*_):
         raise error
 
@@ -111,8 +111,8 @@ def test_a_cell_that_does_not_work_is_no_verdict(called, error):
 
 
 @pytest.mark.parametrize('number', ENDING)
-def test_a_signal_ends_it_and_another_one_does_not_disturb_the_end(called, number, monkeypatch):
-    monkeypatch.setattr(interrupt, 'ending_signals', lambda: ENDING)  # as without nohup
+def test_second_signal_does_not_disturb_the_exit(called, number, monkeypatch):
+    monkeypatch.setattr(interrupt, 'ending_signals', lambda: ENDING)  # the signals without nohup
 
     def case(*_):
         try:
@@ -129,8 +129,8 @@ def test_a_signal_ends_it_and_another_one_does_not_disturb_the_end(called, numbe
 
 
 @pytest.fixture
-def lonely(tmp_path, monkeypatch):
-    """Return a cell whose controller and driver are not there."""
+def empty_cell(tmp_path, monkeypatch):
+    """A cell without controller and driver."""
     monkeypatch.setattr(cell_module, 'READY_TIMEOUT_S', 0.1)
     port = vacant_port()
     found = SimulatedCell(
@@ -141,42 +141,42 @@ def lonely(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_cell_that_has_said_nothing_has_no_positions_and_cannot_be_enabled(lonely):
-    assert not lonely.observer.wait_for_state(0.1)
+def test_cell_without_processes_has_no_positions(empty_cell):
+    assert not empty_cell.observer.wait_for_state(0.1)
     with pytest.raises(RunError, match='has not said yet where the joints are'):
-        _ = lonely.positions
+        _ = empty_cell.positions
     with pytest.raises(RunError, match='~/enable: no service /epson_driver/enable'):
-        lonely.enable()
-    times, positions = lonely.observer.seen
+        empty_cell.enable()
+    times, positions = empty_cell.observer.seen
     assert (times.shape, positions.shape) == ((0,), (0, 6))
-    assert not lonely.observer.moved_after_stop()
+    assert not empty_cell.observer.moved_after_stop()
 
 
-def test_a_fault_is_begun_at_the_pendant_and_a_refusal_is_said(lonely, monkeypatch):
-    given = []
+def test_fault_is_started_by_pendant_and_refusal_reported(empty_cell, monkeypatch):
+    commands_given = []
 
     async def execute(_host, port, commands, _timeout, _password):
-        given.extend(commands)
-        if len(given) > 1:
+        commands_given.extend(commands)
+        if len(commands_given) > 1:
             raise RemoteError(commands[0], 20)
 
     monkeypatch.setattr(cell_module, 'execute', execute)
-    lonely.fault('cut 2')
+    empty_cell.fault('cut 2')
     case = CASES['cut']
-    assert runner._begin(lonely, case).startswith(f'{given[1]}: ')
-    assert given[0].startswith('Sim,fault,cut')
-    runner._help(lonely, replace(case, person=('reset', 'motors on')))
-    assert len(given) == 4  # a refusal keeps no person from the next
+    assert runner._begin(empty_cell, case).startswith(f'{commands_given[1]}: ')
+    assert commands_given[0].startswith('Sim,fault,cut')
+    runner._help(empty_cell, replace(case, person=('reset', 'motors on')))
+    assert len(commands_given) == 4  # a refusal does not prevent the next action
 
 
 @pytest.mark.invariant(3)
-def test_an_arm_that_never_stands_or_was_not_seen_has_no_standstill():
+def test_moving_or_unseen_arm_has_no_standstill():
     times = np.arange(100) * 0.02
     assert standstill(times, np.arange(100)[:, None] * 0.01) is None
     assert standstill(np.array([]), np.zeros((0, 6))) is None
 
 
-def test_a_wire_that_was_not_recorded_has_no_trajectories(tmp_path):
+def test_missing_recording_has_no_trajectories(tmp_path):
     assert runner._trajectories(tmp_path / 'wire.pcap', 'c3_a601s') == 0
     (tmp_path / 'wire.pcap').write_bytes(b'no capture')
     assert runner._trajectories(tmp_path / 'wire.pcap', 'c3_a601s') == 0

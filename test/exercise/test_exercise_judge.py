@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a program did is told apart, and told to CI; every fault has a case."""
+"""Verdicts on programs, the JUnit report, and the case of every fault."""
 
 from dataclasses import replace
 from xml.etree import ElementTree
@@ -35,14 +35,14 @@ USUAL = Observed('no fault', 0, 5.0, 'there', 1, np.array([1.0, 0.0]))
         ({'moved_after_stop': True, 'trajectories': 9}, Verdict.MOVED_AFTER_ESTOP, 'moved'),
     ],
 )
-def test_each_behaviour_has_its_verdict(changes, verdict, why):
+def test_behaviour_has_its_verdict(changes, verdict, why):
     result = judge(replace(USUAL, **changes), USUAL)
     assert result.verdict is verdict
     assert why in result.why
     assert result.good == (verdict in GOOD)
 
 
-def test_junit_has_a_case_for_each_fault_and_a_failure_for_what_went_wrong():
+def test_junit_has_a_case_per_fault_and_failures():
     results = [
         Result('cut', Verdict.GAVE_UP, 'link lost', 2.0),
         Result('estop', Verdict.HUNG, 'last said: \x1b[31m<&>', 60.0),
@@ -56,14 +56,14 @@ def test_junit_has_a_case_for_each_fault_and_a_failure_for_what_went_wrong():
     assert float(estop.get('time')) == 60.0
 
 
-def test_every_fault_of_the_simulated_controller_is_exercised():
+def test_every_fault_of_the_simulated_controller_has_a_case():
     assert CASES.keys() >= FAULTS.keys()
     for case in CASES.values():
         for words in (*case.begin, *case.person):
             assert action(words).commands
 
 
-def test_a_running_spel_program_is_stopped_before_what_it_keeps_from_being_accepted():
+def test_spel_program_is_stopped_before_blocked_actions():
     assert said(('motors off',), spel=True) == ('stop', 'motors off')
     assert said(('estop release', 'reset'), spel=True) == ('estop release', 'stop', 'reset')
     for case in CASES.values():
@@ -71,7 +71,7 @@ def test_a_running_spel_program_is_stopped_before_what_it_keeps_from_being_accep
 
 
 @pytest.mark.invariant(4)
-def test_no_person_in_a_case_enables_the_arm():
+def test_no_case_enables_the_arm():
     words = [words for case in CASES.values() for words in (*case.begin, *case.person)]
     assert 'motors on' not in words
     assert {name for name, case in CASES.items() if case.stops} == {'estop', 'estop_at_point'}

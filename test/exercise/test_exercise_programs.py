@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""`epson_driver exercise` tells three example programs apart; the fixture for other packages."""
+"""`epson_driver exercise` with example programs, and the pytest fixture for other packages."""
 
 import subprocess
 import sys
@@ -30,7 +30,7 @@ def program(name):
 
 
 def verdicts(junit):
-    """Return by fault what went wrong, 'passed' if nothing did."""
+    """Return the failure of each fault, or 'passed'."""
     found = {}
     for case in ElementTree.parse(junit).getroot():
         failure = case.find('failure')
@@ -48,7 +48,7 @@ def verdicts(junit):
         ('repeats', 'moved after E-stop', 1),
     ],
 )
-def test_three_programs_are_told_apart(tmp_path, name, expected, code):
+def test_example_programs_have_different_verdicts(tmp_path, name, expected, code):
     junit = tmp_path / 'junit.xml'
     words = ['--fault=estop', '--timeout=150', f'--junit={junit}', f'--keep={tmp_path / "kept"}']
     run = exercise(*words, *program(name))
@@ -63,11 +63,13 @@ def test_three_programs_are_told_apart(tmp_path, name, expected, code):
     [
         ('motoman', 'good', 'cut', 'passed'),
         ('fanuc', 'good', 'cut', 'passed'),  # serves one state client: the driver
-        ('spel', 'good', 'motors_off', 'passed'),  # not taken while main runs
+        ('spel', 'good', 'motors_off', 'passed'),  # refused while main runs
         ('spel', 'repeats', 'estop', 'moved after E-stop'),
     ],
 )
-def test_every_kind_of_controller_can_be_exercised(tmp_path, controller, name, fault, expected):
+def test_program_is_exercised_with_every_kind_of_controller(
+    tmp_path, controller, name, fault, expected
+):
     junit = tmp_path / 'junit.xml'
     words = [f'--controller={controller}', f'--fault={fault}', '--timeout=150']
     run = exercise(*words, f'--junit={junit}', *program(name))
@@ -76,7 +78,7 @@ def test_every_kind_of_controller_can_be_exercised(tmp_path, controller, name, f
 
 
 @pytest.mark.slow
-def test_a_program_that_repeats_after_a_lost_reply_is_told(tmp_path):
+def test_repeated_motion_after_a_lost_reply_is_reported(tmp_path):
     junit = tmp_path / 'junit.xml'
     run = exercise('--fault=cut', '--timeout=150', f'--junit={junit}', *program('repeats'))
     assert run.returncode == 1, run.stdout + run.stderr
@@ -84,7 +86,7 @@ def test_a_program_that_repeats_after_a_lost_reply_is_told(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('words', 'said'),
+    ('words', 'message'),
     [
         ((), 'which program?'),
         (('--', 'no-such-program'), 'no such program'),
@@ -94,21 +96,21 @@ def test_a_program_that_repeats_after_a_lost_reply_is_told(tmp_path):
         (('--keep', str(PROGRAMS), '--', 'true'), 'is there already'),
     ],
 )
-def test_wrong_arguments_are_said_in_one_sentence(monkeypatch, capsys, words, said):
+def test_invalid_argument_of_exercise_is_reported(monkeypatch, capsys, words, message):
     monkeypatch.setattr(sys, 'argv', ['epson_driver exercise', *words])
     with pytest.raises(SystemExit, match='2'):
         command.main()
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 @pytest.mark.slow
-def test_a_program_that_does_not_even_work_without_a_fault_is_told():
+def test_program_without_motion_is_reported():
     run = exercise('--fault=estop', '--timeout=60', '--', sys.executable, '-c', 'print("hello")')
     assert run.returncode == 2
     assert 'without having moved the arm' in ' '.join(run.stdout.split())
 
 
-def test_the_list_names_every_case(monkeypatch, capsys):
+def test_list_option_shows_every_case(monkeypatch, capsys):
     monkeypatch.setattr(sys, 'argv', ['epson_driver exercise', '--list'])
     assert command.main() == 0
     listed = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
@@ -138,7 +140,7 @@ def test_ours(sim_controller):
 
 
 @pytest.mark.slow
-def test_another_package_uses_the_fixture(tmp_path):
+def test_fixture_works_in_another_package(tmp_path):
     (tmp_path / 'conftest.py').write_text(
         "pytest_plugins = ['epson_driver.exercise.pytest_plugin']\n"
     )

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Bags of a few kilobytes that expand to gigabytes: one sentence, and little memory."""
+"""Bags of a few kilobytes that expand to gigabytes are refused within little memory."""
 
 import os
 import sqlite3
@@ -154,7 +154,7 @@ except (RunError, InputError) as error:
     print(memory('VmHWM') - began)
     print(error)
 """
-"""Reads a bag in a fresh process: pages that another test has freed would hide new ones."""
+"""Reads a bag in a new process, because memory freed by other tests would hide its use."""
 
 
 @pytest.mark.invariant(7)
@@ -172,7 +172,7 @@ except (RunError, InputError) as error:
         deep_qos,
     ],
 )
-def test_inv7_a_bag_that_expands_is_refused_within_little_memory(
+def test_inv7_expanding_bag_is_refused_within_little_memory(
     made: Callable[[Path], Path], tmp_path: Path
 ) -> None:
     path = made(tmp_path / 'bag')

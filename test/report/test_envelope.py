@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The picture of where an arm can be."""
+"""The picture of an arm's workspace."""
 
 import dataclasses
 from pathlib import Path
@@ -21,7 +21,7 @@ pytest.importorskip('matplotlib')
         ('c3_a601s', ('reach 600 mm', 'J3 -51 … 225°')),
     ],
 )
-def test_it_says_reach_and_ranges_as_the_manual_has_them(
+def test_text_has_reach_and_ranges_of_the_manual(
     name: str, words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import matplotlib as mpl
@@ -33,7 +33,7 @@ def test_it_says_reach_and_ranges_as_the_manual_has_them(
     assert all(each in text for each in words)
 
 
-def test_an_arm_of_another_kind_is_refused(tmp_path: Path) -> None:
+def test_arm_of_another_kind_is_refused(tmp_path: Path) -> None:
     model = dataclasses.replace(load_robot_model('gx8_c552s'), joint_types=('revolute',) * 4)
     with pytest.raises(PictureError, match='no picture of such an arm'):
         draw_envelope(tmp_path / 'picture.png', model)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A bag that was written is read back by the libraries mcap and rosbags with equal numbers."""
+"""Written bags are read with equal numbers by mcap, rosbags and the report."""
 
 import re
 from pathlib import Path
@@ -43,7 +43,7 @@ def bag(run, tmp_path_factory):
     return folder
 
 
-def test_the_types_are_those_of_industrial_msgs():
+def test_types_equal_industrial_msgs():
     for name, definition in INDUSTRIAL_MSGS.items():
         text = (
             ROOT / 'interfaces/industrial_msgs/msg' / f'{name.rpartition("/")[2]}.msg'
@@ -58,9 +58,9 @@ def test_the_types_are_those_of_industrial_msgs():
         assert plain == ours
 
 
-def test_rosbags_reads_equal_numbers(run, bag):
+def test_rosbags_reads_equal_numbers_from_the_bag(run, bag):
     positions, velocities, stamps, statuses = [], [], [], []
-    with AnyReader([bag]) as reader:  # by the definitions that are in the bag
+    with AnyReader([bag]) as reader:  # with the definitions in the bag
         for connection, at, data in reader.messages():
             message = reader.deserialize(data, connection.msgtype)
             if connection.topic == '/joint_states':
@@ -78,7 +78,7 @@ def test_rosbags_reads_equal_numbers(run, bag):
     assert [tuple(m.error_codes) for m in statuses] == [c.error_codes for c in run.conditions]
 
 
-def test_mcap_reads_equal_numbers(run, bag):
+def test_mcap_reads_equal_numbers_from_the_bag(run, bag):
     reader_module = pytest.importorskip('mcap.reader')
     decoder = pytest.importorskip('mcap_ros2.decoder')
     (file,) = bag.glob('*.mcap')
@@ -91,7 +91,7 @@ def test_mcap_reads_equal_numbers(run, bag):
     assert np.array_equal(np.array(positions), run.positions)
 
 
-def test_a_report_of_the_bag_has_the_figures_of_the_trace(run, bag):
+def test_report_of_the_bag_equals_that_of_the_trace(run, bag):
     read = read_bag(bag, TEXTS)
     assert read.began == run.began
     assert read.times == pytest.approx(run.times, abs=2e-9)
@@ -109,8 +109,8 @@ def test_a_report_of_the_bag_has_the_figures_of_the_trace(run, bag):
 
 
 @pytest.mark.invariant(8)
-def test_joint_states_that_came_in_bursts_have_the_accelerations_of_the_trace(tmp_path):
-    """A bag has times of arrival: taken for those of sending, an arm jumps in a burst."""
+def test_bursts_in_a_bag_do_not_change_accelerations(tmp_path):
+    """A bag has arrival times. With them as sending times, an arm would jump in a burst."""
     recorder = Recorder()
     recorder.connect(0.0, 11002)
     for slot in range(800):
@@ -121,13 +121,13 @@ def test_joint_states_that_came_in_bursts_have_the_accelerations_of_the_trace(tm
     trace = read_trace(recorder.write(tmp_path / 'run.pcap'), LIMITS, TEXTS)
     write_bag(trace, figures(trace), tmp_path / 'bag')
     ours, theirs = figures(trace), figures(read_bag(tmp_path / 'bag', TEXTS))
-    most = np.abs(ours.accelerations).max(axis=0)
-    assert np.abs(theirs.accelerations - ours.accelerations).max() < 0.01 * most.max()
-    assert most[0] < 10.0
+    highest = np.abs(ours.accelerations).max(axis=0)
+    assert np.abs(theirs.accelerations - ours.accelerations).max() < 0.01 * highest.max()
+    assert highest[0] < 10.0
 
 
 @pytest.mark.invariant(1)
-def test_no_topic_of_the_bag_is_one_that_the_driver_obeys(bag):
+def test_bag_has_no_command_topics_of_the_driver(bag):
     with AnyReader([bag]) as reader:
         topics = {connection.topic for connection in reader.connections}
     assert topics == {
@@ -140,7 +140,7 @@ def test_no_topic_of_the_bag_is_one_that_the_driver_obeys(bag):
 
 
 def other_bag(folder, *names, messages=True, status=False, storage=StoragePlugin.MCAP):
-    """Write a bag as a person's own recording may be: of some robots, or of none."""
+    """Write a bag like a user's recording, with the joint states of any number of robots."""
     store = typestore()
     kind = 'sensor_msgs/msg/JointState'
     state, header = store.types[kind], store.types['std_msgs/msg/Header']
@@ -166,7 +166,7 @@ def other_bag(folder, *names, messages=True, status=False, storage=StoragePlugin
 
 
 @pytest.mark.parametrize(
-    ('names', 'options', 'said'),
+    ('names', 'options', 'message'),
     [
         ((), {'status': True}, r'no joint states in it \(topics: /chatter\): record joint_states'),
         (('/joint_states',), {'messages': False}, 'has no message with positions'),
@@ -177,12 +177,12 @@ def other_bag(folder, *names, messages=True, status=False, storage=StoragePlugin
         ),
     ],
 )
-def test_a_bag_without_what_is_needed_says_what_is_missing(tmp_path, names, options, said):
-    with pytest.raises(RunError, match=said):
+def test_incomplete_bag_is_refused_with_the_reason(tmp_path, names, options, message):
+    with pytest.raises(RunError, match=message):
         read_bag(other_bag(tmp_path / 'bag', *names, **options), TEXTS)
 
 
-def test_one_of_several_robots_is_chosen_by_its_namespace(tmp_path):
+def test_namespace_chooses_one_of_several_robots(tmp_path):
     bag = other_bag(tmp_path / 'bag', '/a/joint_states', '/b/joint_states')
     run = read_bag(bag, TEXTS, 'b')
     assert len(run.times) == 40
@@ -195,7 +195,7 @@ def test_one_of_several_robots_is_chosen_by_its_namespace(tmp_path):
 @pytest.mark.parametrize(
     'storage', [StoragePlugin.SQLITE3, pytest.param(StoragePlugin.MCAP, marks=pytest.mark.slow)]
 )
-def test_a_bag_is_read_from_its_folder_and_from_its_file(tmp_path, storage):
+def test_bag_is_read_from_its_folder_or_file(tmp_path, storage):
     bag = other_bag(tmp_path / 'bag', '/left/joint_states', storage=storage)
     (file,) = {*bag.iterdir()} - {bag / 'metadata.yaml'}
     for path in (bag, file):
@@ -206,7 +206,7 @@ def test_a_bag_is_read_from_its_folder_and_from_its_file(tmp_path, storage):
 
 @pytest.mark.parametrize('missing', ['footer', 'summary and index', 'half of the last record'])
 @pytest.mark.parametrize('killed', [False, True], ids=['file', 'folder without metadata'])
-def test_a_bag_that_breaks_off_shows_what_is_whole(tmp_path, missing, killed):
+def test_truncated_bag_is_read_up_to_the_damage(tmp_path, missing, killed):
     bag = other_bag(tmp_path / 'bag', '/joint_states')
     (file,) = bag.glob('*.mcap')
     content = file.read_bytes()
@@ -222,23 +222,23 @@ def test_a_bag_that_breaks_off_shows_what_is_whole(tmp_path, missing, killed):
 
 
 @pytest.mark.parametrize('share', [0.0, 0.01, 0.3])
-def test_a_bag_without_one_whole_message_is_refused_by_its_own_name(tmp_path, bag, share):
+def test_bag_without_a_complete_message_is_refused_by_name(tmp_path, bag, share):
     (file,) = bag.glob('*.mcap')
     cut = tmp_path / 'cut.mcap'
     cut.write_bytes(file.read_bytes()[: int(file.stat().st_size * share)])
     with pytest.raises(RunError, match=re.escape(str(cut))) as refused:
         read_bag(cut, TEXTS)
-    assert 'record joint_states' not in str(refused.value)  # whoever made it did
+    assert 'record joint_states' not in str(refused.value)  # it was recorded
 
 
-def test_a_folder_that_exists_is_left_alone(tmp_path, run):
+def test_existing_folder_is_not_changed(tmp_path, run):
     with pytest.raises(RunError, match='is there already'):
         write_bag(run, figures(run), tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.invariant(7)
-def test_a_definition_that_is_no_text_makes_the_bag_one_that_cannot_be_read(tmp_path):
+def test_bag_with_an_invalid_definition_is_refused(tmp_path):
     (file,) = other_bag(tmp_path / 'bag', '/joint_states').glob('*.mcap')
     content = file.read_bytes()
     assert b'std_msgs/Header header' in content

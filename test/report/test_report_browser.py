@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The page in a real browser: it moves the arm, has no error, asks nobody for anything."""
+"""The page in a real browser: it moves the arm, without errors and network requests."""
 
 import io
 
@@ -19,12 +19,12 @@ MODEL = load_robot_model('c3_a601s')
 pytestmark = pytest.mark.slow  # ten seconds and more in a browser without a graphics card
 
 HARMLESS = 'GPU stall due to ReadPixels'
-"""What Chromium says when a test takes pictures of WebGL without a graphics card."""
+"""A warning of Chromium about screenshots of WebGL without a graphics card."""
 
 
 @pytest.fixture(scope='module')
 def pages(tmp_path_factory):
-    """Return two files: the report of a run, and that of two side by side."""
+    """Return two files: the report of one run and the comparison of two runs."""
     folder = tmp_path_factory.mktemp('pages')
     runs = []
     for name, options in (('a', {}), ('b', {'estop': 2.0})):
@@ -52,8 +52,8 @@ def move_slider(tab, time):
     tab.wait_for_timeout(300)
 
 
-def test_the_slider_moves_the_arm_and_nobody_is_asked_for_anything(pages):
-    with browser_page() as (tab, told, requested):
+def test_slider_moves_the_arm_without_network_requests(pages):
+    with browser_page() as (tab, messages, requested):
         tab.goto(f'file://{pages[0]}')
         tab.wait_for_selector('body[data-ready=yes]', timeout=120_000)
         move_slider(tab, 1.0)
@@ -69,11 +69,11 @@ def test_the_slider_moves_the_arm_and_nobody_is_asked_for_anything(pages):
         assert tab.locator('[data-lamp="E-stop"] b').inner_text() == 'pressed'
         assert '→' in tab.locator('#advice').inner_text()
         assert tab.locator('.plot canvas').count() == 6
-        assert [text for text in told if HARMLESS not in text] == []
+        assert [text for text in messages if HARMLESS not in text] == []
         assert requested == [f'file://{pages[0]}']
 
 
-PICTURE_AS_IT_IS = """() => {
+COLOURS_BETWEEN_FRAMES = """() => {
     const from = document.querySelector('#scene'), to = document.createElement('canvas');
     [to.width, to.height] = [from.width, from.height];
     const drawn = to.getContext('2d', { willReadFrequently: true });
@@ -81,10 +81,10 @@ PICTURE_AS_IT_IS = """() => {
     const { data } = drawn.getImageData(0, 0, to.width, to.height);
     return new Set(new Uint32Array(data.buffer)).size;
 }"""
-"""How many colours whoever takes the picture between two frames sees, as a printer does."""
+"""Counts the colours of the picture between two frames, as a printer takes it."""
 
 
-def test_it_fits_a_phone_and_paper(pages):
+def test_page_fits_a_phone_and_paper(pages):
     with browser_page(width=390, height=844) as (tab, _, _):
         tab.goto(f'file://{pages[1]}')
         tab.wait_for_selector('body[data-ready=yes]', timeout=120_000)
@@ -99,7 +99,7 @@ def test_it_fits_a_phone_and_paper(pages):
         assert tab.evaluate(paper) != light
         tab.emulate_media(color_scheme='light')
         tab.wait_for_timeout(1000)
-        assert tab.evaluate(PICTURE_AS_IT_IS) > 100
+        assert tab.evaluate(COLOURS_BETWEEN_FRAMES) > 100
         width = '() => document.querySelector(".uplot").clientWidth'
         on_phone = tab.evaluate(width)
         tab.evaluate('() => dispatchEvent(new Event("beforeprint"))')
@@ -108,8 +108,8 @@ def test_it_fits_a_phone_and_paper(pages):
         assert tab.evaluate(width) == on_phone
 
 
-def test_two_runs_in_one_page_and_the_page_opened_twice(pages):
-    with browser_page() as (tab, told, requested):
+def test_page_with_two_runs_can_be_opened_twice(pages):
+    with browser_page() as (tab, messages, requested):
         for _ in range(2):
             tab.goto(f'file://{pages[1]}')
             tab.wait_for_selector('body[data-ready=yes]', timeout=120_000)
@@ -118,5 +118,5 @@ def test_two_runs_in_one_page_and_the_page_opened_twice(pages):
         tab.wait_for_timeout(500)
         tab.locator('#play').click()
         assert tab.locator('#clock').inner_text().endswith(' s')
-        assert [text for text in told if HARMLESS not in text] == []
+        assert [text for text in messages if HARMLESS not in text] == []
         assert {each.partition('#')[0] for each in requested} == {f'file://{pages[1]}'}

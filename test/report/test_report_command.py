@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The report as a command and as a page."""
+"""The command `report` and its page."""
 
 import base64
 import dataclasses
@@ -45,10 +45,10 @@ def called(tmp_path, monkeypatch, capsys):
     return call
 
 
-def test_each_file_becomes_a_page_with_its_json(called, tmp_path):
-    code, said = called('a.pcap', 'b.pcap')
+def test_each_file_gets_a_page_and_json(called, tmp_path):
+    code, output = called('a.pcap', 'b.pcap')
     assert code == 0
-    assert 'report: b-report.html' in said.out
+    assert 'report: b-report.html' in output.out
     figures = json.loads((tmp_path / 'a-report.json').read_text())
     assert figures['source'] == 'a.pcap'
     assert figures['motions'][0]['points'] == 3
@@ -56,14 +56,14 @@ def test_each_file_becomes_a_page_with_its_json(called, tmp_path):
     assert [path for path in tmp_path.iterdir() if path.name.startswith('.')] == []
 
 
-def test_two_runs_side_by_side(called, tmp_path):
+def test_compare_option_shows_two_runs(called, tmp_path):
     code, _ = called('--compare', 'a.pcap', 'b.pcap', '--output', 'both.html')
     assert code == 0
     both = json.loads((tmp_path / 'both.json').read_text())
     assert [each['source'] for each in both] == ['a.pcap', 'b.pcap']
 
 
-def test_a_bag_and_its_report(called, tmp_path):
+def test_report_of_an_exported_bag_has_equal_figures(called, tmp_path):
     pytest.importorskip('rosbags')
     assert called('a.pcap', '--mcap', 'bag')[0] == 0
     assert called('bag')[0] == 0
@@ -73,7 +73,7 @@ def test_a_bag_and_its_report(called, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ('words', 'said'),
+    ('words', 'message'),
     [
         (('--compare', 'a.pcap'), 'puts two files side by side, not 1'),
         (('a.pcap', 'b.pcap', '--output', 'x.html'), 'are for one report'),
@@ -86,14 +86,14 @@ def test_a_bag_and_its_report(called, tmp_path):
         (('a.pcap', '--address', '10.9.9.9'), 'no connection to a controller'),
     ],
 )
-def test_what_is_wrong_is_said_in_one_sentence(called, words, said):
+def test_invalid_input_of_report_is_rejected_with_a_reason(called, words, message):
     code, output = called(*words)
     assert code == 2
-    assert said in output.err
+    assert message in output.err
     assert 'Traceback' not in output.err
 
 
-def test_without_the_extra_the_command_that_brings_it_is_named(called, monkeypatch):
+def test_missing_extra_is_named_with_its_command(called, monkeypatch):
     for name in [n for n in sys.modules if n.startswith(('rosbags', 'epson_driver.report.bag_'))]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, 'rosbags', None)
@@ -102,7 +102,7 @@ def test_without_the_extra_the_command_that_brings_it_is_named(called, monkeypat
     assert "pip install 'epson_driver[report]'" in output.err
 
 
-def test_a_report_that_cannot_be_put_in_place_leaves_nothing_behind(called, tmp_path):
+def test_unwritable_page_leaves_no_files(called, tmp_path):
     (tmp_path / 'there.html').mkdir()
     code, output = called('a.pcap', '--output', 'there.html')
     assert code == 2
@@ -110,7 +110,7 @@ def test_a_report_that_cannot_be_put_in_place_leaves_nothing_behind(called, tmp_
     assert {path.name for path in tmp_path.iterdir()} == {'a.pcap', 'b.pcap', 'there.html'}
 
 
-def test_a_bag_of_another_arm_is_refused_with_both_numbers(called):
+def test_bag_of_another_arm_is_refused(called):
     pytest.importorskip('rosbags')
     assert called('a.pcap', '--mcap', 'bag')[0] == 0
     code, output = called('bag', '--robot', 'gx4_c251s')
@@ -118,7 +118,7 @@ def test_a_bag_of_another_arm_is_refused_with_both_numbers(called):
     assert 'bag: 6 joints, the robot gx4_c251s has 4: name its model with --robot' in output.err
 
 
-def test_ctrl_c_ends_it_as_an_interrupt(called, monkeypatch):
+def test_ctrl_c_exits_as_interrupted(called, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
@@ -126,7 +126,7 @@ def test_ctrl_c_ends_it_as_an_interrupt(called, monkeypatch):
     assert called('a.pcap')[0] == INTERRUPTED
 
 
-def test_a_library_that_is_missing_and_no_extra_of_ours_is_not_taken_for_one(called, monkeypatch):
+def test_missing_library_of_no_extra_raises(called, monkeypatch):
     def missing(*_):
         raise ModuleNotFoundError("No module named 'numpy'", name='numpy')
 
@@ -152,7 +152,7 @@ def data_of(text):
     return json.loads(re.search(r'<script id="data"[^>]*>(.*?)</script>', text, re.DOTALL)[1])
 
 
-def test_the_policy_allows_these_scripts_and_nothing_else(tmp_path):
+def test_policy_allows_only_scripts_and_styles_of_the_page(tmp_path):
     _, text = made(tmp_path)
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)[1]
     rules = dict(rule.strip().split(' ', 1) for rule in policy.split(';'))
@@ -172,7 +172,7 @@ def test_the_policy_allows_these_scripts_and_nothing_else(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_minute_of_motion_is_at_most_two_megabytes():
+def test_page_of_a_minute_is_at_most_two_megabytes():
     count = 60 * 182
     times = np.arange(count) / 182.0
     noise = np.random.default_rng(1).normal(size=(count, 6))  # nothing to compress
@@ -183,7 +183,7 @@ def test_a_minute_of_motion_is_at_most_two_megabytes():
 
 
 @pytest.mark.slow
-def test_a_long_run_is_thinned_out_and_says_so(tmp_path):
+def test_long_run_is_thinned_and_marked(tmp_path):
     count = MAX_SAMPLES * 5 // 2
     times = np.arange(count) * 0.005
     run = Run('long', 10**18, MODEL.joint_names, times, np.zeros((count, 6)), ended=187.0)
@@ -193,7 +193,7 @@ def test_a_long_run_is_thinned_out_and_says_so(tmp_path):
     assert data['runs'][0]['figures']['joint_states']['count'] == count
 
 
-def test_the_data_are_those_of_the_run(tmp_path):
+def test_page_data_equal_the_run(tmp_path):
     run, text = made(tmp_path, estop=2.0)
     held = data_of(text)['runs'][0]
     positions = np.frombuffer(base64.b64decode(held['positions']), '<f4').reshape(-1, 6)
@@ -204,7 +204,7 @@ def test_the_data_are_those_of_the_run(tmp_path):
     assert held['conditions'][-1][1] == list(run.conditions[-1].flags)
 
 
-def test_a_name_cannot_break_out_of_the_page(tmp_path):
+def test_source_name_is_escaped_in_the_page(tmp_path):
     run, _ = made(tmp_path)
     evil = dataclasses.replace(run, source='</script><script>alert(1)</script>"')
     text = page([(evil, figures(evil))], MODEL)
@@ -213,7 +213,7 @@ def test_a_name_cannot_break_out_of_the_page(tmp_path):
 
 
 @pytest.mark.parametrize('name', one_in(25, robot_models()))
-def test_every_robot_can_be_drawn(name):
+def test_every_robot_model_can_be_drawn(name):
     model = load_robot_model(name)
     count = len(model.joint_names)
     run = Run('r', 10**18, model.joint_names, np.arange(9) * 0.01, np.zeros((9, count)), ended=0.1)
@@ -225,7 +225,7 @@ def test_every_robot_can_be_drawn(name):
         assert triangles.max() * 3 + 2 < len(corners)
 
 
-def test_the_bundle_has_its_licences_and_its_versions():
+def test_bundle_has_licences_and_versions():
     wanted = json.loads((ROOT / 'generate/page_bundle/package.json').read_text())['dependencies']
     licences = (ASSETS / 'bundle.LICENSES.txt').read_text()
     for name, version in (('three.js', wanted['three']), ('uPlot', wanted['uplot'])):
@@ -250,7 +250,7 @@ def test_few_joint_states_have_no_derivatives(count):
     assert not velocities.any()
 
 
-def test_a_mesh_with_more_vertices_than_16_bits_can_number_is_refused():
+def test_mesh_above_16_bit_vertex_numbers_is_refused():
     corners = np.random.default_rng(1).normal(size=(65_536, 3))
     with pytest.raises(ValueError, match='65536 vertices: at most 65535'):
         packed(corners, np.zeros((1, 3), dtype=int))

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Bags of `ros2 bag record`: the driver's own topics, and messages with something wrong."""
+"""Bags of `ros2 bag record`: the driver's topics, and invalid messages."""
 
 import math
 import re
@@ -80,7 +80,7 @@ def usual(*, count=20, step=0.01):
 
 
 def recorded(folder, *entries):
-    """Write a bag; entries: time, s, topic, type, and message, or bytes as they are."""
+    """Write a bag of entries: time, s, topic, type, and message or raw bytes."""
     with Writer(folder / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connections = {}
         for seconds, topic, kind, message in sorted(entries, key=lambda entry: entry[0]):
@@ -96,19 +96,19 @@ def read(folder, *entries):
     return read_bag(recorded(folder, *entries), TEXTS)
 
 
-def told(run, level):
+def event_texts(run, level):
     return [event.text for event in run.events if event.level == level]
 
 
-def test_each_goal_of_the_controller_state_is_a_plan_in_the_order_of_the_joints(tmp_path):
+def test_goals_in_controller_state_are_plans_in_joint_order(tmp_path):
     turned = tuple(reversed(NAMES))
-    ways = [
+    references = [
         (0.05 * n + begin, FOLLOWED, CONTROLLER_STATE, followed(0.05 * n, range(6), turned))
         for begin, count in ((0.1, 4), (0.5, 3))
         for n in range(count)
     ]
     again = (0.66, FOLLOWED, CONTROLLER_STATE, followed(0.1, range(6), turned))
-    run = read(tmp_path, *usual(count=100), *ways, again)
+    run = read(tmp_path, *usual(count=100), *references, again)
     first, second = run.plans
     assert first.times == pytest.approx([0.0, 0.05, 0.1, 0.15])
     assert second.times == pytest.approx([0.0, 0.05, 0.1])  # a time that came twice counts once
@@ -127,24 +127,24 @@ def test_each_goal_of_the_controller_state_is_a_plan_in_the_order_of_the_joints(
     ],
     ids=['too few', 'no number', 'another arm'],
 )
-def test_a_controller_state_that_is_not_of_this_arm_is_no_plan(tmp_path, message):
+def test_invalid_controller_state_is_no_plan(tmp_path, message):
     run = read(tmp_path, *usual(), (0.1, FOLLOWED, CONTROLLER_STATE, message))
     assert run.plans == []
     assert any('no plan' in note for note in run.notes)
 
 
-def test_a_trajectory_on_a_topic_is_a_plan_and_an_event(tmp_path):
+def test_trajectory_topic_is_a_plan_and_an_event(tmp_path):
     message = trajectory((0.5, [0.1] * 6), (1.5, [0.3] * 6))
     early = (-0.01, PLANS, PLAN, message)  # before the first joint state names the joints
     (plan,) = (run := read(tmp_path, *usual(), early, (0.1, PLANS, PLAN, message))).plans
     assert plan.times == pytest.approx([0.0, 1.0])
     assert plan.positions[:, 0] == pytest.approx([0.1, 0.3])
-    assert told(run, 'info') == [f'a trajectory of 2 points ({PLANS})']
+    assert event_texts(run, 'info') == [f'a trajectory of 2 points ({PLANS})']
 
 
 @pytest.mark.invariant(7)
 @pytest.mark.parametrize(
-    ('points', 'said'),
+    ('points', 'reason'),
     [
         ([(0.0, [0.1] * 6), (1.0, [0.1] * 5)], 'point 1 has 5 positions for 6 joints'),
         ([(0.0, []), (1.0, [0.1] * 6)], 'point 0 has 0 positions for 6 joints'),
@@ -153,23 +153,20 @@ def test_a_trajectory_on_a_topic_is_a_plan_and_an_event(tmp_path):
     ],
     ids=['short', 'empty', 'no number', 'no time'],
 )
-def test_a_trajectory_that_nobody_can_execute_is_an_event_and_the_rest_is_read(
-    tmp_path, points, said
-):
-    """The bag could not be read at all, as an IndexError ended it, or the page had no figures."""
+def test_invalid_trajectory_is_a_warning_and_the_bag_is_read(tmp_path, points, reason):
     good = trajectory((0.0, [0.0] * 6), (0.05, [0.05] * 6))
     run = read(
         tmp_path, *usual(), (0.05, PLANS, PLAN, trajectory(*points)), (0.1, PLANS, PLAN, good)
     )
     (warning,) = [event for event in run.events if event.level == 'warning']
-    assert said in warning.text
+    assert reason in warning.text
     assert PLANS in warning.text
     assert warning.remedy
     assert len(run.plans) == 1
     assert page([(run, figures(run))], MODEL)  # json.dumps takes no NaN
 
 
-def test_joint_states_of_another_arm_or_without_a_number_are_left_out_and_told_once(tmp_path):
+def test_invalid_joint_states_are_skipped_with_one_warning(tmp_path):
     wrong = [
         (0.055, STATES, STATE, state(0.055, 0.9, NAMES[:4])),
         (0.056, STATES, STATE, state(0.056, math.nan)),
@@ -182,7 +179,7 @@ def test_joint_states_of_another_arm_or_without_a_number_are_left_out_and_told_o
     assert warning.time == pytest.approx(0.056)
 
 
-def test_stamps_of_another_clock_give_way_to_the_times_of_the_bag_and_times_ascend(tmp_path):
+def test_stamps_of_another_clock_are_replaced_by_bag_times(tmp_path):
     entries = [(0.01 * n, STATES, STATE, state(-1e6, 0.01 * n)) for n in range(10)]
     entries += [(0.1 + 1e-3 * n, STATES, STATE, state(0.1, 0.1)) for n in range(3)]
     run = read(tmp_path, *entries)
@@ -191,13 +188,13 @@ def test_stamps_of_another_clock_give_way_to_the_times_of_the_bag_and_times_asce
     assert np.all(np.diff(run.times) > 0.0)
 
 
-def test_more_joint_states_than_fit_are_refused_with_their_number(tmp_path, monkeypatch):
+def test_too_many_joint_states_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(bag_run, 'MAX_JOINT_STATES', 10)
     with pytest.raises(RunError, match='more than 10 joint states'):
         read(tmp_path, *usual())
 
 
-def test_the_log_of_the_driver_counts_and_that_of_others_does_not(tmp_path):
+def test_only_the_driver_log_becomes_events(tmp_path):
     kind = 'rcl_interfaces/msg/Log'
 
     def line(level, name, text):
@@ -212,17 +209,17 @@ def test_the_log_of_the_driver_counts_and_that_of_others_does_not(tmp_path):
         line(40, 'left.epson_driver', 'error 2313'),
         line(40, 'camera', 'no picture'),
     )
-    assert told(run, 'info') == ['connected']
-    assert told(run, 'warning') == ['the link is slow']
-    assert told(run, 'error') == ['error 2313']
+    assert event_texts(run, 'info') == ['connected']
+    assert event_texts(run, 'warning') == ['the link is slow']
+    assert event_texts(run, 'error') == ['error 2313']
 
 
-def test_the_state_of_the_link_is_a_line_of_its_own_and_a_loss_says_what_helps(tmp_path):
+def test_link_states_are_events_and_a_loss_has_a_remedy(tmp_path):
     links = [
         (seconds, LINKS, LINK, TYPES[LINK](name))
         for seconds, name in ((0.0, 'connected'), (0.1, 'backing_off'), (0.15, 'connected'))
     ]
-    other = (0.1, f'{DRIVER}/hello', LINK, TYPES[LINK]('a string that says nothing of the link'))
+    other = (0.1, f'{DRIVER}/hello', LINK, TYPES[LINK]('an unrelated string'))
     run = read(tmp_path, *usual(), *links, other)
     assert [(pytest.approx(at), up) for at, _, up in run.links] == [
         (0.0, True),
@@ -232,19 +229,19 @@ def test_the_state_of_the_link_is_a_line_of_its_own_and_a_loss_says_what_helps(t
     (lost,) = [event for event in run.events if event.level == 'warning']
     assert lost.text == 'link: backing_off'
     assert '~/enable' in lost.remedy
-    assert told(run, 'info') == ['link: connected'] * 2
+    assert event_texts(run, 'info') == ['link: connected'] * 2
 
 
 @pytest.mark.invariant(7)
-def test_a_message_that_cannot_be_read_ends_the_run_there(tmp_path):
+def test_unreadable_message_ends_the_run(tmp_path):
     run = read(tmp_path, *usual(), (0.1001, STATES, STATE, b'\0\1\0\0' + b'\xff' * 40))
     assert len(run.times) == 11
     assert any(note.startswith('the bag breaks off: ') for note in run.notes)
-    assert told(run, 'error') == ['the recording breaks off here']
+    assert event_texts(run, 'error') == ['the recording breaks off here']
 
 
 @pytest.mark.parametrize('damage', [b'', b'\0\1\0\0' + b'\xff' * 40], ids=['empty', 'length'])
-def test_a_bag_of_which_nothing_can_be_read_is_refused_with_its_name(tmp_path, damage):
+def test_unreadable_bag_is_refused_by_name(tmp_path, damage):
     bag = recorded(tmp_path, (0.0, STATES, STATE, damage))
     with pytest.raises(RunError, match=re.escape(f'{bag}: ')):
         read_bag(bag, TEXTS)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A run read from a trace of which everything is known, and from traces with something wrong."""
+"""Runs read from synthetic traces with known content, and from damaged traces."""
 
 import struct
 from pathlib import Path
@@ -63,7 +63,7 @@ def texts(run, level=None):
 
 
 @pytest.mark.invariant(8)
-def test_joints_are_those_of_the_wire_to_the_bit(tmp_path):
+def test_joints_equal_the_wire_exactly(tmp_path):
     run = read(usual_run(), tmp_path)
     slots = [slot for slot in range(800) if slot % 11 != 10]
     held = np.array([position(0.01 + slot * PERIOD) for slot in slots])
@@ -74,25 +74,25 @@ def test_joints_are_those_of_the_wire_to_the_bit(tmp_path):
     assert run.velocities is None
 
 
-def test_the_plan_its_dead_time_and_its_figures_are_found(tmp_path):
+def test_plan_and_figures_of_a_motion_are_found(tmp_path):
     run = read(usual_run(), tmp_path)
     (plan,) = run.plans
     assert plan.sent == pytest.approx(SENT, abs=1e-6)
     assert plan.times == pytest.approx([0.0, 1.0, 2.0])
     assert np.array_equal(plan.positions, POINTS.astype(np.float32).astype(float))
     (motion,) = figures(run).motions
-    # it is seen to move when a joint has left its place by the bound: t³ · 2π²/3 of the whole way
+    # motion is detected when a joint has moved by the bound: t³ · 2π²/3 of the distance
     seen = MOVED * (STANDSTILL_RAD * 3 / (2 * np.pi**2)) ** (1 / 3)
     assert motion.dead_time == pytest.approx(DEAD_TIME + seen, abs=0.011)
     assert motion.moved == pytest.approx(MOVED - 2 * seen, abs=0.022)
     assert motion.stops == 0
     assert motion.waypoint_deviation < 1e-3
     assert motion.end_deviation < 1e-6
-    assert motion.top_velocity[0] == pytest.approx(1.0, rel=0.01)  # 2 · way / time
+    assert motion.top_velocity[0] == pytest.approx(1.0, rel=0.01)  # 2 · distance / time
     assert motion.top_acceleration[0] == pytest.approx(2 * np.pi / MOVED**2, rel=0.05)
 
 
-def test_replies_rates_and_gaps_are_those_of_the_wire(tmp_path):
+def test_replies_rates_and_gaps_equal_the_wire(tmp_path):
     run = read(usual_run(), tmp_path)
     numbers = figures(run)
     ((name, replies),) = numbers.replies
@@ -105,7 +105,7 @@ def test_replies_rates_and_gaps_are_those_of_the_wire(tmp_path):
     assert counts['STATUS', 'controller'] == 72
 
 
-def test_an_e_stop_is_told_with_its_error_and_what_helps(tmp_path):
+def test_estop_is_an_event_with_error_and_remedy(tmp_path):
     run = read(usual_run(estop=2.0), tmp_path)
     errors = [event for event in run.events if event.level == 'error']
     assert errors[0].text == 'E-stop pressed'
@@ -117,7 +117,7 @@ def test_an_e_stop_is_told_with_its_error_and_what_helps(tmp_path):
     assert run.conditions[-1].flag('drives_powered') == NO
 
 
-def test_each_trajectory_is_a_plan_of_its_own_and_a_stop_ends_one(tmp_path):
+def test_each_trajectory_is_a_separate_plan(tmp_path):
     recorder = usual_run(4.0)
     for number in (0, 1):
         point = JointTrajPt(number, (0.5,) * 10, 0.5, 0.5)
@@ -127,7 +127,7 @@ def test_each_trajectory_is_a_plan_of_its_own_and_a_stop_ends_one(tmp_path):
     assert second.sent == pytest.approx(4.1, abs=1e-6)
 
 
-def test_a_refused_point_a_lost_link_and_bytes_that_are_none_are_events(tmp_path):
+def test_refused_point_lost_link_and_invalid_bytes_are_events(tmp_path):
     recorder = usual_run()
     recorder.asks(4.2, 11000, JointTrajPt(3))
     recorder.refuses(4.21, 11000, JointPosition(3))
@@ -143,13 +143,13 @@ def test_a_refused_point_a_lost_link_and_bytes_that_are_none_are_events(tmp_path
     assert run.links[-1][1:] == ('state', False)
 
 
-def test_silence_while_connected_is_an_event(tmp_path):
+def test_missing_joint_states_are_an_event(tmp_path):
     recorder = usual_run(1.0)
     recorder.says(2.0, 11002, JointPosition())
     assert [t for t in texts(read(recorder, tmp_path)) if t.startswith('no joint state for 0.99')]
 
 
-def test_of_a_damaged_trace_what_comes_before_the_damage_is_shown_and_the_rest_told(tmp_path):
+def test_damaged_trace_is_read_up_to_the_damage(tmp_path):
     whole = usual_run().content()
     position = 24
     while position < len(whole) // 2:
@@ -166,7 +166,7 @@ def test_of_a_damaged_trace_what_comes_before_the_damage_is_shown_and_the_rest_t
     assert 'is missing here' in run.notes[0]
 
 
-def test_what_waits_behind_a_missing_packet_is_told(tmp_path):
+def test_missing_packet_is_noted(tmp_path):
     whole, records, position = usual_run().content(), [], 24
     while position < len(whole):
         end = position + 16 + struct.unpack_from('<I', whole, position + 8)[0]
@@ -181,13 +181,13 @@ def test_what_waits_behind_a_missing_packet_is_told(tmp_path):
     assert not any('is missing' in note for note in full.notes)
 
 
-def test_a_damaged_address_is_no_other_controller(tmp_path):
+def test_damaged_address_is_ignored(tmp_path):
     damaged = bytearray(usual_run().content())
     position = 24
     while position < len(damaged):
         length = struct.unpack_from('<I', damaged, position + 8)[0]
         if position > len(damaged) // 2:
-            damaged[position + 16 + 14 + 16] ^= 4  # the first byte of where it goes
+            damaged[position + 16 + 14 + 16] ^= 4  # the first byte of the destination
         position += 16 + length
     path = tmp_path / 'damaged.pcap'
     path.write_bytes(damaged)
@@ -198,7 +198,7 @@ def test_a_damaged_address_is_no_other_controller(tmp_path):
 
 
 @pytest.mark.parametrize('share', [0.25, 0.5, 0.9])
-def test_a_trace_that_ends_in_the_middle_ends_the_run_there(tmp_path, share):
+def test_truncated_trace_ends_the_run(tmp_path, share):
     whole = usual_run().content()
     path = tmp_path / 'cut.pcap'
     path.write_bytes(whole[: int(len(whole) * share)])
@@ -209,7 +209,7 @@ def test_a_trace_that_ends_in_the_middle_ends_the_run_there(tmp_path, share):
     figures(run)
 
 
-def test_the_time_of_sending_takes_the_jitter_of_arrival_away(tmp_path):
+def test_sending_times_remove_the_arrival_jitter(tmp_path):
     jitter = np.random.default_rng(3).exponential(0.004, 4000)
     recorder = Recorder()
     recorder.connect(0.0, 11002)
@@ -229,7 +229,7 @@ def test_the_time_of_sending_takes_the_jitter_of_arrival_away(tmp_path):
 
 
 @pytest.mark.invariant(7)
-def test_points_out_of_order_leave_a_plan_whose_times_grow(tmp_path):
+def test_unordered_points_give_a_plan_with_increasing_times(tmp_path):
     recorder = usual_run()
     for number, duration in enumerate((0.0, 2.0, -1.5, 0.5, 4.0)):
         point = JointTrajPt(number, (0.1 * number,) * 10, 0.5, duration)
@@ -239,7 +239,7 @@ def test_points_out_of_order_leave_a_plan_whose_times_grow(tmp_path):
     assert len(plan.times) == len(plan.positions) == 3
 
 
-def test_a_trace_that_begins_in_the_middle_of_a_trajectory_has_the_rest_of_it(tmp_path):
+def test_trace_can_start_within_a_trajectory(tmp_path):
     recorder = Recorder()
     recorder.connect(0.0, 11002)
     recorder.connect(0.0, 11000)
@@ -252,7 +252,7 @@ def test_a_trace_that_begins_in_the_middle_of_a_trajectory_has_the_rest_of_it(tm
 
 @pytest.mark.invariant(7)
 @pytest.mark.parametrize('wrong', [float('nan'), float('inf'), 3e38, 2.5])
-def test_joints_that_cannot_be_are_an_event_and_no_figure(tmp_path, wrong):
+def test_implausible_joints_are_an_event_and_not_in_the_figures(tmp_path, wrong):
     recorder = usual_run()
     recorder.says(4.004, 11002, JointPosition(0, (wrong,) * 10))
     recorder.says(4.006, 11002, JointPosition(0, (wrong,) * 10))
@@ -269,7 +269,7 @@ def test_joints_that_cannot_be_are_an_event_and_no_figure(tmp_path, wrong):
 
 @pytest.mark.invariant(8)
 @pytest.mark.parametrize('seed', [2, 4, 9, 15])
-def test_a_controller_that_pauses_again_and_again_did_not_move_faster(tmp_path, seed):
+def test_pauses_of_the_controller_do_not_raise_velocities(tmp_path, seed):
     chance = np.random.default_rng(seed)
     recorder = Recorder()
     recorder.connect(0.0, 11002)
@@ -285,8 +285,8 @@ def test_a_controller_that_pauses_again_and_again_did_not_move_faster(tmp_path, 
 
 @pytest.mark.invariant(8)
 @pytest.mark.parametrize('seed', [0, 2, 4])
-def test_joint_states_that_were_held_up_and_came_in_bursts_show_no_jump(tmp_path, seed):
-    """They were counted as sent when they came: 500 rad/s and a million rad/s² of an arm at 1."""
+def test_delayed_joint_states_in_bursts_show_no_jump(tmp_path, seed):
+    """With arrival times as sending times, an arm at 1 rad/s would have 500 rad/s."""
     chance = np.random.default_rng(seed)
     recorder = Recorder()
     recorder.connect(0.0, 11002)
@@ -303,22 +303,22 @@ def test_joint_states_that_were_held_up_and_came_in_bursts_show_no_jump(tmp_path
 
 
 @pytest.mark.parametrize(
-    ('content', 'said'),
+    ('content', 'message'),
     [
         (b'', 'not a capture'),
         (b'\0' * 100, 'not a capture'),
         (usual_run().content()[:24], 'no connection to a controller'),
     ],
 )
-def test_a_file_without_a_run_is_refused_with_the_reason(tmp_path, content, said):
+def test_file_without_a_run_is_refused_with_the_reason(tmp_path, content, message):
     path = tmp_path / 'bad.pcap'
     path.write_bytes(content)
-    with pytest.raises(RunError, match=said) as error:
+    with pytest.raises(RunError, match=message) as error:
         read_trace(path, LIMITS, TEXTS)
     assert str(path) in str(error.value)
 
 
-def test_a_trace_without_joint_states_is_refused(tmp_path):
+def test_trace_without_joint_states_is_refused(tmp_path):
     recorder = Recorder()
     recorder.connect(0.0, 11002)
     recorder.says(0.1, 11002, Status())
@@ -327,23 +327,23 @@ def test_a_trace_without_joint_states_is_refused(tmp_path):
 
 
 def answered(recorder: Recorder, time: float, message, result: Result) -> None:
-    """Record a request of Motoman's and its answer, 4 ms later."""
+    """Record a Motoman request, and its answer 4 ms later."""
     recorder.asks(time, 11000, message)
     number = message.command if isinstance(message, MotionCtrl) else 14
     reply = MotionReply(0, message.sequence, number, result)
     recorder.says(time + 0.004, 11000, reply, answers=True)
 
 
-def test_points_that_a_busy_controller_was_sent_again_are_one_plan(tmp_path):
+def test_points_repeated_for_a_busy_controller_are_one_plan(tmp_path):
     recorder = usual_run()
-    ways = [
+    attempts = [
         (0, Result.BUSY),
         (0, Result.SUCCESS),
         (1, Result.BUSY),
         (1, Result.SUCCESS),
         (2, Result.SUCCESS),
     ]
-    for step, (number, result) in enumerate(ways):
+    for step, (number, result) in enumerate(attempts):
         point = JointTrajPtFull(0, number, 7, 0.5 * number, (0.1 * number,) * 10)
         answered(recorder, 4.1 + 0.05 * step, point, result)
     run = read(recorder, tmp_path)
@@ -355,7 +355,7 @@ def test_points_that_a_busy_controller_was_sent_again_are_one_plan(tmp_path):
     assert not any('refused' in text for text in texts(run))
 
 
-def test_a_command_of_motoman_is_an_event_and_its_refusal_names_it(tmp_path):
+def test_motoman_commands_and_refusals_are_events(tmp_path):
     recorder = usual_run()
     answered(recorder, 4.1, MotionCtrl(0, 1, Command.START_SERVOS), Result.SUCCESS)
     answered(recorder, 4.2, MotionCtrl(0, 2, Command.STOP_MOTION), Result.ALARM)
@@ -369,7 +369,7 @@ def test_a_command_of_motoman_is_an_event_and_its_refusal_names_it(tmp_path):
     ]
 
 
-def test_a_ping_that_failed_says_that_the_driver_hung(tmp_path):
+def test_failed_ping_is_reported_as_a_stalled_driver(tmp_path):
     recorder = usual_run()
     recorder.raw(4.1, 11000, encode(reply(Ping(), ReplyCode.FAILURE), LITTLE_ENDIAN))
     run = read(recorder, tmp_path)
@@ -377,7 +377,7 @@ def test_a_ping_that_failed_says_that_the_driver_hung(tmp_path):
     assert error.text == 'the controller stopped the arm: it heard nothing from the driver'
 
 
-def test_a_reply_that_nobody_asked_for_and_a_message_cut_short_are_events(tmp_path):
+def test_unrequested_reply_and_truncated_message_are_events(tmp_path):
     recorder = usual_run()
     unasked = struct.pack('<4i', 12, 999, CommType.SERVICE_REPLY, ReplyCode.SUCCESS)
     recorder.raw(4.1, 11000, unasked)
@@ -392,7 +392,7 @@ def test_a_reply_that_nobody_asked_for_and_a_message_cut_short_are_events(tmp_pa
 
 
 @pytest.mark.invariant(8)
-def test_where_the_controller_tells_its_own_time_states_were_sent_in_that_rhythm(tmp_path):
+def test_time_stamps_of_the_controller_give_sending_times(tmp_path):
     recorder = Recorder()
     recorder.connect(0.0, 11002)
     late = np.random.default_rng(5).exponential(0.004, 400)
@@ -408,7 +408,7 @@ def test_where_the_controller_tells_its_own_time_states_were_sent_in_that_rhythm
     assert np.all(run.sent <= run.times + 1e-5)
 
 
-def test_conditions_tell_the_key_switch_and_an_error_without_a_number():
+def test_mode_and_errors_without_a_number_are_events():
     def condition(time, in_error, mode):
         return Condition(time, (YES, NO, in_error, NO, YES), mode)
 
@@ -433,8 +433,8 @@ def test_conditions_tell_the_key_switch_and_an_error_without_a_number():
     assert all(event.remedy for event in seen if event.level != 'info')
 
 
-def test_a_plan_that_moved_nothing_has_no_dead_time_and_one_that_jumped_no_stops():
-    """Measured velocities of one joint state only: nothing is between two of them."""
+def test_plan_without_motion_has_no_dead_time():
+    """The jump is one joint state with a measured velocity."""
     times = 0.01 * np.arange(40)
     here, plan = np.zeros((40, 6)), Plan(0.1, np.array([0.0, 1.0]), np.zeros((2, 6)))
     still = Run('still', 10**18, LIMITS.names, times, here, here, plans=[plan])
@@ -447,7 +447,7 @@ def test_a_plan_that_moved_nothing_has_no_dead_time_and_one_that_jumped_no_stops
     assert found.stops == ()
 
 
-def test_one_joint_state_is_a_run_that_can_be_drawn(tmp_path):
+def test_run_with_one_joint_state_can_be_drawn(tmp_path):
     recorder = Recorder()
     recorder.connect(0.0, 11002)
     recorder.says(0.1, 11002, JointPosition(0, (0.2,) * 10))
@@ -462,8 +462,8 @@ MODEL = load_robot_model('gx8_c652s')
 NAMES = MODEL.joint_names
 
 
-def carried() -> Recording:
-    """The arm turns for 1 s, then the shaft alone goes up 0.1 m for 1 s, then the arm turns on."""
+def shaft_run() -> Recording:
+    """Return a run: 1 s of arm rotation, 1 s of shaft motion (0.1 m), 1 s of arm rotation."""
     times = np.arange(0.0, 3.0, 0.01)
     velocities = np.zeros((len(times), 4))
     velocities[(times > 0.1) & (times < 1.0), 0] = 2.2
@@ -473,14 +473,14 @@ def carried() -> Recording:
     return Recording(times, positions + np.array([0.0, 1.0, -0.2, 0.0]), velocities)
 
 
-def test_a_shaft_that_moves_slowly_is_no_stop_of_the_arm() -> None:
-    run = carried()
+def test_slow_shaft_motion_is_no_stop() -> None:
+    run = shaft_run()
     ends = Trajectory(NAMES, np.array([0.0, 3.0]), run.positions[[0, -1]])
-    assert measure(ends, run).stops == 1  # the same numbers, all taken for rad
+    assert measure(ends, run).stops == 1  # without units, all numbers are in rad
     assert measure(ends, run, MODEL.limits.rad_per_unit).stops == 0
 
 
-def test_the_page_has_the_meshes_of_all_links_of_a_scara() -> None:
+def test_page_has_the_meshes_of_all_scara_links() -> None:
     drawn = packed_arm(MODEL)
     assert {mesh['link'] for mesh in drawn['meshes']} == set(range(5))
     assert {len(mesh['colour']) for mesh in drawn['meshes']} == {3}

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A program as it should be: it moves once, and if that does not work it says why and ends."""
+"""A correct program: it moves once, and on failure it prints the reason and ends."""
 
 import sys
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A program with a defect: if the motion does not work, it waits for ever that it has."""
+"""A program with a defect: after a failed motion it waits forever."""
 
 from moving import Mover
 

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the three example programs have in common: a node that moves joint 1 to and fro."""
+"""The node of the example programs, which moves joint 1."""
 
 import time
 
@@ -14,13 +14,13 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-WAY_RAD = 0.6
+STEP_RAD = 0.6
 DURATION_S = 4
 PATIENCE_S = 60.0
 
 
 class Mover:
-    """Moves joint 1 by WAY_RAD from where it stood at first."""
+    """Moves joint 1 by STEP_RAD from its first position."""
 
     def __init__(self):
         rclpy.init()
@@ -34,7 +34,7 @@ class Mover:
         )
         self.wait(lambda: self._states and self._action.server_is_ready(), 'no driver')
         self._target = list(self._states[-1].position)
-        self._target[0] += WAY_RAD
+        self._target[0] += STEP_RAD
 
     def wait(self, condition, otherwise, seconds=PATIENCE_S):
         until = time.monotonic() + seconds
@@ -44,7 +44,7 @@ class Mover:
             self._executor.spin_once(timeout_sec=0.1)
 
     def move(self):
-        """Go there. Return nothing if it worked, else the reason why not."""
+        """Move to the target. Return '' on success, otherwise the reason."""
         here = self._states[-1]
         self._states.clear()
         points = [
@@ -64,14 +64,14 @@ class Mover:
         return answer.result.error_string
 
     def call(self, name):
-        """Call one of the driver's services; return whether it says that it was done."""
+        """Call a service of the driver. Return its success."""
         client = self._node.create_client(Trigger, f'epson_driver/{name}')
         answer = client.call_async(Trigger.Request())
         self.wait(answer.done, f'{name} was not answered')
         return answer.result().success
 
     def rest(self, seconds):
-        """Do nothing for a while, but listen."""
+        """Wait for some time, while messages are received."""
         until = time.monotonic() + seconds
         while time.monotonic() < until:
             self._executor.spin_once(timeout_sec=0.1)

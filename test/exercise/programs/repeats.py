@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""A program with a dangerous defect: whatever happened, it enables the arm and tries again."""
+"""A program with a dangerous defect: after any failure it enables the arm and tries again."""
 
 from moving import Mover
 
