@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The first day at simulated controllers, each with one habit of its own, in virtual time."""
+"""first-run with simulated controllers that have one peculiarity each, in virtual time."""
 
 import asyncio
 import contextlib
@@ -45,7 +45,7 @@ STOP = SpecialSequence.STOP_TRAJECTORY
 
 
 def changed(**sections):
-    """Return simulated with other values in some sections."""
+    """Return the profile `simulated` with changed values."""
     parts = {
         name: dataclasses.replace(getattr(SIMULATED, name), **values)
         for name, values in sections.items()
@@ -53,8 +53,8 @@ def changed(**sections):
     return dataclasses.replace(SIMULATED, **parts)
 
 
-class Between:
-    """A port that passes messages on, changed: `down` the controller's, `up` ours."""
+class Proxy:
+    """A proxy port that changes messages from the controller (`down`) and to it (`up`)."""
 
     def __init__(self, port, down=lambda message: message, up=lambda message: message):
         self._port, self._down, self._up = port, down, up
@@ -97,7 +97,7 @@ class Between:
 
 
 def joints_as(change):
-    """Return what changes the joints of a message, shape (10,), rad."""
+    """Return a function that changes the joints of a message, shape (10,), rad."""
 
     def changed_message(message):
         if isinstance(message, JointPosition | JointTrajPt):
@@ -128,12 +128,12 @@ def stop_lost(message):
 
 
 def stop_confirmed(message):
-    """Return the reply to a STOP instead of that to a PING."""
+    """Return the reply to a STOP instead of the reply to a PING."""
     return JointPosition(STOP) if isinstance(message, Ping) else message
 
 
-class Person:
-    """Does what is asked for, at a simulated controller, and answers as the arm really moves."""
+class User:
+    """Acts at a simulated controller as requested, and answers according to its real motion."""
 
     def __init__(self, controller, skips=()):
         self.controller = controller
@@ -143,7 +143,7 @@ class Person:
         self.true = np.array(controller.joint_position().joints)
 
     def see(self, text):
-        """Read what is announced."""
+        """Record the announced step."""
         self.step = text.partition(':')[0]
 
     async def ask(self, sentence):
@@ -183,7 +183,7 @@ class Person:
 def first_day(
     tmp_path, profile=SIMULATED, *, smooth=True, faults=(), between=None, only=None, **options
 ):
-    """Return the book of a first day at a simulated controller, the person and the findings."""
+    """Run first-run at a simulated controller. Return the record, the user and the findings."""
     path = Path(tmp_path, f'{profile.name}_{len(list(tmp_path.iterdir()))}.html')
     findings = Findings(lambda finding: None)
     made = {}
@@ -198,8 +198,8 @@ def first_day(
                 controller.faults.start(parse(fault) if isinstance(fault, str) else fault)
             state, motion = ports.state, ports.motion
             if between is not None:
-                state = await stack.enter_async_context(Between(state, *between))
-                motion = await stack.enter_async_context(Between(motion, *between))
+                state = await stack.enter_async_context(Proxy(state, *between))
+                motion = await stack.enter_async_context(Proxy(motion, *between))
             question = Question(
                 host='127.0.0.1',
                 profile=SIMULATED,
@@ -215,19 +215,19 @@ def first_day(
             )
             names = [each.name for each in steps(6)]
             skips = () if only is None else set(names) - set(only)
-            person = Person(controller, skips)
+            user = User(controller, skips)
             about = {'address': '127.0.0.1', 'controller': 'simulated', 'robot': 'c3_a601s'}
             book = Book(about | {'when': 'in a test'})
-            run = FirstRun(question, person.ask, findings)
-            made['ended'] = await go_through(run, book, path, person.see)
-            made.update(person=person, book=load(path), path=path)
+            run = FirstRun(question, user.ask, findings)
+            made['ended'] = await go_through(run, book, path, user.see)
+            made.update(user=user, book=load(path), path=path)
 
     run_loop(scenario(), 3000.0)
     return made | {'findings': findings}
 
 
 @pytest.mark.slow
-def test_a_usual_controller_has_no_habits_and_every_step_is_done(tmp_path):
+def test_normal_controller_completes_every_step(tmp_path):
     made = first_day(tmp_path)
     book = made['book']
     assert made['ended']
@@ -261,10 +261,10 @@ HABITS = [
         'the arm goes on to its point',
     ),
 ]
-"""Habits: the step in which each shows, the controller, and how it is named."""
+"""Peculiarities: the step that detects each, the controller, and its text."""
 
 LONG = (['points'], ['STOP'])
-"""Steps that take long."""
+"""Slow steps."""
 
 
 @pytest.mark.parametrize(
@@ -272,14 +272,14 @@ LONG = (['points'], ['STOP'])
     quickly([each for each in HABITS if each[0] not in LONG][::3], HABITS),
     ids=[each[2] for each in HABITS],
 )
-def test_the_one_habit_of_a_controller_is_named(tmp_path, only, options, habit):
+def test_peculiarity_of_a_controller_is_detected(tmp_path, only, options, habit):
     book = first_day(tmp_path, only=only, **options)['book']
     entries = {name: (each.state, each.why) for name, each in book.entries.items()}
     assert [each for each in book.habits if habit in each], (book.habits, entries)
 
 
 def simpler(**sections):
-    """Return `changed` with rarer states and fewer clients, for a test of minutes."""
+    """Return `changed` with a slower state stream and fewer clients, to save test time."""
     return changed(
         state={'period': 0.01}, server={'state_clients': 2, 'client_timeout': 0.0}, **sections
     )
@@ -296,14 +296,14 @@ TIMED = ['listen', 'questions', 'joint 1', 'STOP', 'points', 'E-stop', 'door']
         {'profile': simpler(motion={'look_ahead_points': 5})},
         {'profile': simpler(motion={'look_ahead': 0.3})},
         {'smooth': False},
-        # at a multiple of a cycle of 4 ms a point would come before it or after it by chance
+        # not a multiple of the 4 ms cycle, so that the arrival within a cycle is deterministic
         {'faults': ['delay:seconds=0.102,port=motion']},
         {'faults': ['delay:seconds=0.06,port=state']},
     ],
     ids=['usual', 'points ahead', 'time ahead', 'rests', 'late replies', 'late state'],
 )
-def test_a_simulation_made_of_the_file_takes_the_same_times(tmp_path, options):
-    """Every time that was measured, to 5 %."""
+def test_simulation_from_the_record_has_the_same_times(tmp_path, options):
+    """All measured times agree within 5 %."""
     book = first_day(tmp_path, only=TIMED, **{'profile': simpler()} | options)['book']
     alike = likeness(book)
     again = first_day(
@@ -317,16 +317,16 @@ def test_a_simulation_made_of_the_file_takes_the_same_times(tmp_path, options):
     assert again.times == pytest.approx(book.times, rel=0.05, abs=1e-4)
 
 
-def test_an_interrupted_day_goes_on_where_it_was(tmp_path):
+def test_interrupted_session_can_be_resumed(tmp_path):
     path = tmp_path / 'day.html'
     answers = iter(['s', 'q'])
     said = []
 
-    async def person(_sentence):
+    async def user(_sentence):
         return next(answers)
 
     async def scenario(book):
-        run = FirstRun(None, person, Findings(lambda finding: None))
+        run = FirstRun(None, user, Findings(lambda finding: None))
         monkeyed = dataclasses.replace(run, question=NOBODY)
         return await go_through(monkeyed, book, path, said.append)
 
@@ -346,7 +346,7 @@ def test_an_interrupted_day_goes_on_where_it_was(tmp_path):
     answers = iter(['q'])
 
     async def again():
-        run = FirstRun(NOBODY, person, Findings(lambda finding: None))
+        run = FirstRun(NOBODY, user, Findings(lambda finding: None))
         ended.append(await go_through(run, load(path), path, said.append))
 
     run_loop(again(), 60.0)
@@ -369,16 +369,16 @@ NOBODY = Question(
 )
 
 
-def test_a_step_at_a_controller_that_is_not_there_fails_with_the_reason(tmp_path):
+def test_step_without_a_controller_fails_with_the_reason(tmp_path):
     path = tmp_path / 'day.html'
     book = Book({'address': 'x', 'controller': 'simulated', 'robot': 'c3_a601s', 'when': 'now'})
     findings = Findings(lambda finding: None)
 
-    async def person(sentence):
+    async def user(sentence):
         return '' if sentence == CHOICES else 's'
 
     async def scenario():
-        await go_through(FirstRun(NOBODY, person, findings), book, path, lambda text: None)
+        await go_through(FirstRun(NOBODY, user, findings), book, path, lambda text: None)
 
     run_loop(scenario(), 60.0)
     assert load(path).entries['joint 1'].state == FAILED
@@ -389,14 +389,14 @@ def test_a_step_at_a_controller_that_is_not_there_fails_with_the_reason(tmp_path
 @pytest.mark.parametrize(
     'text', ['', 'x' * 1000, '<script type="application/json" id="first-run">[]</script>']
 )
-def test_another_file_is_refused_with_a_sentence(tmp_path, text):
+def test_file_of_another_program_is_refused(tmp_path, text):
     path = tmp_path / 'x.html'
     path.write_text(text)
     with pytest.raises(InputError, match=r'x\.html: is no file of first-run: '):
         load(path)
 
 
-def test_what_a_robot_or_a_person_says_is_text_on_the_page(tmp_path):
+def test_texts_are_escaped_on_the_page(tmp_path):
     path = tmp_path / 'x.html'
     evil = '<script>alert(1)</script><img src=x onerror=alert(2)>'
     about = {'address': evil, 'controller': 'simulated', 'robot': evil, 'when': evil}
@@ -417,25 +417,25 @@ def test_what_a_robot_or_a_person_says_is_text_on_the_page(tmp_path):
 
 @pytest.mark.invariant(1)
 def test_inv1_only_enter_or_y_moves_the_arm(tmp_path, monkeypatch):
-    answer = Person.ask
+    answer = User.ask
 
-    async def odd(person, sentence):
-        asked = person.asked.count((person.step, sentence))
-        if (sentence == CHOICES and person.step == 'joint 1') or sentence.startswith('Set the'):
-            person.asked.append((person.step, sentence))
+    async def answer_other(user, sentence):
+        asked = user.asked.count((user.step, sentence))
+        if (sentence == CHOICES and user.step == 'joint 1') or sentence.startswith('Set the'):
+            user.asked.append((user.step, sentence))
             if sentence != CHOICES:
-                person._recover()
+                user._recover()
             return ['n', 'no', 'exit', 'wait', '12.5', 'yx', ' N ', 's'][asked]
-        return await answer(person, sentence)
+        return await answer(user, sentence)
 
-    monkeypatch.setattr(Person, 'ask', odd)
+    monkeypatch.setattr(User, 'ask', answer_other)
     made = first_day(tmp_path, only=['joint 1', 'joint 2'])
-    person, entries = made['person'], made['book'].entries
-    assert person.asked.count(('joint 1', CHOICES)) == 8
+    user, entries = made['user'], made['book'].entries
+    assert user.asked.count(('joint 1', CHOICES)) == 8
     assert entries['joint 1'].state == SKIPPED
-    assert sum(sentence.startswith('Set the') for _, sentence in person.asked) == 8
+    assert sum(sentence.startswith('Set the') for _, sentence in user.asked) == 8
     assert entries['joint 2'].why == 'the arm was not made ready'
-    np.testing.assert_allclose(person.controller.joint_position().joints[:6], START, atol=1e-5)
+    np.testing.assert_allclose(user.controller.joint_position().joints[:6], START, atol=1e-5)
 
 
 @pytest.mark.invariant(1)
@@ -443,14 +443,14 @@ def test_inv1_only_enter_or_y_moves_the_arm(tmp_path, monkeypatch):
     ('question', 'answers'), [('Is the power low', ['maybe', 'n']), (CHOICES, ['q'])]
 )
 def test_inv1_without_low_power_the_session_ends(tmp_path, monkeypatch, question, answers):
-    answer = Person.ask
+    answer = User.ask
 
-    async def says(person, sentence):
-        if person.step == 'ready' and sentence.startswith(question):
+    async def answer_once(user, sentence):
+        if user.step == 'ready' and sentence.startswith(question):
             return answers.pop(0)
-        return await answer(person, sentence)
+        return await answer(user, sentence)
 
-    monkeypatch.setattr(Person, 'ask', says)
+    monkeypatch.setattr(User, 'ask', answer_once)
     made = first_day(tmp_path, only=['ready', 'joint 1'])
     assert not made['ended']
     assert answers == []
@@ -458,7 +458,7 @@ def test_inv1_without_low_power_the_session_ends(tmp_path, monkeypatch, question
 
 
 @pytest.mark.invariant(1)
-def test_inv1_a_line_that_was_typed_before_the_question_is_no_answer(monkeypatch):
+def test_inv1_input_before_the_question_is_discarded(monkeypatch):
     terminal, end = pty.openpty()
     monkeypatch.setattr('builtins.print', lambda *_, **__: os.write(terminal, b's\n'))
     with os.fdopen(end) as keys:
@@ -469,7 +469,7 @@ def test_inv1_a_line_that_was_typed_before_the_question_is_no_answer(monkeypatch
 
 
 @pytest.mark.invariant(1)
-def test_every_step_that_moves_says_so_before_it_is_asked_for(tmp_path):
+def test_every_moving_step_warns_before_it_starts(tmp_path):
     moving = [each for each in steps(6) if each.moves]
     assert [each.name for each in moving] == [
         *(f'joint {number}' for number in range(1, 7)),
@@ -483,7 +483,7 @@ def test_every_step_that_moves_says_so_before_it_is_asked_for(tmp_path):
     assert not [each for each in steps(6) if 'MOVES' in each.says and not each.moves]
 
 
-def test_every_program_of_the_open_questions_is_asked_for():
+def test_open_questions_of_the_page_have_programs():
     folder = Path(__file__).parents[2] / 'docs'
     page = (folder / 'controller_program.md').read_text(encoding='utf-8')
     asked = page[page.index('## Open questions') :]

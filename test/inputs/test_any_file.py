@@ -1,9 +1,9 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""docs/invariants.md, 7, for files: whatever is in one, it is read, or refused in one sentence.
+"""docs/invariants.md, 7, for files: any content is read or refused with one sentence.
 
-Real files are changed: keys taken away or doubled, values replaced by anything that YAML can hold,
-bytes replaced. Every reader of YAML, and the reader of recordings, takes each of them.
+Real files are changed: keys are removed or doubled, values replaced by any YAML value, and bytes
+replaced. Every reader of YAML and the reader of recordings reads each of them.
 """
 
 import copy
@@ -122,7 +122,7 @@ PLACEHOLDER = 'PLACEHOLDER'
 
 
 def _changed(data: Any, place: tuple[Any, ...], value: str | None) -> str:
-    """Return the file with the value at a place replaced; None: taken away."""
+    """Return the file with the value at a place replaced, or removed if None."""
     whole = {'root': copy.deepcopy(data)}
     inner: Any = whole
     path = ('root', *place)
@@ -134,16 +134,16 @@ def _changed(data: Any, place: tuple[Any, ...], value: str | None) -> str:
         inner[path[-1]] = PLACEHOLDER
     if 'root' not in whole:
         return ''
-    # one flow collection: what replaces a value stands in a valid file
+    # a single flow collection keeps the file valid around the replaced value
     text = yaml.safe_dump(whole['root'], default_flow_style=True, width=10**6, sort_keys=False)
     return text.replace(PLACEHOLDER, value or '')
 
 
-def taken_or_refused(reader: Callable[[Path], object], path: Path) -> bool:
-    """Return whether the file was read; otherwise it was refused as it must be."""
+def read_or_refused(reader: Callable[[Path], object], path: Path) -> bool:
+    """Return whether the file was read. Check the error otherwise."""
     try:
         reader(path)
-    except FileNotFoundError as error:  # like: a profile that is not there
+    except FileNotFoundError as error:  # `like` with a missing profile
         text = str(error)
         assert 'there is: ' in text
     except InputError as error:
@@ -163,32 +163,32 @@ ANY_TIME = settings(
 
 
 @pytest.mark.parametrize('name', READERS)
-def test_the_file_itself_is_read(name: str, tmp_path: Path) -> None:
+def test_valid_file_is_read(name: str, tmp_path: Path) -> None:
     reader, original = READERS[name]
     path = tmp_path / 'file.yaml'
     path.write_text(_changed(yaml.safe_load(original.read_text('utf-8')), (), None))
-    assert not taken_or_refused(reader, path)
+    assert not read_or_refused(reader, path)
     path.write_bytes(original.read_bytes())
-    assert taken_or_refused(reader, path)
+    assert read_or_refused(reader, path)
 
 
 @pytest.mark.parametrize('name', READERS)
 @ANY_TIME
 @given(data=st.data())
-def test_inv7_a_value_can_be_anything(name: str, tmp_path: Path, data: Any) -> None:
+def test_inv7_file_with_any_value_is_read_or_refused(name: str, tmp_path: Path, data: Any) -> None:
     reader, original = READERS[name]
     content, places = _original(original)
     place = data.draw(st.sampled_from(places))
     value = data.draw(st.none() | VALUES)
     path = tmp_path / 'file.yaml'
     path.write_text(_changed(content, place, value), encoding='utf-8')
-    taken_or_refused(reader, path)
+    read_or_refused(reader, path)
 
 
 @pytest.mark.parametrize('name', READERS)
 @ANY_TIME
 @given(data=st.data())
-def test_inv7_bytes_can_be_anything(name: str, tmp_path: Path, data: Any) -> None:
+def test_inv7_file_with_any_bytes_is_read_or_refused(name: str, tmp_path: Path, data: Any) -> None:
     reader, original = READERS[name]
     content = original.read_bytes()
     start = data.draw(st.integers(0, len(content)))
@@ -197,13 +197,13 @@ def test_inv7_bytes_can_be_anything(name: str, tmp_path: Path, data: Any) -> Non
     content = content[: data.draw(st.just(len(content)) | st.integers(0, len(content)))]
     path = tmp_path / 'file.yaml'
     path.write_bytes(content)
-    taken_or_refused(reader, path)
+    read_or_refused(reader, path)
 
 
 @pytest.mark.parametrize('name', READERS)
 @ANY_TIME
 @given(text=st.text(alphabet='[]{}:,-#&*!|>\'"%@` \n\tab1.?~', max_size=60))
-def test_inv7_a_file_can_be_anything(name: str, tmp_path: Path, text: str) -> None:
+def test_inv7_file_with_any_text_is_read_or_refused(name: str, tmp_path: Path, text: str) -> None:
     path = tmp_path / 'file.yaml'
     path.write_text(text, encoding='utf-8')
-    assert not taken_or_refused(READERS[name][0], path)
+    assert not read_or_refused(READERS[name][0], path)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Every reader and every writer of files with the same hostile files and paths.
+"""All readers and writers of files with the same malicious files and paths.
 
 Each ends in one sentence that names the file, within a memory limit. No other file changes.
 """
@@ -54,7 +54,7 @@ REFUSED = (InputError, RunError, SpelError, OSError)
 
 @contextmanager
 def little_memory() -> Iterator[None]:
-    """Limit the memory that this process takes in addition to SPARE_BYTES."""
+    """Limit the additional memory of this process to SPARE_BYTES."""
     used = int(Path('/proc/self/statm').read_text().split()[0]) * resource.getpagesize()
     soft, hard = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (used + SPARE_BYTES, hard))
@@ -65,7 +65,7 @@ def little_memory() -> Iterator[None]:
 
 
 def check_refused(act: Callable[[Path], object], path: Path) -> bool:
-    """Return whether something with a file is refused, which must be in one sentence about it."""
+    """Return whether `act` refuses a file. Its error must be one sentence with the file name."""
     try:
         act(path)
     except REFUSED as error:
@@ -105,7 +105,7 @@ NO_FILE: dict[str, Callable[[Path], Path | None]] = {
     'a name that is no text': lambda path: path.with_stem('file\ud800'),
     'a name that is too long': lambda path: path.with_stem('file' * 100),
 }
-"""Neither read nor written. A path is returned where it is another one."""
+"""Makers of paths that must be neither read nor written. Some return another path."""
 
 if os.geteuid():  # root may read and write everything
     NO_FILE['no permission'] = lambda path: (path.touch(0), path.parent.chmod(0o500))[1]
@@ -121,7 +121,7 @@ def _texts(of: Callable[[str], str]) -> Callable[[bytes], bytes]:
 
 
 def _number(text: str) -> Callable[[bytes], bytes]:
-    """Return what replaces the first number with a fraction."""
+    """Return a function that replaces the first decimal number."""
     number = re.compile(r'([:=\[] ?)-?\d+\.\d+')
     return _texts(lambda valid: number.sub(lambda found: found[1] + text, valid, count=1))
 
@@ -280,7 +280,7 @@ SPEL_READS_NO_LINK = 'file of SPEL+'
 
 
 @pytest.mark.parametrize('name', READERS)
-def test_inv7_a_reader_takes_no_file_and_any_file(name: str, tmp_path: Path) -> None:
+def test_inv7_reader_reads_or_refuses_any_file(name: str, tmp_path: Path) -> None:
     reader, made = READERS[name]
     original = tmp_path / 'original'
     original.mkdir()
@@ -356,9 +356,7 @@ WRITERS: dict[str, tuple[Callable[[Path], object], str]] = {
 
 
 @pytest.mark.parametrize('name', WRITERS)
-def test_inv7_a_writer_replaces_a_file_as_a_whole_and_nothing_else(
-    name: str, tmp_path: Path
-) -> None:
+def test_inv7_writer_replaces_whole_files_only(name: str, tmp_path: Path) -> None:
     writer, ending = WRITERS[name]
     victim = tmp_path / 'victim' / 'secret'
     victim.parent.mkdir()

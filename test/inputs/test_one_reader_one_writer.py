@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""inputs/files.py alone reads and writes files. Every other place has its reason here."""
+"""Only inputs/files.py reads and writes files. Every exception is listed here with its reason."""
 
 import ast
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ CALLS = {
     *('loadtxt', 'genfromtxt', 'fromfile', 'tofile', 'savetxt', 'savefig', 'imread', 'connect'),
     *('ZipFile', 'TarFile', 'FileIO', 'FileHandler', 'AnyReader', 'Writer', 'process_file'),
 }
-"""Functions that open a file by its path, whatever they are called on."""
+"""Functions that open a file by its path, on any object."""
 
 OF_MODULES = {
     'open': {'os', 'io', 'gzip', 'bz2', 'lzma', 'codecs', 'tarfile', 'shelve', 'dbm', 'wave'},
@@ -29,10 +29,10 @@ OF_MODULES = {
     'read': {'configparser'},
     'run_path': {'runpy'},
 }
-"""Functions that open a file when they are called on one of these modules."""
+"""Functions that open a file if called on one of these modules."""
 
 NOT_A_FILE = {'link', 'copy', 'connect', 'touch', 'move'}
-"""Names that the package also uses for other things: they count only on these modules."""
+"""Ambiguous names, which count only on these modules."""
 
 MODULES = {'os', 'shutil', 'sqlite3', 'apsw'}
 
@@ -67,7 +67,7 @@ ALLOWED = {
     'report/bag_run.py: read_text': 'files of /proc',
     'report/page.py: read_text': OWN,
     'report/smooth_study.py: savefig': 'into memory',
-    'robots/urdf.py: process_file': 'a library; the reader has taken the same files before',
+    'robots/urdf.py: process_file': 'a library, after the reader has checked the same files',
     'robots/urdf.py: read_bytes': OWN,
     'sim_controller/network/port_server.py: os.open': NULL,
     'trace/trace.py: open': 'a new file that grows while it is read, with O_EXCL',
@@ -75,7 +75,7 @@ ALLOWED = {
 
 
 def raw(source: str) -> Iterator[str]:
-    """Yield the calls in a file that open files, as the allow-list has them."""
+    """Yield the calls that open files, in the notation of the allow-list."""
     for node in ast.walk(ast.parse(source)):
         if not isinstance(node, ast.Call):
             continue
@@ -92,7 +92,7 @@ def raw(source: str) -> Iterator[str]:
             yield name
 
 
-def test_no_other_reader_and_no_other_writer() -> None:
+def test_only_listed_calls_open_files() -> None:
     found = {
         f'{path.relative_to(PACKAGE)}: {call}'
         for path in PACKAGE.rglob('*.py')
@@ -119,5 +119,5 @@ def test_no_other_reader_and_no_other_writer() -> None:
         ('json.loads(text); await asyncio.open_connection(host, 1)', None),
     ],
 )
-def test_a_raw_reader_is_found(source: str, found: str | None) -> None:
+def test_direct_file_access_is_detected(source: str, found: str | None) -> None:
     assert [*raw(f'async def f():\n  {source}')] == [found] * bool(found)

@@ -41,7 +41,7 @@ from epson_driver.simple_message import JointPosition
         'a.',
     ],
 )
-def test_hosts(host: str) -> None:
+def test_valid_host_is_accepted(host: str) -> None:
     assert HOST.checked(host, 'x') == host
 
 
@@ -69,13 +69,13 @@ def test_hosts(host: str) -> None:
         None,
     ],
 )
-def test_what_no_resolver_takes_is_no_host(host: Any) -> None:
+def test_invalid_host_is_refused(host: Any) -> None:
     with pytest.raises(InputError, match=r'^robot_ip = .*: must be an IP address or the name of'):
         HOST.checked(host, 'robot_ip')
 
 
-def test_a_link_to_no_host_is_refused_when_it_is_made() -> None:
-    """UnicodeError of the resolver ended the driver when it connected."""
+def test_link_to_an_invalid_host_is_refused() -> None:
+    """Otherwise the resolver raises UnicodeError when the driver connects."""
     with pytest.raises(InputError, match=r"^state link: host = 'a\.\.b': must be an IP address"):
         Link('state', 'a..b', 1, on_packet=print, on_state=print)
 
@@ -84,12 +84,12 @@ def test_a_link_to_no_host_is_refused_when_it_is_made() -> None:
     'names',
     [[], 'ab', [''], ['a', 'a'], ['a.b'], ['a b'], ['1'], ['a\n'], ['ä'], ['x' * 101], [1], None],
 )
-def test_what_are_no_names_of_joints(names: Any) -> None:
+def test_invalid_joint_names_are_refused(names: Any) -> None:
     with pytest.raises(InputError, match=r'^x = .*: must be a list of names that differ'):
         JOINT_NAMES.checked(names, 'x')
 
 
-def test_names_of_joints() -> None:
+def test_valid_joint_names_are_accepted() -> None:
     assert JOINT_NAMES.checked(['left/joint_1', 'J2', 'a-b'], 'x') == ('left/joint_1', 'J2', 'a-b')
 
 
@@ -104,13 +104,13 @@ def test_names_of_joints() -> None:
     + [(list_of(count(0, 5)), value) for value in ([], [6], 1, 'ab', None)],
     ids=lambda _: 'x',
 )
-def test_what_is_not_in_the_rule(rule: Rule, value: Any) -> None:
+def test_value_that_breaks_the_rule_is_refused(rule: Rule, value: Any) -> None:
     with pytest.raises(InputError) as caught:
         rule.checked(value, 'f.yaml: key')
     assert str(caught.value) == f'f.yaml: key = {shown(value)}: {rule.text}'
 
 
-def test_values_are_shown_short() -> None:
+def test_long_values_are_abbreviated() -> None:
     endless: list[Any] = []
     endless.append(endless)
     for value in ('x' * 10**6, 10**5000, 10**400, [[1] * 1000] * 1000, {'a' * 999: 1}, endless):
@@ -120,7 +120,7 @@ def test_values_are_shown_short() -> None:
     assert printable('a\n\ud800ä\0') == 'a\\n\\ud800ä\\x00'
 
 
-def test_what_is_nested_too_deeply_is_shown_shortened() -> None:
+def test_deeply_nested_value_is_abbreviated() -> None:
     nested: dict[str, Any] = {'a': 1}
     for _ in range(20):
         nested = {'a': nested}
@@ -129,7 +129,7 @@ def test_what_is_nested_too_deeply_is_shown_shortened() -> None:
     assert shown({'a': {}}) == "{'a': {}}"
 
 
-def test_a_link_that_is_not_connected_sends_nothing_and_says_so() -> None:
+def test_unconnected_link_refuses_to_send() -> None:
     link = Link('state', '127.0.0.1', 11002, on_packet=print, on_state=print)
     with pytest.raises(ConnectionError, match='state link is disconnected'):
         link.tell(JointPosition(0, (0.0,) * 10))
@@ -166,7 +166,7 @@ def written(folder: Path, content: str | bytes) -> Path:
         ('a: |\n  12\n', {'a': '12\n'}),
     ],
 )
-def test_plain_values(text: str, value: Any, tmp_path: Path) -> None:
+def test_yaml_value_is_read(text: str, value: Any, tmp_path: Path) -> None:
     read = read_yaml(written(tmp_path, text))
     assert read == value
     assert type(read) is type(value)
@@ -194,7 +194,7 @@ def test_plain_values(text: str, value: Any, tmp_path: Path) -> None:
         ('x' * 1_000_001, 'is larger than 1 MB'),
     ],
 )
-def test_what_is_no_data_is_refused_with_file_and_line(
+def test_yaml_without_plain_data_is_refused_with_file_and_line(
     content: str | bytes, sentence: str, tmp_path: Path
 ) -> None:
     path = written(tmp_path, content)
@@ -205,7 +205,7 @@ def test_what_is_no_data_is_refused_with_file_and_line(
     assert len(str(caught.value)) < 500
 
 
-def test_nine_lines_do_not_become_a_billion_values(tmp_path: Path) -> None:
+def test_yaml_alias_bomb_is_refused(tmp_path: Path) -> None:
     lines = ['a0: &a0 [x]'] + [
         f'a{n}: &a{n} [{", ".join([f"*a{n - 1}"] * 9)}]' for n in range(1, 10)
     ]
@@ -213,12 +213,12 @@ def test_nine_lines_do_not_become_a_billion_values(tmp_path: Path) -> None:
         read_yaml(written(tmp_path, '\n'.join(lines)))
 
 
-def test_of_several_documents_the_first(tmp_path: Path) -> None:
+def test_first_of_several_documents_is_read(tmp_path: Path) -> None:
     assert read_yaml(written(tmp_path, 'a: 1\n---\na: 2\n'), several=True) == {'a': 1}
 
 
-def test_a_folder_a_pipe_a_device_and_what_is_no_path(tmp_path: Path) -> None:
-    """Opening the pipe would wait for ever, reading the device would never end."""
+def test_folders_pipes_devices_and_invalid_paths_are_refused(tmp_path: Path) -> None:
+    """Opening the pipe would block, and reading the device would not end."""
     os.mkfifo(tmp_path / 'pipe')
     before = len(os.listdir('/proc/self/fd'))  # noqa: PTH208
     for path, sentence in (

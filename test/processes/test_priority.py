@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The priority of the thread that sends heartbeats: requested, not inherited, or refused."""
+"""The priority of the heartbeat thread: set, not inherited, or refused."""
 
 import errno
 import os
@@ -31,7 +31,7 @@ def in_thread(function):
 
 
 def raised():
-    """Return this thread's priority, that of a thread and of a process that it starts."""
+    """Return the priorities of this thread, of a new thread and of a new process."""
     priority.raise_priority()
     priority.raise_priority()
     child = subprocess.run([sys.executable, '-c', ASKED], check=True, capture_output=True)
@@ -48,7 +48,7 @@ def _first(monkeypatch, caplog):
     caplog.set_level('INFO')
 
 
-def test_it_is_raised_for_one_thread_alone_or_the_refusal_is_logged(caplog):
+def test_priority_is_raised_for_one_thread_or_refusal_is_logged(caplog):
     usual = in_thread(own)
     here, thread, process = in_thread(raised)
     if caplog.messages:
@@ -61,7 +61,7 @@ def test_it_is_raised_for_one_thread_alone_or_the_refusal_is_logged(caplog):
 
 
 @pytest.mark.parametrize('missing', [False, True])
-def test_a_refusal_is_logged_once_with_the_remedy(monkeypatch, caplog, missing):
+def test_refusal_is_logged_once_with_the_remedy(monkeypatch, caplog, missing):
     if missing:
         monkeypatch.delattr(os, 'sched_getscheduler')
     monkeypatch.setattr(os, 'sched_setscheduler', refuses)
@@ -72,7 +72,7 @@ def test_a_refusal_is_logged_once_with_the_remedy(monkeypatch, caplog, missing):
     assert 'docs/troubleshooting.md has the remedy' in text
 
 
-def test_the_loop_of_a_robot_has_it():
+def test_event_loop_of_a_robot_has_the_priority():
     thread = LoopThread('robot')
     try:
         assert thread.call(own) == in_thread(lambda: (priority.raise_priority(), own())[1])

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Values that cross processes, and the processes themselves."""
+"""ROS domains of processes, starting and ending processes, and values passed to workers."""
 
 import asyncio
 import os
@@ -41,7 +41,7 @@ from epson_driver.robots import load_robot_model
 
 
 def domain_port(domain):
-    """Return the port that the first participant of a domain takes (DDSI-RTPS 9.6.1)."""
+    """Return the port of the first participant of a domain (DDSI-RTPS 9.6.1)."""
     return 7400 + 250 * domain + 10
 
 
@@ -54,7 +54,7 @@ def bound(domain):
 
 @pytest.fixture
 def unclaimed(monkeypatch):
-    """Let this process have claimed nothing yet; what it claims ends with the test."""
+    """Start without claimed domains. The claims end with the test."""
     claims = deque()
     monkeypatch.setattr(processes, 'claims', claims)
     yield claims
@@ -63,14 +63,14 @@ def unclaimed(monkeypatch):
 
 
 def two_domains(claims):
-    """Return two domains that are free, and not claimed."""
+    """Return two domains that are free and not claimed."""
     domains = [free_ros_domain(), free_ros_domain()]
     while claims:
         claims.pop().close()
     return domains
 
 
-def test_a_domain_whose_port_is_bound_is_avoided(monkeypatch, unclaimed):
+def test_domain_with_a_bound_port_is_avoided(monkeypatch, unclaimed):
     taken, other = two_domains(unclaimed)
     monkeypatch.setattr(processes, 'SAFE_DOMAINS', [taken, other])
     with bound(taken):
@@ -88,7 +88,7 @@ def test_no_free_domain_is_an_error(monkeypatch, unclaimed):
     assert free_ros_domain() == domain
 
 
-def test_a_domain_that_was_chosen_is_not_free_for_others(monkeypatch, unclaimed):
+def test_chosen_domain_is_claimed(monkeypatch, unclaimed):
     monkeypatch.setattr(processes, 'SAFE_DOMAINS', domains := two_domains(unclaimed))
     assert {free_ros_domain(), free_ros_domain()} == set(domains)
     with pytest.raises(RunError, match='in use'):
@@ -112,25 +112,25 @@ def test_only_the_newest_domains_stay_claimed(monkeypatch, unclaimed):
     assert len(unclaimed) == 3
 
 
-def test_two_runs_of_these_tests_find_domains_side_by_side():
+def test_parallel_test_runs_get_different_domains():
     workers = 4  # of `make test`, see Makefile
     assert 2 * workers * processes.MAX_CLAIMS <= len(SAFE_DOMAINS) // 2
 
 
-def test_domains_lie_below_the_ephemeral_ports():
+def test_domain_ports_are_below_the_ephemeral_ports():
     highest = max(SAFE_DOMAINS)
-    assert min(SAFE_DOMAINS) >= 1  # 0 is everybody's
+    assert min(SAFE_DOMAINS) >= 1  # 0 is the default domain
     assert domain_port(highest) + 240 < 32768 + 250
     assert free_ros_domain() in SAFE_DOMAINS
 
 
-def test_a_port_beside_a_domain_is_no_participant_s_and_no_claim():
+def test_claim_port_is_not_used_by_participants():
     domain = free_ros_domain()
     assert domain_port(domain) - 10 < port_beside(domain) < domain_port(domain)
     processes._bound('127.0.0.1', port_beside(domain)).close()
 
 
-def test_the_environment_keeps_to_this_machine_and_domain(monkeypatch):
+def test_environment_limits_ros_to_this_machine_and_domain(monkeypatch):
     monkeypatch.setenv('SOMETHING_ELSE', 'kept')
     environment = ros_environment(42)
     assert environment['ROS_DOMAIN_ID'] == '42'
@@ -139,7 +139,7 @@ def test_the_environment_keeps_to_this_machine_and_domain(monkeypatch):
     assert os.environ.get('ROS_DOMAIN_ID') != '42'
 
 
-def test_a_simulated_controller_starts_on_free_ports_and_ends_cleanly(tmp_path):
+def test_sim_controller_starts_on_free_ports_and_ends_cleanly(tmp_path):
     process = sim_controller(tmp_path / 'log.txt')
     with ended_at_exit(process):
         ports = process.ports()
@@ -151,7 +151,7 @@ def test_a_simulated_controller_starts_on_free_ports_and_ends_cleanly(tmp_path):
     assert process.returncode == 0
 
 
-def test_a_simulated_controller_that_cannot_start_says_why(tmp_path):
+def test_failed_start_of_sim_controller_has_a_reason(tmp_path):
     with socket.create_server(('127.0.0.1', 0)) as taken:
         port = taken.getsockname()[1]
         process = sim_controller(tmp_path / 'log.txt', ports=Ports(port, 0, 0, 0))
@@ -162,13 +162,13 @@ def test_a_simulated_controller_that_cannot_start_says_why(tmp_path):
     assert f'motion port 127.0.0.1:{port}' in text
 
 
-def test_wrong_arguments_are_in_the_error(tmp_path):
+def test_invalid_arguments_are_in_the_error(tmp_path):
     process = sim_controller(tmp_path / 'log.txt', '--robot', 'no_such_robot')
     with ended_at_exit(process), pytest.raises(RunError, match='no_such_robot'):
         process.ports()
 
 
-def test_a_process_is_ended_whatever_happens_in_the_block(tmp_path):
+def test_process_is_ended_after_an_exception(tmp_path):
     process = sim_controller(tmp_path / 'log.txt')
 
     def work():
@@ -181,7 +181,7 @@ def test_a_process_is_ended_whatever_happens_in_the_block(tmp_path):
     assert process.returncode == 0
 
 
-def test_kill_is_a_crash(tmp_path):
+def test_killed_process_is_a_crash(tmp_path):
     process = sim_controller(tmp_path / 'log.txt')
     with ended_at_exit(process):
         process.ports()
@@ -205,7 +205,7 @@ def shell(tmp_path):
             process.kill()
 
 
-def test_one_that_does_not_end_is_killed(shell, monkeypatch):
+def test_process_that_ignores_signals_is_killed(shell, monkeypatch):
     monkeypatch.setattr(processes, 'END_TIMEOUT_S', 0.1)
     process = shell('trap "" INT; echo ready >&2; exec sleep 1000')
     until = time.monotonic() + 60.0
@@ -216,7 +216,7 @@ def test_one_that_does_not_end_is_killed(shell, monkeypatch):
     assert process.returncode == -signal.SIGKILL
 
 
-def test_one_that_has_ended_is_told_with_its_log(shell):
+def test_ended_process_is_reported_with_its_log(shell):
     process = shell('echo it broke >&2; exit 3')
     process.wait()
     with pytest.raises(RunError, match='client ended with 3:\nit broke'):
@@ -228,7 +228,7 @@ LIMITS = load_robot_model('c3_a601s').limits
 
 @dataclass(frozen=True, eq=False)
 class Thing:
-    """Anything."""
+    """A class that cannot be passed to another process."""
 
     name: str
     values: np.ndarray
@@ -257,7 +257,7 @@ VALUES = st.recursive(
 
 
 def same(one, other):
-    """Return whether two values are the same, to the last bit."""
+    """Return whether two values are equal, to the last bit."""
     if type(one) is not type(other):
         return False
     if isinstance(one, np.ndarray):
@@ -272,11 +272,11 @@ def same(one, other):
 
 @settings(max_examples=examples(300))
 @given(VALUES)
-def test_a_value_comes_back_to_the_last_bit(value):
+def test_value_survives_the_round_trip_exactly(value):
     assert same(unpacked(packed(value), THINGS), value)
 
 
-def test_what_the_planner_is_asked_and_answers_comes_back():
+def test_planning_requests_and_replies_survive_the_round_trip():
     smoother = Smoother(LIMITS, np.zeros(6), planner=None)
     smoother.append(np.full(6, 0.2), 0.5)
     smoother.finish()
@@ -292,13 +292,13 @@ def test_what_the_planner_is_asked_and_answers_comes_back():
     assert answer.knots.position.tobytes() == expected.knots.position.tobytes()
 
 
-def test_numbers_of_numpy_come_back_as_python_has_them():
+def test_numpy_scalars_become_python_numbers():
     value = unpacked(packed((np.float64(0.1), np.bool_(True), np.int64(3))), ())
     assert value == (0.1, True, 3)
     assert [type(each) for each in value] == [float, bool, int]
 
 
-def test_arrays_can_be_written_to_and_share_no_memory():
+def test_received_arrays_are_writable_copies():
     one, other = unpacked(packed((np.zeros(3), np.zeros(3, dtype=bool))), ())
     one += 1.0
     assert not other.any()
@@ -307,7 +307,7 @@ def test_arrays_can_be_written_to_and_share_no_memory():
 @pytest.mark.parametrize(
     'value', [object(), {1, 2}, np.array([None]), np.array(['x']), b'bytes', np.zeros(2, 'c16')]
 )
-def test_what_cannot_be_passed_is_said(value):
+def test_unsupported_value_is_an_error(value):
     with pytest.raises(TypeError, match='cannot be passed'):
         packed((value,))
 
@@ -318,7 +318,7 @@ GOOD = packed(Thing('x', np.arange(4.0), Thing('y', np.array([True, False])), (1
 @pytest.mark.invariant(7)
 @settings(max_examples=examples(500))
 @given(st.integers(0, len(GOOD) - 1), st.integers(1, 255), st.integers(0, len(GOOD)))
-def test_inv7_bytes_that_are_changed_or_missing_are_an_error(index, change, kept):
+def test_inv7_corrupted_bytes_are_an_error(index, change, kept):
     changed = bytearray(GOOD)
     changed[index] ^= change
     for bad in (bytes(changed), GOOD[:kept] if kept < len(GOOD) else b'', GOOD + b'\0'):
@@ -347,13 +347,13 @@ def test_inv7_bytes_that_are_changed_or_missing_are_an_error(index, change, kept
         b'',
     ],
 )
-def test_inv7_a_text_that_says_nonsense_is_an_error_though_its_checksum_is_right(text):
+def test_inv7_invalid_text_with_a_valid_checksum_is_an_error(text):
     with pytest.raises(ValueError, match='bytes that are no value'):
         unpacked(PREFIX.pack(zlib.crc32(text), len(text), 0) + text, THINGS)
 
 
 @pytest.mark.invariant(7)
-def test_inv7_a_pickle_is_not_executed(tmp_path):
+def test_inv7_pickle_is_not_executed(tmp_path):
     class Trap:
         def __reduce__(self):
             return (open, (str(tmp_path / 'PWNED'), 'w'))
@@ -365,14 +365,14 @@ def test_inv7_a_pickle_is_not_executed(tmp_path):
 
 
 @pytest.mark.invariant(7)
-def test_inv7_more_bytes_than_any_value_has_are_not_waited_for():
+def test_inv7_excessive_length_is_an_error():
     assert body_length(GOOD[: PREFIX.size]) == len(GOOD) - PREFIX.size
     with pytest.raises(ValueError, match=f' bytes: at most {MAX_BYTES} can be'):
         body_length(PREFIX.pack(0, 1, MAX_BYTES))
 
 
 @pytest.mark.invariant(9)
-def test_inv9_a_worker_is_gone_when_its_end_was_canceled():
+def test_inv9_worker_ends_although_the_waiter_was_canceled():
     async def check():
         process = await asyncio.create_subprocess_exec('sleep', '60')
         ending = asyncio.create_task(worker.end_worker(process))
@@ -381,12 +381,12 @@ def test_inv9_a_worker_is_gone_when_its_end_was_canceled():
         with pytest.raises(asyncio.CancelledError):
             await ending
         assert process.returncode == -signal.SIGKILL
-        await worker.end_worker(process)  # once more does no harm
+        await worker.end_worker(process)  # a second call has no effect
 
     asyncio.run(check())
 
 
-def test_those_who_end_together_are_told_before_one_is_waited_for():
+def test_processes_are_signalled_before_waiting():
     told = []
 
     class Ending:
@@ -405,7 +405,7 @@ def test_those_who_end_together_are_told_before_one_is_waited_for():
     assert told == [('a', signal.SIGINT), ('b', signal.SIGINT), 'a', 'b']
 
 
-def test_a_signal_waits_while_something_is_started():
+def test_signal_is_deferred_while_a_process_starts():
     known = []
 
     def start():

@@ -36,34 +36,34 @@ def test_every_key_has_a_rule_and_every_rule_a_key():
     assert sorted(keys_of(ControllerProfile)) == sorted(RULES)
 
 
-def test_there_are_the_profiles_that_are_promised():
+def test_documented_profiles_exist():
     others = ['rc700a', 'remote', 'simulated', 'spel']
     assert ['abb', 'fanuc', 'generic', 'motoman', *others] == NAMES
 
 
 @pytest.mark.parametrize('name', NAMES)
-def test_each_profile_loads_and_calls_itself_by_its_file(name):
+def test_profile_has_the_name_of_its_file(name):
     profile = load_controller_profile(name)
     assert profile.name == name
     assert profile.description
     assert all(sentence.endswith('.') for sentence in profile.approximate)
-    if name != 'simulated':  # these rest on less
+    if name != 'simulated':  # the others are less certain
         assert profile.approximate
 
 
 @pytest.mark.parametrize('name', ['RC700-A', 'rc90', 'RC90-B', 'rc800', 'T', 'vt'])
-def test_controllers_that_are_alike_share_a_profile_under_epsons_names(name):
+def test_alias_loads_the_shared_profile(name):
     assert load_controller_profile(name) == load_controller_profile('rc700a')
 
 
-def test_the_old_name_of_the_simulation_is_an_alias_that_says_so(caplog):
+def test_old_name_of_the_simulation_is_a_deprecated_alias(caplog):
     assert load_controller_profile('RC620') == load_controller_profile('simulated')
     (said,) = caplog.messages
     assert said.startswith('rc620 is the old name of the profile simulated')
     assert 'spel' in said
 
 
-def test_the_simulated_rates_are_those_that_the_thesis_measured():
+def test_simulated_rates_equal_those_of_the_thesis():
     profile = load_controller_profile('simulated')
     assert profile.byte_order is ByteOrder.LITTLE
     assert profile.mode is Mode.AUTO
@@ -86,7 +86,7 @@ def test_the_simulated_rates_are_those_that_the_thesis_measured():
     assert profile.io.digital_inputs == 24
 
 
-def test_the_others_differ_where_it_is_known():
+def test_profiles_have_their_documented_differences():
     rc700a, fanuc, abb, motoman = map(
         load_controller_profile, ('rc700a', 'fanuc', 'abb', 'motoman')
     )
@@ -119,7 +119,7 @@ def test_the_others_differ_where_it_is_known():
     assert (motoman.state.period, motoman.state.errors) == (0.025, 'alarms')
 
 
-def test_an_unknown_profile_lists_the_ones_there_are():
+def test_unknown_profile_lists_the_existing_profiles():
     with pytest.raises(FileNotFoundError, match=r'no rc1\.yaml .*simulated'):
         load_controller_profile('rc1')
 
@@ -176,7 +176,7 @@ def written(tmp_path, data, name='mine.yaml'):
 
 @pytest.mark.parametrize(('key', 'value', 'text'), WRONG)
 @pytest.mark.parametrize('like', [False, True])
-def test_a_wrong_value_is_named_with_file_key_and_rule(tmp_path, key, value, text, like):
+def test_invalid_value_is_reported_with_file_key_and_rule(tmp_path, key, value, text, like):
     if like:
         data = {'like': 'simulated', 'name': 'mine', 'description': 'my own'}
     else:
@@ -195,7 +195,7 @@ def test_a_wrong_value_is_named_with_file_key_and_rule(tmp_path, key, value, tex
 
 
 @pytest.mark.parametrize('key', sorted(RULES))
-def test_a_missing_key_is_named(tmp_path, key):
+def test_missing_key_is_reported(tmp_path, key):
     data = yaml.safe_load((FOLDER / 'simulated.yaml').read_text())
     inner = data
     *sections, last = key.split('.')
@@ -209,7 +209,7 @@ def test_a_missing_key_is_named(tmp_path, key):
 @pytest.mark.parametrize(
     'text', ['', 'simulated', '[1, 2]', '{', 'name: simulated', '\0', '- like']
 )
-def test_a_file_that_is_no_profile(tmp_path, text):
+def test_file_that_is_no_profile_is_refused(tmp_path, text):
     path = tmp_path / 'mine.yaml'
     path.write_text(text)
     with pytest.raises(InputError, match=r'mine\.yaml: '):
@@ -219,7 +219,7 @@ def test_a_file_that_is_no_profile(tmp_path, text):
 # ---- like
 
 
-def test_a_profile_of_ones_own_holds_only_what_differs(tmp_path):
+def test_profile_with_like_needs_only_the_differences(tmp_path):
     path = written(
         tmp_path,
         {
@@ -241,7 +241,7 @@ def test_a_profile_of_ones_own_holds_only_what_differs(tmp_path):
     assert (mine.name, mine.description) == ('mine', 'my own')
 
 
-def test_like_a_file_beside_it(tmp_path):
+def test_like_accepts_a_file_in_the_same_folder(tmp_path):
     base = {'like': 'simulated', 'name': 'base', 'description': '', 'error_texts': 'none'}
     written(tmp_path, base, 'base.yaml')
     path = written(tmp_path, {'like': 'base.yaml', 'name': 'mine', 'description': ''})
@@ -249,27 +249,27 @@ def test_like_a_file_beside_it(tmp_path):
 
 
 @pytest.mark.parametrize('key', ['name', 'description'])
-def test_a_profile_like_another_has_its_own_name(tmp_path, key):
+def test_name_and_description_are_not_inherited(tmp_path, key):
     data = {'like': 'simulated', 'name': 'mine', 'description': 'my own'}
     del data[key]
     with pytest.raises(InputError, match=f'{key} is missing'):
         load_controller_profile(str(written(tmp_path, data)))
 
 
-def test_like_a_profile_that_is_not_there(tmp_path):
+def test_like_of_a_missing_profile_is_an_error(tmp_path):
     data = {'like': 'rc1', 'name': 'mine', 'description': 'my own'}
     with pytest.raises(FileNotFoundError, match=r'no rc1\.yaml .*simulated'):
         load_controller_profile(str(written(tmp_path, data)))
 
 
 @pytest.mark.parametrize('like', [5, ['simulated'], {}])
-def test_like_something_that_is_no_name(tmp_path, like):
+def test_like_of_an_invalid_name_is_an_error(tmp_path, like):
     data = {'like': like, 'name': 'mine', 'description': 'my own'}
     with pytest.raises(InputError, match=r'like = .*must be the name of a profile'):
         load_controller_profile(str(written(tmp_path, data)))
 
 
-def test_profiles_that_are_like_each_other(tmp_path):
+def test_circular_like_is_an_error(tmp_path):
     own = {'name': 'x', 'description': 'x'}
     written(tmp_path, {'like': 'b.yaml', **own}, 'a.yaml')
     path = written(tmp_path, {'like': 'a.yaml', **own}, 'b.yaml')
@@ -277,8 +277,8 @@ def test_profiles_that_are_like_each_other(tmp_path):
         load_controller_profile(str(path))
 
 
-def test_rc620_has_every_key_as_docs_say():
-    """docs/controllers.md sends readers there."""
+def test_rc620_has_every_key():
+    """docs/controllers.md refers to it as the complete example."""
     data = yaml.safe_load((FOLDER / 'simulated.yaml').read_text(encoding='utf-8'))
     written = {'.'.join(path) for path in paths(data)}
     assert all(any(f'{each}.'.startswith(f'{key}.') for each in written) for key in RULES)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Known poses of the C3-A601S's Tool 0 in EPSON's world, worked out apart from this code."""
+"""Known poses of the C3-A601S's Tool 0 in EPSON's world, computed independently of this code."""
 
 CHECK_POINTS = [
     ((0, 0, 0, 0, 0, 0), (0, 415, 570), (0, -90, -90)),
@@ -16,7 +16,7 @@ CHECK_POINTS = [
     ((0, 0, 0, 0, 0, 30), (0, 415, 570), (180, -60, 90)),
     ((20, -20, 30, 25, 15, 40), (-174.576, 458.855, 624.253), (-143.539, -21.006, 64.715)),
 ]
-"""Joints in degrees; X, Y, Z in mm; U, V, W in degrees, None where nobody has noted them."""
+"""Joints in degrees, X, Y, Z in mm, and U, V, W in degrees (None if not recorded)."""
 
 CLOSE = 1e-3
-"""mm and degrees: the check points have three decimals."""
+"""Tolerance, mm and degrees. The check points have three decimals."""

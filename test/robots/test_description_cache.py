@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Descriptions are kept by content, and a cache that does not work costs time only."""
+"""The cache of robot descriptions, keyed by content. Its failures only cost time."""
 
 import threading
 from pathlib import Path
@@ -16,7 +16,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / 'epson_driver'
 
 
-def test_a_text_is_made_once_for_the_same_content(folder: Path) -> None:
+def test_text_is_generated_once_for_equal_content(folder: Path) -> None:
     made = []
 
     def make() -> str:
@@ -29,7 +29,7 @@ def test_a_text_is_made_once_for_the_same_content(folder: Path) -> None:
 
 
 @pytest.mark.parametrize('damage', [b'', b'text', b'\xff\xfe', b'0' * 64 + b'\nother'])
-def test_a_damaged_file_is_made_again(folder: Path, damage: bytes) -> None:
+def test_damaged_file_is_generated_again(folder: Path, damage: bytes) -> None:
     assert cached([b'a'], lambda: 'first') == 'first'
     (file,) = folder.iterdir()
     file.write_bytes(damage)
@@ -37,9 +37,7 @@ def test_a_damaged_file_is_made_again(folder: Path, damage: bytes) -> None:
     assert cached([b'a'], lambda: 'third') == 'second'
 
 
-def test_a_home_that_cannot_be_written_does_not_matter(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_unwritable_home_is_tolerated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / 'file').write_text('')
     monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'file'))
     assert cached([b'a'], lambda: 'made') == 'made'
@@ -48,7 +46,7 @@ def test_a_home_that_cannot_be_written_does_not_matter(
     assert cached([b'a'], lambda: 'made') == 'made'
 
 
-def test_many_at_once_leave_one_whole_file(folder: Path) -> None:
+def test_concurrent_writers_leave_one_complete_file(folder: Path) -> None:
     text = 'x' * 1_000_000
     found: list[str] = []
     threads = [

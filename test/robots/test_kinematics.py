@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Tool 0 of joints and joints of Tool 0, against known poses, Pinocchio and each other."""
+"""Forward and inverse kinematics, checked against known poses, Pinocchio and each other."""
 
 import dataclasses
 import re
@@ -27,7 +27,7 @@ EXACT = 1e-9
 
 
 def ceiling(model: RobotModel) -> RobotModel:
-    """Return a model as EPSON's ceiling variants have it: heights, axes 1, 2, 3 and 5 negated."""
+    """Return a ceiling variant: heights and axes 1, 2, 3 and 5 are negated."""
     origins = model.chain.origins * (1.0, 1.0, -1.0)
     axes = model.chain.axes * np.array([[-1, -1, -1, 1, -1, 1]]).T
     return dataclasses.replace(model, name=model.name + 'r', chain=Chain(origins, axes))
@@ -52,7 +52,7 @@ def turned(one: Array, other: Array) -> float:
 
 
 @pytest.mark.parametrize(('degrees', 'millimetres', 'angles'), CHECK_POINTS)
-def test_tool0_is_where_the_pendant_would_show_it(
+def test_tool0_equals_the_pose_of_the_pendant(
     degrees: tuple[float, ...],
     millimetres: tuple[float, ...],
     angles: tuple[float, ...] | None,
@@ -61,14 +61,14 @@ def test_tool0_is_where_the_pendant_would_show_it(
     place, shown = arm.epson_point(np.radians(degrees))
     assert place * 1e3 == pytest.approx(millimetres, abs=CLOSE)
     if angles is not None:
-        # as rotations: 180 and -180 degrees are the same
+        # compared as rotations, because 180 equals -180 degrees
         assert turned(rotation_of_uvw(shown), rotation_of_uvw(np.radians(angles))) < CLOSE
         if abs(angles[1]) == 90:
             assert np.degrees(shown) == pytest.approx(angles, abs=CLOSE)
 
 
 def from_urdf(text: str, degrees: tuple[float, ...]) -> Array:
-    """Return Tool 0 in base by Pinocchio, which reads the URDF by itself."""
+    """Return Tool 0 in base, computed by Pinocchio from the URDF."""
     read = pinocchio.buildModelFromXML(text)
     data = read.createData()
     pinocchio.framesForwardKinematics(read, data, np.radians(degrees))
@@ -77,7 +77,7 @@ def from_urdf(text: str, degrees: tuple[float, ...]) -> Array:
 
 
 @pytest.mark.parametrize(('degrees', 'millimetres', 'angles'), CHECK_POINTS)
-def test_the_urdf_has_tool0_where_the_pendant_would_show_it(
+def test_tool0_of_the_urdf_equals_the_pose_of_the_pendant(
     degrees: tuple[float, ...],
     millimetres: tuple[float, ...],
     angles: tuple[float, ...] | None,
@@ -89,7 +89,7 @@ def test_the_urdf_has_tool0_where_the_pendant_would_show_it(
 
 
 @pytest.mark.parametrize('model', one_in(3, SIX_AXIS), ids=names)
-def test_the_chain_in_python_is_that_of_the_urdf(model: RobotModel) -> None:
+def test_chain_in_python_equals_the_urdf(model: RobotModel) -> None:
     read = pinocchio.buildModelFromXML(urdf(model.file))
     data, arm = read.createData(), Kinematics(model)
     for joints in joints_of(model, 0, 50):
@@ -105,7 +105,7 @@ def test_the_chain_in_python_is_that_of_the_urdf(model: RobotModel) -> None:
         np.testing.assert_allclose(arm.from_base(in_base), there, atol=EXACT)
 
 
-def test_the_opw_lengths_of_the_c3_are_the_published_ones() -> None:
+def test_opw_lengths_of_the_c3_are_the_published_values() -> None:
     found = opw_parameters(C3)
     assert list(found.lengths) == ['a1', 'a2', 'b', 'c1', 'c2', 'c3', 'c4']
     assert list(found.lengths.values()) == pytest.approx(
@@ -113,11 +113,11 @@ def test_the_opw_lengths_of_the_c3_are_the_published_ones() -> None:
     )
     assert found.signs == (1, -1, -1, -1, -1, -1)
     offsets = np.array(found.offsets)
-    offsets[5] = abs(offsets[5])  # half a turn, either way
+    offsets[5] = abs(offsets[5])  # half a turn in either direction
     assert offsets == pytest.approx([0, 0, -np.pi / 2, 0, 0, np.pi], abs=1e-12)
 
 
-def test_the_elbow_of_the_c8_is_offset() -> None:
+def test_c8_has_an_elbow_offset() -> None:
     found = opw_parameters(load_robot_model('c8_c901s'))
     assert list(found.lengths) == ['a1', 'a2', 'b', 'c1', 'c2', 'c3', 'c4']
     assert list(found.lengths.values()) == pytest.approx(
@@ -126,7 +126,7 @@ def test_the_elbow_of_the_c8_is_offset() -> None:
 
 
 @pytest.mark.parametrize('model', one_in(6, ARMS), ids=names)
-def test_the_inverse_has_the_joints_that_made_the_pose_first_and_only_true_ones(
+def test_inverse_returns_the_original_joints_first(
     model: RobotModel,
 ) -> None:
     arm, limits = Kinematics(model), model.limits
@@ -143,8 +143,8 @@ def test_the_inverse_has_the_joints_that_made_the_pose_first_and_only_true_ones(
 
 
 @pytest.mark.parametrize('model', one_in(3, ARMS), ids=names)
-def test_every_solution_within_the_limits_is_found(model: RobotModel) -> None:
-    """The flipped wrist and whole turns, from the one solution that is known."""
+def test_inverse_finds_every_solution_within_limits(model: RobotModel) -> None:
+    """Expected: the flipped wrist and full turns of the known solution."""
     arm, limits = Kinematics(model), model.limits
     missed = 0
     for joints in joints_of(model, 3, 20):
@@ -162,7 +162,7 @@ def test_every_solution_within_the_limits_is_found(model: RobotModel) -> None:
     assert missed == 0
 
 
-def test_joints_that_turn_more_than_once_have_every_turn() -> None:
+def test_inverse_includes_all_full_turns() -> None:
     arm = Kinematics(C3)
     pose = arm.forward(np.radians([10.0, -20.0, 30.0, 170.0, 40.0, 50.0]))
     turns = {
@@ -171,7 +171,7 @@ def test_joints_that_turn_more_than_once_have_every_turn() -> None:
     assert {(170, 50), (170, -310), (-190, 50), (-190, -310)} <= turns
 
 
-def test_a_straight_wrist_keeps_joint_4_where_it_is() -> None:
+def test_straight_wrist_keeps_joint_4() -> None:
     arm = Kinematics(C3)
     joints = np.radians([10.0, -20.0, 30.0, 60.0, 0.0, -15.0])
     near = np.radians([10.0, -20.0, 30.0, 100.0, 0.0, 0.0])
@@ -182,10 +182,10 @@ def test_a_straight_wrist_keeps_joint_4_where_it_is() -> None:
 
 
 @pytest.mark.parametrize('model', one_in(3, ARMS), ids=names)
-def test_no_straight_wrist_and_no_stretched_arm_is_lost_to_rounding(model: RobotModel) -> None:
+def test_singular_poses_have_solutions_despite_rounding(model: RobotModel) -> None:
     arm = Kinematics(model)
     found = opw_parameters(model)
-    # where the elbow, with its offset, makes the arm straight
+    # the elbow angle of a straight arm, with the elbow offset
     stretched = found.signs[2] * (
         found.offsets[2] - np.arctan2(found.lengths['a2'], found.lengths['c3'])
     )
@@ -196,24 +196,24 @@ def test_no_straight_wrist_and_no_stretched_arm_is_lost_to_rounding(model: Robot
             joints[2] = stretched
         pose = arm.forward(joints)
         first = arm.inverse(pose, joints)[0]
-        np.testing.assert_allclose(first, joints, atol=1e-4)  # the pose counts
+        np.testing.assert_allclose(first, joints, atol=1e-4)  # only the pose is well defined
         np.testing.assert_allclose(arm.forward(first), pose, atol=4e-6)
 
 
 @pytest.mark.parametrize('degrees', [point[0] for point in CHECK_POINTS])
-def test_the_check_points_are_found_again(degrees: tuple[float, ...]) -> None:
+def test_inverse_finds_the_check_points(degrees: tuple[float, ...]) -> None:
     arm, joints = Kinematics(C3), np.radians(degrees)
     pose = arm.forward(joints)
     found = arm.inverse(pose, joints)
-    # a stretched arm and a straight wrist cost half of the digits
+    # singularities cost half of the digits
     np.testing.assert_allclose(found[0], joints, atol=1e-5)
     np.testing.assert_allclose(arm.forward(found[0]), pose, atol=4e-6)
-    for one in range(len(found)):  # a stretched elbow is no second solution
+    for one in range(len(found)):  # a stretched elbow has no second solution
         others = np.delete(found, one, axis=0)
         assert np.all(np.max(np.abs(others - found[one]), axis=1) > 1e-5)
 
 
-def test_a_pose_out_of_reach_or_of_the_limits_has_no_joints() -> None:
+def test_unreachable_pose_has_no_solution() -> None:
     arm = Kinematics(C3)
     pose = arm.forward(np.zeros(6))
     pose[0, 3] = 2.0
@@ -234,13 +234,13 @@ def test_a_pose_out_of_reach_or_of_the_limits_has_no_joints() -> None:
         np.full((4, 4), np.nan),
     ],
 )
-def test_a_matrix_that_is_no_pose_is_refused(pose: Array) -> None:
+def test_matrix_that_is_not_a_pose_is_refused(pose: Array) -> None:
     with pytest.raises(ValueError, match=r'^pose = .*: must be a rotation and a place'):
         Kinematics(C3).inverse(pose)
 
 
 @pytest.mark.parametrize('joints', [[0.0] * 5, [0.0] * 7, [0.0, 0, 0, 0, 0, np.nan], 0.0])
-def test_joints_of_another_number_are_refused(joints: object) -> None:
+def test_wrong_number_of_joints_is_refused(joints: object) -> None:
     arm = Kinematics(C3)
     with pytest.raises(ValueError, match='must be 6 finite numbers'):
         arm.forward(np.array(joints))
@@ -279,16 +279,14 @@ def changed(
     ],
     ids=lambda value: value if isinstance(value, str) else '',
 )
-def test_a_chain_without_a_closed_form_is_refused_with_its_reason(
-    chain: Chain, reason: str
-) -> None:
+def test_chain_without_closed_form_is_refused_with_the_reason(chain: Chain, reason: str) -> None:
     model = dataclasses.replace(C3, chain=chain)
     with pytest.raises(KinematicsError, match=re.escape(reason)) as error:
         Kinematics(model).inverse(np.eye(4))
     assert str(error.value).startswith('c3_a601s: no inverse kinematics, as its chain is not')
 
 
-def test_a_tool0_beside_joint_6_is_refused() -> None:
+def test_tool0_off_the_axis_of_joint_6_is_refused() -> None:
     tool0 = Frame(np.array([0.005, 0.001, 0.0]), C3.tool0.rpy)
     with pytest.raises(KinematicsError, match=r'Tool 0 is 0\.001 m off the axis of joint 6'):
         opw_parameters(dataclasses.replace(C3, tool0=tool0))
@@ -297,11 +295,11 @@ def test_a_tool0_beside_joint_6_is_refused() -> None:
         opw_parameters(dataclasses.replace(C3, tool0=tool0))
 
 
-def test_a_scara_at_zero_faces_epsons_x() -> None:
+def test_scara_at_zero_points_along_x_of_epson() -> None:
     model = load_robot_model('gx4_c251s')
     arm = Kinematics(model)
     place, angles = arm.epson_point(np.zeros(4))
-    # zero pulses face EPSON's X; arms 124 + 126 mm; Z is 0 at the shaft's end, negative below
+    # zero pulses: along EPSON's X, arms of 124 + 126 mm, and Z 0 at the shaft's upper end
     assert place == pytest.approx([0.25, 0.0, 0.0], abs=1e-12)
     assert angles == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
     joints = np.array([np.pi / 2, np.pi / 2, -0.1, np.radians(-30.0)])
@@ -310,7 +308,7 @@ def test_a_scara_at_zero_faces_epsons_x() -> None:
     assert np.degrees(angles) == pytest.approx([150.0, 0.0, 0.0])
 
 
-def test_a_tool_is_where_it_is_on_the_flange() -> None:
+def test_tool_is_relative_to_the_flange() -> None:
     tool = np.eye(4)
     tool[:3, :3] = rotation_of_uvw(np.array([0.3, -0.2, 0.1]))
     tool[:3, 3] = [0.02, 0.0, 0.12]
@@ -320,7 +318,7 @@ def test_a_tool_is_where_it_is_on_the_flange() -> None:
     np.testing.assert_allclose(arm.inverse(arm.forward(joints), joints)[0], joints, atol=1e-8)
 
 
-def test_u_v_and_w_turn_about_z_then_y_then_x() -> None:
+def test_uvw_rotate_about_z_then_y_then_x() -> None:
     random = np.random.default_rng(4)
     for angles in random.uniform([-np.pi, -1.5, -np.pi], [np.pi, 1.5, np.pi], (200, 3)):
         rotation = rotation_of_uvw(angles)
@@ -336,7 +334,7 @@ def test_u_v_and_w_turn_about_z_then_y_then_x() -> None:
 
 
 @pytest.mark.parametrize('name', ['c8_c901s', 'cx4_a601s', 'cx7_a701s', 'n2_a450s'])
-def test_a_hanging_arm_is_on_the_sides_of_a_standing_one_with_its_joints(name):
+def test_ceiling_arm_mirrors_the_standing_arm(name):
     standing, hanging = (load_robot_model(each) for each in (name, f'{name}r'))
     limits = standing.limits
     for joints in np.random.default_rng(3).uniform(
@@ -347,7 +345,7 @@ def test_a_hanging_arm_is_on_the_sides_of_a_standing_one_with_its_joints(name):
 
 
 @pytest.mark.parametrize('name', ['c3_a601s', 'gx8_c652s', 'n2_a450s'])
-def test_the_jacobian_is_the_derivative_of_the_pose(name):
+def test_jacobian_is_the_derivative_of_the_pose(name):
     model = load_robot_model(name)
     tool = np.eye(4)
     tool[:3, 3] = 0.05, -0.02, 0.1

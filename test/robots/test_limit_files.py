@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Limits of any arm: of a URDF, of MoveIt's file over it, and of our own models."""
+"""Joint limits of a URDF, of MoveIt's joint_limits.yaml, and of this package's models."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ URDF = """<robot name="arm">
 </robot>"""
 
 
-def test_what_the_urdf_says_and_what_is_assumed() -> None:
+def test_urdf_limits_are_read_and_defaults_assumed() -> None:
     rows = urdf_limits(URDF)
     assert set(rows) == {'turn', 'lift', 'spin'}
     limits, assumed = limits_of(['spin', 'lift', 'turn'], rows, RATIOS)
@@ -36,7 +36,7 @@ def test_what_the_urdf_says_and_what_is_assumed() -> None:
     assert len(assumed) == 6
 
 
-def test_the_file_of_moveit_goes_before_the_urdf(tmp_path: Path) -> None:
+def test_moveit_file_overrides_the_urdf(tmp_path: Path) -> None:
     file = tmp_path / 'joint_limits.yaml'
     file.write_text(
         'default_velocity_scaling_factor: 0.1\n'
@@ -55,7 +55,7 @@ def test_the_file_of_moveit_goes_before_the_urdf(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('model', ['c3_a601s', 'gx4_c251s'])
-def test_our_own_models_come_back_by_each_way(model: str, tmp_path: Path) -> None:
+def test_model_limits_survive_each_file_format(model: str, tmp_path: Path) -> None:
     import yaml
 
     robot = load_robot_model(model)
@@ -77,7 +77,7 @@ def test_our_own_models_come_back_by_each_way(model: str, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ('text', 'said'),
+    ('text', 'message'),
     [
         ('joint_limits: [1]', 'joint_limits = [1]: must be a mapping of joints'),
         ('joint_limits: {a: 3}', 'a = 3: must be a mapping of limits'),
@@ -88,18 +88,16 @@ def test_our_own_models_come_back_by_each_way(model: str, tmp_path: Path) -> Non
         ('joint_limits: {a: {has_velocity_limits: true, max_velocity: .nan}}', 'must be a number'),
     ],
 )
-def test_a_file_that_is_wrong_is_refused_with_a_sentence(
-    text: str, said: str, tmp_path: Path
-) -> None:
+def test_invalid_limit_file_is_refused(text: str, message: str, tmp_path: Path) -> None:
     file = tmp_path / 'joint_limits.yaml'
     file.write_text(text, encoding='utf-8')
     with pytest.raises(InputError) as refused:
         file_limits(str(file))
-    assert said in str(refused.value)
+    assert message in str(refused.value)
 
 
 @pytest.mark.parametrize(
-    ('rows', 'said'),
+    ('rows', 'message'),
     [
         ({}, 'a: no position min limit is known: publish the URDF'),
         (
@@ -112,12 +110,12 @@ def test_a_file_that_is_wrong_is_refused_with_a_sentence(
         ),
     ],
 )
-def test_limits_that_cannot_be_are_refused(rows: dict[str, dict[str, float]], said: str) -> None:
+def test_impossible_limits_are_refused(rows: dict[str, dict[str, float]], message: str) -> None:
     with pytest.raises(InputError) as refused:
         limits_of(['a'], rows, RATIOS)
-    assert said in str(refused.value)
+    assert message in str(refused.value)
 
 
-def test_a_description_that_is_no_xml_is_refused() -> None:
+def test_description_that_is_not_xml_is_refused() -> None:
     with pytest.raises(InputError, match='the robot description is no XML'):
         urdf_limits('<robot>')

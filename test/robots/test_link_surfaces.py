@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""What arms look like: closed, of the real sizes, joined at their joints, free to move."""
+"""Surfaces of the links: closed, of realistic size, connected, and without collisions."""
 
 import itertools
 from xml.etree import ElementTree
@@ -20,7 +20,7 @@ each_model = pytest.mark.parametrize('model', one_in(5, map(load_robot_model, NA
 
 
 def volume(corners: Array) -> float:
-    """Return the volume inside of a closed surface, m³; below 0 if its faces look inwards."""
+    """Return the volume of a closed surface, m³ (negative if its faces point inwards)."""
     return float(np.einsum('ki,ki->', corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6)
 
 
@@ -37,9 +37,7 @@ def is_closed(corners: Array) -> bool:
     ('corners', 'expected'),
     [(box(0.1, 0.2, 0.3), 0.006), (cylinder(0.1, 0.5), np.pi * 0.005), (box(1, 1, 1e-3), 1e-3)],
 )
-def test_solids_are_closed_face_outwards_and_have_their_size(
-    corners: Array, expected: float
-) -> None:
+def test_solids_are_closed_and_have_their_size(corners: Array, expected: float) -> None:
     assert is_closed(corners)
     assert volume(corners) == pytest.approx(expected, rel=0.03)
     middle = corners.min(axis=(0, 1)) + corners.max(axis=(0, 1))
@@ -53,8 +51,8 @@ def bounds(model: RobotModel) -> list[Array]:
 
 
 @each_model
-def test_every_link_has_space_in_common_with_the_next_one(model: RobotModel) -> None:
-    """At zero, where all frames are parallel: no gap is seen at a joint."""
+def test_adjacent_links_overlap(model: RobotModel) -> None:
+    """Checked at zero, where all frames are parallel."""
     links = bounds(model)
     assert len(links) == len(model.joint_names) + 1
     for link, origin in enumerate(model.chain.origins):
@@ -63,7 +61,7 @@ def test_every_link_has_space_in_common_with_the_next_one(model: RobotModel) -> 
         assert common.min() > 0.0005, link
 
 
-def test_the_c3_has_the_size_of_the_real_one() -> None:
+def test_c3_has_its_real_size() -> None:
     """Bounding boxes of the ROS 1 support package's meshes, mm, within a few millimetres."""
     real = {
         0: ((-199.5, -90, 0), (90, 90, 196.5)),
@@ -78,8 +76,8 @@ def test_the_c3_has_the_size_of_the_real_one() -> None:
 
 
 @each_model
-def test_the_links_are_free_over_each_joints_range(model: RobotModel) -> None:
-    """Other links touch neither where the arm points up (SCARA: at 0) nor as one joint moves."""
+def test_links_do_not_collide_over_each_joint_range(model: RobotModel) -> None:
+    """From the upright pose (SCARA: zero), single joints move through their ranges."""
     pytest.importorskip('pinocchio')
     from support.self_collision import CollisionBodies
 
@@ -91,7 +89,7 @@ def test_the_links_are_free_over_each_joints_range(model: RobotModel) -> None:
     start = np.array(named.get('upright', named['zero']))
     assert bodies.distance(start) > 0.005
     for joint, share in itertools.product(range(count), np.linspace(0.0, 1.0, 25)):
-        if count == 6 and joint == 1:  # it alone brings the forearm down to the base
+        if count == 6 and joint == 1:  # this joint lowers the forearm to the base
             continue
         position = start.copy()
         low, high = limits.position_min[joint], limits.position_max[joint]
@@ -101,7 +99,7 @@ def test_the_links_are_free_over_each_joints_range(model: RobotModel) -> None:
 
 
 @pytest.mark.parametrize('name', ['gx4_c251s', 'gx8_c652s', 'rs4_c351s', 'rs6_c552s'])
-def test_the_shaft_of_a_scara_stays_in_its_housing_over_the_whole_stroke(name: str) -> None:
+def test_scara_shaft_stays_in_its_housing(name: str) -> None:
     model = load_robot_model(name)
     links = bounds(model)
     housing, shaft = links[2][:, 2], links[3][1, 2]

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""docs/new_robot.md: what it says to do works."""
+"""The instructions of docs/new_robot.md work."""
 
 import re
 import shlex
@@ -20,12 +20,12 @@ PAGE = (ROOT / 'docs' / 'new_robot.md').read_text(encoding='utf-8')
 BLOCKS = re.findall(r'```(\w+)\n(.*?)```', PAGE, re.DOTALL)
 
 
-def test_every_key_of_a_model_file_is_explained() -> None:
+def test_page_explains_every_key_of_a_model_file() -> None:
     keys = {*OTHER_KEYS, *_keys(('revolute',)).values()}
     assert keys - {'name', 'like'} <= set(re.findall(r'`([a-z_0-9]+)[:`]', PAGE))
 
 
-def test_the_file_on_the_page_leads_to_a_controller_of_ones_own_robot(tmp_path: Path) -> None:
+def test_model_file_of_the_page_works_in_sim_controller(tmp_path: Path) -> None:
     (mine,) = (text for language, text in BLOCKS if language == 'yaml')
     path = str(tmp_path / 'my_arm.yaml')
     Path(path).write_text(mine, 'utf-8')
@@ -47,7 +47,7 @@ def test_the_file_on_the_page_leads_to_a_controller_of_ones_own_robot(tmp_path: 
         controller.end()
 
 
-def test_what_the_page_shows_in_python_runs() -> None:
+def test_python_example_of_the_page_runs() -> None:
     (example,) = (text for language, text in BLOCKS if language == 'python')
     names: dict[str, object] = {}
     exec(example, names)
@@ -55,7 +55,7 @@ def test_what_the_page_shows_in_python_runs() -> None:
 
 
 @pytest.mark.parametrize('command', [text for kind, text in BLOCKS if kind == 'sh'])
-def test_options_on_the_page_exist(command: str) -> None:
+def test_options_of_the_page_exist(command: str) -> None:
     for line in command.splitlines():
         words = shlex.split(line, comments=True)
         if words[:2] == ['epson_driver', 'sim_controller']:
@@ -64,8 +64,8 @@ def test_options_on_the_page_exist(command: str) -> None:
             assert f'\n{words[1]}:' in (ROOT / 'Makefile').read_text(encoding='utf-8')
 
 
-def test_the_models_of_the_page_have_no_wrong_units() -> None:
-    """A limit in degrees by mistake would be far from what any EPSON arm does."""
+def test_models_of_the_page_have_plausible_units() -> None:
+    """A limit in degrees instead of rad would be far from that of any EPSON arm."""
     for name in robot_models():
         limits = load_robot_model(name).limits
         revolute = np.array(limits.units) == 'rad'

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The models against the numbers of EPSON's ROS 2 package, all arms that it has."""
+"""The models compared with all arms of EPSON's ROS 2 package."""
 
 from pathlib import Path
 from typing import Any
@@ -20,10 +20,10 @@ each = pytest.mark.parametrize('name', PUBLISHED)
 
 CLOSE_M = 1e-6
 CLOSE_DIRECTION = 2e-5
-"""EPSON's own last frames are turned by 1.57079 where a quarter turn is meant."""
+"""Tolerance, rad. EPSON's last frames are turned by 1.57079 instead of π/2."""
 
 ROUNDED = 1e-6
-"""The numbers have four or five decimals."""
+"""Relative tolerance, because the numbers have four or five decimals."""
 
 
 def numbers(text: object) -> Array:
@@ -34,13 +34,13 @@ def model(name: str) -> RobotModel:
     return load_robot_model(name)
 
 
-def test_every_arm_that_epson_publishes_is_there() -> None:
+def test_every_arm_published_by_epson_has_a_model() -> None:
     assert len(PUBLISHED) == 64
     assert {name.lower().replace('-', '_') for name in PUBLISHED} <= set(robot_models())
 
 
 @each
-def test_the_tool_is_where_epsons_urdf_has_it_in_epsons_world(name: str) -> None:
+def test_tool_pose_equals_epsons_urdf(name: str) -> None:
     arm = Kinematics(model(name))
     for joints, pose in PUBLISHED[name]['poses'].items():
         expected = numbers(pose).reshape(3, 3)
@@ -50,7 +50,7 @@ def test_the_tool_is_where_epsons_urdf_has_it_in_epsons_world(name: str) -> None
 
 
 @each
-def test_ranges_are_within_epsons_and_hardly_narrower(name: str) -> None:
+def test_joint_ranges_are_close_to_epsons_and_within(name: str) -> None:
     ours = model(name)
     published = np.array([numbers(each) for each in PUBLISHED[name]['range'].split(';')])
     low = ours.limits.position_min * ours.shown_per_unit
@@ -61,7 +61,7 @@ def test_ranges_are_within_epsons_and_hardly_narrower(name: str) -> None:
 
 
 @each
-def test_no_arm_is_faster_or_accelerates_harder_than_epson_says(name: str) -> None:
+def test_speeds_and_accelerations_do_not_exceed_epsons(name: str) -> None:
     ours = model(name)
     speed = ours.limits.velocity * ours.shown_per_unit / numbers(PUBLISHED[name]['speed'])
     hard = ours.limits.acceleration / numbers(PUBLISHED[name]['acceleration'])
@@ -71,7 +71,7 @@ def test_no_arm_is_faster_or_accelerates_harder_than_epson_says(name: str) -> No
 
 
 @each
-def test_what_epson_publishes_of_an_arm_is_said_to_be_confirmed(name: str) -> None:
+def test_values_published_by_epson_are_marked_confirmed(name: str) -> None:
     provenance = model(name).provenance
     assert {provenance[key].worst for key in ('range', 'speed', 'acceleration', 'origins')} == {
         'confirmed'

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The reach that follows from the chain: no pose passes it, and some pose comes close."""
+"""The reach that is computed from the chain is an upper bound that is nearly attained."""
 
 import numpy as np
 import pytest
@@ -10,18 +10,20 @@ from epson_driver.robots import load_robot_model, robot_models
 from epson_driver.robots.kinematics import Kinematics
 
 NEAR = {'six-axis': 0.995, 'SCARA': 0.999}
-"""How much of its reach the tool must come to in some of the poses tried."""
+"""Fraction of the reach that the tool must attain in some pose."""
 
 
 @pytest.mark.parametrize('name', one_in(25, robot_models()))
-def test_no_pose_moves_the_tool_farther_than_the_reach_says(name: str) -> None:
+def test_reach_is_a_tight_upper_bound(name: str) -> None:
     model = load_robot_model(name)
     arm = Kinematics(model)
     types = model.joint_types
     random = np.random.default_rng(0)
     bends = np.array([0.0, np.pi / 2, -np.pi / 2, np.pi])
     most = np.zeros(len(types))
-    for number in range(600):  # every second pose has right angles only, where extremes are
+    for number in range(
+        600
+    ):  # every second pose has right angles only, because extremes are there
         angles = random.uniform(-np.pi, np.pi, len(types))
         if number % 2:
             angles = random.choice(bends, len(types))
@@ -39,7 +41,7 @@ def test_no_pose_moves_the_tool_farther_than_the_reach_says(name: str) -> None:
     assert np.all(most >= NEAR[model.kind] * model.reach - 1e-12)
 
 
-def test_the_reach_of_the_c3_is_the_sum_of_its_published_lengths() -> None:
+def test_reach_of_the_c3_is_the_sum_of_its_lengths() -> None:
     model = load_robot_model('c3_a601s')
-    # 100, 250 and 250 mm to the wrist, which makes the published 600 mm; 65 mm to the flange
+    # 100, 250 and 250 mm to the wrist (the published 600 mm), and 65 mm to the flange
     np.testing.assert_allclose(model.reach, [0.665, 0.565, 0.315, 0.065, 0.065, 0.0], atol=1e-12)

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The C3-A601S's figures, and what the loader says about a file that cannot be used."""
+"""The data of the robot models, and the errors of invalid model files."""
 
 import re
 from pathlib import Path
@@ -31,7 +31,7 @@ PULSES = [
 ]
 
 
-def test_the_c3_has_the_documented_joints_and_ranges() -> None:
+def test_c3_has_the_documented_joints_and_ranges() -> None:
     model = load_robot_model('c3_a601s')
     assert model.name == 'c3_a601s'
     assert 'C3-A601S' in model.description
@@ -42,7 +42,7 @@ def test_the_c3_has_the_documented_joints_and_ranges() -> None:
 
 
 @pytest.mark.invariant(2)
-def test_invariant_2_the_c3_is_never_faster_than_documented() -> None:
+def test_inv2_c3_limits_do_not_exceed_the_documents() -> None:
     limits = load_robot_model('c3_a601s').limits
     documented = np.deg2rad(np.array(SPEEDS, dtype=float))
     assert np.all(limits.velocity <= documented)
@@ -51,7 +51,7 @@ def test_invariant_2_the_c3_is_never_faster_than_documented() -> None:
     np.testing.assert_allclose(limits.jerk, 10.0 * limits.acceleration, rtol=1e-12)
 
 
-def test_the_pulses_of_the_c3_fit_its_ranges() -> None:
+def test_pulses_of_the_c3_match_its_ranges() -> None:
     model = load_robot_model('c3_a601s')
     ends = np.array(RANGES, dtype=float) * model.pulses_per_degree[:, None]
     np.testing.assert_allclose(ends, PULSES, atol=1.5)
@@ -59,7 +59,7 @@ def test_the_pulses_of_the_c3_fit_its_ranges() -> None:
     np.testing.assert_allclose(gears, [80, 80, 70, 2400 / 37, 2400 / 37, 50], rtol=1e-5)
 
 
-def test_every_number_of_the_c3_has_a_source_and_a_mark_per_joint() -> None:
+def test_c3_has_a_source_and_mark_per_joint() -> None:
     model = load_robot_model('c3_a601s')
     per_joint = ['range', 'speed', 'acceleration', 'pulses']
     assert [each for each in model.provenance if each not in per_joint] == [
@@ -75,9 +75,9 @@ def test_every_number_of_the_c3_has_a_source_and_a_mark_per_joint() -> None:
     assert model.mark == 'estimated'
 
 
-def test_what_is_derived_or_estimated_of_ranges_speeds_and_lengths_is_a_caution() -> None:
+def test_estimated_ranges_speeds_and_lengths_are_cautions() -> None:
     assert load_robot_model('gx8_c552s').cautions == ()
-    assert load_robot_model('c3_a601s').cautions == ()  # its accelerations are, as most are
+    assert load_robot_model('c3_a601s').cautions == ()  # estimated accelerations are common
     speeds, heights = load_robot_model('t6_602s').cautions
     assert speeds.startswith('speeds of the t6_602s are estimated (joints 1 and 2 from an unconf')
     assert speeds.endswith('): compare them with yours before the arm moves')
@@ -85,13 +85,13 @@ def test_what_is_derived_or_estimated_of_ranges_speeds_and_lengths_is_a_caution(
 
 
 @pytest.mark.parametrize('name', robot_models())
-def test_every_number_of_every_model_has_a_source(name: str) -> None:
+def test_every_model_has_sources(name: str) -> None:
     for origin in load_robot_model(name).provenance.values():
         assert 'without a source' not in origin.source
         assert len(origin.source) > 3
 
 
-def test_the_chain_of_the_c3_is_that_of_the_documents() -> None:
+def test_chain_of_the_c3_equals_the_documents() -> None:
     model = load_robot_model('c3_a601s')
     assert model.kind == 'six-axis'
     assert model.joint_types == ('revolute',) * 6
@@ -106,7 +106,7 @@ def test_the_chain_of_the_c3_is_that_of_the_documents() -> None:
     np.testing.assert_allclose(model.base.matrix[:3, :3].T @ (1, 0, 0), (0, 1, 0), atol=1e-15)
 
 
-def test_pulses_and_reach_follow_the_unit_of_the_joint() -> None:
+def test_pulses_and_reach_have_the_unit_of_the_joint() -> None:
     model = load_robot_model('gx4_c251s')
     assert model.kind == 'SCARA'
     assert model.limits.units == ('rad', 'rad', 'm', 'rad')
@@ -114,12 +114,12 @@ def test_pulses_and_reach_follow_the_unit_of_the_joint() -> None:
     # EPSON's pulse ranges: 280 degrees of joint 1, 150 mm of joint 3, 360 degrees of joint 4
     ranges = model.pulses_per_unit * [np.radians(280.0), 1.0, 0.15, 2.0 * np.pi]
     assert ranges[[0, 2, 3]].tolist() == pytest.approx([8155592, 1706667, 1494221], rel=1e-5)
-    # arms 124 and 126 mm; joint 3 moves the tool by 1 m per m, joint 4 turns it on the spot
+    # arms of 124 and 126 mm. Joint 3 moves the tool by 1 m per m, and joint 4 only turns it.
     assert model.reach.tolist() == pytest.approx([0.25, 0.126, 1.0, 0.0], abs=1e-12)
 
 
 @pytest.mark.parametrize('name', ['c5_a901s', 'C9-B1401', '', '../c3', 'c3_a601s\0'])
-def test_an_unknown_model_leads_to_those_that_exist(name: str) -> None:
+def test_unknown_model_error_refers_to_the_list(name: str) -> None:
     with pytest.raises(FileNotFoundError, match=r'^no robot model .*`epson_driver robots` lists'):
         load_robot_model(name)
 
@@ -136,7 +136,7 @@ def test_an_unknown_model_leads_to_those_that_exist(name: str) -> None:
         ('LS20-BA04S', 'ls20_ba04s'),
     ],
 )
-def test_a_name_may_be_written_as_epson_does_and_shortened(name: str, meant: str) -> None:
+def test_model_name_can_be_abbreviated(name: str, meant: str) -> None:
     assert load_robot_model(name).name == meant
 
 
@@ -151,9 +151,7 @@ def test_a_name_may_be_written_as_epson_does_and_shortened(name: str, meant: str
         ('C8XL', 'c8_a1401s or '),
     ],
 )
-def test_a_name_that_could_be_several_models_or_none_is_answered_with_near_ones(
-    name: str, near: str
-) -> None:
+def test_ambiguous_or_wrong_name_suggests_models(name: str, near: str) -> None:
     with pytest.raises(FileNotFoundError) as error:
         load_robot_model(name)
     assert f'; did you mean {near}' in str(error.value)
@@ -169,21 +167,21 @@ def test_a_name_that_could_be_several_models_or_none_is_answered_with_near_ones(
         ('LS10-B602S', 'of the LS10, lengths, ranges and speeds are not known'),
     ],
 )
-def test_of_an_arm_that_is_not_known_it_says_what_is_missing(name: str, missing: str) -> None:
+def test_unsupported_arm_error_lists_missing_data(name: str, missing: str) -> None:
     with pytest.raises(FileNotFoundError) as error:
         load_robot_model(name)
     assert missing in str(error.value)
     assert 'docs/new_robot.md' in str(error.value)
 
 
-def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+def test_missing_model_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r'mine\.yaml: No such file'):
         load_robot_model(str(tmp_path / 'mine.yaml'))
 
 
 @pytest.fixture
 def data() -> dict[str, Any]:
-    """Return a model of two joints as a mapping, to be spoiled."""
+    """A model of two joints as a mapping, which tests modify."""
     return {
         'name': 'mine',
         'joint_names': ['a', 'b'],
@@ -207,7 +205,7 @@ def write(data: object, folder: Path) -> Path:
     return path
 
 
-def test_a_model_is_read_from_any_file(data: dict[str, Any], tmp_path: Path) -> None:
+def test_model_is_read_from_a_file(data: dict[str, Any], tmp_path: Path) -> None:
     model = load_robot_model(str(write(data, tmp_path)))
     assert model.joint_names == ('a', 'b')
     assert np.degrees(model.limits.position_min).tolist() == pytest.approx([-60.0, -150.0])
@@ -215,7 +213,7 @@ def test_a_model_is_read_from_any_file(data: dict[str, Any], tmp_path: Path) -> 
     assert model.limits.jerk.tolist() == [100.0, 200.0]
     assert model.pulses_per_degree[0] == 100.0
     assert np.isnan(model.pulses_per_degree[1])
-    # joint 2's axis leaves 0.12 m of the tool's 0.2 m across it, the rest is as on joint 1's link
+    # 0.12 m of the tool's 0.2 m are perpendicular to joint 2's axis
     along = 0.8 * 0.2
     assert model.reach.tolist() == pytest.approx(
         [float(np.hypot(0.3, 0.4 + 0.6 * along)) + 0.12, 0.12]
@@ -228,7 +226,7 @@ def test_a_model_is_read_from_any_file(data: dict[str, Any], tmp_path: Path) -> 
     assert model.provenance['range'].source == 'model.yaml, without a source'
 
 
-def test_a_file_may_say_what_differs_from_a_model(tmp_path: Path) -> None:
+def test_model_file_can_extend_a_model(tmp_path: Path) -> None:
     path = write(
         {
             'name': 'mine',
@@ -256,7 +254,7 @@ MISSING = [
 
 
 @pytest.mark.parametrize('key', MISSING)
-def test_a_missing_key_is_named(key: str, data: dict[str, Any], tmp_path: Path) -> None:
+def test_missing_key_is_named(key: str, data: dict[str, Any], tmp_path: Path) -> None:
     del data[key]
     path = write(data, tmp_path)
     with pytest.raises(InputError) as error:
@@ -353,7 +351,7 @@ TWO = 'must have 2 numbers, the lowest and the highest'
     ],
     ids=lambda x: x[:60] if isinstance(x, str) else '',
 )
-def test_a_wrong_value_is_named_with_its_file_line_and_key(
+def test_invalid_value_is_reported_with_file_line_and_key(
     key: str, value: object, text: str, data: dict[str, Any], tmp_path: Path
 ) -> None:
     data[key] = value
@@ -367,7 +365,9 @@ def test_a_wrong_value_is_named_with_its_file_line_and_key(
     assert str(error.value).startswith(f'{path}, line {line}: {key}{text}')
 
 
-def test_zero_may_be_outside_if_the_file_says_so(data: dict[str, Any], tmp_path: Path) -> None:
+def test_zero_outside_option_allows_ranges_without_zero(
+    data: dict[str, Any], tmp_path: Path
+) -> None:
     data |= {'range_deg': [[10, 90], [-1, 1]], 'zero_outside': True}
     model = load_robot_model(str(write(data, tmp_path)))
     assert np.degrees(model.limits.position_min[0]) == pytest.approx(10.0)
@@ -385,17 +385,15 @@ def test_zero_may_be_outside_if_the_file_says_so(data: dict[str, Any], tmp_path:
         (b'name: !!python/object:os.system x\n', "line 1: 'tag:yaml.org,2002:python/object"),
     ],
 )
-def test_a_file_that_is_no_mapping_or_no_yaml_is_named(
-    content: bytes, text: str, tmp_path: Path
-) -> None:
+def test_file_that_is_no_mapping_is_refused(content: bytes, text: str, tmp_path: Path) -> None:
     path = tmp_path / 'broken.yaml'
     path.write_bytes(content)
     with pytest.raises(InputError, match=f'^{re.escape(f"{path}: {text}")}'):
         load_robot_model(str(path))
 
 
-def test_a_row_is_in_the_file_of_its_series_and_like_a_whole_row() -> None:
-    """urdf/epson_data.xacro finds a model by its name alone."""
+def test_model_rows_are_in_the_file_of_their_series() -> None:
+    """urdf/epson_data.xacro finds a model by its name."""
     count = 0
     for path in ROBOTS.glob('*.yaml'):
         rows = yaml.safe_load(path.read_text('utf-8'))['models']
@@ -409,7 +407,7 @@ def test_a_row_is_in_the_file_of_its_series_and_like_a_whole_row() -> None:
 
 
 @pytest.mark.parametrize('name', robot_models())
-def test_a_model_can_stand_at_zero_and_its_figures_fit_its_name(name: str) -> None:
+def test_model_matches_its_name_and_allows_zero(name: str) -> None:
     model = load_robot_model(name)
     limits = model.limits
     assert np.all(limits.position_min <= 0.0)
@@ -420,7 +418,7 @@ def test_a_model_can_stand_at_zero_and_its_figures_fit_its_name(name: str) -> No
         r'[A-Z]+(\d+)-(?:B(?=A)|[ABC](?=\d{3}))?([A\d]\d+)[SC].*', written
     ).groups()
     assert int(model.payload) == int(load)
-    # the class, in dm for six axes up to the wrist and in cm for a SCARA's arms
+    # the size class: in dm up to the wrist for six axes, in cm for a SCARA
     if model.kind == 'SCARA':
         assert model.reach[0] == pytest.approx(int(size[:-1].replace('A', '10')) / 100.0)
     else:

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The closed-form inverse of SCARAs: against forward kinematics, and at its edges."""
+"""The closed-form inverse of SCARAs, checked with forward kinematics and at its limits."""
 
 import dataclasses
 
@@ -19,7 +19,7 @@ RS4 = load_robot_model('rs4_c351s')
 
 
 def hanging(model):
-    """Return a model upside down, with a tool beside its last axis and turned axes."""
+    """Return a model upside down, with a tool off its last axis and inverted axes."""
     turned = Chain(model.chain.origins * (1.0, 1.0, -1.0), -model.chain.axes)
     tool0 = dataclasses.replace(model.tool0, xyz=np.array([0.01, -0.02, -0.03]))
     return dataclasses.replace(model, name='hanging', chain=turned, tool0=tool0)
@@ -28,7 +28,7 @@ def hanging(model):
 @pytest.mark.parametrize(
     'model', one_in(12, [hanging(GX4), *MODELS]), ids=lambda model: model.name
 )
-def test_each_pose_has_the_joints_it_came_from_and_all_solutions_give_it(model):
+def test_inverse_returns_the_original_joints_and_valid_solutions(model):
     arm, limits = Kinematics(model), model.limits
     random = np.random.default_rng(18)
     both = 0
@@ -44,13 +44,13 @@ def test_each_pose_has_the_joints_it_came_from_and_all_solutions_give_it(model):
     assert both > 10  # most poses can be reached with the elbow on either side
 
 
-def test_the_lengths_of_the_arms_are_those_of_the_chain():
+def test_arm_lengths_equal_the_chain():
     lengths = scara_parameters(GX4).lengths
     assert lengths == pytest.approx({'arm_1': 0.124, 'arm_2': 0.126, 'height': 0.124})
 
 
 @pytest.mark.parametrize(('model', 'bend'), [(GX4, 0.0), (RS4, np.pi)], ids=['gx4', 'rs4'])
-def test_stretched_arms_have_one_solution_and_beyond_them_is_none(model, bend):
+def test_stretched_arm_has_one_solution_and_none_beyond(model, bend):
     arm = Kinematics(model)
     stretched = np.array([0.7, bend, -0.05, 0.2])
     pose = arm.forward(stretched)
@@ -63,14 +63,14 @@ def test_stretched_arms_have_one_solution_and_beyond_them_is_none(model, bend):
         assert bool(len(arm.inverse(further, stretched))) is count
 
 
-def test_arms_of_one_length_fold_onto_the_first_axis_which_then_is_as_it_was():
+def test_folded_equal_arms_keep_joint_1():
     arm = Kinematics(RS4)
     folded = np.array([0.4, 0.0, -0.05, 0.2])  # at zero one arm is below the other
     found = arm.inverse(arm.forward(folded), folded)
     assert np.abs(found[0] - folded).max() < 1e-6
 
 
-def test_the_range_of_the_axis_that_moves_up_and_down_is_kept():
+def test_inverse_respects_the_range_of_the_shaft():
     arm = Kinematics(GX4)
     pose = arm.forward(np.array([0.3, 0.8, -0.1, 0.0]))
     assert len(arm.inverse(pose))
@@ -80,7 +80,7 @@ def test_the_range_of_the_axis_that_moves_up_and_down_is_kept():
         pose[2, 3] -= height
 
 
-def test_a_tool_that_leans_has_no_solution_and_the_reason_is_said():
+def test_tilted_tool_is_refused_with_the_reason():
     arm = Kinematics(GX4)
     pose = arm.forward(np.array([0.3, 0.8, -0.1, 0.0]))
     assert arm.why_unreachable(pose) == ''
@@ -94,7 +94,7 @@ def test_a_tool_that_leans_has_no_solution_and_the_reason_is_said():
     assert 'leans by 180 degrees' in arm.why_unreachable(upside_down)
 
 
-def test_a_chain_that_is_no_scara_is_refused_with_its_reason():
+def test_chain_that_is_no_scara_is_refused_with_the_reason():
     axes = GX4.chain.axes.copy()
     axes[1] = [0.0, 1.0, 0.0]
     leaning = dataclasses.replace(GX4, chain=Chain(GX4.chain.origins, axes))

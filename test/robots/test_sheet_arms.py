@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The models that EPSON's ROS 2 package lacks, against figures from elsewhere."""
+"""The models that EPSON's ROS 2 package lacks, compared with other sources."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -20,17 +20,17 @@ SCARAS, SIX_AXES = SHEET['scara'], SHEET['six-axis']
 
 CLOSE_MM = 1.0
 NARROWER_DEG = 1.0
-"""Some sources round ranges inwards, to whole degrees."""
+"""Tolerance of ranges, because some sources round to whole degrees."""
 
 SLOWER = 0.95
-"""Where the sources have a range of speeds, the lower one is taken."""
+"""Tolerance of speeds. The models have the lower one of different published speeds."""
 
 each_scara = pytest.mark.parametrize('name', SCARAS)
 each_six_axis = pytest.mark.parametrize('name', SIX_AXES)
 
 
 def figures(row: str) -> tuple[Array, ...]:
-    """Return reach, lengths, ranges, shape (n, 2), speeds, and a height if there is one."""
+    """Return reach, lengths, ranges (shape (n, 2)), speeds, and an optional height."""
     reach, lengths, ranges, *more = (
         np.array(each.split(), dtype=float) for each in row.split(';')
     )
@@ -50,13 +50,13 @@ def assert_limits(model: RobotModel, ranges: Array, speeds: Array) -> None:
     assert np.all(share >= SLOWER)
 
 
-def test_every_other_arm_is_on_the_sheet() -> None:
+def test_sheet_contains_every_other_model() -> None:
     names = [name.lower().replace('-', '_') for name in (*PUBLISHED, *SCARAS, *SIX_AXES)]
     assert sorted(names) == list(robot_models())
 
 
 @each_scara
-def test_a_scara_has_its_lengths_ranges_and_speeds(name: str) -> None:
+def test_scara_has_its_lengths_ranges_and_speeds(name: str) -> None:
     model = load_robot_model(name)
     reach, (one, two, stroke), turns, speeds, *height = figures(SCARAS[name])
     assert model.reach[0] * 1e3 == pytest.approx(reach[0], abs=CLOSE_MM)
@@ -81,7 +81,7 @@ def test_a_scara_has_its_lengths_ranges_and_speeds(name: str) -> None:
 
 
 @each_six_axis
-def test_a_six_axis_arm_has_its_lengths_ranges_and_speeds(name: str) -> None:
+def test_six_axis_arm_has_its_lengths_ranges_and_speeds(name: str) -> None:
     model = load_robot_model(name)
     reach, lengths, turns, speeds = figures(SIX_AXES[name])
     wrist = model.reach[0] - model.reach[4]
@@ -91,7 +91,7 @@ def test_a_six_axis_arm_has_its_lengths_ranges_and_speeds(name: str) -> None:
     shown = [found['c1'], found['a1'], found['c2'], -found['a2'], found['c3'], found['c4']]
     np.testing.assert_allclose(np.array(shown) * 1e3, lengths, rtol=0, atol=CLOSE_MM)
 
-    # whatever the chain's splits are, these points are at the same places
+    # these points do not depend on the split of the chain
     arm, zero = Kinematics(model), np.zeros(6)
     links = arm.link_frames(zero)[:, :3, 3]
     points = [links[1], links[2], links[4], arm.forward(zero)[:3, 3]]

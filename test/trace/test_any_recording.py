@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""docs/invariants.md, 7, for recordings: any bytes are read, or refused in one sentence."""
+"""docs/invariants.md, 7, for recordings: any bytes are read or refused with one sentence."""
 
 import io
 from pathlib import Path
@@ -52,7 +52,7 @@ def read_or_refused(path: Path) -> bool:
     return not said
 
 
-def test_the_recording_itself_is_read(tmp_path: Path) -> None:
+def test_valid_recording_is_read(tmp_path: Path) -> None:
     path = tmp_path / 'run.pcap'
     path.write_bytes(CAPTURE)
     assert read_or_refused(path)
@@ -69,7 +69,7 @@ def test_the_recording_itself_is_read(tmp_path: Path) -> None:
     ),
     end=st.none() | st.integers(0, len(CAPTURE)),
 )
-def test_inv7_bytes_of_a_recording_can_be_anything(
+def test_inv7_random_bytes_are_read_or_refused(
     tmp_path: Path, changes: list[tuple[int, int, bytes]], end: int | None
 ) -> None:
     content = CAPTURE
@@ -81,13 +81,13 @@ def test_inv7_bytes_of_a_recording_can_be_anything(
 
 
 @pytest.mark.parametrize('place', ['/dev/zero', '/', '/nowhere/run.pcap', '/tmp/\0', 'x' * 5000])
-def test_what_is_no_file_is_refused(place: str) -> None:
+def test_path_that_is_no_file_is_refused(place: str) -> None:
     with pytest.raises(InputError):
         read_recording(Path(place))
 
 
-def test_a_packet_that_is_lost_makes_no_work_for_all_that_follow() -> None:
-    """Each segment behind the gap was sorted among all that wait: hours for a long capture."""
+def test_lost_packet_does_not_slow_down_the_following() -> None:
+    """Sorting all waiting segments per segment would take hours for a long capture."""
     ends = ('10.0.0.1', 11002), ('10.0.0.2', 50000)
     stream = Stream()
     assert stream.take(Segment(0.0, *ends, 0, Flag.ACK, b'a')) == b'a'
@@ -96,8 +96,8 @@ def test_a_packet_that_is_lost_makes_no_work_for_all_that_follow() -> None:
     assert stream.take(Segment(0.0, *ends, 1, Flag.ACK, b'b')) == b'b' + b'c' * 40_000
 
 
-def test_segments_behind_gaps_cost_nothing_for_segments_in_order() -> None:
-    """All segments behind gaps were sorted for each segment in order: days for 100 MB."""
+def test_segments_after_gaps_do_not_slow_down_ordered_segments() -> None:
+    """Sorting them for each ordered segment would take days for 100 MB."""
     ends = ('10.0.0.1', 11002), ('10.0.0.2', 50000)
     stream = Stream()
     assert stream.take(Segment(0.0, *ends, 0, Flag.ACK, b'a')) == b'a'

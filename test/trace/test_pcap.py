@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""Pcap files: what is written is an orderly TCP conversation, and comes back as it was."""
+"""Pcap files: valid TCP conversations that are read back unchanged."""
 
 import io
 import shutil
@@ -28,7 +28,7 @@ SECOND = 1_000_000_000
 
 
 def records(data):
-    """Split a file into (time in µs, packet), with struct alone."""
+    """Split a file into (time in µs, packet), independently of the reader."""
     assert struct.unpack_from('<IHHiIII', data) == (0xA1B2C3D4, 2, 4, 0, 0, 262144, 1)
     position = 24
     while position < len(data):
@@ -40,7 +40,7 @@ def records(data):
 
 
 def ones_complement_sum(data):
-    """RFC 1071, word by word."""
+    """Return the checksum of RFC 1071."""
     total = sum(struct.unpack(f'!{(len(data) + 1) // 2}H', data + b'\0' * (len(data) % 2)))
     while total >> 16:
         total = (total & 0xFFFF) + (total >> 16)
@@ -48,7 +48,7 @@ def ones_complement_sum(data):
 
 
 def written(*steps, client=CLIENT, server=SERVER):
-    """Return a file with one conversation; the steps are called with it and a time in ns."""
+    """Return a file with one conversation. Each step is called with it and a time in ns."""
     file = io.BytesIO()
     writer = PcapWriter(file)
     conversation = Conversation(writer, client, server, SECOND)
@@ -70,7 +70,7 @@ def closes(*, from_client):
     return lambda conversation, time: conversation.finish(time, from_client=from_client)
 
 
-def test_every_checksum_is_right():
+def test_checksums_are_valid():
     odd = bytes(range(1, 252))
     zeros = struct.pack('!HH', 0, 0)
     file = written(from_server(odd), from_client(zeros), from_client(b'\xff' * 9))
@@ -83,7 +83,7 @@ def test_every_checksum_is_right():
         assert ones_complement_sum(pseudo + tcp) == 0xFFFF
 
 
-def test_sequence_numbers_acknowledge_what_came_before():
+def test_sequence_numbers_acknowledge_earlier_data():
     file = written(
         from_server(b'state'),
         from_client(b'point'),
@@ -111,7 +111,7 @@ def packet_of(file, number):
     return list(records(file))[number][1]
 
 
-def test_a_side_that_only_listens_acknowledges_within_the_window():
+def test_receiver_acknowledges_within_the_window():
     file = written(
         *[from_server(bytes(1000))] * 200, from_server(bytes(3 * MAX_SEGMENT_BYTES + 1))
     )
@@ -131,7 +131,7 @@ def test_a_side_that_only_listens_acknowledges_within_the_window():
     [(CLIENT, SERVER), (('fe80::1%eth0', 40000), ('fe80::2', 11000))],
     ids=['IPv4', 'IPv6'],
 )
-def test_what_is_written_is_read_back(client, server):
+def test_written_conversation_is_read_back(client, server):
     file = written(
         from_client(b'abc'),
         from_server(b'de'),
@@ -148,7 +148,7 @@ def test_what_is_written_is_read_back(client, server):
     assert segments[-1].source == server
 
 
-def test_a_file_that_ends_within_a_packet_is_read_to_there():
+def test_truncated_file_is_read_to_the_last_packet():
     file = written(from_client(b'abc'), from_client(b'def'))
     for cut in range(1, 70):
         data = [segment.data for segment in read_segments(file[:-cut])]
@@ -156,7 +156,7 @@ def test_a_file_that_ends_within_a_packet_is_read_to_there():
 
 
 def converted(order='<', magic=0xA1B2C3D4, link_type=1, header=b'', fraction=1):
-    """Return a capture as another program writes it, of the same packets."""
+    """Return a capture of the same packets in the format of another program."""
     file = written(from_client(b'abc'))
     out = struct.pack(order + 'IHHiIII', magic, 2, 4, 0, 0, 65535, link_type)
     for time, packet in records(file):
@@ -179,7 +179,7 @@ def converted(order='<', magic=0xA1B2C3D4, link_type=1, header=b'', fraction=1):
     ],
     ids=['big endian', 'nanoseconds', 'cooked', 'cooked 2', 'raw', 'loopback'],
 )
-def test_captures_of_other_programs_are_read(options):
+def test_other_capture_formats_are_read(options):
     segments = list(read_segments(converted(**options)))
     assert [s.data for s in segments] == [b'', b'', b'', b'abc']
     assert segments[-1].time == 2.0
@@ -196,12 +196,12 @@ def test_captures_of_other_programs_are_read(options):
     ],
     ids=['empty', 'garbage', 'pcapng', 'link type', 'length'],
 )
-def test_what_is_no_capture_is_refused_with_the_reason(data, text):
+def test_file_that_is_no_capture_is_refused(data, text):
     with pytest.raises(PcapError, match=text):
         list(read_segments(data))
 
 
-def test_other_packets_are_left_out():
+def test_other_packets_are_ignored():
     file = written()
     udp = bytearray(packet_of(file, 0))
     udp[14 + 9] = 17
@@ -210,7 +210,7 @@ def test_other_packets_are_left_out():
         assert len(list(read_segments(data))) == 3
 
 
-def test_a_stream_is_put_in_order_and_nothing_comes_twice():
+def test_segments_are_ordered_without_duplicates():
     stream = Stream()
 
     def take(sequence, data, flags=Flag.ACK):
@@ -218,14 +218,14 @@ def test_a_stream_is_put_in_order_and_nothing_comes_twice():
 
     assert take(-5, b'', Flag.SYN) == b''
     assert take(-4, b'abc') == b'abc'
-    assert take(-4, b'abc') == b''  # sent again
-    assert take(1, b'fg') == b''  # overtook
-    assert take(-3, b'bcde') == b'defg'  # overlaps; the number wraps around
+    assert take(-4, b'abc') == b''  # a retransmission
+    assert take(1, b'fg') == b''  # out of order
+    assert take(-3, b'bcde') == b'defg'  # an overlap with a wrapped number
     assert take(3, b'h') == b'h'
     assert not stream.waiting
 
 
-def test_of_two_gaps_each_is_waited_for():
+def test_data_after_the_second_gap_waits_for_it():
     def segment(sequence, data):
         return Segment(0, SERVER, CLIENT, sequence, 0, data)
 
@@ -233,7 +233,7 @@ def test_of_two_gaps_each_is_waited_for():
     assert stream.take(segment(100, b'ab')) == b'ab'
     assert stream.take(segment(104, b'ef')) == b''
     assert stream.take(segment(108, b'ij')) == b''
-    assert stream.take(segment(102, b'cd')) == b'cdef'  # not what is behind the other gap
+    assert stream.take(segment(102, b'cd')) == b'cdef'  # without the data after the second gap
     assert stream.take(segment(106, b'gh')) == b'ghij'
 
 
@@ -242,7 +242,7 @@ def test_of_two_gaps_each_is_waited_for():
     'fault',
     ['_ws.malformed', 'tcp.analysis.flags', 'tcp.checksum.status == 0 || ip.checksum.status == 0'],
 )
-def test_wireshark_finds_no_fault(fault, tmp_path):
+def test_wireshark_reports_no_errors(fault, tmp_path):
     recorder = Recorder()
     recorder.connect(0.0, 11002)
     for number in range(40):

@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The trace of real links: whole, in order, and never in the way of the links."""
+"""The trace of real links: complete, in order, and without effect on the links."""
 
 import asyncio
 import errno
@@ -19,7 +19,7 @@ from epson_driver.trace import trace as trace_module
 from epson_driver.trace.recording import read_recording
 
 REAL_TIME = True
-"""A trace is written by a thread."""
+"""Real time, because a thread writes the trace."""
 
 EVENTS = {
     'opened': WireEvent.OPENED,
@@ -35,12 +35,12 @@ def bytes_of(steps, event, number=0):
 
 
 def events_of(steps, number=0):
-    """Return what happened on a connection, without repetitions."""
+    """Return the events of a connection, without repetitions."""
     events = [step.event for step in steps if step.number == number]
     return [e for i, e in enumerate(events) if i == 0 or e is not events[i - 1]]
 
 
-async def test_a_trace_holds_every_byte_of_every_connection(tmp_path):
+async def test_trace_contains_all_bytes_of_all_connections(tmp_path):
     path = tmp_path / 'a.pcap'
     points = []
 
@@ -81,7 +81,7 @@ async def test_a_trace_holds_every_byte_of_every_connection(tmp_path):
     assert times[-1] <= after
 
 
-async def test_a_connection_that_was_reset_shows_it(tmp_path):
+async def test_reset_connection_is_recorded_as_reset(tmp_path):
     async def talk(connection):
         await connection.receive(1)
         connection.reset()
@@ -98,7 +98,7 @@ async def test_a_connection_that_was_reset_shows_it(tmp_path):
     assert events_of(read_recording(tmp_path / 'a.pcap')) == ['opened', 'sent', 'reset']
 
 
-async def test_a_trace_that_begins_within_a_frame_begins_with_that_frame(tmp_path):
+async def test_trace_started_within_a_frame_contains_that_frame(tmp_path):
     path = tmp_path / 'a.pcap'
     state = joints(1.0)
     go_on = asyncio.Event()
@@ -119,10 +119,10 @@ async def test_a_trace_that_begins_within_a_frame_begins_with_that_frame(tmp_pat
         assert harness.link.trace is None
     steps = read_recording(path)
     assert bytes_of(steps, WireEvent.RECEIVED) == state
-    assert events_of(steps) == ['opened', 'received']  # it was still open at the end
+    assert events_of(steps) == ['opened', 'received']  # still open at the end
 
 
-async def test_a_file_has_a_largest_size_and_the_end_is_in_the_log(tmp_path, caplog):
+async def test_trace_ends_at_its_size_limit_with_a_log_line(tmp_path, caplog):
     caplog.set_level(logging.INFO)
     path = tmp_path / 'a.pcap'
 
@@ -138,7 +138,7 @@ async def test_a_file_has_a_largest_size_and_the_end_is_in_the_log(tmp_path, cap
         trace.begin(open_trace(str(path.parent), path.name))
         assert harness.link.trace is not None
         async with harness:
-            await until(lambda: len(harness.packets) == 100)  # the link goes on
+            await until(lambda: len(harness.packets) == 100)  # the link continues
             assert harness.link.trace is None
             await until(lambda: 'reached its size, 0.002 MB' in caplog.text)
     assert 2000 <= path.stat().st_size < 2000 + 100 * 60
@@ -146,7 +146,7 @@ async def test_a_file_has_a_largest_size_and_the_end_is_in_the_log(tmp_path, cap
 
 
 class BrokenFile:
-    """A disk that fails as `write` says."""
+    """A file whose writes call `write`, which may fail or block."""
 
     name = 'broken.pcap'
 
@@ -158,7 +158,7 @@ class BrokenFile:
         self.closed = True
 
 
-async def test_a_disk_error_ends_the_trace_and_not_the_link(caplog, monkeypatch):
+async def test_disk_error_ends_the_trace_but_not_the_link(caplog, monkeypatch):
     monkeypatch.setattr(trace_module, 'WRITE_PERIOD_S', 0.001)
 
     def full(_data):
@@ -184,7 +184,7 @@ async def test_a_disk_error_ends_the_trace_and_not_the_link(caplog, monkeypatch)
     assert os.strerror(errno.ENOSPC) in caplog.text
 
 
-async def test_a_disk_that_hangs_is_not_waited_for(caplog, monkeypatch):
+async def test_blocked_disk_does_not_block_the_link(caplog, monkeypatch):
     monkeypatch.setattr(trace_module, 'WRITE_PERIOD_S', 0.001)
     monkeypatch.setattr(trace_module, 'MAX_UNWRITTEN_BYTES', 2000)
     going = trace_module.threading.Event()
@@ -207,7 +207,7 @@ async def test_a_disk_that_hangs_is_not_waited_for(caplog, monkeypatch):
     going.set()
 
 
-def test_a_file_that_exists_is_left_alone(tmp_path):
+def test_existing_file_is_not_overwritten(tmp_path):
     path = tmp_path / 'a.pcap'
     path.write_text('evidence')
     with pytest.raises(TraceError, match=r'no trace into .*a\.pcap: File exists'):
@@ -224,15 +224,15 @@ def test_a_file_that_exists_is_left_alone(tmp_path):
         *('a\nb', '%D', '%n'),
     ],
 )
-def test_a_trace_is_a_file_in_its_folder(tmp_path, name):
-    """Any ROS peer may set trace_file: it must not reach a file elsewhere."""
+def test_trace_file_must_be_in_its_folder(tmp_path, name):
+    """Any ROS peer may set trace_file, so it must not reach other files."""
     folder = tmp_path / 'traces'
     with pytest.raises(TraceError, match='must be the name of a file'):
         open_trace(str(folder), name)
     assert not list(tmp_path.iterdir())
 
 
-def test_a_symbolic_link_in_the_folder_leads_no_trace_out(tmp_path):
+def test_symbolic_link_does_not_redirect_the_trace(tmp_path):
     folder, outside = tmp_path / 'traces', tmp_path / 'outside'
     folder.mkdir()
     (folder / 'a.pcap').symlink_to(outside)
@@ -245,14 +245,12 @@ def test_a_symbolic_link_in_the_folder_leads_no_trace_out(tmp_path):
     ('folder', 'why'),
     [('', 'trace_folder is empty'), ('~nosuchuser/x', 'home'), ('/dev/null/x', 'Not a directory')],
 )
-def test_a_folder_that_cannot_be_used_is_refused_with_the_reason(folder, why):
+def test_unusable_folder_is_refused_with_the_reason(folder, why):
     with pytest.raises(TraceError, match=why):
         open_trace(folder, 'a.pcap')
 
 
-async def test_a_trace_that_fails_unforeseen_ends_and_the_link_goes_on(
-    tmp_path, caplog, monkeypatch
-):
+async def test_unexpected_error_ends_the_trace_but_not_the_link(tmp_path, caplog, monkeypatch):
     async def talk(connection):
         await connection.send(joints(1.0))
         await connection.stay()
@@ -269,7 +267,7 @@ async def test_a_trace_that_fails_unforeseen_ends_and_the_link_goes_on(
     assert 'ZeroDivisionError' in caplog.text
 
 
-async def test_a_new_trace_ends_the_one_before(tmp_path):
+async def test_new_trace_ends_the_previous_trace(tmp_path):
     trace = Trace([])
     first, second = (open_trace(str(tmp_path), name) for name in 'ab')
     trace.begin(first)
@@ -282,7 +280,7 @@ async def test_a_new_trace_ends_the_one_before(tmp_path):
 
 
 @pytest.mark.parametrize('name', ['\ud800', 'a%H\udcff'])
-def test_a_name_that_is_no_text_for_a_file_is_refused(tmp_path, name):
+def test_invalid_file_name_is_refused(tmp_path, name):
     with pytest.raises(TraceError, match='no trace'):
         open_trace(str(tmp_path / 'traces'), name)
     assert not list(tmp_path.iterdir())

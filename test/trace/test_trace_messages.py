@@ -1,6 +1,6 @@
 # Copyright 2026 the epson_driver developers
 # SPDX-License-Identifier: Apache-2.0
-"""The messages of a recording: whose they are, in their order, and what each port is for."""
+"""The messages of a recording: senders, order, and the roles of ports."""
 
 import pytest
 from support.link_harness import frame, joints
@@ -47,7 +47,7 @@ def entries(steps):
     return [(e.time, e.kind, e.connection, e.data) for e in messages_of(steps).entries]
 
 
-def test_messages_come_in_their_order_and_from_the_beginning():
+def test_messages_are_in_order_from_the_start():
     assert messages_of(usual_run()).began == 1e9
     assert entries(usual_run()) == [
         (0.0, Kind.OPEN, STATE, b''),
@@ -58,7 +58,7 @@ def test_messages_come_in_their_order_and_from_the_beginning():
     ]
 
 
-def test_a_message_that_its_end_cut_and_bytes_that_are_none_are_told_as_they_were():
+def test_truncated_message_and_invalid_bytes_are_returned_raw():
     cut, garbage = joints(2.0)[:30], b'\xff' * 50
     rows = [(0.0, STATE, OPENED), (0.0, MOTION, OPENED), (0.25, STATE, RECEIVED, joints(1.0))]
     rows += [(0.5, STATE, RECEIVED, cut), (0.75, STATE, WireEvent.ENDED)]
@@ -74,12 +74,12 @@ def test_a_message_that_its_end_cut_and_bytes_that_are_none_are_told_as_they_wer
     ]
 
 
-def test_heartbeats_are_left_out():
+def test_heartbeats_are_skipped():
     beats = recorded((0.9, MOTION, SENT, frame(1, 1)))
     assert entries(sorted([*usual_run(), *beats], key=lambda s: s.time)) == entries(usual_run())
 
 
-def test_ports_are_known_by_what_they_carry():
+def test_port_roles_are_detected_from_their_messages():
     steps = usual_run()
     assert ports(steps) == {'motion': 11000, 'state': 11002}
     odd = {11000: 50999, 11002: 50998}
@@ -92,7 +92,7 @@ def test_ports_are_known_by_what_they_carry():
     assert ports(quiet) == {'motion': 50999, 'state': 50998}
 
 
-def test_other_connections_are_left_out_and_one_controller_is_chosen():
+def test_one_controller_is_chosen_and_others_ignored():
     steps = usual_run()
     web = Step(steps[0].time, 7, ('10.0.0.9', 80), RECEIVED, b'HTTP/1.1 200 OK\r\n' * 5)
     assert ports([*steps, web]) == {'motion': 11000, 'state': 11002}
@@ -106,7 +106,7 @@ def test_other_connections_are_left_out_and_one_controller_is_chosen():
         messages_of([])
 
 
-def test_two_ports_that_carry_the_same_are_refused():
+def test_two_ports_with_equal_roles_are_refused():
     steps = usual_run()
     second = [
         Step(s.time, s.number + 8, (HOST, 50000), s.event, s.data)
